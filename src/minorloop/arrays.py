@@ -1,0 +1,128 @@
+"""The vocabulary of shapes, and the checks at the door.
+
+``T`` is the number of samples, ``S`` of independent signals, ``L`` of bands between
+``L + 1`` thresholds. Everything inside is float64 and SI.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.errors import ParameterError, SignalError
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+Samples: TypeAlias = FloatArray
+"""(T,) or (S, T)."""
+Levels: TypeAlias = FloatArray
+"""(L + 1,), strictly increasing."""
+
+
+def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Samples:
+    """Give a signal as a C-ordered float64 array, refusing what cannot be simulated.
+
+    Parameters
+    ----------
+    values : (T,) or (S, T) array_like
+        The samples.
+    name : str
+        What to call them in an error message.
+    gaps : bool
+        Whether NaN is allowed, as the mark of a sample that was not measured.
+
+    Returns
+    -------
+    (T,) or (S, T) array
+
+    Raises
+    ------
+    SignalError
+        If the values are not numbers, have another shape, or are not finite.
+    """
+    try:
+        samples = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise SignalError(f"{name} is not an array of real numbers: {error}") from None
+    if np.iscomplexobj(values):
+        raise SignalError(f"{name} is complex; give real numbers")
+    if np.ndim(values) not in (1, 2):
+        raise SignalError(
+            f"{name} has shape {np.shape(values)}; give (T,) samples or (S, T) signals"
+        )
+    usable = ~np.isinf(samples) if gaps else np.isfinite(samples)
+    if not usable.all():
+        where = np.argwhere(~usable)[0]
+        index = ", ".join(str(i) for i in where)
+        raise SignalError(
+            f"{name} is {samples[tuple(where)]} at index {index}; every sample must be finite"
+            + (" (or NaN where nothing was measured)" if gaps else "; cut or interpolate the gaps")
+        )
+    return samples
+
+
+def as_levels(values: npt.ArrayLike) -> Levels:
+    """Give thresholds as a read-only float64 array.
+
+    Parameters
+    ----------
+    values : (L + 1,) array_like
+        Thresholds in the unit of the input, strictly increasing, at least two.
+
+    Returns
+    -------
+    (L + 1,) array
+        A read-only copy.
+
+    Raises
+    ------
+    ParameterError
+        If they are not finite, not strictly increasing, or fewer than two.
+    """
+    try:
+        levels = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"levels are not an array of numbers: {error}") from None
+    if levels.ndim != 1 or levels.size < 2:
+        raise ParameterError(
+            f"levels have shape {levels.shape}; give L + 1 >= 2 thresholds in one dimension"
+        )
+    if not np.isfinite(levels).all():
+        index = int(np.argmin(np.isfinite(levels)))
+        raise ParameterError(f"levels are {levels[index]} at index {index}; all must be finite")
+    with np.errstate(over="ignore"):
+        steps = np.diff(levels)
+    if not (steps > 0).all():
+        index = int(np.argmin(steps > 0))
+        raise ParameterError(
+            f"levels are not strictly increasing: {levels[index]!r} at index {index} is followed "
+            f"by {levels[index + 1]!r}; sort them and drop repeats"
+        )
+    if not np.isfinite(levels[-1] - levels[0]):
+        raise ParameterError("levels span more than a float can hold; scale the input down")
+    return frozen(levels)
+
+
+def frozen(values: npt.ArrayLike) -> FloatArray:
+    """A read-only float64 copy, C-ordered."""
+    copy = np.array(values, dtype=np.float64, order="C")
+    copy.flags.writeable = False
+    return copy
+
+
+def uniform_levels(low: float, high: float, bands: int) -> Levels:
+    """``bands + 1`` evenly spaced thresholds from ``low`` to ``high``.
+
+    Raises
+    ------
+    ParameterError
+        If ``bands`` is not positive or ``low`` is not below ``high``.
+    """
+    if isinstance(bands, bool) or int(bands) != bands or bands < 1:
+        raise ParameterError(f"{bands} bands; give a whole number of at least 1")
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        raise ParameterError(f"levels from {low} to {high}; give finite low < high")
+    return as_levels(np.linspace(low, high, int(bands) + 1))

@@ -1,0 +1,73 @@
+"""Every error that minorloop raises on purpose.
+
+    MinorloopError
+      ParameterError      (ValueError)   an option or a parameter of a model
+      SignalError         (ValueError)   samples that cannot be used
+      UnreachableError    (ValueError)   a target that the model cannot reach
+      NotInvertibleError  (ValueError)   a model that has no inverse
+      RecordError         (ValueError)   a measured record: columns, units, numbers
+      ModelFileError      (ValueError)   a model file that is damaged or too new
+      LimitError          (ValueError)   an input beyond what an actuator allows
+      OutputError         (OSError)      a place that cannot be written
+      StoreError          (OSError)      an experiment store that cannot be used
+      MissingExtraError   (ImportError)  an optional dependency that is not installed
+
+A message says what was wrong, the value, the allowed range, and what to do next.
+"""
+
+from __future__ import annotations
+
+
+class MinorloopError(Exception):
+    """Root of the tree: catch it to catch everything minorloop raises on purpose."""
+
+
+class ParameterError(MinorloopError, ValueError):
+    """An option or a parameter of a model is out of its range."""
+
+
+class SignalError(MinorloopError, ValueError):
+    """Samples cannot be used: wrong shape, not finite, too few, constant."""
+
+
+class UnreachableError(MinorloopError, ValueError):
+    """A target lies beyond the outputs that the model can produce."""
+
+
+class NotInvertibleError(MinorloopError, ValueError):
+    """The model is not monotone, so a right inverse does not exist."""
+
+
+class RecordError(MinorloopError, ValueError):
+    """A measured record is unusable: a missing column, text among numbers, no rows."""
+
+
+class ModelFileError(MinorloopError, ValueError):
+    """A model file is damaged, inconsistent, or written by a newer version."""
+
+
+class LimitError(MinorloopError, ValueError):
+    """An input is beyond the limits of an actuator; it was refused, not clipped."""
+
+
+class OutputError(MinorloopError, OSError):
+    """A file or folder cannot be written."""
+
+
+class StoreError(MinorloopError, OSError):
+    """An experiment store is missing, damaged, in use, or belongs to another run."""
+
+
+class MissingExtraError(MinorloopError, ImportError):
+    """An optional dependency is not installed.
+
+    Parameters
+    ----------
+    package : str
+        What could not be imported.
+    extra : str
+        The extra of minorloop that brings it.
+    """
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f"{package} is not installed; pip install 'minorloop[{extra}]' brings it")
