@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -126,3 +127,33 @@ def uniform_levels(low: float, high: float, bands: int) -> Levels:
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise ParameterError(f"levels from {low} to {high}; give finite low < high")
     return as_levels(np.linspace(low, high, int(bands) + 1))
+
+
+def as_finite(name: str, value: float) -> float:
+    """Give a number as a float, refusing what is not finite.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a finite real number.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise ParameterError(f"{name} is {value!r}; give a finite number")
+    return number
+
+
+def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
+    """Refuse an option that is not one of the allowed words.
+
+    Raises
+    ------
+    ParameterError
+        Naming the words that are allowed.
+    """
+    if not isinstance(value, str) or value not in allowed:
+        words = ", ".join(repr(word) for word in allowed)
+        raise ParameterError(f"{name} is {value!r}; give one of {words}")

@@ -1,0 +1,268 @@
+"""Compiled loops of the Preisach operator: arrays in, arrays out.
+
+The state is a *stack*, a (capacity, 4) array whose row k describes one remembered extremum:
+
+    0  value      the input there
+    1  output     what the relays gave there
+    2  band       the band of the plane it lies in
+    3  fraction   how far into that band, from 0 at its lower threshold to 1 at its upper
+
+Even rows are minima, odd rows maxima, row 0 is negative saturation, and the last row is the
+present input. Between two reversals the output differs from the one at the last reversal by
+a single Everett value, so one sample costs one look-up however fine the plane is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from minorloop.arrays import FloatArray, IntArray
+
+VALUE, OUTPUT, BAND, FRACTION = 0, 1, 2, 3
+CROWDED = 8  # more thresholds than this in one bucket are bisected
+
+
+class Plane(NamedTuple):
+    """A Preisach plane in the form the loops read.
+
+    levels (L + 1,); per_band (L,): one over the height of each band; buckets: for equal slices
+    of the input range, the last band that begins before the slice; per_unit: slices per unit of
+    input; nodes (L + 1, L + 1): Everett values at
+    the nodes times the swing of a relay; bow (L,): what makes the surface curve inside a band;
+    saturation: output of the relays when all are off; slope: of the memoryless linear part.
+    """
+
+    levels: FloatArray
+    per_band: FloatArray
+    buckets: IntArray
+    per_unit: float
+    nodes: FloatArray
+    bow: FloatArray
+    saturation: float
+    slope: float
+
+
+@njit(cache=True, nogil=True)
+def band_of(levels, buckets, per_unit, u):
+    """Band that holds u, for u inside the grid: a bucket first, then a search within it."""
+    bucket = int((u - levels[0]) * per_unit)
+    low, high = buckets[bucket], buckets[bucket + 1]
+    while high - low > CROWDED:
+        middle = (low + high) // 2
+        if levels[middle] <= u:
+            low = middle
+        else:
+            high = middle - 1
+    while low < high and levels[low + 1] <= u:
+        low += 1
+    return low
+
+
+@njit(cache=True, nogil=True)
+def everett_inside(nodes, bow, i, s, j, f):
+    """Everett value at alpha = fraction s of band i, beta = fraction f of band j <= i.
+
+    Bilinear in the nodes, less a bow in each band where the density is spread over the
+    triangles of the diagonal (piecewise uniform density).
+    """
+    if i == j:
+        x = s - f
+        return nodes[i + 1, i] * x - bow[i] * x * (1.0 - x)
+    lower = nodes[i, j] + f * (nodes[i, j + 1] - nodes[i, j])
+    upper = nodes[i + 1, j] + f * (nodes[i + 1, j + 1] - nodes[i + 1, j])
+    return lower + s * (upper - lower) - bow[i] * s * (1.0 - s) - bow[j] * f * (1.0 - f)
+
+
+@njit(cache=True, nogil=True)
+def saturate(plane, stack):
+    """Negative saturation; gives the rows in use."""
+    stack[0, VALUE] = plane.levels[0]
+    stack[0, OUTPUT] = plane.saturation
+    stack[0, BAND] = 0.0
+    stack[0, FRACTION] = 0.0
+    return 1
+
+
+@njit(cache=True, nogil=True)
+def simulate(plane, stack, n, u, y):
+    """Outputs for a whole input, into y; gives the rows in use at the end.
+
+    Reduced memory sequence: Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1.
+
+    The present input and the extremum it departed from (the pivot) live in local variables,
+    not on the stack: reading back what was just stored costs more than all the arithmetic.
+    """
+    levels, per_band, buckets, per_unit, nodes, bow, saturation, slope = plane
+    lowest, highest = levels[0], levels[-1]
+    top = n - 1
+    value, output = stack[top, VALUE], stack[top, OUTPUT]
+    band, fraction = int(stack[top, BAND]), stack[top, FRACTION]
+    pivot = max(top - 1, 0)
+    pivot_output = stack[pivot, OUTPUT]
+    pivot_band, pivot_fraction = int(stack[pivot, BAND]), stack[pivot, FRACTION]
+    for t in range(u.size):
+        x = u[t]
+        if x < lowest:
+            x = lowest
+        elif x > highest:
+            x = highest
+        if x != value:
+            rising = x > value
+            if rising == (top & 1 == 0):  # a reversal: the present extremum becomes the pivot
+                stack[top, VALUE], stack[top, OUTPUT] = value, output
+                stack[top, BAND], stack[top, FRACTION] = band, fraction
+                pivot_output, pivot_band, pivot_fraction = output, band, fraction
+                top += 1
+            before = top
+            if rising:
+                while top >= 3 and x >= stack[top - 2, VALUE]:
+                    top -= 2
+            else:
+                while top >= 2 and x <= stack[top - 2, VALUE]:
+                    top -= 2
+            if top < before and top > 0:
+                pivot_output = stack[top - 1, OUTPUT]
+                pivot_band, pivot_fraction = int(stack[top - 1, BAND]), stack[top - 1, FRACTION]
+            value = x
+            band = band_of(levels, buckets, per_unit, x)
+            fraction = (x - levels[band]) * per_band[band]
+            if top == 0:
+                output = saturation
+            elif rising:
+                change = everett_inside(nodes, bow, band, fraction, pivot_band, pivot_fraction)
+                output = pivot_output + change
+            else:
+                change = everett_inside(nodes, bow, pivot_band, pivot_fraction, band, fraction)
+                output = pivot_output - change
+        y[t] = output + slope * u[t]
+    stack[top, VALUE], stack[top, OUTPUT] = value, output
+    stack[top, BAND], stack[top, FRACTION] = band, fraction
+    return top + 1
+
+
+@njit(cache=True, nogil=True)
+def everett(plane, alpha, beta, out):
+    """Everett values for pairs alpha >= beta inside the grid."""
+    levels, per_band, buckets, per_unit, nodes, bow, _, _ = plane
+    for k in range(alpha.size):
+        i = band_of(levels, buckets, per_unit, alpha[k])
+        j = band_of(levels, buckets, per_unit, beta[k])
+        s, f = (alpha[k] - levels[i]) * per_band[i], (beta[k] - levels[j]) * per_band[j]
+        out[k] = everett_inside(nodes, bow, i, s, j, f)
+
+
+@njit(cache=True, nogil=True)
+def along(levels, nodes, bow, slope, pivot, rising, band, fraction):
+    """Output, slope included, on the branch that leaves the pivot, a row of the stack."""
+    u = levels[band] + fraction * (levels[band + 1] - levels[band])
+    i, s = int(pivot[BAND]), pivot[FRACTION]
+    if rising:
+        change = everett_inside(nodes, bow, band, fraction, i, s)
+    else:
+        change = -everett_inside(nodes, bow, i, s, band, fraction)
+    return pivot[OUTPUT] + change + slope * u
+
+
+@njit(cache=True, nogil=True)
+def smallest_root(c0, c1, c2):
+    """Smallest x >= 0 with c0 + c1 x + c2 x^2 = 0, given c0 <= 0 and a rise somewhere in [0, 1].
+
+    Written so that nothing cancels: the root is c0 over the larger of two sums.
+    """
+    if c0 >= 0.0:
+        return 0.0
+    root = np.sqrt(max(c1 * c1 - 4.0 * c2 * c0, 0.0))
+    below = c1 + root
+    if below <= 0.0:
+        return 1.0
+    return min(-2.0 * c0 / below, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
+    """Input in ``band`` at which the branch from the pivot meets the target.
+
+    Inside a band the branch is a quadratic; three of its points give it exactly.
+    """
+    start, end, sign = (0.0, 1.0, 1.0) if rising else (1.0, 0.0, -1.0)
+    if band == int(pivot[BAND]):
+        start = pivot[FRACTION]
+    middle = 0.5 * (start + end)
+    y0 = sign * (along(levels, nodes, bow, slope, pivot, rising, band, start) - target)
+    yh = sign * (along(levels, nodes, bow, slope, pivot, rising, band, middle) - target)
+    y1 = sign * (along(levels, nodes, bow, slope, pivot, rising, band, end) - target)
+    x = smallest_root(y0, -3.0 * y0 + 4.0 * yh - y1, 2.0 * (y0 + y1 - 2.0 * yh))
+    fraction = start + x * (end - start)
+    if fraction == 1.0:
+        return levels[band + 1]
+    return levels[band] + fraction * (levels[band + 1] - levels[band])
+
+
+@njit(cache=True, nogil=True)
+def branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target):
+    """First band from ``near`` to ``stop`` at whose far end the target is reached."""
+    if rising:
+        low, high = near, stop
+        while low < high:
+            middle = (low + high) >> 1
+            if along(levels, nodes, bow, slope, pivot, True, middle, 1.0) >= target:
+                high = middle
+            else:
+                low = middle + 1
+        return low
+    low, high = stop, near
+    while low < high:
+        middle = (low + high + 1) >> 1
+        if along(levels, nodes, bow, slope, pivot, False, middle, 0.0) <= target:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@njit(cache=True, nogil=True)
+def aim(plane, stack, n, target):
+    """Nearest input that brings the output to the target; the stack stays as it is.
+
+    Tan, Venkataraman and Krishnaprasad, Proc. IEEE CDC 2001: march to the breakpoint past
+    which the target lies, then solve the piece. Breakpoints are the thresholds and the
+    remembered extrema; passing an extremum wipes it out, and its output is on the stack.
+    """
+    levels, _, _, _, nodes, bow, _, slope = plane
+    value = stack[n - 1, VALUE]
+    here = stack[n - 1, OUTPUT] + slope * value
+    if target == here:
+        return value
+    rising = target > here
+    sign = 1.0 if rising else -1.0
+    top = n - 1
+    if rising == (top & 1 == 0):
+        top += 1
+    limit, stop = (levels[-1], levels.size - 2) if rising else (levels[0], 0)
+    while top >= 2 + rising:
+        ahead = stack[top - 2]
+        if sign * (target - ahead[OUTPUT] - slope * ahead[VALUE]) <= 0.0:
+            limit, stop = ahead[VALUE], int(ahead[BAND])
+            break
+        top -= 2
+    if top == 0:
+        return levels[0]
+    pivot = stack[top - 1]
+    near = int(stack[n - 1, BAND])
+    band = branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target)
+    u = branch_input(levels, nodes, bow, slope, pivot, rising, band, target)
+    if rising:
+        return min(max(u, value), limit)
+    return max(min(u, value), limit)
+
+
+@njit(cache=True, nogil=True)
+def invert(plane, stack, n, targets, u, y):
+    """Inputs that meet the targets one after the other, and the outputs they give."""
+    for t in range(targets.size):
+        u[t] = aim(plane, stack, n, targets[t])
+        n = simulate(plane, stack, n, u[t : t + 1], y[t : t + 1])
+    return n

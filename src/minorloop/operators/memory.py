@@ -1,0 +1,129 @@
+"""The reduced memory sequence: all that the past left behind.
+
+A Preisach operator remembers alternating minima and maxima, each inside the one before it;
+whatever else happened was wiped out. The first entry is the minimum of negative saturation
+and the last the present input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from minorloop.errors import ParameterError
+
+Saturation: TypeAlias = Literal["negative", "positive", "demagnetised"]
+
+DEMAGNETISING_TURNS = 512
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Remembered extrema, oldest first, ending with the present input.
+
+    Parameters
+    ----------
+    extrema : sequence of float
+        Minimum, maximum, minimum, ... in the unit of the input. Minima strictly increase,
+        maxima strictly decrease, every maximum lies above every minimum. The first is the
+        lower end of the plane: negative saturation.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, one is not finite, or they do not nest.
+
+    References
+    ----------
+    Mayergoyz, Mathematical Models of Hysteresis, 1991, section 1.2.
+    """
+
+    extrema: tuple[float, ...]
+
+    def __init__(self, extrema: Sequence[float]) -> None:
+        values = tuple(float(value) for value in extrema)
+        _check_nested(values)
+        object.__setattr__(self, "extrema", values)
+
+    @classmethod
+    def after(cls, inputs: Iterable[float], *, low: float, high: float) -> Memory:
+        """Memory that a sequence of inputs leaves behind, from negative saturation.
+
+        Parameters
+        ----------
+        inputs : iterable of float
+            Inputs in order; beyond [low, high] they count as the nearer end.
+        low, high : float
+            Ends of the plane, ``levels[0]`` and ``levels[-1]``.
+        """
+        state = [float(low)]
+        for u in inputs:
+            _push(state, float(u), low, high)
+        return cls(state)
+
+    @classmethod
+    def negative(cls, low: float) -> Memory:
+        """Negative saturation of a plane that begins at ``low``."""
+        return cls((low,))
+
+    @classmethod
+    def positive(cls, low: float, high: float) -> Memory:
+        """Positive saturation of a plane from ``low`` to ``high``."""
+        return cls((low, high))
+
+    @classmethod
+    def demagnetised(cls, low: float, high: float) -> Memory:
+        """After an oscillation that shrinks evenly from the whole plane to its middle.
+
+        The swing shrinks by 1/512 of the plane a turn, so a plane symmetric about its middle
+        is left within about 1/512 of its range of its middle output.
+        """
+        turns = DEMAGNETISING_TURNS
+        middle, half = (low + high) / 2, (high - low) / 2
+        shrink = 1 - np.arange(2 * turns) / (2 * turns - 1)
+        signs = np.where(np.arange(2 * turns) % 2 == 0, 1.0, -1.0)
+        return cls.after(middle + signs * half * shrink, low=low, high=high)
+
+    @property
+    def u(self) -> float:
+        """The present input."""
+        return self.extrema[-1]
+
+    def __len__(self) -> int:
+        return len(self.extrema)
+
+
+def _check_nested(values: tuple[float, ...]) -> None:
+    if not values:
+        raise ParameterError("a memory holds at least one extremum, the lower end of the plane")
+    if not all(np.isfinite(values)):
+        raise ParameterError(f"memory {values} has an entry that is not finite")
+    minima, maxima = values[::2], values[1::2]
+    rises = all(a < b for a, b in zip(minima, minima[1:], strict=False))
+    falls = all(a > b for a, b in zip(maxima, maxima[1:], strict=False))
+    if not (rises and falls and (not maxima or maxima[-1] > minima[-1])):
+        raise ParameterError(
+            f"memory {values[:8]}{'...' if len(values) > 8 else ''} does not nest: minima must "
+            "rise, maxima fall, starting with a minimum; Memory.after(inputs) reduces any history"
+        )
+
+
+def _push(state: list[float], u: float, low: float, high: float) -> None:
+    """Append an input and wipe out what it passes."""
+    u = min(max(u, low), high)
+    if u == state[-1]:
+        return
+    last_is_maximum = len(state) % 2 == 0
+    if len(state) == 1 or (u > state[-1]) != last_is_maximum:
+        state.append(u)
+    else:
+        state[-1] = u
+    while len(state) >= 4 and (
+        state[-1] >= state[-3] if len(state) % 2 == 0 else state[-1] <= state[-3]
+    ):
+        state[-3:] = state[-1:]
+    if len(state) == 3 and state[-1] <= state[0]:
+        del state[1:]

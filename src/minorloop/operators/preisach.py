@@ -1,0 +1,457 @@
+"""The Preisach operator with piecewise uniform density, and its exact right inverse."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import (
+    FloatArray,
+    IntArray,
+    Levels,
+    Samples,
+    as_finite,
+    as_levels,
+    as_samples,
+    check_option,
+    frozen,
+)
+from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.operators import _kernels, plane
+from minorloop.operators.inversion import Inversion, check_unreachable_option, refuse_unreachable
+from minorloop.operators.memory import Memory, Saturation
+from minorloop.operators.tracker import Tracker
+
+Relay: TypeAlias = Literal["bipolar", "unipolar"]
+Diagonal: TypeAlias = Literal["uniform", "reversible"]
+Start: TypeAlias = "Memory | Saturation"
+
+REACH_TOLERANCE = 1e-12
+"""A target beyond the range by this fraction of its width still counts as reachable."""
+
+
+@dataclass(frozen=True, eq=False)
+class Preisach:
+    """A weighted continuum of relays: output depends on the remembered extrema of the input.
+
+    Parameters
+    ----------
+    levels : (L + 1,) array_like
+        Thresholds in the unit of the input, strictly increasing, not necessarily even.
+    weights : (L, L) array_like
+        ``weights[i, j]``, j <= i: integral of the density over the cell alpha in
+        [levels[i], levels[i + 1]], beta in [levels[j], levels[j + 1]], in the unit of the
+        output. Zero above the diagonal. Negative weights are legal.
+    offset : float
+        Added to the output.
+    relay : {"bipolar", "unipolar"}
+        Whether a relay gives -1 and +1, or 0 and 1.
+    diagonal : {"uniform", "reversible"}
+        Whether the weight of a diagonal cell is spread evenly over its triangle, or lies on
+        the line alpha = beta.
+    slope : float
+        Of a memoryless linear part, output per input. It sees inputs beyond the levels as
+        they are; the relays see them clamped.
+
+    Raises
+    ------
+    ParameterError
+        If levels do not increase, shapes disagree, or a number is not finite.
+
+    References
+    ----------
+    Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1: geometry, Everett values.
+    Tan, Venkataraman and Krishnaprasad, Proc. IEEE CDC 2001: inverse for a piecewise uniform
+    density.
+    """
+
+    levels: Levels
+    weights: FloatArray
+    offset: float = 0.0
+    relay: Relay = "bipolar"
+    diagonal: Diagonal = "uniform"
+    slope: float = 0.0
+
+    def __post_init__(self) -> None:
+        store = object.__setattr__
+        store(self, "levels", as_levels(self.levels))
+        store(self, "weights", _as_weights(self.weights, self.bands))
+        for name in ("offset", "slope"):
+            store(self, name, as_finite(name, getattr(self, name)))
+        check_option("relay", self.relay, ("bipolar", "unipolar"))
+        check_option("diagonal", self.diagonal, ("uniform", "reversible"))
+
+    @classmethod
+    def from_density(
+        cls, levels: npt.ArrayLike, density: npt.ArrayLike | plane.Density, **options: Any
+    ) -> Preisach:
+        """Operator from a density instead of cell weights.
+
+        Parameters
+        ----------
+        levels : (L + 1,) array_like
+            Thresholds.
+        density : (L, L) array_like or callable
+            The value in each cell, or ``density(alpha, beta)``, vectorised, which is
+            integrated over each cell; output unit per input unit squared.
+        **options
+            ``offset``, ``relay``, ``diagonal``, ``slope`` of `Preisach`.
+        """
+        levels = as_levels(levels)
+        if callable(density):
+            return cls(levels, plane.integrate_density(levels, density), **options)
+        values = _as_weights(density, levels.size - 1, name="density")
+        return cls(levels, values * plane.cell_areas(levels), **options)
+
+    @classmethod
+    def from_reversal_values(
+        cls,
+        levels: npt.ArrayLike,
+        f: npt.ArrayLike,
+        *,
+        relay: Relay = "bipolar",
+        diagonal: Diagonal = "uniform",
+        slope: float = 0.0,
+    ) -> Preisach:
+        """Operator that reproduces first-order reversal curves measured on the levels.
+
+        Parameters
+        ----------
+        levels : (L + 1,) array_like
+            Thresholds.
+        f : (L + 1, L + 1) array_like
+            ``f[a, b]``, b <= a: output after rising from negative saturation to level a and
+            falling to level b. Above the diagonal it is not read.
+        relay, diagonal, slope
+            As in `Preisach`; the offset follows from ``f[0, 0]``.
+
+        Raises
+        ------
+        ParameterError
+            If the shape is wrong or a value that is read is not finite.
+
+        References
+        ----------
+        Mayergoyz, 1991, eq. 1.24: the mixed difference of reversal curves is the weight of a
+        relay's whole swing, hence half of it for relays that swing from -1 to +1.
+        """
+        levels = as_levels(levels)
+        values = np.asarray(f, dtype=np.float64)
+        if values.shape != (levels.size, levels.size):
+            raise ParameterError(
+                f"reversal values have shape {values.shape}; {levels.size} levels need "
+                f"{(levels.size, levels.size)}"
+            )
+        read = np.tril(np.ones(values.shape, dtype=bool))
+        if not np.isfinite(values[read]).all():
+            a, b = np.argwhere(read & ~np.isfinite(values))[0]
+            raise ParameterError(
+                f"reversal value f[{a}, {b}] is {values[a, b]}; measure it, or identify from "
+                "the record with NaN where nothing was measured"
+            )
+        values = np.where(read, values - slope * levels[None, :], 0.0)
+        swing = _swing(relay)
+        nodes = np.tril(values.diagonal()[:, None] - values) / swing
+        weights = plane.weights_from_nodes(nodes)
+        offset = float(values[0, 0]) + (weights.sum() if relay == "bipolar" else 0.0)
+        return cls(levels, weights, offset, relay, diagonal, slope)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Preisach):
+            return NotImplemented
+        return (
+            np.array_equal(self.levels, other.levels)
+            and np.array_equal(self.weights, other.weights)
+            and (self.offset, self.relay, self.diagonal, self.slope)
+            == (other.offset, other.relay, other.diagonal, other.slope)
+        )
+
+    def __repr__(self) -> str:
+        low, high = self.levels[0], self.levels[-1]
+        return (
+            f"Preisach({self.bands} bands over [{low:g}, {high:g}], offset={self.offset:g}, "
+            f"relay={self.relay!r}, diagonal={self.diagonal!r}, slope={self.slope:g})"
+        )
+
+    @property
+    def bands(self) -> int:
+        """L, the number of bands between the thresholds."""
+        return int(self.levels.size - 1)
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Least and greatest output over the grid, slope included."""
+        if self.monotone:
+            low, high = self.simulate(self.levels[[0, -1]])
+            return float(low), float(high)
+        swing = _swing(self.relay)
+        low, high = plane.extremes(self.levels, self.weights, self.slope, swing)
+        return self._all_off + low, self._all_off + high
+
+    @cached_property
+    def monotone(self) -> bool:
+        """Whether no branch of any history falls while the input rises."""
+        rate = plane.slack(
+            self.levels, self.weights, self.slope, _swing(self.relay), self.diagonal == "uniform"
+        )
+        steepest = np.abs(self.weights).sum() / np.diff(self.levels).min() + abs(self.slope)
+        return bool(rate >= -1e-13 * steepest)
+
+    def everett(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Integral of the density over the triangle between beta and alpha.
+
+        Parameters
+        ----------
+        alpha, beta : array_like
+            Corners, broadcast against each other; inputs beyond the levels are clamped.
+
+        Returns
+        -------
+        array
+            In the unit of the output. Rising from beta to alpha on a fresh branch changes the
+            output by this much for unipolar relays, twice as much for bipolar ones.
+
+        Raises
+        ------
+        ParameterError
+            If an alpha is below its beta.
+        """
+        pair = np.broadcast_arrays(
+            np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
+        )
+        high, low = (np.clip(x, self.levels[0], self.levels[-1]).ravel() for x in pair)
+        if not (pair[0] >= pair[1]).all():
+            raise ParameterError("alpha is below beta, or not a number; give alpha >= beta")
+        out = np.empty(high.size)
+        _kernels.everett(self._plane, high, low, out)
+        return out.reshape(pair[0].shape) / _swing(self.relay)
+
+    def simulate(self, u: npt.ArrayLike, start: Start = "negative") -> Samples:
+        """Outputs for whole input signals.
+
+        Parameters
+        ----------
+        u : (T,) or (S, T) array_like
+            Inputs; the rows of a two-dimensional array are independent signals, computed in
+            parallel.
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before the first sample.
+
+        Returns
+        -------
+        (T,) or (S, T) array
+            Outputs.
+
+        Raises
+        ------
+        SignalError
+            If the inputs are not finite numbers of one of these shapes.
+        """
+        inputs = as_samples(u, name="u")
+        start = self.memory(start)
+        outputs = np.empty_like(inputs)
+        if inputs.ndim == 1:
+            self._simulate_row(start, inputs, outputs)
+        else:
+            _in_parallel(lambda row: self._simulate_row(start, inputs[row], outputs[row]), inputs)
+        return outputs
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: Start = "negative",
+        unreachable: Literal["raise", "clip"] = "raise",
+    ) -> Inversion:
+        """Inputs that bring the output to each target in turn: the exact right inverse.
+
+        Every input is the nearest to the one before it that does so; a target equal to the
+        present output leaves the input where it is.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Outputs wanted, in order.
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before the first input.
+        unreachable : {"raise", "clip"}
+            What to do about targets beyond `range`: refuse, or go as near as the grid allows.
+
+        Returns
+        -------
+        Inversion
+            Inputs inside the grid, the outputs the model gives for them, residuals, and
+            which targets were reachable.
+
+        Raises
+        ------
+        UnreachableError
+            If a target is beyond the range and ``unreachable="raise"``.
+        NotInvertibleError
+            If negative weights make the model non-monotone.
+        SignalError
+            If the targets are not finite numbers in one dimension.
+        """
+        check_unreachable_option(unreachable)
+        self._require_monotone()
+        wanted = as_samples(np.atleast_1d(targets), name="targets")
+        if wanted.ndim != 1:
+            raise ParameterError(f"targets have shape {wanted.shape}; give one sequence, (T,)")
+        low, high = self.range
+        slack = REACH_TOLERANCE * (high - low)
+        reachable = (wanted >= low - slack) & (wanted <= high + slack)
+        if unreachable == "raise":
+            refuse_unreachable(wanted, low, high, reachable)
+        stack, rows = self._stack(start, wanted.size)
+        u, y = np.empty_like(wanted), np.empty_like(wanted)
+        _kernels.invert(self._plane, stack, rows, wanted, u, y)
+        return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
+
+    def step(self, memory: Start, u: float) -> tuple[float, Memory]:
+        """Output and memory after one input; nothing is changed in place.
+
+        Parameters
+        ----------
+        memory : Memory or name of a start state
+            Before the input.
+        u : float
+            The input.
+
+        Returns
+        -------
+        y : float
+        memory : Memory
+        """
+        tracker = self.track(memory)
+        return tracker.push(u), tracker.memory
+
+    def track(self, start: Start = "negative") -> Tracker:
+        """Follow a live input sample by sample.
+
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before the first sample.
+        """
+        return Tracker(self, start)
+
+    def memory(self, start: Start) -> Memory:
+        """A start state by name, or a memory fitted to the range of this plane."""
+        low, high = float(self.levels[0]), float(self.levels[-1])
+        if isinstance(start, Memory):
+            if start.extrema[0] == low and max(start.extrema) <= high:
+                return start
+            return Memory.after(start.extrema, low=low, high=high)
+        check_option("start", start, ("negative", "positive", "demagnetised"))
+        if start == "negative":
+            return Memory.negative(low)
+        return Memory.positive(low, high) if start == "positive" else Memory.demagnetised(low, high)
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the density on the plane and the major loop; gives the matplotlib figure.
+
+        Parameters
+        ----------
+        **options
+            ``input_label`` and ``output_label`` for the axes.
+        """
+        from minorloop.operators.drawing import draw_preisach
+
+        return draw_preisach(self, **options)
+
+    @property
+    def _all_off(self) -> float:
+        total = float(self.weights.sum()) if self.relay == "bipolar" else 0.0
+        return self.offset - total
+
+    @cached_property
+    def _plane(self) -> _kernels.Plane:
+        buckets, per_unit = _buckets(self.levels)
+        nodes = _swing(self.relay) * plane.nodes_from_weights(self.weights)
+        diagonal = nodes.diagonal(-1).copy()
+        bow = diagonal if self.diagonal == "uniform" else np.zeros(self.bands)
+        return _kernels.Plane(
+            levels=self.levels,
+            per_band=frozen(1 / np.diff(self.levels)),
+            buckets=buckets,
+            per_unit=per_unit,
+            nodes=frozen(nodes),
+            bow=frozen(bow),
+            saturation=self._all_off,
+            slope=self.slope,
+        )
+
+    def _stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
+        """Kernel state for a start memory, with room for more reversals; rows in use."""
+        extrema = np.array(self.memory(start).extrema)
+        stack = np.empty((extrema.size + room + 2, 4))
+        rows = _kernels.saturate(self._plane, stack)
+        return stack, _kernels.simulate(self._plane, stack, rows, extrema, np.empty_like(extrema))
+
+    def _simulate_row(self, start: Start, u: FloatArray, y: FloatArray) -> None:
+        stack, rows = self._stack(start, u.size)
+        _kernels.simulate(self._plane, stack, rows, u, y)
+
+    def _require_monotone(self) -> None:
+        if not self.monotone:
+            raise NotInvertibleError(
+                f"the model is not monotone (least weight {self.weights.min():g}, slope "
+                f"{self.slope:g}), so some outputs belong to several inputs; identify with "
+                "signed=False to get a model that can be inverted"
+            )
+
+
+def _as_weights(values: npt.ArrayLike, bands: int, name: str = "weights") -> FloatArray:
+    try:
+        weights = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{name} are not an array of numbers: {error}") from None
+    if weights.shape != (bands, bands):
+        raise ParameterError(
+            f"{name} have shape {weights.shape}; {bands + 1} levels need {(bands, bands)}"
+        )
+    if not np.isfinite(weights).all():
+        i, j = np.argwhere(~np.isfinite(weights))[0]
+        raise ParameterError(f"{name}[{i}, {j}] is {weights[i, j]}; all must be finite")
+    if np.triu(weights, 1).any():
+        i, j = np.argwhere(np.triu(weights, 1))[0]
+        raise ParameterError(
+            f"{name}[{i}, {j}] is {weights[i, j]:g}, but a relay has alpha >= beta; entries "
+            "above the diagonal must be zero"
+        )
+    return frozen(weights)
+
+
+def _swing(relay: Relay) -> float:
+    """Output change of a relay of unit weight."""
+    return 2.0 if relay == "bipolar" else 1.0
+
+
+def _buckets(levels: Levels) -> tuple[IntArray, float]:
+    """For each of 4 L equal slices, the last band begun before it; and slices per unit.
+
+    Which slice a threshold is in is worked out as the kernel does it for an input, so that
+    rounding cannot put the two on different sides of an edge.
+    """
+    count = 4 * (levels.size - 1)
+    per_unit = count / (levels[-1] - levels[0])
+    slices = ((levels[:-1] - levels[0]) * per_unit).astype(np.int64)
+    begun = np.searchsorted(slices, np.arange(count + 3), side="left") - 1
+    return np.maximum(begun, 0), per_unit
+
+
+def _in_parallel(work: Callable[[int], None], rows: Samples) -> None:
+    """Call work(row) for every row, on all cores: the kernels release the GIL."""
+    workers = min(len(rows), os.cpu_count() or 1)
+    if workers < 2:
+        for row in range(len(rows)):
+            work(row)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(work, range(len(rows))))
