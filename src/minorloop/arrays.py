@@ -157,3 +157,39 @@ def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
     if not isinstance(value, str) or value not in allowed:
         words = ", ".join(repr(word) for word in allowed)
         raise ParameterError(f"{name} is {value!r}; give one of {words}")
+
+
+def as_triangle(values: npt.ArrayLike, size: int, *, name: str) -> FloatArray:
+    """Give a lower-triangular array as read-only float64.
+
+    Parameters
+    ----------
+    values : (size, size) array_like
+        One number for each pair (alpha, beta), beta <= alpha.
+    size : int
+        Rows and columns wanted.
+    name : str
+        What to call the values in an error message.
+
+    Raises
+    ------
+    ParameterError
+        If the shape is wrong, a number is not finite, or one above the diagonal is not zero.
+    """
+    try:
+        triangle = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{name} are not an array of numbers: {error}") from None
+    if triangle.shape != (size, size):
+        raise ParameterError(f"{name} have shape {triangle.shape}; the levels need {(size, size)}")
+    if not np.isfinite(triangle).all():
+        i, j = np.argwhere(~np.isfinite(triangle))[0]
+        raise ParameterError(f"{name}[{i}, {j}] is {triangle[i, j]}; all must be finite")
+    above = np.triu(triangle, 1)
+    if above.any():
+        i, j = np.argwhere(above)[0]
+        raise ParameterError(
+            f"{name}[{i}, {j}] is {triangle[i, j]:g}, but a relay has alpha >= beta; entries "
+            "above the diagonal must be zero"
+        )
+    return frozen(triangle)

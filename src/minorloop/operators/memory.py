@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -102,8 +103,8 @@ def _check_nested(values: tuple[float, ...]) -> None:
     if not all(np.isfinite(values)):
         raise ParameterError(f"memory {values} has an entry that is not finite")
     minima, maxima = values[::2], values[1::2]
-    rises = all(a < b for a, b in zip(minima, minima[1:], strict=False))
-    falls = all(a > b for a, b in zip(maxima, maxima[1:], strict=False))
+    rises = all(a < b for a, b in pairwise(minima))
+    falls = all(a > b for a, b in pairwise(maxima))
     if not (rises and falls and (not maxima or maxima[-1] > minima[-1])):
         raise ParameterError(
             f"memory {values[:8]}{'...' if len(values) > 8 else ''} does not nest: minima must "

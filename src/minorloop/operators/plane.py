@@ -135,7 +135,9 @@ def slack(levels: Levels, weights: FloatArray, slope: float, swing: float, bow: 
     return float(np.min(slope + swing * swept / heights))
 
 
-def extremes(levels: Levels, weights: FloatArray, slope: float, swing: float) -> tuple[float, float]:
+def extremes(
+    levels: Levels, weights: FloatArray, slope: float, swing: float
+) -> tuple[float, float]:
     """Least and greatest of slope*u plus the switched-on weight times ``swing``.
 
     Over every memory whose extrema are thresholds. The switched-on region is a staircase that

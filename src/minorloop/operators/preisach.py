@@ -20,6 +20,7 @@ from minorloop.arrays import (
     as_finite,
     as_levels,
     as_samples,
+    as_triangle,
     check_option,
     frozen,
 )
@@ -82,7 +83,7 @@ class Preisach:
     def __post_init__(self) -> None:
         store = object.__setattr__
         store(self, "levels", as_levels(self.levels))
-        store(self, "weights", _as_weights(self.weights, self.bands))
+        store(self, "weights", as_triangle(self.weights, self.bands, name="weights"))
         for name in ("offset", "slope"):
             store(self, name, as_finite(name, getattr(self, name)))
         check_option("relay", self.relay, ("bipolar", "unipolar"))
@@ -107,7 +108,7 @@ class Preisach:
         levels = as_levels(levels)
         if callable(density):
             return cls(levels, plane.integrate_density(levels, density), **options)
-        values = _as_weights(density, levels.size - 1, name="density")
+        values = as_triangle(density, levels.size - 1, name="density")
         return cls(levels, values * plane.cell_areas(levels), **options)
 
     @classmethod
@@ -405,27 +406,6 @@ class Preisach:
                 f"{self.slope:g}), so some outputs belong to several inputs; identify with "
                 "signed=False to get a model that can be inverted"
             )
-
-
-def _as_weights(values: npt.ArrayLike, bands: int, name: str = "weights") -> FloatArray:
-    try:
-        weights = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f"{name} are not an array of numbers: {error}") from None
-    if weights.shape != (bands, bands):
-        raise ParameterError(
-            f"{name} have shape {weights.shape}; {bands + 1} levels need {(bands, bands)}"
-        )
-    if not np.isfinite(weights).all():
-        i, j = np.argwhere(~np.isfinite(weights))[0]
-        raise ParameterError(f"{name}[{i}, {j}] is {weights[i, j]}; all must be finite")
-    if np.triu(weights, 1).any():
-        i, j = np.argwhere(np.triu(weights, 1))[0]
-        raise ParameterError(
-            f"{name}[{i}, {j}] is {weights[i, j]:g}, but a relay has alpha >= beta; entries "
-            "above the diagonal must be zero"
-        )
-    return frozen(weights)
 
 
 def _swing(relay: Relay) -> float:

@@ -1,0 +1,1 @@
+"""Hysteresis of smart actuators: from measured data to precise positioning."""

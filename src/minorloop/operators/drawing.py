@@ -1,0 +1,92 @@
+"""Pictures of operators and inversions. Matplotlib is imported only when one is drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minorloop.operators.plane import cell_areas
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from minorloop.operators.inversion import Inversion
+    from minorloop.operators.preisach import Preisach
+
+_NESTED_LOOPS = 4
+
+
+def draw_preisach(
+    model: Preisach, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
+    """Density on the plane beside nested minor loops; gives the figure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.6, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    draw_density(left, model, input_label=input_label)
+    draw_loops(right, model)
+    right.set(xlabel=input_label, ylabel=output_label, title="Major and minor loops")
+    return figure
+
+
+def draw_density(axes: Axes, model: Preisach, *, input_label: str = "input") -> Any:
+    """Density on the Preisach plane, with its colour bar; gives the mesh."""
+    density = model.weights / np.where(cell_areas(model.levels) > 0, cell_areas(model.levels), 1.0)
+    below = np.tril(np.ones(density.shape, dtype=bool))
+    top = float(np.quantile(np.abs(density[below]), 0.995)) or 1.0
+    signed = bool((model.weights < 0).any())
+    mesh = axes.pcolormesh(
+        model.levels,
+        model.levels,
+        np.ma.masked_where(~below, density),
+        cmap="RdBu_r" if signed else "viridis",
+        vmin=-top if signed else 0.0,
+        vmax=top,
+        rasterized=True,
+    )
+    bar = axes.figure.colorbar(mesh, ax=axes, extend="both" if signed else "max")
+    bar.set_label("density")
+    axes.plot(model.levels[[0, -1]], model.levels[[0, -1]], color="0.3", linewidth=0.8)
+    axes.set(
+        xlabel=f"threshold down β, {input_label}",
+        ylabel=f"threshold up α, {input_label}",
+        title="Preisach plane",
+        aspect="equal",
+    )
+    return mesh
+
+
+def draw_loops(axes: Axes, model: Preisach) -> None:
+    """Major loop, and minor loops nested in it, closed on themselves."""
+    low, high = float(model.levels[0]), float(model.levels[-1])
+    middle, half = (low + high) / 2, (high - low) / 2
+    for turn in range(_NESTED_LOOPS):
+        swing = half * (1 - turn / _NESTED_LOOPS)
+        rise = np.linspace(middle - swing, middle + swing, 200)
+        u = np.concatenate([rise[-1:], rise[::-1], rise, rise[::-1]])
+        y = model.simulate(u)
+        loop = slice(1, None) if turn else slice(0, None)
+        axes.plot(u[loop], y[loop], color="C0", linewidth=1.6 if turn == 0 else 0.9)
+    axes.grid(alpha=0.25)
+
+
+def draw_inversion(inversion: Inversion, *, input_label: str, output_label: str) -> Any:
+    """Targets with outputs above, the inputs below; gives the figure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    index = np.arange(inversion.u.size)
+    upper.plot(index, inversion.targets, "o", color="C1", mfc="none", label="target")
+    upper.step(index, inversion.y, where="mid", color="C0", label="output of the model")
+    missed = ~inversion.reachable
+    upper.plot(index[missed], inversion.targets[missed], "x", color="C3", label="out of reach")
+    upper.set_ylabel(output_label)
+    upper.legend(frameon=False)
+    lower.step(index, inversion.u, where="mid", color="0.25")
+    lower.set(xlabel="target number", ylabel=input_label)
+    for axes in (upper, lower):
+        axes.grid(alpha=0.25)
+    return figure

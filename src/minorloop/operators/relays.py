@@ -1,0 +1,182 @@
+"""The relay-by-relay model: dots on level pairs, switched by a moving marker.
+
+This is how many papers draw and program the Preisach model. It is kept for comparison: each
+relay is a dot at (alpha, beta) = (levels[a], levels[b]), inputs act only as they cross levels,
+and its stepping inverse is as coarse as the levels are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import (
+    FloatArray,
+    Levels,
+    Samples,
+    as_finite,
+    as_levels,
+    as_samples,
+    as_triangle,
+    check_option,
+)
+from minorloop.errors import ParameterError
+from minorloop.operators import _relay_kernels as _kernels
+from minorloop.operators.inversion import Inversion
+
+if TYPE_CHECKING:
+    from minorloop.operators.preisach import Preisach
+
+
+@dataclass(frozen=True, eq=False)
+class RelayModel:
+    """Weighted relays on level pairs.
+
+    A relay at (alpha, beta) switches on when the input reaches alpha and off when it falls
+    below beta; in between it stays as it was. In the picture of the marker: moving up to level
+    k switches on the row alpha = levels[k], moving down from level k switches off the column
+    beta = levels[k].
+
+    Parameters
+    ----------
+    levels : (N,) array_like
+        Thresholds in the unit of the input, strictly increasing.
+    weights : (N, N) array_like
+        ``weights[a, b]``, b <= a, of the relay at (levels[a], levels[b]), in the unit of the
+        output; zero above the diagonal.
+    offset : float
+        Added to the output.
+    relay : {"bipolar", "unipolar"}
+        Whether a relay gives -1 and +1, or 0 and 1.
+
+    Raises
+    ------
+    ParameterError
+        If levels do not increase, shapes disagree, or a number is not finite.
+
+    References
+    ----------
+    Mayergoyz, Mathematical Models of Hysteresis, 1991, section 1.1.
+    """
+
+    levels: Levels
+    weights: FloatArray
+    offset: float = 0.0
+    relay: Literal["bipolar", "unipolar"] = "bipolar"
+
+    def __post_init__(self) -> None:
+        store = object.__setattr__
+        store(self, "levels", as_levels(self.levels))
+        store(self, "weights", as_triangle(self.weights, self.levels.size, name="weights"))
+        store(self, "offset", as_finite("offset", self.offset))
+        check_option("relay", self.relay, ("bipolar", "unipolar"))
+
+    @classmethod
+    def from_preisach(cls, model: Preisach) -> RelayModel:
+        """The dots that act as a plane does, for inputs that take level values only.
+
+        The weight of cell (i, j) goes to the dot (i + 1, j + 1): it is on when the input has
+        reached the upper end of band i, off when it has fallen to the lower end of band j. The
+        column at the lowest level stays empty, for it would never switch off again.
+
+        Raises
+        ------
+        ParameterError
+            If the model has a slope, which relays cannot give.
+        """
+        if model.slope:
+            raise ParameterError(f"slope {model.slope:g} has no relays; give a model without one")
+        weights = np.zeros((model.levels.size, model.levels.size))
+        weights[1:, 1:] = model.weights
+        return cls(model.levels, weights, model.offset, model.relay)
+
+    def states(
+        self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
+    ) -> FloatArray:
+        """(N, N) array of relays after an input: 1 on, 0 off, zero above the diagonal."""
+        on, level = self._start(start)
+        inputs = as_samples(np.atleast_1d(u), name="u")
+        _kernels.simulate(self.levels, self.weights, on, level, inputs, np.empty_like(inputs))
+        return on
+
+    def simulate(
+        self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
+    ) -> Samples:
+        """Outputs for a whole input.
+
+        Parameters
+        ----------
+        u : (T,) or (S, T) array_like
+            Inputs; rows are independent signals.
+        start : {"negative", "positive"}
+            Saturation before the first sample.
+
+        Returns
+        -------
+        (T,) or (S, T) array
+
+        Raises
+        ------
+        SignalError
+            If the inputs are not finite numbers of one of these shapes.
+        """
+        inputs = as_samples(u, name="u")
+        outputs = np.empty_like(inputs)
+        for row, out in zip(np.atleast_2d(inputs), np.atleast_2d(outputs), strict=True):
+            on, level = self._start(start)
+            _kernels.simulate(self.levels, self.weights, on, level, row, out)
+        return self._scale(outputs)
+
+    def stepping_inverse(
+        self, targets: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
+    ) -> Inversion:
+        """Inputs found by trying one level after another until the output passes the target.
+
+        The search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6, made safe: steps are tried on
+        a copy of the relays, and the search stops at the last level. It overshoots by up to one
+        level; `Preisach.invert` is exact.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Outputs wanted, in order.
+        start : {"negative", "positive"}
+            Saturation before the first input.
+
+        Returns
+        -------
+        Inversion
+            Inputs are level values; a target that no level reaches is marked unreachable.
+        """
+        wanted = as_samples(np.atleast_1d(targets), name="targets")
+        if wanted.ndim != 1:
+            raise ParameterError(f"targets have shape {wanted.shape}; give one sequence, (T,)")
+        on, level = self._start(start)
+        swing, low = self._line()
+        u, y = np.empty_like(wanted), np.empty_like(wanted)
+        reachable = np.empty(wanted.size, dtype=np.bool_)
+        _kernels.stepping_inverse(
+            self.levels, self.weights, on, level, (wanted - low) / swing, u, y, reachable
+        )
+        y = self._scale(y)
+        return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
+
+    def _start(self, start: str) -> tuple[FloatArray, int]:
+        """Relays, and the level that the marker is at (-1: below the lowest)."""
+        check_option("start", start, ("negative", "positive"))
+        if start == "negative":
+            return np.zeros(self.weights.shape), -1
+        return np.tril(np.ones(self.weights.shape)), self.levels.size - 1
+
+    def _line(self) -> tuple[float, float]:
+        """Swing of a relay and output when all are off."""
+        if self.relay == "unipolar":
+            return 1.0, self.offset
+        return 2.0, self.offset - float(self.weights.sum())
+
+    def _scale(self, on_weight: Samples) -> Samples:
+        swing, low = self._line()
+        return low + swing * on_weight
