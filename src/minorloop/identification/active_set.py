@@ -1,0 +1,189 @@
+"""Least squares under bounds: block pivoting inside a proximal-point iteration.
+
+Minimise 1/2 |y - A z|^2 + 1/2 z'Qz with some unknowns not below zero. Block pivoting (Portugal,
+Judice and Vicente, Math. Comp. 63, 1994) guesses which unknowns are at the bound, solves for
+the others, and exchanges all that turn out wrong: a dozen factorisations of the free part,
+whatever the number of unknowns, so long as the problem is well conditioned. A plane that the
+data barely determine is not. The proximal-point iteration (Rockafellar, SIAM J. Control Optim.
+14, 1976) adds a ridge about the present solution, lets go of it step by step, and stiffens
+it again where the guesses do not settle. Residuals are taken from A itself, not from A'A, so
+that the optimality reached is not limited by the squared condition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, lapack
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification import _kernels
+
+TOLERANCE = 1e-12
+"""Relative violation of the optimality conditions at which the iteration ends."""
+ACCEPTABLE = 1e-6
+"""And the one up to which its result counts as solved."""
+
+_FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
+_OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
+_FIRST_SWEEPS = 5
+
+
+@dataclass(frozen=True)
+class Sparse:
+    """Entries of a symmetric matrix, lower triangle: rows, columns, values."""
+
+    rows: IntArray
+    columns: IntArray
+    values: FloatArray
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Unknowns, the optimality they reach, factorisations spent, and whether it is enough."""
+
+    z: FloatArray
+    kkt: float
+    factorisations: int
+
+    @property
+    def solved(self) -> bool:
+        """Whether the optimality conditions hold to the acceptable tolerance."""
+        return self.kkt <= ACCEPTABLE
+
+
+def optimality(z: FloatArray, gradient: FloatArray, bounded: BoolArray, scale: float) -> float:
+    """Largest violation of the optimality conditions, relative to ``scale``.
+
+    The gradient itself where an unknown is free or off its bound; its negative part where it
+    is at the bound; and the unknown itself where it is below.
+    """
+    at_bound = bounded & (z <= 0)
+    violation = np.where(at_bound, np.maximum(-gradient, 0.0), np.abs(gradient))
+    below = np.where(bounded, np.maximum(-z, 0.0), 0.0)
+    return float(max(violation.max(initial=0.0), below.max(initial=0.0)) / scale)
+
+
+def solve(
+    gram: FloatArray,
+    gradient: Callable[[FloatArray], FloatArray],
+    bounded: BoolArray,
+    scale: float,
+    *,
+    penalty: Sparse | None = None,
+    guess: FloatArray | None = None,
+) -> Solution:
+    """Unknowns that meet the optimality conditions.
+
+    Parameters
+    ----------
+    gram : (n, n) array
+        A'A in its lower triangle, unit diagonal except where a column is zero.
+    gradient : callable
+        z -> A'(A z - y) + Q z, evaluated without forming A'A.
+    bounded : (n,) array of bool
+        Which unknowns must not be negative.
+    scale : float
+        What violations are relative to: |y|.
+    penalty : Sparse, optional
+        Q.
+    guess : (n,) array, optional
+        Where to begin.
+
+    Returns
+    -------
+    Solution
+        The best one met, whether or not it satisfies the tolerance.
+    """
+    solver = _Solver(gram, gradient, bounded, scale, penalty)
+    return solver.run(solver.first_guess() if guess is None else guess)
+
+
+class _Solver:
+    def __init__(
+        self,
+        gram: FloatArray,
+        gradient: Callable[[FloatArray], FloatArray],
+        bounded: BoolArray,
+        scale: float,
+        penalty: Sparse | None,
+    ) -> None:
+        self.gram, self.gradient, self.bounded, self.scale = gram, gradient, bounded, scale
+        self.penalty = penalty
+        self.factorisations = 0
+
+    def first_guess(self) -> FloatArray:
+        z = np.zeros(self.bounded.size)
+        _kernels.descend(self.gram, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
+        return z
+
+    def run(self, z: FloatArray) -> Solution:
+        free = ~self.bounded | (z > 0)
+        ridge = _FIRST_RIDGE
+        best = Solution(z, np.inf, 0)
+        for _ in range(_OUTER):
+            gradient = self.gradient(z)
+            kkt = optimality(z, gradient, self.bounded, self.scale)
+            if kkt < best.kkt:
+                best = Solution(z, kkt, self.factorisations)
+            if kkt <= TOLERANCE or (kkt > best.kkt and ridge <= _LEAST_RIDGE):
+                break
+            trial, settled, pivots = self._pivot(z, gradient, free, ridge)
+            if not settled:
+                if ridge >= _MOST_RIDGE:
+                    break
+                ridge *= 10.0
+                continue
+            free = trial[1]
+            z = np.where(self.bounded, np.maximum(trial[0], 0.0), trial[0])
+            ridge = max(ridge * (0.01 if pivots <= 4 else 0.1), _LEAST_RIDGE)
+        return Solution(best.z, best.kkt, self.factorisations)
+
+    def _pivot(
+        self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
+    ) -> tuple[tuple[FloatArray, BoolArray], bool, int]:
+        """Minimise with a ridge about z by exchanging all unknowns that are on the wrong side."""
+        fewest, patience = free.size + 1, _PATIENCE
+        x = z
+        for pivots in range(1, _PIVOTS + 1):
+            x = self._solve_free(z, gradient, free, ridge)
+            slack = self.gradient(x) + ridge * (x - z)
+            tiny = 1e-13 * self.scale
+            wrong = self.bounded & np.where(free, x < -tiny, slack < -tiny)
+            count = int(np.count_nonzero(wrong))
+            if count == 0:
+                return (x, free), True, pivots
+            if count < fewest:
+                fewest, patience = count, _PATIENCE
+            elif patience == 0:
+                break
+            else:
+                patience -= 1
+            free = free ^ wrong
+        return (x, free), False, _PIVOTS
+
+    def _solve_free(
+        self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
+    ) -> FloatArray:
+        """The free unknowns that minimise, the others being at zero."""
+        x = np.where(free, z, 0.0)
+        if not np.array_equal(x, z):
+            gradient = self.gradient(x) + ridge * (x - z)
+        picked = np.flatnonzero(free)
+        matrix = np.empty((picked.size, picked.size))
+        _kernels.take_lower(self.gram, picked, ridge, matrix)
+        if self.penalty is not None:
+            place = np.full(free.size, -1)
+            place[picked] = np.arange(picked.size)
+            entries = self.penalty
+            _kernels.add_lower(entries.rows, entries.columns, entries.values, place, matrix)
+        self.factorisations += 1
+        # The lower triangle in C order is the upper one in Fortran order: no copy is made.
+        factor, failed = lapack.dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
+        if failed:
+            raise LinAlgError("normal matrix is not positive definite")
+        step, _ = lapack.dpotrs(factor, -gradient[picked], lower=0)
+        x[picked] += step
+        return x

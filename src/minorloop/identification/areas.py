@@ -1,0 +1,201 @@
+"""The regressors of identification: exact signed areas, kept as a tree.
+
+Each output is linear in the cell weights: the weight of a cell counts with the fraction of it
+that is switched on. Written out that is one number for every sample and every cell; the tree
+of Everett differences (see `_kernels`) holds the same with at most six numbers a sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, Levels
+from minorloop.identification import _kernels
+from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
+
+Packed = FloatArray
+"""(K,) numbers, one a cell, K = L (L + 1) / 2, row after row of the lower triangle."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """Which model is fitted: everything about it but its numbers.
+
+    ``levels`` (L + 1,); ``relay`` and ``diagonal`` as in `Preisach`; ``offset``, ``slope``:
+    whether these are fitted too.
+    """
+
+    levels: Levels
+    relay: Relay = "bipolar"
+    diagonal: Diagonal = "uniform"
+    offset: bool = True
+    slope: bool = False
+
+    @property
+    def bands(self) -> int:
+        """L."""
+        return int(self.levels.size - 1)
+
+    @property
+    def cells(self) -> int:
+        """K = L (L + 1) / 2."""
+        return self.bands * (self.bands + 1) // 2
+
+    @property
+    def unknowns(self) -> int:
+        """Weights, and offset and slope where fitted."""
+        return self.cells + self.offset + self.slope
+
+    def model(self, x: FloatArray) -> Preisach:
+        """The operator for a vector of unknowns: packed weights, offset, slope."""
+        return Preisach(
+            self.levels,
+            unpack(x[: self.cells]),
+            offset=float(x[self.cells]) if self.offset else 0.0,
+            relay=self.relay,
+            diagonal=self.diagonal,
+            slope=float(x[-1]) if self.slope else 0.0,
+        )
+
+
+class Areas:
+    """Linear map from the unknowns of a `Form` to the outputs at the measured samples.
+
+    Parameters
+    ----------
+    form : Form
+        What is unknown.
+    u : (T,) array
+        Inputs applied, in order.
+    measured : (T,) array of bool
+        After which of them the output was measured; M of them.
+    start : {"negative", "positive", "demagnetised"} or Memory
+        Memory before the first input.
+    """
+
+    def __init__(self, form: Form, u: FloatArray, measured: BoolArray, start: Start) -> None:
+        self.form, self.u = form, u[measured]
+        blank = Preisach(form.levels, np.zeros((form.bands, form.bands)), diagonal=form.diagonal)
+        past = np.array(blank.memory(start).extrema[1:])
+        inputs = np.concatenate([past, u])
+        self._index = np.zeros((inputs.size, 6), dtype=np.int32)
+        self._coefficient = np.zeros((inputs.size, 6))
+        self._parent = np.empty(inputs.size, dtype=np.int32)
+        corner = np.empty(inputs.size, dtype=np.int32)
+        plane = blank._plane
+        _kernels.trace(
+            plane.levels,
+            plane.per_band,
+            plane.buckets,
+            plane.per_unit,
+            form.diagonal == "uniform",
+            inputs,
+            self._index,
+            self._coefficient,
+            self._parent,
+            corner,
+        )
+        self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
+        self._swing, self._shift = (2.0, 1.0) if form.relay == "bipolar" else (1.0, 0.0)
+        self.corner = corner[self.measured]
+
+    @property
+    def samples(self) -> int:
+        """M, the number of measured samples."""
+        return int(self.u.size)
+
+    @cached_property
+    def excited(self) -> BoolArray:
+        """(L, L) cells in which some measured sample looks at the Everett surface."""
+        packed = np.zeros(self.form.cells)
+        packed[self.corner[self.corner >= 0]] = 1.0
+        return np.asarray(unpack(packed) > 0)
+
+    def forward(self, x: FloatArray) -> FloatArray:
+        """(M,) outputs for a vector of unknowns."""
+        form = self.form
+        nodes = x[: form.cells].copy()
+        total = nodes.sum()
+        _kernels.cells_to_nodes(form.bands, nodes)
+        on = np.empty(self._parent.size)
+        _kernels.forward(self._index, self._coefficient, self._parent, nodes, on)
+        y = self._swing * on[self.measured] - self._shift * total
+        if form.offset:
+            y += x[form.cells]
+        if form.slope:
+            y += x[-1] * self.u
+        return y
+
+    def adjoint(self, r: FloatArray) -> FloatArray:
+        """Transpose of `forward`: one number for every unknown from one for every sample."""
+        form = self.form
+        out = np.empty(form.unknowns)
+        total = r.sum()
+        out[: form.cells] = self._swing * self._fraction_sums(r) - self._shift * total
+        if form.offset:
+            out[form.cells] = total
+        if form.slope:
+            out[-1] = r @ self.u
+        return out
+
+    def gram(self, weight: FloatArray | None = None) -> FloatArray:
+        """Gram matrix of the columns, in the lower triangle.
+
+        Parameters
+        ----------
+        weight : (M,) array, optional
+            Of each sample; one if not given.
+        """
+        form, cells = self.form, self.form.cells
+        counts = np.ones(self.samples) if weight is None else weight
+        spread = self._spread(counts)
+        half = np.zeros((cells, cells))
+        _kernels.gram(self._index, self._coefficient, self._parent, spread, half)
+        _kernels.columns_to_cells(form.bands, half)
+        _kernels.nodes_to_cells(form.bands, half)
+        touched = self._fraction_sums(counts)
+        _kernels.finish_gram(half, cells, self._swing, self._shift, touched, counts.sum())
+        extra = form.unknowns - cells
+        if not extra:
+            return half
+        gram = np.zeros((form.unknowns, form.unknowns))
+        gram[:cells, :cells] = half
+        columns = [np.ones(self.samples)] if form.offset else []
+        columns += [self.u] if form.slope else []
+        for k, column in enumerate(columns, start=cells):
+            gram[k] = self.adjoint(column * counts)
+        return gram
+
+    def matrix(self) -> FloatArray:
+        """(M, unknowns) dense columns: only for small problems."""
+        identity = np.eye(self.form.unknowns)
+        return np.stack([self.forward(column) for column in identity], axis=1)
+
+    def _spread(self, r: FloatArray) -> FloatArray:
+        everywhere = np.zeros(self._parent.size)
+        everywhere[self.measured] = r
+        return everywhere
+
+    def _fraction_sums(self, r: FloatArray) -> Packed:
+        """Transpose of the map from weights to switched-on weight."""
+        sums = np.zeros((self.form.cells, 1))
+        _kernels.adjoint(self._index, self._coefficient, self._parent, self._spread(r), sums[:, 0])
+        _kernels.nodes_to_cells(self.form.bands, sums)
+        return sums[:, 0]
+
+
+def unpack(x: Packed) -> FloatArray:
+    """(L, L) lower triangle from (K,) packed cells."""
+    bands = int((np.sqrt(8 * x.size + 1) - 1) // 2)
+    square = np.zeros((bands, bands))
+    square[np.tril_indices(bands)] = x
+    return square
+
+
+def pack(x: npt.NDArray[np.float64]) -> Packed:
+    """(K,) packed cells from an (L, L) lower triangle."""
+    return np.asarray(x[np.tril_indices(len(x))], dtype=np.float64)

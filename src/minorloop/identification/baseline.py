@@ -1,0 +1,58 @@
+"""What a model has to beat: the best polynomial of the delayed input."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+
+DEGREES = range(1, 8)
+DELAYS = range(21)
+
+
+def delayed(values: FloatArray, lag: int) -> FloatArray:
+    """The same samples, ``lag`` later; the first one stands in for what came before."""
+    if lag == 0:
+        return values
+    return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
+
+
+def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: BoolArray) -> float:
+    """Error of the best polynomial of degree 1 to 7 of the input delayed by 0 to 20 samples.
+
+    Parameters
+    ----------
+    u, y : (T,) arrays
+        Input and output; outputs are read only where ``train`` or ``scored``.
+    train : (T,) array of bool
+        Samples that the polynomial is fitted to, and the degree and the delay chosen on.
+    scored : (T,) array of bool
+        Samples that it is scored on.
+
+    Returns
+    -------
+    float
+        Root-mean-square error over the range of the scored output.
+    """
+    centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
+    x = (u - centre) / half
+    least, predicted = np.inf, np.zeros(0)
+    for delay in DELAYS:
+        if delay >= u.size:
+            break
+        basis = np.polynomial.chebyshev.chebvander(delayed(x, delay), max(DEGREES))
+        fitted = basis[train]
+        for degree in DEGREES:
+            if degree + 1 > fitted.shape[0]:
+                break
+            columns = slice(0, degree + 1)
+            coefficients, *_ = np.linalg.lstsq(fitted[:, columns], y[train], rcond=None)
+            error = float(np.sum((fitted[:, columns] @ coefficients - y[train]) ** 2))
+            if error < least:
+                least, predicted = error, basis[scored, columns] @ coefficients
+    return nrmse(predicted - y[scored], y[scored])
+
+
+def nrmse(residual: FloatArray, y: FloatArray) -> float:
+    """Root-mean-square residual over the peak-to-peak range of the output."""
+    return float(np.sqrt(np.mean(residual**2)) / (np.ptp(y) or 1.0))

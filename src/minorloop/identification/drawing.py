@@ -1,0 +1,103 @@
+"""Pictures of identifications. Matplotlib is imported only when one is drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minorloop.operators.drawing import draw_density
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from minorloop.identification.excitation import ExcitationReport
+    from minorloop.identification.result import Identification
+
+
+def draw_identification(
+    result: Identification, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
+    """Loop, plane, record and residual; gives the figure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.5, 7.5), layout="constrained")
+    axes = figure.subplots(2, 2)
+    _draw_loop(axes[0, 0], result, input_label, output_label)
+    draw_density(axes[0, 1], result.model, input_label=input_label)
+    _hatch_unexcited(axes[0, 1], result)
+    _draw_record(axes[1, 0], result, output_label)
+    _draw_residual(axes[1, 1], result)
+    return figure
+
+
+def _draw_loop(axes: Axes, result: Identification, input_label: str, output_label: str) -> None:
+    measured = result.fitted | result.held_out
+    places = np.flatnonzero(measured) - result.lag
+    places = places[places >= 0]
+    u, y, model = result.u[places], result.y[places + result.lag], result.prediction
+    axes.plot(u, y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
+    axes.plot(u, model[places + result.lag], lw=0.8, color="C0", label="model", rasterized=True)
+    at = "" if not result.lag else f" {result.lag} samples before"
+    axes.set(xlabel=input_label + at, ylabel=output_label, title="Loop")
+    axes.legend(frameon=False, loc="upper left")
+    axes.grid(alpha=0.25)
+
+
+def _hatch_unexcited(axes: Axes, result: Identification) -> None:
+    levels = result.model.levels
+    untouched = np.tril(~result.excited)
+    if not untouched.any():
+        return
+    shade = np.ma.masked_where(~untouched, np.ones(untouched.shape))
+    axes.pcolor(levels, levels, shade, hatch="////", alpha=0.0, rasterized=True)
+    axes.set_title("Preisach plane (hatched: not excited)")
+
+
+def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
+    index = np.arange(result.y.size)
+    axes.plot(index, result.y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
+    axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
+    _shade_held_out(axes, result)
+    axes.set(xlabel="sample", ylabel=output_label, title="Record")
+    axes.grid(alpha=0.25)
+
+
+def _draw_residual(axes: Axes, result: Identification) -> None:
+    unit = float(np.ptp(result.y[result.fitted])) or 1.0
+    index = np.arange(result.y.size)
+    residual = 100 * (result.prediction - result.y) / unit
+    axes.plot(index, residual, ".", ms=2.0, color="C0", rasterized=True)
+    axes.axhline(0.0, color="0.3", lw=0.8)
+    _shade_held_out(axes, result)
+    axes.set(xlabel="sample", ylabel="residual, % of range", title="Model less measured")
+    axes.grid(alpha=0.25)
+
+
+def _shade_held_out(axes: Axes, result: Identification) -> None:
+    held = np.flatnonzero(result.held_out)
+    if held.size:
+        axes.axvspan(held[0], held[-1], color="C1", alpha=0.12, label="held out")
+        axes.legend(frameon=False, loc="best")
+
+
+def draw_excitation(report: ExcitationReport) -> Any:
+    """Excited cells by their band numbers; gives the figure."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.8, 4.6), layout="constrained")
+    axes = figure.subplots()
+    bands = len(report.excited)
+    below = np.tril(np.ones((bands, bands), dtype=bool))
+    shown = np.ma.masked_where(~below, report.excited.astype(float))
+    edges = np.arange(bands + 1)
+    colours = ListedColormap(["0.85", "C0"])
+    axes.pcolormesh(edges, edges, shown, cmap=colours, vmin=0, vmax=1, edgecolor="w", lw=0.4)
+    axes.set(
+        xlabel="band of the threshold down β",
+        ylabel="band of the threshold up α",
+        title=f"{report.excited_fraction:.0%} of the cells excited",
+        aspect="equal",
+    )
+    return figure

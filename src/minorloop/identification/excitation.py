@@ -1,0 +1,152 @@
+"""Which inputs to apply, and what they would tell about the plane.
+
+Inputs are given in the order in which they are to be applied and measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, as_levels, as_samples
+from minorloop.errors import SignalError
+from minorloop.identification.areas import Areas, Form
+from minorloop.identification.diagnosis import rank_and_condition
+from minorloop.operators.preisach import Diagonal, Start
+
+
+def staircase(levels: npt.ArrayLike) -> FloatArray:
+    """Up through every level and down again, (2 L + 1,).
+
+    Parameters
+    ----------
+    levels : (L + 1,) array_like
+        Strictly increasing inputs.
+    """
+    grid = as_levels(levels)
+    return np.concatenate([grid, grid[-2::-1]])
+
+
+def major_loop(levels: npt.ArrayLike) -> FloatArray:
+    """Up through every level, down and up again, (3 L + 1,): a loop that closes on itself."""
+    grid = as_levels(levels)
+    return np.concatenate([grid, grid[-2::-1], grid[1:]])
+
+
+def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
+    """Up and down through every level, one level shorter each turn: 1 + L (L + 1) / 2 inputs.
+
+    As many measurements as there are weights and offset, and each turn brings one new unknown
+    for each of its steps, so that the plane is determined exactly.
+
+    Parameters
+    ----------
+    levels : (L + 1,) array_like
+        Strictly increasing inputs.
+    """
+    grid = as_levels(levels)
+    low, high = 0, grid.size - 1
+    steps = [0]
+    while low < high:
+        steps += range(low + 1, high + 1)
+        low += 1
+        steps += range(high - 1, low - 1, -1)
+        high -= 1
+    return grid[steps]
+
+
+def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
+    """First-order reversal curves: to each level in turn, and down through every level.
+
+    1 + L + L (L + 1) / 2 inputs, the returns to the lowest level included.
+
+    Parameters
+    ----------
+    levels : (L + 1,) array_like
+        Strictly increasing inputs.
+    """
+    grid = as_levels(levels)
+    curves = [grid[top::-1] for top in range(1, grid.size)]
+    return np.concatenate([grid[:1], *curves])
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationReport:
+    """What an input, measured at every sample, tells about the plane.
+
+    Parameters
+    ----------
+    samples, unknowns : int
+        Measurements, and weights plus offset.
+    rank : int
+        Independent unknowns that are determined.
+    condition : float
+        Of the regressors with unit columns, over the rank.
+    excited : (L, L) array of bool
+        Cells that some sample looks into.
+    """
+
+    samples: int
+    unknowns: int
+    rank: int
+    condition: float
+    excited: BoolArray
+
+    @property
+    def excited_fraction(self) -> float:
+        """Share of the cells that are excited."""
+        bands = len(self.excited)
+        return float(np.count_nonzero(self.excited)) / (bands * (bands + 1) // 2)
+
+    @property
+    def sufficient(self) -> bool:
+        """Whether every unknown is determined."""
+        return self.rank == self.unknowns
+
+    def __str__(self) -> str:
+        verdict = "determines the plane" if self.sufficient else "does not determine the plane"
+        return (
+            f"{self.samples} samples, rank {self.rank} of {self.unknowns} unknowns, condition "
+            f"{self.condition:.3g}, {self.excited_fraction:.0%} of the cells excited: {verdict}"
+        )
+
+    def plot(self) -> Any:
+        """Draw which cells are excited; gives the matplotlib figure."""
+        from minorloop.identification.drawing import draw_excitation
+
+        return draw_excitation(self)
+
+
+def report(
+    u: npt.ArrayLike,
+    levels: npt.ArrayLike,
+    *,
+    diagonal: Diagonal = "uniform",
+    start: Start = "negative",
+) -> ExcitationReport:
+    """Rank, condition and excited cells of an input, before it is applied.
+
+    Parameters
+    ----------
+    u : (T,) array_like
+        Inputs, each of them measured.
+    levels : (L + 1,) array_like
+        Thresholds of the plane to be identified.
+    diagonal, start
+        As in `Preisach` and `identify`.
+
+    Raises
+    ------
+    SignalError
+        If u is not one finite sequence.
+    """
+    inputs = as_samples(u, name="u")
+    if inputs.ndim != 1:
+        raise SignalError(f"u has shape {inputs.shape}; give one sequence, (T,)")
+    form = Form(as_levels(levels), diagonal=diagonal)
+    areas = Areas(form, inputs, np.ones(inputs.size, dtype=np.bool_), start)
+    rank, condition = rank_and_condition(areas)
+    return ExcitationReport(inputs.size, form.unknowns, rank, condition, areas.excited)

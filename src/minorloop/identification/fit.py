@@ -1,0 +1,227 @@
+"""The front door of identification: from a record to a model."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import (
+    BoolArray,
+    FloatArray,
+    Levels,
+    as_levels,
+    as_samples,
+    check_option,
+)
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.areas import Areas, Form
+from minorloop.identification.least_squares import Fit, Problem
+from minorloop.identification.levels import levels_for
+from minorloop.identification.result import Identification
+from minorloop.operators.preisach import Diagonal, Relay, Start
+
+LONGEST_LAG = 20
+_LAG_BANDS = 15
+_FEWEST = 3
+
+
+def identify(
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    *,
+    levels: int | npt.ArrayLike = 25,
+    spacing: Literal["uniform", "adaptive"] = "uniform",
+    relay: Relay = "bipolar",
+    diagonal: Diagonal = "uniform",
+    slope: bool = False,
+    signed: bool = False,
+    smoothness: float | Literal["auto"] = "auto",
+    lag: int | Literal["auto"] = 0,
+    start: Start = "negative",
+    offset: bool = True,
+    holdout: float = 0.0,
+) -> Identification:
+    """Identify a Preisach model from inputs and measured outputs.
+
+    Constrained least squares on exact signed areas, partly covered cells included; weights are
+    not negative, so that the model is monotone and can be inverted.
+
+    Parameters
+    ----------
+    u : (T,) array_like
+        Inputs applied, in order.
+    y : (T,) array_like
+        Outputs; NaN where an input was applied and nothing was measured.
+    levels : int or (L + 1,) array_like
+        Number of bands, over the range of ``u``, or the thresholds themselves.
+    spacing : {"uniform", "adaptive"}
+        Even thresholds, or thresholds that crowd where the output is steep.
+    relay, diagonal
+        As in `Preisach`.
+    slope : bool
+        Fit a memoryless linear part too.
+    signed : bool
+        Let weights (and slope) be negative, for loops like butterflies.
+    smoothness : float or "auto"
+        Strength of the penalty on differences between neighbouring cells, defined in
+        `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` takes the one that
+        best predicts contiguous segments held out of the fitted samples.
+    lag : int or "auto"
+        Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples.
+    start : {"negative", "positive", "demagnetised"} or Memory
+        Memory before the first sample.
+    offset : bool
+        Fit an offset.
+    holdout : float
+        Share of the measured samples, at the end of the record, that is kept from the fit and
+        scored; from 0 to 0.9.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    SignalError
+        If lengths differ, fewer than three outputs are finite, or the input or the output
+        never changes.
+    ParameterError
+        If an option is out of its range.
+
+    References
+    ----------
+    Tan and Baras, Automatica 40, 2004: weights of a discretised plane by constrained least
+    squares.
+    """
+    inputs, outputs = _as_record(u, y)
+    check_option("spacing", spacing, ("uniform", "adaptive"))
+    for name, flag in (("slope", slope), ("signed", signed), ("offset", offset)):
+        if not isinstance(flag, bool | np.bool_):
+            raise ParameterError(f"{name} is {flag!r}; give True or False")
+    fitted, held_out = _split(outputs, holdout)
+    grid = _grid(inputs, np.where(fitted, outputs, np.nan), levels, spacing)
+    options: dict[str, Any] = {"relay": relay, "diagonal": diagonal}
+    form = Form(grid, offset=bool(offset), slope=bool(slope), **options)
+    record = (inputs, outputs, fitted, start, bool(signed))
+    delay = _best_lag(form, record) if lag == "auto" else _as_lag(lag, inputs.size)
+    areas, fit = _fit(form, record, delay, smoothness)
+    return Identification(
+        model=form.model(fit.x),
+        lag=delay,
+        start=start,
+        smoothness=fit.smoothness,
+        kkt=fit.kkt,
+        u=inputs,
+        y=outputs,
+        fitted=fitted,
+        held_out=held_out,
+        areas=areas,
+    )
+
+
+_Recorded = tuple[FloatArray, FloatArray, BoolArray, Start, bool]
+
+
+def _fit(
+    form: Form, record: _Recorded, lag: int, smoothness: float | Literal["auto"]
+) -> tuple[Areas, Fit]:
+    inputs, outputs, fitted, start, signed = record
+    heard = inputs.size - lag
+    measured = fitted[lag:]
+    if np.count_nonzero(measured) < _FEWEST:
+        raise SignalError(
+            f"a lag of {lag} leaves {np.count_nonzero(measured)} measured samples; give a "
+            "shorter lag or a longer record"
+        )
+    areas = Areas(form, inputs[:heard], measured, start)
+    return areas, Problem(areas, outputs[lag:][measured], signed).fit(smoothness)
+
+
+def _best_lag(form: Form, record: _Recorded) -> int:
+    """The lag with the least error of a coarse fit, on the samples that all lags share."""
+    inputs, outputs, fitted, start, signed = record
+    bands = min(form.bands, _LAG_BANDS)
+    coarse = Form(
+        as_levels(
+            np.interp(np.linspace(0, form.bands, bands + 1), np.arange(form.bands + 1), form.levels)
+        ),
+        form.relay,
+        form.diagonal,
+        form.offset,
+        form.slope,
+    )
+    longest = min(LONGEST_LAG, inputs.size // 4)
+    shared = fitted.copy()
+    shared[:longest] = False
+    if np.count_nonzero(shared) < _FEWEST:
+        return 0
+    errors = []
+    for lag in range(longest + 1):
+        areas, fit = _fit(coarse, (inputs, outputs, shared, start, signed), lag, 0.0)
+        errors.append(float(np.sum((areas.forward(fit.x) - outputs[shared]) ** 2)))
+    return int(np.argmin(errors))
+
+
+def _as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
+    for name, values in (("u", inputs), ("y", outputs)):
+        if values.ndim != 1:
+            raise SignalError(f"{name} has shape {values.shape}; give one record, (T,)")
+    if inputs.size != outputs.size:
+        raise SignalError(
+            f"u has {inputs.size} samples and y has {outputs.size}; give one output for every "
+            "input, NaN where nothing was measured"
+        )
+    finite = outputs[np.isfinite(outputs)]
+    if finite.size < _FEWEST:
+        raise SignalError(f"{finite.size} outputs are finite; at least {_FEWEST} are needed")
+    for name, values in (("input", inputs), ("output", finite)):
+        if np.ptp(values) == 0:
+            raise SignalError(
+                f"the {name} is {values[0]:g} throughout; a constant identifies nothing"
+            )
+    return inputs, outputs
+
+
+def _split(y: FloatArray, holdout: float) -> tuple[BoolArray, BoolArray]:
+    number = isinstance(holdout, float | int | np.floating | np.integer)
+    if not number or isinstance(holdout, bool) or not 0 <= holdout <= 0.9:
+        raise ParameterError(f"holdout is {holdout!r}; give a share from 0 to 0.9")
+    measured = np.isfinite(y)
+    places = np.flatnonzero(measured)
+    kept = places.size - round(float(holdout) * places.size)
+    if kept < _FEWEST:
+        raise ParameterError(
+            f"holdout {holdout} leaves {kept} of {places.size} measured samples to fit; at least "
+            f"{_FEWEST} are needed"
+        )
+    fitted = measured.copy()
+    fitted[places[kept:]] = False
+    if np.ptp(y[fitted]) == 0:
+        raise SignalError(
+            "the output does not change in the part to be fitted; give a smaller holdout or "
+            "other rows"
+        )
+    return fitted, measured & ~fitted
+
+
+def _grid(u: FloatArray, y: FloatArray, levels: int | npt.ArrayLike, spacing: str) -> Levels:
+    if not np.isscalar(levels):
+        return as_levels(levels)
+    count = levels
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        raise ParameterError(
+            f"levels is {levels!r}; give a whole number of bands of at least 1, or thresholds"
+        )
+    return levels_for(u, y, int(count), spacing)
+
+
+def _as_lag(lag: int | str, samples: int) -> int:
+    whole = isinstance(lag, int | np.integer) and not isinstance(lag, bool)
+    if not whole or not 0 <= int(lag) < samples:
+        raise ParameterError(
+            f'lag is {lag!r}; give "auto" or whole samples from 0 to {samples - 1}'
+        )
+    return int(lag)

@@ -1,0 +1,157 @@
+"""What an identification gives: the model, how good it is, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, Samples
+from minorloop.identification import advising, diagnosis
+from minorloop.identification.areas import Areas
+from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
+from minorloop.operators.preisach import Preisach, Start
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A model identified from a record.
+
+    Parameters
+    ----------
+    model : Preisach
+        The operator.
+    lag : int
+        Samples by which the output follows the input, beyond the hysteresis.
+    start : {"negative", "positive", "demagnetised"} or Memory
+        Memory before the first sample of the record.
+    smoothness : float
+        Strength that was used.
+    kkt : float
+        Largest violation of the optimality conditions, relative to the norm of the output.
+    u, y : (T,) arrays
+        The record; y is NaN where nothing was measured.
+    fitted, held_out : (T,) arrays of bool
+        Samples that the model was fitted to, and those that it was not shown.
+    areas : Areas
+        Regressors of the fitted samples.
+    """
+
+    model: Preisach
+    lag: int
+    start: Start
+    smoothness: float
+    kkt: float
+    u: FloatArray
+    y: FloatArray
+    fitted: BoolArray
+    held_out: BoolArray
+    areas: Areas
+
+    def predict(self, u: npt.ArrayLike) -> Samples:
+        """Outputs for an input that begins where the record began, lag included.
+
+        Parameters
+        ----------
+        u : (T,) array_like
+            Inputs, sampled as the record was.
+
+        Returns
+        -------
+        (T,) array
+            Outputs. The first ``lag`` of them answer inputs from before the first, which is
+            taken to have been there already.
+        """
+        return delayed(self.model.simulate(u, self.start), self.lag)
+
+    @cached_property
+    def prediction(self) -> FloatArray:
+        """(T,) outputs of the model along the record."""
+        return self.predict(self.u)
+
+    @cached_property
+    def rmse(self) -> float:
+        """Root-mean-square error on the fitted samples, in the unit of the output."""
+        residual = (self.prediction - self.y)[self.fitted]
+        return float(np.sqrt(np.mean(residual**2)))
+
+    @property
+    def nrmse(self) -> float:
+        """`rmse` over the range of the fitted output."""
+        return self.rmse / (float(np.ptp(self.y[self.fitted])) or 1.0)
+
+    @cached_property
+    def holdout_nrmse(self) -> float | None:
+        """Error on the samples held out, over their range; None where none were."""
+        if not self.held_out.any():
+            return None
+        return nrmse((self.prediction - self.y)[self.held_out], self.y[self.held_out])
+
+    @cached_property
+    def baseline_nrmse(self) -> float:
+        """Error of the best delayed polynomial, on the held-out samples where there are any."""
+        scored = self.held_out if self.held_out.any() else self.fitted
+        return polynomial_nrmse(self.u, self.y, self.fitted, scored)
+
+    @property
+    def unknowns(self) -> int:
+        """Weights, and offset and slope where fitted."""
+        return self.areas.form.unknowns
+
+    @property
+    def samples(self) -> int:
+        """Samples that the model was fitted to."""
+        return self.areas.samples
+
+    @property
+    def rank(self) -> int:
+        """Independent unknowns that the fitted samples determine; worked out when asked."""
+        return self._rank_and_condition[0]
+
+    @property
+    def condition(self) -> float:
+        """Condition of the design with unit columns, over its rank; worked out when asked."""
+        return self._rank_and_condition[1]
+
+    @property
+    def excited(self) -> BoolArray:
+        """(L, L) cells of the plane that the fitted samples look into."""
+        return self.areas.excited
+
+    @property
+    def excited_fraction(self) -> float:
+        """Share of the cells that are excited."""
+        return float(np.count_nonzero(self.excited)) / self.areas.form.cells
+
+    @cached_property
+    def advice(self) -> tuple[str, ...]:
+        """What is weak, and what to do about it; empty where nothing is."""
+        return tuple(advising.advice(self))
+
+    def __str__(self) -> str:
+        held = self.holdout_nrmse
+        rows = [
+            ("model", repr(self.model)),
+            ("samples, unknowns", f"{self.samples}, {self.unknowns}"),
+            ("cells excited", f"{self.excited_fraction:.0%}"),
+            ("lag", f"{self.lag} samples"),
+            ("error, fitted", f"{self.nrmse:.3%} of range"),
+            ("error, held out", "not asked for" if held is None else f"{held:.3%} of range"),
+            ("best delayed polynomial", f"{self.baseline_nrmse:.3%} of range"),
+            ("optimality", f"{self.kkt:.1e}"),
+        ]
+        lines = [f"{name:<24} {value}" for name, value in rows]
+        return "\n".join(lines + [f"advice: {text}" for text in self.advice])
+
+    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
+        """Draw the loop, the fit, the residual and the plane; gives the matplotlib figure."""
+        from minorloop.identification.drawing import draw_identification
+
+        return draw_identification(self, input_label=input_label, output_label=output_label)
+
+    @cached_property
+    def _rank_and_condition(self) -> tuple[int, float]:
+        return diagnosis.rank_and_condition(self.areas)
