@@ -7,13 +7,13 @@ of Everett differences (see `_kernels`) holds the same with at most six numbers 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, Levels
+from minorloop.arrays import BoolArray, FloatArray, Levels, frozen
 from minorloop.identification import _kernels
 from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
 
@@ -79,6 +79,7 @@ class Areas:
 
     def __init__(self, form: Form, u: FloatArray, measured: BoolArray, start: Start) -> None:
         self.form, self.u = form, u[measured]
+        self._record = (u, measured, start)
         blank = Preisach(form.levels, np.zeros((form.bands, form.bands)), diagonal=form.diagonal)
         past = np.array(blank.memory(start).extrema[1:])
         inputs = np.concatenate([past, u])
@@ -113,7 +114,7 @@ class Areas:
         """(L, L) cells in which some measured sample looks at the Everett surface."""
         packed = np.zeros(self.form.cells)
         packed[self.corner[self.corner >= 0]] = 1.0
-        return np.asarray(unpack(packed) > 0)
+        return np.asarray(unpack(packed) > 0, dtype=np.bool_)
 
     def forward(self, x: FloatArray) -> FloatArray:
         """(M,) outputs for a vector of unknowns."""
@@ -152,23 +153,23 @@ class Areas:
         """
         form, cells = self.form, self.form.cells
         counts = np.ones(self.samples) if weight is None else weight
-        spread = self._spread(counts)
-        half = np.zeros((cells, cells))
-        _kernels.gram(self._index, self._coefficient, self._parent, spread, half)
-        _kernels.columns_to_cells(form.bands, half)
-        _kernels.nodes_to_cells(form.bands, half)
-        touched = self._fraction_sums(counts)
-        _kernels.finish_gram(half, cells, self._swing, self._shift, touched, counts.sum())
-        extra = form.unknowns - cells
-        if not extra:
-            return half
         gram = np.zeros((form.unknowns, form.unknowns))
-        gram[:cells, :cells] = half
+        spread = self._spread(counts)
+        _kernels.gram(self._index, self._coefficient, self._parent, spread, gram)
+        _kernels.columns_to_cells(form.bands, gram)
+        _kernels.nodes_to_cells(form.bands, gram)
+        touched = self._fraction_sums(counts)
+        _kernels.finish_gram(gram, cells, self._swing, self._shift, touched, counts.sum())
         columns = [np.ones(self.samples)] if form.offset else []
         columns += [self.u] if form.slope else []
         for k, column in enumerate(columns, start=cells):
             gram[k] = self.adjoint(column * counts)
         return gram
+
+    def coarser(self) -> Areas:
+        """The same samples on a plane with every other threshold."""
+        kept = np.union1d(np.arange(0, self.form.levels.size, 2), [self.form.bands])
+        return Areas(replace(self.form, levels=frozen(self.form.levels[kept])), *self._record)
 
     def matrix(self) -> FloatArray:
         """(M, unknowns) dense columns: only for small problems."""

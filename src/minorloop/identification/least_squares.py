@@ -20,7 +20,8 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels, active_set
-from minorloop.identification.areas import Areas, Form
+from minorloop.identification.areas import Areas, Form, pack, unpack
+from minorloop.operators.plane import cell_areas
 
 CANDIDATES = (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 """Strengths that ``smoothness="auto"`` tries, weakest first."""
@@ -30,6 +31,7 @@ _HELD_OUT_EVERY = 5
 _PATIENCE = 2
 _ROUNDING = 1e-11
 _FLOOR = 1e-300
+_LARGE = 2500
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +60,21 @@ class Problem:
             return self._fit_chosen()
         return _System(self, np.ones(self.y.size)).solve(_as_strength(smoothness))
 
+    def coarser(self) -> Problem:
+        """The same samples with every other threshold."""
+        return Problem(self.areas.coarser(), self.y, self.signed)
+
     def _fit_chosen(self) -> Fit:
         """Hold out contiguous segments, try strengths from weak to strong, then fit it all.
 
         The search ends once two strengths in a row predict worse than the best: weak ones are
         cheap, as most weights are then at zero. Data that a determined plane reproduces to
-        rounding have no noise to smooth away.
+        rounding have no noise to smooth away. What is best hardly depends on how finely the
+        plane is cut, so that large problems take it from coarser ones.
         """
         whole = _System(self, np.ones(self.y.size))
+        if self.areas.form.cells > _LARGE:
+            return whole.solve(self.coarser().fit("auto").smoothness)
         plain = whole.solve(0.0)
         left = np.abs(self.areas.forward(plain.x) - self.y).max()
         held = held_out_segments(self.y.size)
@@ -111,11 +120,20 @@ class _System:
             self.bounded[form.cells] = False
 
     def solve(self, strength: float, guess: FloatArray | None = None) -> Fit:
+        """Fit with a smoothness, beginning at a guess of the unknowns where there is one."""
         areas, form = self.problem.areas, self.problem.areas.form
+        if guess is None and form.cells > _LARGE:
+            guess = self._coarse_guess(strength)
         rows, columns, values = neighbour_penalty(form)
         values = values * (strength * self.weight.sum() * form.bands**2)
         values = values * (self.scale[rows] * self.scale[columns])
         penalty = active_set.Sparse(rows, columns, values)
+
+        def hessian(z: FloatArray) -> FloatArray:
+            h = self.scale * areas.adjoint(areas.forward(self.scale * z) * self.weight)
+            if strength:
+                _kernels.multiply_symmetric(rows, columns, values, z, h)
+            return h
 
         def gradient(z: FloatArray) -> FloatArray:
             residual = (areas.forward(self.scale * z) - self.y) * self.weight
@@ -127,12 +145,25 @@ class _System:
         solution = active_set.solve(
             self.gram,
             gradient,
+            hessian,
             self.bounded,
             float(np.linalg.norm(self.y * np.sqrt(self.weight))) or 1.0,
             penalty=penalty if strength else None,
             guess=None if guess is None else self._scaled(guess),
         )
         return Fit(self._unscaled(solution.z), solution.kkt, strength)
+
+    def _coarse_guess(self, strength: float) -> FloatArray:
+        """Solve on every other threshold, and share each weight among the cells it covers."""
+        problem = self.problem.coarser()
+        coarse = _System(problem, self.weight).solve(strength)
+        form, wide = self.problem.areas.form, problem.areas.form
+        within = np.searchsorted(wide.levels, form.levels[:-1], side="right") - 1
+        inside = np.ix_(within, within)
+        covering = np.tril(cell_areas(wide.levels)[inside])
+        share = cell_areas(form.levels) / np.where(covering > 0, covering, 1.0)
+        fine = unpack(coarse.x[: wide.cells])[inside] * share
+        return np.concatenate([pack(fine), coarse.x[wide.cells :]])
 
     def _unscaled(self, z: FloatArray) -> FloatArray:
         form = self.problem.areas.form
