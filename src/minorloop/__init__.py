@@ -1,1 +1,138 @@
-"""Hysteresis of smart actuators: from measured data to precise positioning."""
+"""Hysteresis of smart actuators: from measured data to precise positioning.
+
+Every public name is here and is imported when it is first asked for, so that ``import
+minorloop`` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from minorloop.connect import connect
+    from minorloop.errors import (
+        LimitError,
+        MinorloopError,
+        MissingExtraError,
+        ModelFileError,
+        NotInvertibleError,
+        OutputError,
+        ParameterError,
+        RecordError,
+        SignalError,
+        StoreError,
+        UnreachableError,
+    )
+    from minorloop.identification import Identification, excitation, identify
+    from minorloop.lab.curvature import curvature_from_displacement, displacement_from_curvature
+    from minorloop.lab.records import Record
+    from minorloop.modelfile import load, save
+    from minorloop.operators import densities
+    from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+    from minorloop.operators.inversion import Inversion
+    from minorloop.operators.memory import Memory
+    from minorloop.operators.polynomial import Polynomial
+    from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+    from minorloop.operators.preisach import Preisach
+    from minorloop.operators.relays import RelayModel
+    from minorloop.operators.tracker import Tracker
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "GeneralisedPrandtlIshlinskii",
+    "Identification",
+    "Inversion",
+    "LimitError",
+    "Memory",
+    "MinorloopError",
+    "MissingExtraError",
+    "ModelFileError",
+    "NotInvertibleError",
+    "OutputError",
+    "ParameterError",
+    "Polynomial",
+    "PrandtlIshlinskii",
+    "Preisach",
+    "Record",
+    "RecordError",
+    "RelayModel",
+    "SignalError",
+    "StoreError",
+    "Tracker",
+    "UnreachableError",
+    "__version__",
+    "connect",
+    "curvature_from_displacement",
+    "densities",
+    "displacement_from_curvature",
+    "excitation",
+    "identify",
+    "load",
+    "save",
+]
+
+_HOMES = {
+    "minorloop.connect": ("connect",),
+    "minorloop.errors": (
+        "LimitError",
+        "MinorloopError",
+        "MissingExtraError",
+        "ModelFileError",
+        "NotInvertibleError",
+        "OutputError",
+        "ParameterError",
+        "RecordError",
+        "SignalError",
+        "StoreError",
+        "UnreachableError",
+    ),
+    "minorloop.identification": ("Identification", "identify"),
+    "minorloop.lab.curvature": ("curvature_from_displacement", "displacement_from_curvature"),
+    "minorloop.lab.records": ("Record",),
+    "minorloop.modelfile": ("load", "save"),
+    "minorloop.operators.generalised_prandtl_ishlinskii": ("GeneralisedPrandtlIshlinskii",),
+    "minorloop.operators.inversion": ("Inversion",),
+    "minorloop.operators.memory": ("Memory",),
+    "minorloop.operators.polynomial": ("Polynomial",),
+    "minorloop.operators.prandtl_ishlinskii": ("PrandtlIshlinskii",),
+    "minorloop.operators.preisach": ("Preisach",),
+    "minorloop.operators.relays": ("RelayModel",),
+    "minorloop.operators.tracker": ("Tracker",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+_MODULES = {
+    "densities": "minorloop.operators.densities",
+    "excitation": "minorloop.identification.excitation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(_MODULES[name])
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'minorloop' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+class _Package(ModuleType):
+    """A package in which ``connect`` is the function, not the module of the same name.
+
+    Importing a submodule binds its name in the package; without this, what
+    ``minorloop.connect`` is would depend on what was imported before.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "connect" and isinstance(value, ModuleType):
+            value = value.connect
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -114,7 +114,8 @@ class Areas:
         """(L, L) cells in which some measured sample looks at the Everett surface."""
         packed = np.zeros(self.form.cells)
         packed[self.corner[self.corner >= 0]] = 1.0
-        return np.asarray(unpack(packed) > 0, dtype=np.bool_)
+        touched: BoolArray = unpack(packed) > 0
+        return touched
 
     def forward(self, x: FloatArray) -> FloatArray:
         """(M,) outputs for a vector of unknowns."""

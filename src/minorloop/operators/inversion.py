@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, check_option
-from minorloop.errors import UnreachableError
+from minorloop.arrays import BoolArray, FloatArray, as_samples, check_option
+from minorloop.errors import SignalError, UnreachableError
+
+Unreachable: TypeAlias = Literal["raise", "clip"]
+
+REACH_TOLERANCE = 1e-12
+"""A target beyond the range by this fraction of its width still counts as reachable."""
 
 _SHOWN = 12
 
@@ -70,6 +76,26 @@ def check_unreachable_option(value: str) -> None:
     check_option("unreachable", value, ("raise", "clip"))
 
 
+def as_signal(values: npt.ArrayLike, *, name: str) -> FloatArray:
+    """Give one sequence of samples, (T,); a single number counts as one sample.
+
+    Raises
+    ------
+    SignalError
+        If the values are not finite numbers, or in more than one dimension.
+    """
+    samples = as_samples(np.atleast_1d(values), name=name)
+    if samples.ndim != 1:
+        raise SignalError(f"{name} has shape {samples.shape}; give one sequence, (T,)")
+    return samples
+
+
+def within_reach(targets: FloatArray, low: float, high: float) -> BoolArray:
+    """Which targets lie between the least and the greatest output, to within rounding."""
+    slack = REACH_TOLERANCE * (high - low)
+    return (targets >= low - slack) & (targets <= high + slack)
+
+
 def refuse_unreachable(
     targets: FloatArray, low: float, high: float, reachable: BoolArray, unit: str = ""
 ) -> None:
@@ -84,7 +110,18 @@ def refuse_unreachable(
         return
     index = int(np.argmin(reachable))
     of = f" {unit}" if unit else ""
+    target, bottom, top = _in_few_digits(float(targets[index]), low, high)
     raise UnreachableError(
-        f"target {targets[index]:g}{of} at index {index} is beyond what the model can reach, "
-        f'[{low:g}, {high:g}]{of}; pass unreachable="clip" to go as near as it can'
+        f"target {target}{of} at index {index} is beyond what the model can reach, "
+        f'[{bottom}, {top}]{of}; pass unreachable="clip" to go as near as it can'
     )
+
+
+def _in_few_digits(target: float, low: float, high: float) -> tuple[str, str, str]:
+    """The three as text, with enough digits to show that the target is outside."""
+    for digits in (6, 9, 12, 17):
+        texts = [f"{number:.{digits}g}" for number in (target, low, high)]
+        shown, bottom, top = map(float, texts)
+        if not bottom <= shown <= top:
+            break
+    return texts[0], texts[1], texts[2]

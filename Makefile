@@ -1,0 +1,60 @@
+# Everything that a developer types. `make` alone lists it.
+
+PYTHON ?= $(shell if python3.11 -c '' 2>/dev/null; then echo python3.11; else echo python3; fi)
+UV ?= .venv/bin/uv
+UPGRADE ?=
+
+BIN := .venv/bin
+STAMP := .venv/.installed
+LOCK := requirements.lock
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench format lock wheel clean
+
+help: ## list these targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' Makefile
+
+setup: $(STAMP) ## create .venv with the locked versions and this project in it
+
+demo: setup ## identify, invert and drive a simulated actuator; the result is in demo/
+	rm -rf demo
+	$(BIN)/minorloop demo --out demo
+
+test: setup ## run the tests
+	$(BIN)/python -m pytest
+
+check: setup ## check format, style, types and who imports whom
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup ## measure speed and accuracy
+	$(BIN)/python -m benchmarks
+
+format: setup ## format the code and mend what ruff can mend
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+lock: ## write requirements.lock anew; UPGRADE="numpy scipy" moves those packages on
+	@$(UV) --version >/dev/null 2>&1 || { echo "uv is missing; run 'make setup' first, or name one with UV=uv" >&2; exit 1; }
+	$(UV) pip compile --quiet --universal --fork-strategy fewest --group dev --all-extras \
+	  --generate-hashes --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
+	  $(addprefix --upgrade-package ,$(UPGRADE)) --output-file $(LOCK) pyproject.toml
+	@! grep -n '://' $(LOCK) || { echo "$(LOCK) names a download address; it must not" >&2; exit 1; }
+
+wheel: setup ## build the wheel into dist/
+	$(BIN)/hatchling build -t wheel
+
+clean: ## remove what was built or cached; .venv stays
+	rm -rf build dist demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find src tests $(wildcard benchmarks examples) -name __pycache__ -prune -exec rm -rf {} +
+
+$(STAMP): $(LOCK) pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "minorloop needs Python 3.11 or newer and '$(PYTHON)' is not; name one: make setup PYTHON=python3.12" >&2; \
+	  exit 1; }
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(LOCK)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@

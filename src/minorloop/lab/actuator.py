@@ -1,0 +1,240 @@
+"""The only doors to a plant: a twin and an instrument stand behind them alike."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import LimitError, ParameterError
+
+if TYPE_CHECKING:
+    from minorloop.lab.records import Record
+
+Value: TypeAlias = float | FloatArray
+"""A number for one channel, a (channels,) array for more."""
+
+ROUNDING = 1e-12
+"""Share of a channel's range by which rounding may carry an input past a limit."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One input or output of a plant.
+
+    Parameters
+    ----------
+    name : str
+        What it is, such as ``voltage``.
+    unit : str
+        Its unit, such as ``V``; empty for a pure number.
+    low, high : float
+        Hard limits in the unit of the channel, low below high; infinite where there is none.
+    rate : float
+        Fastest change allowed, in the unit of the channel per second.
+
+    Raises
+    ------
+    ParameterError
+        If the limits are not in order or the rate is not positive.
+    """
+
+    name: str
+    unit: str
+    low: float = -math.inf
+    high: float = math.inf
+    rate: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ParameterError(
+                f"{self.name} has limits [{self.low}, {self.high}]; give low below high"
+            )
+        if not self.rate > 0:
+            raise ParameterError(
+                f"{self.name} has rate limit {self.rate}; give a positive rate or infinity"
+            )
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An image and when it was taken.
+
+    Parameters
+    ----------
+    t : float
+        Time on the clock of the plant, in seconds.
+    image : (height, width) or (height, width, 3) array of uint8
+        Row 0 is the top.
+    """
+
+    t: float
+    image: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """An ultrasonic trace and when it was fired.
+
+    Parameters
+    ----------
+    t : float
+        Time on the clock of the plant, in seconds.
+    trace : (T,) array
+        Samples since the pulse was fired.
+    sample_interval : float
+        Time between samples, in seconds.
+    """
+
+    t: float
+    trace: FloatArray
+    sample_interval: float
+
+
+@runtime_checkable
+class Actuator(Protocol):
+    """A plant with named inputs that can be set and named outputs that can be read."""
+
+    @property
+    def inputs(self) -> tuple[Channel, ...]:
+        """Input channels, with the limits that inputs must keep."""
+
+    @property
+    def outputs(self) -> tuple[Channel, ...]:
+        """Output channels."""
+
+    @property
+    def tick(self) -> float:
+        """How long one ``exchange`` takes, in seconds."""
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold an input and record it and the output.
+
+        Parameters
+        ----------
+        u : float or (channels,) array
+            The input to hold, in the units of the channels.
+        duration : float
+            How long to hold it, in seconds.
+        sample_interval : float
+            Time between samples, in seconds; the last sample is taken at the end of the hold.
+
+        Raises
+        ------
+        LimitError
+            If the input is beyond a limit; nothing is applied then.
+        """
+
+    def exchange(self, u: Value) -> Value:
+        """Hold an input for one tick and give the output at its end.
+
+        Raises
+        ------
+        LimitError
+            If the input is beyond a limit; nothing is applied then.
+        """
+
+    def safe(self) -> None:
+        """Go to the input that can be left on unattended; never raises on a healthy plant."""
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """Something that sees."""
+
+    def frame(self) -> Frame:
+        """The next image."""
+
+
+@runtime_checkable
+class EchoSource(Protocol):
+    """Something that hears."""
+
+    def shot(self) -> Shot:
+        """Fire one pulse and listen."""
+
+
+def check_input(
+    channels: tuple[Channel, ...],
+    u: npt.ArrayLike,
+    *,
+    before: npt.ArrayLike | None = None,
+    interval: float = 0.0,
+) -> FloatArray:
+    """Give an input as an array when a plant may have it; refuse it otherwise.
+
+    An input past a limit by no more than rounding, 1e-12 of the range, counts as at the limit.
+
+    Parameters
+    ----------
+    channels : tuple of Channel
+        The input channels.
+    u : float or (channels,) array_like
+        The input wanted, in the units of the channels.
+    before : float or (channels,) array_like, optional
+        The input that is on now; rate limits are checked against it.
+    interval : float
+        Time over which the input changes from ``before`` to ``u``, in seconds.
+
+    Returns
+    -------
+    (channels,) array
+        The input as it was given; it is never clipped.
+
+    Raises
+    ------
+    LimitError
+        If a number is not finite, or beyond a limit or a rate limit.
+    ParameterError
+        If these are not real numbers, one for each channel.
+    """
+    values = _one_each(channels, u)
+    for channel, value in zip(channels, values, strict=True):
+        if not _within(channel, value):
+            unit = f" {channel.unit}" if channel.unit else ""
+            raise LimitError(
+                f"{channel.name} {value:.10g}{unit} is beyond the limits "
+                f"[{channel.low:g}, {channel.high:g}]{unit}; nothing was applied"
+            )
+    if before is not None:
+        _check_rates(channels, _one_each(channels, before), values, interval)
+    return values
+
+
+def _one_each(channels: tuple[Channel, ...], u: npt.ArrayLike) -> FloatArray:
+    names = ", ".join(str(channel) for channel in channels)
+    if np.iscomplexobj(u):
+        raise ParameterError(f"input {u!r} is complex; give real numbers for {names}")
+    try:
+        values = np.array(u, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError(f"input {u!r} is not a number; give one for each of {names}") from None
+    if values.ndim > 1 or values.size != len(channels):
+        raise ParameterError(f"input has shape {values.shape}; give one number for each of {names}")
+    return values.reshape(len(channels))
+
+
+def _within(channel: Channel, value: float) -> bool:
+    if not math.isfinite(value):
+        return False
+    width = channel.high - channel.low
+    slack = ROUNDING * width if math.isfinite(width) else 0.0
+    return channel.low - slack <= value <= channel.high + slack
+
+
+def _check_rates(
+    channels: tuple[Channel, ...], before: FloatArray, after: FloatArray, interval: float
+) -> None:
+    for channel, old, new in zip(channels, before, after, strict=True):
+        if abs(new - old) > channel.rate * interval * (1 + ROUNDING):
+            raise LimitError(
+                f"{channel.name} from {old:g} to {new:g} {channel.unit} in {interval:g} s is "
+                f"faster than the limit {channel.rate:g} {channel.unit}/s; nothing was applied"
+            )

@@ -1,0 +1,176 @@
+"""Laser displacement to bending curvature, and back.
+
+A strip is clamped at one end. At height ``h0`` above the clamp a laser measures the distance
+``d`` to it; ``d0`` is the distance to the plane in which the strip stands when it is straight.
+A strip of constant curvature is an arc of a circle of radius 1/kappa that leaves the clamp
+along that plane, so with x = d0 - d the point (x, h0) is on it: (x - 1/kappa)^2 + h0^2 =
+1/kappa^2, which gives kappa = 2 x / (x^2 + h0^2), positive towards the sensor.
+
+References
+----------
+Chen, Tan and Shahinpoor, Quasi-static positioning of ionic polymer-metal composite actuators,
+2005, figure 3. The expression printed there is the radius of curvature, not the curvature.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError, SignalError
+
+
+def curvature_from_displacement(d: npt.ArrayLike, d0: float, h0: float) -> FloatArray:
+    """Curvature of a strip from the distance that a laser measures.
+
+    Parameters
+    ----------
+    d : array_like
+        Measured distances, in metres.
+    d0 : float
+        Distance to the straight strip, in metres.
+    h0 : float
+        Height of the laser above the clamp, in metres, positive.
+
+    Returns
+    -------
+    array like d
+        Curvature in 1/m, positive where ``d`` is below ``d0``.
+
+    Raises
+    ------
+    SignalError
+        If a distance is not finite, or the strip would bend past a quarter circle.
+    ParameterError
+        If ``d0`` or ``h0`` is not a length.
+    """
+    x = _towards_sensor(d, d0, h0)
+    return np.asarray(2 * x / (x**2 + h0**2))[()]
+
+
+def displacement_from_curvature(
+    kappa: npt.ArrayLike, d0: float, h0: float, *, length: float = 0.02
+) -> FloatArray:
+    """Distance that a laser measures to a strip of given curvature.
+
+    Parameters
+    ----------
+    kappa : array_like
+        Curvature in 1/m.
+    d0, h0 : float
+        As in ``curvature_from_displacement``.
+    length : float
+        Free length of the strip, in metres.
+
+    Returns
+    -------
+    array like kappa
+        Distance in metres.
+
+    Raises
+    ------
+    SignalError
+        If a curvature is not finite, or so large that the laser spot misses the strip.
+    ParameterError
+        If ``d0``, ``h0`` or ``length`` is not a length.
+    """
+    _check_geometry(d0, h0)
+    _check_length("length", length)
+    curvature = _numbers(kappa, "kappa")
+    _refuse(
+        np.abs(curvature) * h0 > 1,
+        curvature,
+        f"curvature {{}} 1/m is beyond 1/h0 = {1 / h0:g} 1/m: the strip ends below the laser",
+    )
+    # sinc form: the arc up to the laser, asin(|kappa| h0) / |kappa|, without 0/0 when straight.
+    angle = np.arcsin(np.abs(curvature) * h0)
+    arc = h0 / np.sinc(angle / np.pi)
+    _refuse(
+        arc > length,
+        curvature,
+        f"at curvature {{}} 1/m a strip of {length:g} m does not reach the laser at {h0:g} m",
+    )
+    # (1 - sqrt(1 - (kappa h0)^2)) / kappa, rid of the cancellation at small curvature.
+    x = curvature * h0**2 / (1 + np.sqrt(1 - (curvature * h0) ** 2))
+    return np.asarray(d0 - x)[()]
+
+
+def curvature_uncertainty(
+    d: npt.ArrayLike,
+    d0: float,
+    h0: float,
+    *,
+    sd_d: float = 0.0,
+    sd_d0: float = 0.0,
+    sd_h0: float = 0.0,
+) -> FloatArray:
+    """Standard deviation of the curvature, from those of the three lengths, to first order.
+
+    Parameters
+    ----------
+    d, d0, h0
+        As in ``curvature_from_displacement``.
+    sd_d, sd_d0, sd_h0 : float
+        Standard deviations of ``d``, ``d0`` and ``h0``, independent, in metres. The errors of
+        ``d0`` and ``h0`` are the same for every sample of a run; that of ``d`` is not.
+
+    Returns
+    -------
+    array like d
+        Standard deviation in 1/m.
+
+    Raises
+    ------
+    SignalError, ParameterError
+        As in ``curvature_from_displacement``, or if a standard deviation is negative.
+    """
+    for name, sd in (("sd_d", sd_d), ("sd_d0", sd_d0), ("sd_h0", sd_h0)):
+        if not (np.isfinite(sd) and sd >= 0):
+            raise ParameterError(f"{name} is {sd}; give a finite standard deviation >= 0, in m")
+    x = _towards_sensor(d, d0, h0)
+    square = (x**2 + h0**2) ** 2
+    to_x = 2 * (h0**2 - x**2) / square
+    to_h0 = -4 * x * h0 / square
+    return np.asarray(np.sqrt(to_x**2 * (sd_d**2 + sd_d0**2) + (to_h0 * sd_h0) ** 2))[()]
+
+
+def _towards_sensor(d: npt.ArrayLike, d0: float, h0: float) -> FloatArray:
+    _check_geometry(d0, h0)
+    distance = _numbers(d, "d")
+    _refuse(
+        np.abs(d0 - distance) > h0,
+        distance,
+        f"distance {{}} m is over h0 = {h0:g} m away from d0 = {d0:g} m: past a quarter circle",
+    )
+    return d0 - distance
+
+
+def _check_geometry(d0: float, h0: float) -> None:
+    if not np.isfinite(d0):
+        raise ParameterError(f"d0 is {d0}; give a finite distance in m")
+    _check_length("h0", h0)
+
+
+def _check_length(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise ParameterError(f"{name} is {value}; give a positive length in m")
+
+
+def _numbers(values: npt.ArrayLike, name: str) -> FloatArray:
+    if np.iscomplexobj(values):
+        raise SignalError(f"{name} is complex; give real numbers")
+    try:
+        numbers = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise SignalError(f"{name} is not an array of numbers: {error}") from None
+    _refuse(~np.isfinite(numbers), numbers, f"{name} is {{}}; every sample must be finite")
+    return numbers
+
+
+def _refuse(bad: npt.NDArray[np.bool_], values: FloatArray, message: str) -> None:
+    """Raise for the first value that is bad."""
+    if np.any(bad):
+        index = int(np.argmax(np.ravel(bad)))
+        where = f" (index {index})" if np.ndim(values) else ""
+        raise SignalError(message.format(f"{np.ravel(values)[index]:g}") + where)

@@ -1,0 +1,275 @@
+"""Model files: a model, what it maps, and where it came from, as one JSON object.
+
+::
+
+    {"format": "minorloop model", "version": 1,
+     "input": {"name": "voltage", "unit": "V"},
+     "output": {"name": "curvature", "unit": "1/m"},
+     "lag": 0,
+     "model": {"kind": "preisach", "levels": [...], "weights": [...], ...},
+     "provenance": {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0",
+                    "data": "run.csv", "sha256": "9f86...", "scores": {"nrmse": 0.004}}}
+
+``lag`` is the number of whole samples by which the output follows the model. In the provenance
+``data`` is the name of the file that the model was identified from and ``sha256`` the digest of
+its bytes; both are null where there was none. Scores are numbers by name.
+
+What ``model`` holds besides its kind depends on the kind. Each key is the parameter of that
+name of the class, where its meaning is defined:
+
+==================================  ==========================================================
+``preisach``                        levels, weights, offset, relay, diagonal, slope of
+                                    `Preisach`
+``relay``                           levels, weights, offset, relay of `RelayModel`
+``prandtl-ishlinskii``              radii, weights, offset of `PrandtlIshlinskii`
+``generalised-prandtl-ishlinskii``  plays, zones, offset of `GeneralisedPrandtlIshlinskii`:
+                                    plays has radii, weights, offset, and zones has
+                                    thresholds, weights
+``polynomial``                      coefficients, low, high of `Polynomial`
+==================================  ==========================================================
+
+The weights of the first two are rows up to the diagonal: row i has i + 1 numbers. Numbers are
+decimal and give back the same float64. A reader refuses keys that it does not know, so a file
+that says more has a higher version.
+"""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from minorloop import __version__
+from minorloop._modelschema import (
+    Content,
+    Header,
+    Model,
+    Provenance,
+    kind_of,
+    layout,
+    plain,
+    reason,
+)
+from minorloop.arrays import as_finite
+from minorloop.errors import ModelFileError, ParameterError
+from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.lab.records import Quantity
+
+__all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "Provenance"]
+__all__ += ["load", "read", "save"]
+
+FORMAT = "minorloop model"
+VERSION = 1
+LARGEST = 64 * 2**20
+"""Bytes of the largest model file: a plane of some 2,000 bands."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """What a model file says.
+
+    Parameters
+    ----------
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
+        The model.
+    input, output : Quantity
+        Names and units of what it maps.
+    lag : int
+        Samples by which the output follows the model.
+    provenance : Provenance
+        Where it came from.
+    """
+
+    model: Model
+    input: Quantity
+    output: Quantity
+    lag: int
+    provenance: Provenance
+
+    @property
+    def kind(self) -> str:
+        """The word for the class of the model in the file."""
+        return kind_of(self.model)
+
+
+def save(
+    model: Model,
+    path: PathLike,
+    *,
+    input: str | Quantity = "input",
+    output: str | Quantity = "output",
+    lag: int = 0,
+    provenance: Provenance | Mapping[str, Any] | None = None,
+    force: bool = False,
+) -> None:
+    """Write a model to a file, whole or not at all.
+
+    Parameters
+    ----------
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
+        The model.
+    path : str or path
+        The file to write.
+    input, output : str or Quantity
+        Names and units of what it maps, such as ``voltage [V]``.
+    lag : int
+        Samples by which the output follows the model.
+    provenance : Provenance or mapping, optional
+        Where the model came from; a mapping has the keys of `Provenance`.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or exists and ``force`` is false.
+    ParameterError
+        If a file cannot hold the model or what is said about it.
+    """
+    target = check_writable(path, force=force)
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "input": _named(input),
+        "output": _named(output),
+        "lag": lag,
+        "model": {"kind": kind_of(model), **plain(model)},
+        "provenance": _complete(provenance),
+    }
+    try:
+        msgspec.convert(content, Content)
+        data = f"{layout(content)}\n".encode()
+    except ValueError as error:
+        raise ParameterError(f"this cannot go into a model file: {reason(error)}") from None
+    if len(data) > LARGEST:
+        raise ParameterError(
+            f"the model takes {len(data)} bytes, a model file {LARGEST} at most; use fewer levels"
+        )
+    write_atomically(target, data)
+
+
+def load(path: PathLike) -> Model:
+    """Read a model from a file that `save` wrote.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
+        Equal to what was saved, to the last bit.
+
+    Raises
+    ------
+    ModelFileError
+        If there is no such file, or it is damaged, inconsistent, too large, something else,
+        or of a newer version.
+    """
+    return read(path).model
+
+
+def read(path: PathLike) -> ModelFile:
+    """Read a model file: the model, and all that is said about it.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    ModelFile
+
+    Raises
+    ------
+    ModelFileError
+        As for `load`.
+    """
+    data = _bytes_of(path)
+    _check_header(path, data)
+    try:
+        content = msgspec.json.decode(data, type=Content)
+        model = content.model.build()
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
+    return ModelFile(
+        model,
+        Quantity(content.input.name, content.input.unit),
+        Quantity(content.output.name, content.output.unit),
+        content.lag,
+        content.provenance,
+    )
+
+
+def _bytes_of(path: PathLike) -> bytes:
+    try:
+        status = Path(path).stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise ModelFileError(f"{path} is not a file; give the name of a model file")
+        if status.st_size > LARGEST:
+            raise ModelFileError(
+                f"{path} has {status.st_size} bytes, a model file {LARGEST} at most"
+            )
+        return Path(path).read_bytes()
+    except FileNotFoundError:
+        raise ModelFileError(f"there is no file {path}; check the name") from None
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read: {reason(error)}") from None
+    except ModelFileError:
+        raise
+    except ValueError as error:
+        raise ModelFileError(f"{path!r} cannot be the name of a file: {error}") from None
+
+
+def _check_header(path: PathLike, data: bytes) -> None:
+    """Refuse what is no model file, or one that a newer version wrote."""
+    try:
+        header = msgspec.json.decode(data, type=Header)
+    except msgspec.ValidationError:
+        header = Header()
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path} is damaged, or is not JSON: {reason(error)}") from None
+    if header.format != FORMAT or header.version < 1:
+        raise ModelFileError(
+            f"{path} is not a model file: it has no format {FORMAT!r} with a version"
+        )
+    if header.version > VERSION:
+        raise ModelFileError(
+            f"{path} has format version {header.version}, and this minorloop reads up to "
+            f"{VERSION}; install a newer one"
+        )
+
+
+def _named(quantity: str | Quantity) -> dict[str, str]:
+    known = quantity if isinstance(quantity, Quantity) else Quantity.parse(quantity)
+    return {"name": known.name, "unit": known.unit}
+
+
+def _complete(provenance: Provenance | Mapping[str, Any] | None) -> dict[str, Any]:
+    """Provenance as it is written, with date and version filled in."""
+    try:
+        if isinstance(provenance, Provenance):
+            provenance = msgspec.structs.asdict(provenance)
+        fields = {"scores": {}, **(provenance or {})}
+        scores = {name: _score(name, value) for name, value in dict(fields["scores"]).items()}
+        known = msgspec.convert({**fields, "scores": scores}, Provenance)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"provenance cannot be used: {reason(error)}") from None
+    created = known.created or datetime.now(UTC).replace(microsecond=0)
+    complete: dict[str, Any] = msgspec.to_builtins(
+        msgspec.structs.replace(
+            known, created=created.astimezone(UTC), minorloop=known.minorloop or __version__
+        )
+    )
+    return complete
+
+
+def _score(name: str, value: float | None) -> float | None:
+    return None if value is None else as_finite(f"score {name}", value)

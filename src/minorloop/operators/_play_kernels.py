@@ -1,0 +1,82 @@
+"""Compiled loops of weighted plays: arrays in, arrays out.
+
+``positions`` (n,) holds where the plays are; the loops leave it as it is after the last
+sample. ``slopes[i]`` is the sum of the weights up to play i: the slope of the output while
+exactly the plays up to i are carried along.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def simulate(u, radii, slopes, offset, positions, y):
+    """Fill ``y`` (T,) with the output after each sample of ``u`` (T,)."""
+    for t in range(u.size):
+        move(u[t], radii, positions)
+        y[t] = offset + weigh(slopes, positions)
+
+
+@njit(cache=True, nogil=True)
+def trace(u, radii, positions, out):
+    """Fill ``out`` (T, n) with the positions after each sample of ``u`` (T,)."""
+    for t in range(u.size):
+        move(u[t], radii, positions)
+        for i in range(radii.size):
+            out[t, i] = positions[i]
+
+
+@njit(cache=True, nogil=True)
+def invert(targets, radii, slopes, offset, positions, u):
+    """Fill ``u`` (T,) with the inputs that bring the output to each of ``targets`` (T,)."""
+    for t in range(targets.size):
+        u[t] = aim(targets[t] - offset, radii, slopes, positions)
+        move(u[t], radii, positions)
+
+
+@njit(cache=True, nogil=True)
+def move(u, radii, positions):
+    """Carry every play along with one sample."""
+    for i in range(radii.size):
+        positions[i] = min(max(positions[i], u - radii[i]), u + radii[i])
+
+
+@njit(cache=True, nogil=True)
+def weigh(slopes, places):
+    """Weighted sum of places, one a play.
+
+    Weights of either sign cancel; running sums and gaps between neighbours do not.
+    """
+    last = slopes.size - 1
+    total = slopes[last] * places[last]
+    for i in range(last):
+        total += slopes[i] * (places[i] - places[i + 1])
+    return total
+
+
+@njit(cache=True, nogil=True)
+def aim(target, radii, slopes, positions):
+    """Input for one target, along the branch that leads there from the present state.
+
+    On it the plays are picked up in the order of their radii, one after the other: the
+    pieces of this branch are those of the analytic inverse, but here a steep piece does not
+    magnify what was rounded on a flat one.
+    """
+    last = radii.size - 1
+    if math.isinf(positions[0]):
+        lag = weigh(slopes, radii)
+        return (target + (lag if positions[0] < 0 else -lag)) / slopes[last]
+    rest = target - weigh(slopes, positions)
+    side = 1.0 if rest > 0 else -1.0
+    u = positions[0]
+    for i in range(last):
+        corner = positions[i + 1] + side * radii[i + 1]
+        gain = slopes[i] * (corner - u)
+        if abs(rest) <= abs(gain):
+            return u + rest / slopes[i]
+        rest -= gain
+        u = corner
+    return u + rest / slopes[last]

@@ -1,0 +1,293 @@
+"""Parametric densities on the Preisach plane.
+
+Each is a callable ``density(alpha, beta)``, vectorised, in the unit of the output over that of
+the input squared; zero where alpha < beta. ``mass`` is its integral over the half-plane
+alpha >= beta, in the unit of the output. All but the uniform one have tails: what falls beyond
+the levels of a model is not part of that model, little for a Gaussian, much for a Lorentzian.
+
+Two pairs of coordinates are in use. A relay has thresholds alpha (up) and beta (down), or
+equivalently the mean ``m = (alpha + beta) / 2``, which in magnetism is minus the interaction
+field, and the half-width ``h = (alpha - beta) / 2``, the coercive field; d alpha d beta is
+2 dm dh. A ``centre`` of zero gives loops that are symmetric about the origin.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+
+
+class _Density:
+    """Checks that all share: numbers finite, spreads positive, no negative coercive field."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]
+            value = as_finite(field.name, getattr(self, field.name))
+            if field.name.startswith("spread") and value <= 0:
+                raise ParameterError(f"{field.name} is {value:g}; give a positive number")
+            if field.name == "coercive" and value < 0:
+                raise ParameterError(f"coercive is {value:g}; give zero or more")
+            object.__setattr__(self, field.name, value)
+
+
+@dataclass(frozen=True)
+class UniformDensity(_Density):
+    """The same everywhere on the triangle low <= beta <= alpha <= high.
+
+    ``2 mass / (high - low)^2`` there, zero elsewhere. Its loops are parabolic.
+
+    Parameters
+    ----------
+    low, high : float
+        Least threshold down and greatest threshold up, in the unit of the input.
+    mass : float
+        Integral over the triangle, in the unit of the output.
+
+    Raises
+    ------
+    ParameterError
+        If ``low`` is not below ``high``, or a number is not finite.
+
+    References
+    ----------
+    Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1: it gives Rayleigh's loops.
+    """
+
+    low: float
+    high: float
+    mass: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.low < self.high:
+            raise ParameterError(f"thresholds from {self.low:g} to {self.high:g}; give low < high")
+
+    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Density at thresholds of equal or broadcastable shapes."""
+        alpha, beta = np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
+        inside = (beta >= self.low) & (alpha <= self.high)
+        value = 2 * self.mass / (self.high - self.low) ** 2
+        return _half_plane(alpha, beta, np.where(inside, value, 0.0))
+
+
+@dataclass(frozen=True)
+class FactoredGaussianDensity(_Density):
+    """A Gaussian in each threshold, ``A f(alpha - centre) f(centre - beta)``.
+
+    ``f(x) = exp(-(x - coercive)^2 / (2 spread^2))`` and
+    ``A = mass / (2 pi spread^2 Phi(sqrt(2) coercive / spread))`` with the normal
+    distribution function Phi.
+
+    Parameters
+    ----------
+    coercive : float
+        Where most relays switch up, measured from the centre, and down, measured backwards.
+    spread : float
+        Standard deviation of either threshold; positive.
+    mass : float
+        Integral over the half-plane alpha >= beta, in the unit of the output.
+    centre : float
+        Mean threshold of the typical relay. All but the mass in the unit of the input.
+
+    Raises
+    ------
+    ParameterError
+        If the spread is not positive, the coercive field negative, or a number not finite.
+
+    References
+    ----------
+    Della Torre, Magnetic Hysteresis, 1999, chapter 2: Gaussian Preisach functions.
+    Kadar, Journal of Applied Physics 61 (1987) 4013: product form.
+    """
+
+    coercive: float
+    spread: float
+    mass: float = 1.0
+    centre: float = 0.0
+
+    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Density at thresholds of equal or broadcastable shapes."""
+        up, down = _thresholds(alpha, beta, self.centre)
+        share = _normal(math.sqrt(2) * self.coercive / self.spread)
+        values = _bell((up - self.coercive) / self.spread) * _bell(
+            (-down - self.coercive) / self.spread
+        )
+        return _half_plane(alpha, beta, values) * (self.mass / (share * self.spread**2))
+
+
+@dataclass(frozen=True)
+class GaussianDensity(_Density):
+    """A Gaussian in the mean and one in the half-width of the thresholds.
+
+    ``A exp(-(m - centre)^2 / (2 spread_mean^2)) exp(-(h - coercive)^2 / (2 spread_width^2))``
+    with ``A = mass / (4 pi spread_mean spread_width Phi(coercive / spread_width))`` and the
+    normal distribution function Phi.
+
+    Parameters
+    ----------
+    coercive : float
+        Half-width of the typical relay.
+    spread_mean : float
+        Standard deviation of the mean of the thresholds; positive.
+    spread_width : float
+        Standard deviation of their half-width; positive.
+    mass : float
+        Integral over the half-plane alpha >= beta, in the unit of the output.
+    centre : float
+        Mean threshold of the typical relay. All but the mass in the unit of the input.
+
+    Raises
+    ------
+    ParameterError
+        If a spread is not positive, the coercive field negative, or a number not finite.
+
+    References
+    ----------
+    Della Torre, Magnetic Hysteresis, 1999, chapter 2: interaction and critical fields.
+    Bertotti, Hysteresis in Magnetism, 1998, chapter 13.
+    """
+
+    coercive: float
+    spread_mean: float
+    spread_width: float
+    mass: float = 1.0
+    centre: float = 0.0
+
+    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Density at thresholds of equal or broadcastable shapes."""
+        up, down = _thresholds(alpha, beta, self.centre)
+        share = 2 * _normal(self.coercive / self.spread_width)
+        values = _bell((up + down) / 2 / self.spread_mean) * _bell(
+            ((up - down) / 2 - self.coercive) / self.spread_width
+        )
+        scale = self.mass / (share * self.spread_mean * self.spread_width)
+        return _half_plane(alpha, beta, values) * scale
+
+
+@dataclass(frozen=True)
+class LorentzianDensity(_Density):
+    """A Lorentzian in the mean and one in the half-width of the thresholds.
+
+    ``A / [(1 + ((m - centre) / spread_mean)^2) (1 + ((h - coercive) / spread_width)^2)]`` with
+    ``A = mass / [2 pi spread_mean spread_width (pi/2 + arctan(coercive / spread_width))]``.
+
+    Parameters
+    ----------
+    coercive : float
+        Half-width of the typical relay.
+    spread_mean : float
+        Half-width at half-maximum in the mean of the thresholds; positive.
+    spread_width : float
+        The same in their half-width; positive.
+    mass : float
+        Integral over the half-plane alpha >= beta, in the unit of the output.
+    centre : float
+        Mean threshold of the typical relay. All but the mass in the unit of the input.
+
+    Raises
+    ------
+    ParameterError
+        If a spread is not positive, the coercive field negative, or a number not finite.
+
+    References
+    ----------
+    Bertotti, Hysteresis in Magnetism, 1998, chapter 13: coercive and interaction fields.
+    """
+
+    coercive: float
+    spread_mean: float
+    spread_width: float
+    mass: float = 1.0
+    centre: float = 0.0
+
+    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Density at thresholds of equal or broadcastable shapes."""
+        up, down = _thresholds(alpha, beta, self.centre)
+        share = 2 * _cauchy(self.coercive / self.spread_width)
+        values = _witch((up + down) / 2 / self.spread_mean) * _witch(
+            ((up - down) / 2 - self.coercive) / self.spread_width
+        )
+        scale = self.mass / (share * self.spread_mean * self.spread_width)
+        return _half_plane(alpha, beta, values) * scale
+
+
+@dataclass(frozen=True)
+class FactoredLorentzianDensity(_Density):
+    """A Lorentzian in each threshold, ``A f(alpha - centre) f(centre - beta)``.
+
+    ``f(x) = 1 / (1 + ((x - coercive) / spread)^2)`` and
+    ``A = mass / [pi^2 spread^2 (1/2 + arctan(coercive / spread) / pi)]``.
+
+    Parameters
+    ----------
+    coercive : float
+        Where most relays switch up, measured from the centre, and down, measured backwards.
+    spread : float
+        Half-width at half-maximum in either threshold; positive.
+    mass : float
+        Integral over the half-plane alpha >= beta, in the unit of the output.
+    centre : float
+        Mean threshold of the typical relay. All but the mass in the unit of the input.
+
+    Raises
+    ------
+    ParameterError
+        If the spread is not positive, the coercive field negative, or a number not finite.
+
+    References
+    ----------
+    Azzerboni, Cardelli, Finocchio and La Foresta, IEEE Trans. Magn. 39 (2003) 3028: Lorentzian
+    Preisach functions for non-oriented steels.
+    """
+
+    coercive: float
+    spread: float
+    mass: float = 1.0
+    centre: float = 0.0
+
+    def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
+        """Density at thresholds of equal or broadcastable shapes."""
+        up, down = _thresholds(alpha, beta, self.centre)
+        share = _cauchy(self.coercive / self.spread)
+        values = _witch((up - self.coercive) / self.spread) * _witch(
+            (-down - self.coercive) / self.spread
+        )
+        return _half_plane(alpha, beta, values) * (self.mass / (share * self.spread**2))
+
+
+def _thresholds(
+    alpha: npt.ArrayLike, beta: npt.ArrayLike, centre: float
+) -> tuple[FloatArray, FloatArray]:
+    """Both thresholds, measured from the centre."""
+    up, down = np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
+    return up - centre, down - centre
+
+
+def _half_plane(alpha: npt.ArrayLike, beta: npt.ArrayLike, values: FloatArray) -> FloatArray:
+    return np.where(np.asarray(alpha) >= np.asarray(beta), values, 0.0)
+
+
+def _bell(x: FloatArray) -> FloatArray:
+    """Normal density."""
+    return np.asarray(np.exp(-0.5 * x * x) / math.sqrt(2 * math.pi))
+
+
+def _witch(x: FloatArray) -> FloatArray:
+    """Cauchy density."""
+    return np.asarray(1 / (math.pi * (1 + x * x)))
+
+
+def _normal(x: float) -> float:
+    """Normal distribution function."""
+    return 0.5 * math.erfc(-x / math.sqrt(2))
+
+
+def _cauchy(x: float) -> float:
+    """Cauchy distribution function."""
+    return 0.5 + math.atan(x) / math.pi

@@ -1,0 +1,175 @@
+"""Plays bent by dead zones: a Prandtl-Ishlinskii operator for loops that saturate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, Samples, as_finite
+from minorloop.errors import ParameterError
+from minorloop.operators._play_fit import as_record, choose_knots, choose_radii, fit_bent_plays
+from minorloop.operators.dead_zones import DeadZones
+from minorloop.operators.inversion import Inversion, Unreachable, as_signal
+from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
+from minorloop.operators.step_tracker import StepTracker
+
+
+@dataclass(frozen=True, eq=False)
+class GeneralisedPrandtlIshlinskii:
+    """Plays bent by dead zones, ``y = offset + S(H[u])``: loops that saturate, not symmetric.
+
+    H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. The memory is that of
+    the plays, and a start is given as for H.
+
+    Parameters
+    ----------
+    plays : PrandtlIshlinskii
+        H; its own offset shifts where on the curve the loop lies.
+    zones : DeadZones
+        S.
+    offset : float
+        Added to the output.
+
+    Raises
+    ------
+    ParameterError
+        If the offset is not finite, or one of the others is not of its kind.
+
+    References
+    ----------
+    Kuhnen, Modeling, identification and compensation of complex hysteretic nonlinearities: a
+    modified Prandtl-Ishlinskii approach, European Journal of Control 9 (2003) 407.
+    """
+
+    plays: PrandtlIshlinskii
+    zones: DeadZones
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.plays, PrandtlIshlinskii):
+            raise ParameterError(f"plays is {self.plays!r}; give a PrandtlIshlinskii")
+        if not isinstance(self.zones, DeadZones):
+            raise ParameterError(f"zones is {self.zones!r}; give DeadZones")
+        object.__setattr__(self, "offset", as_finite("offset", self.offset))
+
+    @classmethod
+    def fit(
+        cls,
+        u: npt.ArrayLike,
+        y: npt.ArrayLike,
+        *,
+        radii: npt.ArrayLike = 12,
+        thresholds: npt.ArrayLike = 8,
+        start: PlayStart = "negative",
+        signed: bool = False,
+    ) -> GeneralisedPrandtlIshlinskii:
+        """Operator nearest to a record: a joint linear fit, then refined on the output.
+
+        H on the inputs and the inverse of S on the outputs are fitted to each other first,
+        which is linear; from there bounded least squares brings the model's output to the
+        record. S has slope 1 about its origin, so H is in the unit of the output.
+
+        Parameters
+        ----------
+        u : (T,) array_like
+            Inputs.
+        y : (T,) array_like
+            Outputs; NaN where nothing was measured.
+        radii : int or (n,) array_like
+            As for `PrandtlIshlinskii.fit`.
+        thresholds : int or (K,) array_like
+            Outputs at which the slope of S changes, strictly increasing, or how many of
+            them: spread over the range of the outputs, denser towards its ends.
+        start : start state
+            Of the plays, before the first sample.
+        signed : bool
+            As for `PrandtlIshlinskii.fit`.
+
+        Returns
+        -------
+        GeneralisedPrandtlIshlinskii
+
+        Raises
+        ------
+        SignalError
+            If the record is too short, its input or output is constant, or its lengths
+            disagree.
+        ParameterError
+            If the radii or thresholds cannot be used.
+        """
+        inputs, outputs = as_record(u, y)
+        places = choose_radii(inputs, radii)
+        knots = choose_knots(outputs, thresholds)
+        positions = PrandtlIshlinskii(places, np.zeros(places.shape)).trace(inputs, start)
+        bent = fit_bent_plays(inputs, outputs, positions, knots, signed=signed)
+        plays = PrandtlIshlinskii(places, bent.weights, bent.shift)
+        return cls(plays, DeadZones.from_slopes(bent.knots, bent.slopes), bent.centre)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, GeneralisedPrandtlIshlinskii):
+            return NotImplemented
+        mine, yours = (self.plays, self.zones), (other.plays, other.zones)
+        return mine == yours and self.offset == other.offset
+
+    @property
+    def invertible(self) -> bool:
+        """Whether plays and dead zones both have an inverse."""
+        return self.plays.invertible and self.zones.invertible
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Unbounded: the outer pieces of the curve go on for ever."""
+        return -np.inf, np.inf
+
+    def positions(self, start: PlayStart) -> FloatArray:
+        """(n,) play positions of a start state, as `PrandtlIshlinskii.positions`."""
+        return self.plays.positions(start)
+
+    def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
+        """Outputs for whole input signals, as `PrandtlIshlinskii.simulate`."""
+        return self.offset + self.zones(self.plays.simulate(u, start))
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: PlayStart = "negative",
+        unreachable: Unreachable = "raise",
+    ) -> Inversion:
+        """Inputs that bring the output to each target in turn, by the analytic inverses.
+
+        Parameters
+        ----------
+        targets, start, unreachable
+            As for `PrandtlIshlinskii.invert`.
+
+        Returns
+        -------
+        Inversion
+
+        Raises
+        ------
+        NotInvertibleError
+            If plays or dead zones have no inverse.
+        SignalError
+            If the targets are not finite numbers in one dimension.
+        """
+        wanted = as_signal(targets, name="targets")
+        inner = self.plays.invert(self.zones.invert(wanted - self.offset), start, unreachable)
+        y = self.simulate(inner.u, start)
+        return Inversion(inner.u, y, y - wanted, inner.reachable)
+
+    def step(self, memory: PlayStart, u: float) -> tuple[float, FloatArray]:
+        """Output and play positions after one input, as `PrandtlIshlinskii.step`."""
+        inner, after = self.plays.step(memory, u)
+        return self.offset + float(self.zones(inner)), after
+
+    def aim(self, memory: PlayStart, y: float) -> float:
+        """Input that brings the output to y from a start state."""
+        inner = self.zones.invert(as_finite("target", y) - self.offset)
+        return self.plays.aim(memory, float(inner))
+
+    def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
+        """Follow a live input sample by sample."""
+        return StepTracker(self, self.positions(start))

@@ -1,0 +1,290 @@
+"""The memoryless baseline: a polynomial, which a model with memory has to beat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import polynomial
+
+from minorloop.arrays import FloatArray, Samples, as_finite, as_samples, frozen
+from minorloop.errors import NotInvertibleError, ParameterError, SignalError
+from minorloop.operators.inversion import (
+    Inversion,
+    Unreachable,
+    as_signal,
+    check_unreachable_option,
+    refuse_unreachable,
+    within_reach,
+)
+from minorloop.operators.step_tracker import StepTracker
+
+_HALVINGS = 64
+_FLAT = 1e-12
+_UNFELT = 1e-17
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomial:
+    """A curve without memory, ``y = sum of coefficients[k] * u**k`` on [low, high].
+
+    Inputs beyond [low, high] count as the nearer end. Wherever a ``start`` or a ``memory`` can
+    be given it is ignored: it is there so that the baseline stands wherever an operator does.
+
+    Parameters
+    ----------
+    coefficients : (degree + 1,) array_like
+        Constant first, in the unit of the output over powers of that of the input.
+    low, high : float
+        Inputs between which the curve holds.
+
+    Raises
+    ------
+    ParameterError
+        If there is no coefficient, a number is not finite, or ``low`` is not below ``high``.
+
+    References
+    ----------
+    Chen, Tan and Shahinpoor, Proc. IEEE/ASME AIM 2005, section IV: a quadratic curve as the
+    single-valued model of an ionic polymer-metal composite, inverted on its rising branch.
+    """
+
+    coefficients: FloatArray
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        try:
+            coefficients = frozen(self.coefficients)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"coefficients are not numbers: {error}") from None
+        if coefficients.ndim != 1 or coefficients.size == 0 or not np.isfinite(coefficients).all():
+            raise ParameterError(
+                f"coefficients are {self.coefficients!r}; give finite numbers, constant first"
+            )
+        object.__setattr__(self, "coefficients", coefficients)
+        for name in ("low", "high"):
+            object.__setattr__(self, name, as_finite(name, getattr(self, name)))
+        if not self.low < self.high:
+            raise ParameterError(f"inputs from {self.low:g} to {self.high:g}; give low < high")
+
+    @classmethod
+    def fit(
+        cls,
+        u: npt.ArrayLike,
+        y: npt.ArrayLike,
+        degree: int = 2,
+        *,
+        low: float | None = None,
+        high: float | None = None,
+    ) -> Polynomial:
+        """Plain least squares.
+
+        Parameters
+        ----------
+        u, y : (T,) array_like
+            Inputs, and outputs with NaN where nothing was measured.
+        degree : int
+            Of the polynomial, at least 1.
+        low, high : float, optional
+            Inputs between which it shall hold; those of the record if not given.
+
+        Returns
+        -------
+        Polynomial
+
+        Raises
+        ------
+        ParameterError
+            If the degree is not a whole number of at least 1.
+        SignalError
+            If lengths disagree, or there are too few different inputs for the degree.
+        """
+        if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or degree < 1:
+            raise ParameterError(f"degree is {degree!r}; give a whole number of at least 1")
+        inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
+        if inputs.ndim != 1 or inputs.shape != outputs.shape:
+            raise SignalError(
+                f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
+            )
+        known = ~np.isnan(outputs)
+        places = np.unique(inputs[known]).size
+        if places <= degree:
+            raise SignalError(
+                f"{places} different inputs with a measured output; degree {degree} needs "
+                f"at least {degree + 1}"
+            )
+        scaled = np.polynomial.Polynomial.fit(inputs[known], outputs[known], int(degree))
+        coefficients = np.zeros(int(degree) + 1)
+        raw = scaled.convert().coef
+        coefficients[: raw.size] = raw
+        return cls(
+            coefficients,
+            float(inputs.min()) if low is None else low,
+            float(inputs.max()) if high is None else high,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Polynomial):
+            return NotImplemented
+        ends = (self.low, self.high) == (other.low, other.high)
+        return ends and np.array_equal(self.coefficients, other.coefficients)
+
+    @cached_property
+    def range(self) -> tuple[float, float]:
+        """Least and greatest output over [low, high]."""
+        outputs = self._at(self._turns)
+        return float(outputs.min()), float(outputs.max())
+
+    @cached_property
+    def monotone_stretch(self) -> tuple[float, float]:
+        """The inputs between which the curve rises or falls throughout, widest in output."""
+        turns = self._turns
+        outputs = self._at(turns)
+        flat = _FLAT * (outputs.max() - outputs.min())
+        best, begin, heading = (self.low, self.low), 0, 0.0
+        span = 0.0
+        for k in range(1, turns.size):
+            change = float(outputs[k] - outputs[k - 1])
+            if abs(change) > flat:
+                if change * heading < 0:
+                    begin = k - 1
+                heading = change
+            if abs(outputs[k] - outputs[begin]) > span:
+                span = abs(float(outputs[k] - outputs[begin]))
+                best = (float(turns[begin]), float(turns[k]))
+        return best
+
+    @property
+    def invertible(self) -> bool:
+        """Whether the curve rises, or falls, throughout [low, high]."""
+        return self.monotone_stretch == (self.low, self.high)
+
+    def simulate(self, u: npt.ArrayLike, start: object = None) -> Samples:
+        """Outputs for whole input signals.
+
+        Parameters
+        ----------
+        u : (T,) or (S, T) array_like
+            Inputs.
+        start : object
+            Ignored.
+
+        Returns
+        -------
+        (T,) or (S, T) array
+
+        Raises
+        ------
+        SignalError
+            If the inputs are not finite numbers of one of these shapes.
+        """
+        return self._at(np.clip(as_samples(u, name="u"), self.low, self.high))
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: object = None,
+        unreachable: Unreachable = "raise",
+    ) -> Inversion:
+        """Inputs in [low, high] that bring the output to each target.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Outputs wanted.
+        start : object
+            Ignored.
+        unreachable : {"raise", "clip"}
+            What to do about targets beyond `range`: refuse, or go as near as the curve does.
+
+        Returns
+        -------
+        Inversion
+
+        Raises
+        ------
+        NotInvertibleError
+            If the curve turns round inside [low, high]; `monotone_stretch` is where it does not.
+        UnreachableError
+            If a target is beyond the range and ``unreachable="raise"``.
+        SignalError
+            If the targets are not finite numbers in one dimension.
+        """
+        check_unreachable_option(unreachable)
+        self._require_monotone()
+        wanted = as_signal(targets, name="targets")
+        low, high = self.range
+        reachable = within_reach(wanted, low, high)
+        if unreachable == "raise":
+            refuse_unreachable(wanted, low, high, reachable)
+        u = self._solve(np.clip(wanted, low, high))
+        y = self._at(u)
+        return Inversion(u, y, y - wanted, reachable)
+
+    def step(self, memory: object, u: float) -> tuple[float, object]:
+        """Output for one input, and the memory as it was.
+
+        Raises
+        ------
+        ParameterError
+            If the input is not a finite number.
+        """
+        return float(self.simulate([as_finite("u", u)])[0]), memory
+
+    def aim(self, memory: object, y: float) -> float:
+        """Input whose output comes nearest to y.
+
+        Raises
+        ------
+        NotInvertibleError
+            If the curve turns round inside [low, high].
+        ParameterError
+            If the target is not a finite number.
+        """
+        return float(self.invert([as_finite("target", y)], unreachable="clip").u[0])
+
+    def track(self, start: object = None) -> StepTracker[object]:
+        """Follow a live input sample by sample; there is nothing to remember."""
+        return StepTracker(self, start)
+
+    @cached_property
+    def _turns(self) -> FloatArray:
+        """Ends of the range, and every place between them where the curve may turn round."""
+        slope = polynomial.polyder(self.coefficients)
+        # A leading term too small to be felt on the range would put roots near infinity.
+        felt = np.abs(slope) * max(abs(self.low), abs(self.high)) ** np.arange(slope.size)
+        slope = slope[: np.max(np.nonzero(felt > _UNFELT * felt.max())[0], initial=0) + 1]
+        # The real part of a complex root splits a stretch in two that head the same way, which
+        # does no harm; a double root that rounding made complex must not be missed.
+        places = np.real(polynomial.polyroots(slope)) if slope.size > 1 else np.empty(0)
+        inside = places[(places > self.low) & (places < self.high)]
+        return np.concatenate([[self.low], np.unique(inside), [self.high]])
+
+    def _at(self, u: FloatArray) -> FloatArray:
+        return np.asarray(polynomial.polyval(u, self.coefficients), dtype=np.float64)
+
+    def _solve(self, targets: FloatArray) -> FloatArray:
+        """Bisection: as near as a float can be, whatever the degree and however flat."""
+        rising = self._at(np.array(self.high)) > self._at(np.array(self.low))
+        low, high = np.full(targets.shape, self.low), np.full(targets.shape, self.high)
+        for _ in range(_HALVINGS):
+            middle = low + (high - low) / 2
+            beyond = (self._at(middle) > targets) == rising
+            high = np.where(beyond, middle, high)
+            low = np.where(beyond, low, middle)
+        nearer = np.abs(self._at(low) - targets) <= np.abs(self._at(high) - targets)
+        return np.where(nearer, low, high)
+
+    def _require_monotone(self) -> None:
+        low, high = self.monotone_stretch
+        if low == high:
+            raise NotInvertibleError("the polynomial is constant, so no input has an effect")
+        if not self.invertible:
+            raise NotInvertibleError(
+                f"the polynomial turns round inside [{self.low:g}, {self.high:g}]; the widest "
+                f"stretch on which it does not is [{low:g}, {high:g}], so use "
+                "Polynomial(coefficients, *model.monotone_stretch), or a lower degree"
+            )

@@ -1,0 +1,387 @@
+"""The Prandtl-Ishlinskii operator: weighted plays, with an analytic inverse.
+
+Its loops are symmetric and do not saturate; `GeneralisedPrandtlIshlinskii` bends them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, Samples, as_finite, as_samples, check_option, frozen
+from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.operators import _play_kernels
+from minorloop.operators._parallel import in_parallel
+from minorloop.operators._play_fit import as_record, choose_radii, fit_plays
+from minorloop.operators.dead_zones import as_paired
+from minorloop.operators.inversion import (
+    Inversion,
+    Unreachable,
+    as_signal,
+    check_unreachable_option,
+)
+from minorloop.operators.step_tracker import StepTracker
+
+PlayStart: TypeAlias = "npt.ArrayLike | Literal['negative', 'positive', 'demagnetised']"
+"""Positions of the plays before the first sample, or the name of a start state."""
+
+_CONSISTENT = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class PrandtlIshlinskii:
+    """Weighted sum of plays: ``y = offset + sum of weights[i] * play(radii[i])[u]``.
+
+    A play of radius r follows its input with a slack of r on either side; a play of radius
+    zero is the input itself, so ``weights[0]`` with ``radii[0] == 0`` is the linear term.
+
+    Wherever a start is asked for, it is one of
+
+    - an (n,) array of play positions in the unit of the input,
+    - ``"negative"`` or ``"positive"``: the input came from far below, or from far above,
+    - ``"demagnetised"`` or ``"relaxed"``: every play at zero.
+
+    Parameters
+    ----------
+    radii : (n,) array_like
+        Slack of each play in the unit of the input; not negative, strictly increasing.
+    weights : (n,) array_like
+        In the unit of the output over that of the input; any sign.
+    offset : float
+        Added to the output.
+
+    Raises
+    ------
+    ParameterError
+        If there is no play, radii do not increase or are negative, lengths disagree, or a
+        number is not finite.
+
+    References
+    ----------
+    Brokate and Sprekels, Hysteresis and Phase Transitions, 1996, chapter 2: plays.
+    Krejci and Kuhnen, IEE Proc. Control Theory and Applications 148 (2001) 185: the inverse.
+    """
+
+    radii: FloatArray
+    weights: FloatArray
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        radii, weights = as_paired(self.radii, self.weights, name="radii")
+        if radii[0] < 0:
+            raise ParameterError(f"radii[0] is {radii[0]:g}; a slack is zero or more")
+        object.__setattr__(self, "radii", radii)
+        object.__setattr__(self, "weights", weights)
+        object.__setattr__(self, "offset", as_finite("offset", self.offset))
+
+    @classmethod
+    def fit(
+        cls,
+        u: npt.ArrayLike,
+        y: npt.ArrayLike,
+        *,
+        radii: npt.ArrayLike = 12,
+        start: PlayStart = "negative",
+        signed: bool = False,
+    ) -> PrandtlIshlinskii:
+        """Operator nearest to a record, by constrained least squares.
+
+        Parameters
+        ----------
+        u : (T,) array_like
+            Inputs.
+        y : (T,) array_like
+            Outputs; NaN where nothing was measured.
+        radii : int or (n,) array_like
+            Radii, the first of them zero, or how many of them: evenly spaced from zero to
+            just below half the swing of the input.
+        start : start state
+            Before the first sample; positions belong to the radii.
+        signed : bool
+            Whether weights may be negative, as long as every running sum of them is
+            positive. Without it no weight is negative. Either way the result has an inverse:
+            the slope after a reversal is at least 1e-4 of output swing over input swing.
+
+        Returns
+        -------
+        PrandtlIshlinskii
+
+        Raises
+        ------
+        SignalError
+            If the record is too short, its input or output constant, or its lengths disagree.
+        ParameterError
+            If the radii cannot be used.
+        """
+        inputs, outputs = as_record(u, y)
+        places = choose_radii(inputs, radii)
+        positions = cls(places, np.zeros(places.shape)).trace(inputs, start)
+        weights, offset = fit_plays(inputs, outputs, positions, signed=signed)
+        return cls(places, weights, offset)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PrandtlIshlinskii):
+            return NotImplemented
+        return (
+            np.array_equal(self.radii, other.radii)
+            and np.array_equal(self.weights, other.weights)
+            and self.offset == other.offset
+        )
+
+    def __repr__(self) -> str:
+        return (
+            f"PrandtlIshlinskii({self.radii.size} plays, radii up to {self.radii[-1]:g}, "
+            f"slope {self.slopes[0]:g} to {self.slopes[-1]:g}, offset={self.offset:g})"
+        )
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """(n,) running sums of the weights: slope while the plays up to the i-th move."""
+        return frozen(np.cumsum(self.weights))
+
+    @property
+    def invertible(self) -> bool:
+        """Whether there is a linear term and every running sum of the weights is positive."""
+        return bool(self.radii[0] == 0 and (self.slopes > 0).all())
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Unbounded: plays do not saturate."""
+        return -np.inf, np.inf
+
+    def positions(self, start: PlayStart) -> FloatArray:
+        """(n,) play positions of a start state; infinite for the two saturations.
+
+        Raises
+        ------
+        ParameterError
+            If the name is unknown, or the positions are not what any input leaves behind:
+            neighbours never lie further apart than their radii differ.
+        """
+        if isinstance(start, str):
+            names = ("negative", "positive", "demagnetised", "relaxed")
+            check_option("start", start, names)
+            value = {"negative": -np.inf, "positive": np.inf}.get(start, 0.0)
+            return np.full(self.radii.size, value)
+        try:
+            positions = np.array(start, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"start is not an array of numbers: {error}") from None
+        if positions.shape != self.radii.shape:
+            raise ParameterError(
+                f"start has shape {positions.shape}; give {self.radii.size} play positions"
+            )
+        if not (np.isneginf(positions).all() or np.isposinf(positions).all()):
+            self._check_consistent(positions)
+        return positions
+
+    def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
+        """Outputs for whole input signals.
+
+        Parameters
+        ----------
+        u : (T,) or (S, T) array_like
+            Inputs; the rows of a two-dimensional array are independent signals, computed in
+            parallel.
+        start : start state
+            Before the first sample.
+
+        Returns
+        -------
+        (T,) or (S, T) array
+            Outputs.
+
+        Raises
+        ------
+        SignalError
+            If the inputs are not finite numbers of one of these shapes.
+        ParameterError
+            If the start cannot be used.
+        """
+        inputs, before = as_samples(u, name="u"), self.positions(start)
+        y = np.empty_like(inputs)
+
+        def run(u: FloatArray, y: FloatArray) -> None:
+            after = before.copy()
+            _play_kernels.simulate(u, self.radii, self.slopes, self.offset, after, y)
+
+        if inputs.ndim == 1:
+            run(inputs, y)
+        else:
+            in_parallel(lambda row: run(inputs[row], y[row]), len(inputs))
+        return y
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: PlayStart = "negative",
+        unreachable: Unreachable = "raise",
+    ) -> Inversion:
+        """Inputs that bring the output to each target in turn: what `inverse` gives.
+
+        They are computed branch by branch, which keeps the residual at rounding level even
+        where the slopes of the operator differ by many orders of magnitude.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Outputs wanted, in order.
+        start : start state
+            Of this operator, before the first input.
+        unreachable : {"raise", "clip"}
+            As for the other operators; every target is within reach of plays.
+
+        Returns
+        -------
+        Inversion
+
+        Raises
+        ------
+        NotInvertibleError
+            If there is no linear term, or a running sum of the weights is not positive.
+        SignalError
+            If the targets are not finite numbers in one dimension.
+        """
+        check_unreachable_option(unreachable)
+        wanted = as_signal(targets, name="targets")
+        self._require_invertible()
+        u, positions = np.empty_like(wanted), self.positions(start)
+        _play_kernels.invert(wanted, self.radii, self.slopes, self.offset, positions, u)
+        y = self.simulate(u, start)
+        return Inversion(u, y, y - wanted, np.ones(wanted.shape, dtype=np.bool_))
+
+    def inverse(self) -> PrandtlIshlinskii:
+        """The inverse operator, which is of the same kind; see `inverse_positions`.
+
+        With W the running sums of the weights, the j-th radius is
+        ``sum over i < j of W_i (r_(i+1) - r_i)`` and the running sums are 1 / W.
+
+        Raises
+        ------
+        NotInvertibleError
+            If there is no linear term, or a running sum of the weights is not positive.
+        """
+        self._require_invertible()
+        slopes = 1 / self.slopes
+        radii = np.cumsum(np.insert(self.slopes[:-1] * np.diff(self.radii), 0, 0.0))
+        return PrandtlIshlinskii(
+            radii, np.diff(slopes, prepend=0.0), -self.offset * float(slopes[-1])
+        )
+
+    def inverse_positions(self, start: PlayStart) -> FloatArray:
+        """(n,) start of `inverse` that belongs to a start of this operator.
+
+        Raises
+        ------
+        NotInvertibleError
+            If the operator has no inverse.
+        """
+        self._require_invertible()
+        return self._carried_over(self.positions(start)) + self.offset
+
+    def trace(self, u: npt.ArrayLike, start: PlayStart = "negative") -> FloatArray:
+        """Positions of the plays along a whole input signal.
+
+        Parameters
+        ----------
+        u : (T,) array_like
+            Inputs.
+        start : start state
+            Before the first sample.
+
+        Returns
+        -------
+        (T, n) array
+            In the unit of the input; the weights do not enter.
+
+        Raises
+        ------
+        SignalError
+            If the inputs are not finite numbers in one dimension.
+        """
+        inputs = as_signal(u, name="u")
+        out = np.empty((inputs.size, self.radii.size))
+        _play_kernels.trace(inputs, self.radii, self.positions(start), out)
+        return out
+
+    def step(self, memory: PlayStart, u: float) -> tuple[float, FloatArray]:
+        """Output and play positions after one input; nothing is changed in place.
+
+        Parameters
+        ----------
+        memory : start state
+            Before the input.
+        u : float
+            The input.
+
+        Returns
+        -------
+        y : float
+        memory : (n,) array
+            Play positions after it.
+        """
+        sample, y = np.array([as_finite("u", u)]), np.empty(1)
+        after = self.positions(memory)
+        _play_kernels.simulate(sample, self.radii, self.slopes, self.offset, after, y)
+        return float(y[0]), frozen(after)
+
+    def aim(self, memory: PlayStart, y: float) -> float:
+        """Input that brings the output to y from a start state.
+
+        Raises
+        ------
+        NotInvertibleError
+            If the operator has no inverse.
+        ParameterError
+            If the target is not a finite number.
+        """
+        return float(self.invert([as_finite("target", y)], memory).u[0])
+
+    def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
+        """Follow a live input sample by sample.
+
+        Parameters
+        ----------
+        start : start state
+            Before the first sample.
+        """
+        return StepTracker(self, self.positions(start))
+
+    def _check_consistent(self, positions: FloatArray) -> None:
+        if not np.isfinite(positions).all():
+            index = int(np.argmin(np.isfinite(positions)))
+            raise ParameterError(f"start[{index}] is {positions[index]}; all must be finite")
+        slack = _CONSISTENT * (np.abs(positions).max() + self.radii[-1])
+        apart = np.abs(np.diff(positions)) - np.diff(self.radii)
+        if (apart > slack).any():
+            i = int(np.argmax(apart > slack))
+            raise ParameterError(
+                f"play positions {positions[i]:g} and {positions[i + 1]:g} (start[{i}] and "
+                f"start[{i + 1}]) lie further apart than their radii, {self.radii[i]:g} and "
+                f"{self.radii[i + 1]:g}; no input leaves that behind"
+            )
+
+    def _carried_over(self, positions: FloatArray) -> FloatArray:
+        """Positions of the plays of the inverse, which sees the output without the offset."""
+        if np.isinf(positions[0]):
+            return positions.copy()
+        gaps = np.append(positions[:-1] - positions[1:], positions[-1])
+        return np.cumsum((self.slopes * gaps)[::-1])[::-1].copy()
+
+    def _require_invertible(self) -> None:
+        if self.invertible:
+            return
+        if self.radii[0] != 0:
+            raise NotInvertibleError(
+                f"the smallest radius is {self.radii[0]:g}, so the output stands still after a "
+                "reversal; add a play of radius 0 with a positive weight"
+            )
+        index = int(np.argmax(self.slopes <= 0))
+        raise NotInvertibleError(
+            f"the weights up to index {index} add up to {self.slopes[index]:g}; every running "
+            "sum must be positive for an inverse to exist"
+        )

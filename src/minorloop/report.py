@@ -1,0 +1,158 @@
+"""Self-contained HTML reports: text, tables and figures in one file that opens offline."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from minorloop import __version__
+from minorloop.files import PathLike, check_writable, write_atomically
+
+if TYPE_CHECKING:
+    from minorloop.identification.result import Identification
+
+_RESOLUTION = 110
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: ``columns`` of headings, ``rows`` of cells ready to be shown."""
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A matplotlib figure with its caption."""
+
+    figure: Any
+    caption: str
+
+    @property
+    def address(self) -> str:
+        """The figure as SVG in a data address."""
+        text = io.BytesIO()
+        self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata={"Date": None})
+        return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode()
+
+
+@dataclass
+class Report:
+    """Sections in the order in which they are added.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the page.
+    summary : str
+        One paragraph under it: what was done and what came of it.
+    """
+
+    title: str
+    summary: str
+    sections: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(
+        self,
+        heading: str,
+        *,
+        text: str | Iterable[str] = (),
+        table: Table | None = None,
+        pictures: Sequence[Picture] = (),
+        notes: Sequence[str] = (),
+    ) -> None:
+        """Add a section.
+
+        Parameters
+        ----------
+        heading : str
+            Its title.
+        text : str or iterable of str
+            Paragraphs.
+        table : Table, optional
+            Shown after the text.
+        pictures : sequence of Picture
+            Shown after the table.
+        notes : sequence of str
+            Shown last, each set off as advice.
+        """
+        paragraphs = [text] if isinstance(text, str) else list(text)
+        self.sections.append(
+            {
+                "heading": heading,
+                "paragraphs": paragraphs,
+                "table": table,
+                "pictures": pictures,
+                "notes": notes,
+            }
+        )
+
+    def html(self) -> str:
+        """The whole page."""
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        environment = Environment(
+            loader=PackageLoader("minorloop"), autoescape=True, undefined=StrictUndefined
+        )
+        return environment.get_template("report.html").render(report=self, version=__version__)
+
+    def write(self, path: PathLike, *, force: bool = False) -> None:
+        """Write the page to a file.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and ``force`` is false, or it cannot be written.
+        """
+        write_atomically(check_writable(path, force=force), self.html())
+
+
+def identification_report(
+    result: Identification, *, source: str, input_label: str, output_label: str
+) -> Report:
+    """What a user should know about an identified model before relying on it.
+
+    Parameters
+    ----------
+    result : Identification
+        The identification.
+    source : str
+        What the record is called.
+    input_label, output_label : str
+        Name and unit of input and output, such as ``voltage [V]``.
+
+    Returns
+    -------
+    Report
+    """
+    held = result.holdout_nrmse
+    score = "nothing was held out" if held is None else f"{held:.2%} of range on held-out data"
+    report = Report(
+        f"Hysteresis of {output_label} against {input_label}",
+        f"A Preisach model of {result.model.bands} bands, identified from {source}: "
+        f"{result.nrmse:.2%} of range on the {result.samples} samples it was fitted to, {score}; "
+        f"the best polynomial of the delayed input reaches {result.baseline_nrmse:.2%}.",
+    )
+    rows = [
+        ("samples fitted", f"{result.samples}"),
+        ("unknowns", f"{result.unknowns}"),
+        ("cells of the plane excited", f"{result.excited_fraction:.0%}"),
+        ("lag of the output", f"{result.lag} samples"),
+        ("error on fitted data", f"{result.rmse:.4g} ({result.nrmse:.3%} of range)"),
+        ("error on held-out data", "-" if held is None else f"{held:.3%} of range"),
+        ("best delayed polynomial", f"{result.baseline_nrmse:.3%} of range"),
+        ("smoothness", f"{result.smoothness:g}"),
+        ("optimality (KKT)", f"{result.kkt:.1e}"),
+    ]
+    report.add("How good it is", table=Table(("", ""), rows), notes=result.advice)
+    figure = result.plot(input_label=input_label, output_label=output_label)
+    caption = (
+        "Measured loop with the model; density on the Preisach plane, cells that the record does "
+        "not excite hatched; the record over time with what was held out shaded; what is left."
+    )
+    report.add("What it looks like", pictures=[Picture(figure, caption)])
+    return report

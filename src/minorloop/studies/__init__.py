@@ -1,0 +1,1 @@
+"""Whole experiments, end to end, that print their own numbers."""

@@ -1,0 +1,203 @@
+"""Positioning without a sensor: the experiment of Chen, Tan and Shahinpoor (2005), on the twin.
+
+A strip of ionic polymer is taken through a decaying staircase of voltages and its settled
+curvature measured at each. A Preisach model and a single-valued quadratic are fitted to these
+same points, both are inverted for the same target curvatures, and the two voltage sequences
+are applied to the strip, which says how far it really went.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, uniform_levels
+from minorloop.connect import connect
+from minorloop.errors import ParameterError
+from minorloop.identification import Identification, excitation, identify
+from minorloop.lab.actuator import Actuator
+from minorloop.lab.records import Record
+from minorloop.operators.polynomial import Polynomial
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Figures of the experiment.
+
+    Parameters
+    ----------
+    voltage : float
+        Largest voltage, in V; the staircase runs over plus and minus this.
+    bands : int
+        L, the number of steps of the staircase and of bands of the model.
+    hold : float
+        How long a voltage is held before the curvature is taken, in seconds.
+    saturation_hold : float
+        How long the strip is saturated before the targets, in seconds.
+    targets : int
+        Number of target curvatures.
+    reach : float
+        They are drawn evenly from plus and minus this, in 1/m.
+    sample_interval : float
+        Time between samples, in seconds.
+    """
+
+    voltage: float = 1.2
+    bands: int = 10
+    hold: float = 200.0
+    saturation_hold: float = 400.0
+    targets: int = 14
+    reach: float = 7.5
+    sample_interval: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A voltage sequence applied to the strip.
+
+    ``voltages`` (n,) in V; ``achieved`` (n,) settled curvatures in 1/m; ``errors`` (n,) achieved
+    less wanted; ``record`` every sample of it.
+    """
+
+    voltages: FloatArray
+    achieved: FloatArray
+    errors: FloatArray
+    record: Record
+
+    @property
+    def rms(self) -> float:
+        """Root-mean-square error, in 1/m."""
+        return float(np.sqrt(np.mean(self.errors**2)))
+
+    @property
+    def worst(self) -> float:
+        """Largest error, in 1/m."""
+        return float(np.max(np.abs(self.errors)))
+
+
+@dataclass(frozen=True, eq=False)
+class Positioning:
+    """What the experiment gave.
+
+    ``staircase`` is the record of the identification, ``settled`` (n,) the curvatures taken
+    from it at ``voltages`` (n,); ``preisach`` and ``quadratic`` the drives under either inverse.
+    """
+
+    protocol: Protocol
+    seed: int
+    noise: float
+    staircase: Record
+    voltages: FloatArray
+    settled: FloatArray
+    identification: Identification
+    polynomial: Polynomial
+    targets: FloatArray
+    preisach: Drive
+    quadratic: Drive
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The figures of merit, in 1/m, by the names under which they are printed."""
+        return {
+            "rms_preisach": self.preisach.rms,
+            "rms_quadratic": self.quadratic.rms,
+            "rms_ratio": self.quadratic.rms / self.preisach.rms,
+            "max_preisach": self.preisach.worst,
+            "max_quadratic": self.quadratic.worst,
+            "seed": self.seed,
+            "noise": self.noise,
+            "measurements": int(self.settled.size),
+            "unknowns": self.identification.unknowns,
+            "quadratic": list(self.polynomial.coefficients),
+            "protocol": asdict(self.protocol),
+        }
+
+
+def run_positioning(
+    seed: int = 0,
+    noise: float = 0.0,
+    protocol: Protocol | None = None,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> Positioning:
+    """Run the experiment on one specimen of the twin.
+
+    Parameters
+    ----------
+    seed : int
+        Draws the specimen, its noise, and the targets.
+    noise : float
+        Standard deviation of the curvature sensor, in 1/m.
+    protocol : Protocol, optional
+        Other figures than those of the paper.
+    progress : callable
+        Told what begins.
+
+    Returns
+    -------
+    Positioning
+
+    Raises
+    ------
+    ParameterError
+        If the seed is not a whole number of at least 0, or the noise is negative.
+    """
+    if isinstance(seed, bool) or int(seed) != seed or seed < 0:
+        raise ParameterError(f"seed is {seed!r}; give a whole number of at least 0")
+    setup = protocol or Protocol()
+    grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
+    voltages = excitation.decaying_staircase(grid)
+
+    progress("measuring the decaying staircase")
+    staircase, settled = _hold_each(_strip(seed, noise), voltages, setup)
+
+    progress("identifying")
+    # A strip of polymer answers the smallest reversal at once: some of its bending is reversible.
+    identification = identify(voltages, settled, levels=grid, smoothness=0.0, diagonal="reversible")
+    polynomial = Polynomial.fit(voltages, settled, degree=2, low=-setup.voltage, high=setup.voltage)
+
+    targets = np.random.default_rng(seed).uniform(-setup.reach, setup.reach, setup.targets)
+    inverses = {
+        "Preisach": identification.model.invert(targets, unreachable="clip").u,
+        "quadratic": polynomial.invert(targets, unreachable="clip").u,
+    }
+    drives = {}
+    for name, inputs in inverses.items():
+        progress(f"driving with the {name} inverse")
+        drives[name] = _drive(seed, noise, setup, inputs, targets)
+    return Positioning(
+        protocol=setup,
+        seed=seed,
+        noise=noise,
+        staircase=staircase,
+        voltages=voltages,
+        settled=settled,
+        identification=identification,
+        polynomial=polynomial,
+        targets=targets,
+        preisach=drives["Preisach"],
+        quadratic=drives["quadratic"],
+    )
+
+
+def _strip(seed: int, noise: float) -> Actuator:
+    return connect("twin:ipmc", specimen=seed, noise=noise, seed=seed)
+
+
+def _hold_each(strip: Actuator, voltages: FloatArray, setup: Protocol) -> tuple[Record, FloatArray]:
+    """Apply voltages one after the other; the record, and the last sample of each hold."""
+    holds = [strip.apply(float(u), setup.hold, setup.sample_interval) for u in voltages]
+    return Record.joined(holds), np.array([hold.y[-1] for hold in holds])
+
+
+def _drive(
+    seed: int, noise: float, setup: Protocol, inputs: FloatArray, targets: FloatArray
+) -> Drive:
+    strip = _strip(seed, noise)
+    strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
+    voltages = np.clip(inputs, -setup.voltage, setup.voltage)
+    record, achieved = _hold_each(strip, voltages, setup)
+    strip.safe()
+    return Drive(voltages, achieved, achieved - targets, record)

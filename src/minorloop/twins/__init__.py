@@ -1,0 +1,1 @@
+"""Physics to experiment on when no hardware is there."""

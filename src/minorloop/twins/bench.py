@@ -1,0 +1,369 @@
+"""What the simulated actuators share: clock, sensor noise, time steps, checkpoints."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, as_samples
+from minorloop.errors import ParameterError, SignalError
+from minorloop.lab.actuator import Channel, Value, check_input
+from minorloop.lab.records import Record
+
+SPREAD = 0.1
+"""Specimens differ from the nominal parameters by up to this share."""
+MAX_SAMPLES = 20_000_000
+MAX_STEPS = 200_000_000
+
+
+class SimulatedActuator(ABC):
+    """A plant with one input and one output that lives in simulated time.
+
+    The physics is hidden: only private attributes know the parameters and the output without
+    noise, and they are there for scoring after a run, never for an estimator.
+
+    Parameters
+    ----------
+    parameters : dict of str to float
+        Nominal physical parameters.
+    specimen : int, optional
+        Seed of a specimen: each parameter is multiplied by a number drawn evenly from
+        [0.9, 1.1] by ``numpy.random.default_rng(specimen)``, in the order given. Without it
+        the parameters are nominal.
+    noise : float
+        Standard deviation of the sensor, in the unit of the output.
+    seed : int
+        Seed of the noise. The noise of the n-th sample since the start depends on the seed and
+        n alone.
+    tick : float
+        How long one ``exchange`` takes, in seconds.
+    drift : float
+        Relative change of the coupling gain per hour, compounding.
+    substeps : int
+        Divides every time step of the integration by this number; more is slower and nearer.
+    """
+
+    kind: str
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    _rest: tuple[float, ...]
+    _rest_input: float
+    _first_step: float
+    _longest_step: float
+    _growth = 1.15
+
+    def __init__(
+        self,
+        parameters: dict[str, float],
+        *,
+        specimen: int | None,
+        noise: float,
+        seed: int,
+        tick: float,
+        drift: float,
+        substeps: int,
+    ) -> None:
+        self.specimen = None if specimen is None else _whole("specimen", specimen)
+        self.noise = as_finite("noise", noise)
+        self.seed = _whole("seed", seed)
+        self.tick = _positive("tick", tick)
+        self.drift = as_finite("drift", drift)
+        self.substeps = _whole("substeps", substeps)
+        if self.noise < 0:
+            raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
+        if self.drift <= -1:
+            raise ParameterError(f"drift is {drift} per hour; give more than -1, a gain stays one")
+        if self.substeps < 1:
+            raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
+        self._parameters = _spread(parameters, self.specimen)
+        self.reset()
+
+    @property
+    def clock(self) -> float:
+        """Simulated time since the start, in seconds."""
+        return self._clock
+
+    def reset(self) -> None:
+        """Go back to the start: the state at rest, clock at 0, the noise from its beginning."""
+        self._state: FloatArray = np.array(self._rest)
+        self._clock = 0.0
+        self._input: float | None = None
+        self._held = 0.0
+        self._samples = 0
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold an input and record it and the output.
+
+        Parameters
+        ----------
+        u : float
+            The input to hold, in its unit.
+        duration : float
+            How long, in seconds.
+        sample_interval : float
+            Time between samples, in seconds; the last sample is taken at the end of the hold.
+
+        Returns
+        -------
+        Record
+            On the clock of the twin; the first sample comes one interval after the start.
+
+        Raises
+        ------
+        LimitError
+            If the input is beyond the limits; nothing is applied then.
+        ParameterError
+            If a time is not positive, or there would be more than twenty million samples.
+        """
+        value = float(check_input(self.inputs, u)[0])
+        ends = _sample_times(duration, sample_interval)
+        began = self._clock
+        y = self._sensed(self._hold(value, ends))
+        return self._record(began + ends, np.full(ends.size, value), y)
+
+    def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
+        """Drive with a sampled waveform, straight from sample to sample.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds; the first is now, whatever its value. The
+            steps of the integration end at these times, and at others in between if they are
+            far apart; 240 samples a period are enough for a sine.
+        u : (T,) array_like
+            Input at these times, in its unit. The step to the first value takes no time.
+
+        Returns
+        -------
+        Record
+            (T,) samples on the clock of the twin.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond the limits; nothing is applied then.
+        SignalError
+            If the shapes differ, a number is not finite, or time does not increase.
+        """
+        times, values = as_waveform(t, u)
+        for extreme in (values.min(), values.max()):
+            check_input(self.inputs, extreme)
+        began = self._clock
+        first = self._output_now()
+        y = self._sensed(np.concatenate([[first], self._follow(times, values)]))
+        return self._record(began + times - times[0], values, y)
+
+    def exchange(self, u: Value) -> float:
+        """Hold an input for one tick and give the output at its end.
+
+        Raises
+        ------
+        LimitError
+            If the input is beyond the limits; nothing is applied then.
+        """
+        value = float(check_input(self.inputs, u)[0])
+        return float(self._sensed(self._hold(value, np.array([self.tick])))[0])
+
+    def safe(self) -> None:
+        """Go to the resting input; it takes no time, and is not sampled."""
+        self._switch(self._rest_input)
+
+    def checkpoint(self) -> dict[str, Any]:
+        """All that a later ``restore`` needs to go on exactly from here, ready for JSON.
+
+        It holds the hidden state of the physics: keep it, do not look into it.
+        """
+        return {
+            **self._identity(),
+            "state": self._state.tolist(),
+            "clock": self._clock,
+            "input": self._input,
+            "held": self._held,
+            "samples": self._samples,
+        }
+
+    def restore(self, checkpoint: dict[str, Any]) -> None:
+        """Go back to a checkpoint; what follows repeats exactly.
+
+        Raises
+        ------
+        ParameterError
+            If the checkpoint is damaged, or was taken from a twin with other options.
+        """
+        for name, own in self._identity().items():
+            if name not in checkpoint or checkpoint[name] != own:
+                raise ParameterError(
+                    f"the checkpoint has {name} {checkpoint.get(name)!r} and this twin {own!r}; "
+                    "restore it into a twin with the same options"
+                )
+        try:
+            state = np.array(checkpoint["state"], dtype=np.float64)
+            clock, held = float(checkpoint["clock"]), float(checkpoint["held"])
+            before = None if checkpoint["input"] is None else float(checkpoint["input"])
+            samples = int(checkpoint["samples"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise ParameterError(f"the checkpoint is damaged: {error!r}") from None
+        sound = state.shape == self._state.shape and np.isfinite([*state, clock, held]).all()
+        if not sound or min(clock, held, samples) < 0:
+            raise ParameterError("the checkpoint is damaged: its state is not that of this twin")
+        self._state, self._clock, self._input = state, clock, before
+        self._held, self._samples = held, samples
+
+    @abstractmethod
+    def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
+        """March the state through steps ``h`` with inputs ``u`` at their ends; the outputs."""
+
+    @abstractmethod
+    def _output_now(self) -> float:
+        """The output without noise, at the present state. For scoring only."""
+
+    def _identity(self) -> dict[str, Any]:
+        """What must agree for a checkpoint to be taken up."""
+        return {
+            "twin": self.kind,
+            "specimen": self.specimen,
+            "noise": self.noise,
+            "seed": self.seed,
+            "drift": self.drift,
+        }
+
+    def _gain(self, clock: FloatArray | float) -> FloatArray:
+        return np.exp(math.log1p(self.drift) * np.asarray(clock) / 3600.0)
+
+    def _switch(self, value: float) -> None:
+        if value != self._input:
+            self._input, self._held = value, 0.0
+
+    def _hold(self, value: float, ends: FloatArray) -> FloatArray:
+        """Output without noise at times ``ends`` (T,) from now, under a constant input."""
+        self._switch(value)
+        samples = self._held + ends
+        points = np.union1d(self._grid(self._held, float(samples[-1])), samples)
+        last = np.searchsorted(points, samples)
+        h = np.diff(points, prepend=self._held)
+        y = self._march(np.full(h.size, value), h)[last]
+        self._held += float(ends[-1])
+        return y
+
+    def _follow(self, t: FloatArray, u: FloatArray) -> FloatArray:
+        """Output without noise at all samples but the first, under a waveform."""
+        self._input, self._held = float(u[-1]), 0.0
+        gaps = np.diff(t)
+        parts = np.maximum(np.ceil(gaps / self._first_step - 1e-9), 1)
+        _check_count(float(parts.sum()) * self.substeps, MAX_STEPS, "steps")
+        last = np.cumsum(parts).astype(np.int64) - 1
+        h = np.repeat(gaps / parts, parts.astype(np.int64))
+        inside = t[0] + np.cumsum(h)
+        inside[last] = t[1:]
+        return self._march(np.interp(inside, t, u), h, since=float(u[0]))[last]
+
+    def _march(self, u: FloatArray, h: FloatArray, since: float | None = None) -> FloatArray:
+        """Run steps ``h``, each cut into substeps, with the input straight within a step."""
+        n = self.substeps
+        if n > 1:
+            before = u if since is None else np.concatenate([[since], u[:-1]])
+            share = np.arange(1, n + 1) / n
+            u = (before[:, None] + (u - before)[:, None] * share).ravel()
+            h = np.repeat(h / n, n)
+        clock = self._clock + np.cumsum(h)
+        y = self._run(u, h, self._gain(clock))
+        self._clock = float(clock[-1])
+        return y[n - 1 :: n]
+
+    def _grid(self, since: float, until: float) -> FloatArray:
+        """Ends of steps, as times after a change of input: growing to the longest step."""
+        turns = math.ceil(math.log(self._longest_step / self._first_step, self._growth))
+        early = np.cumsum(self._first_step * self._growth ** np.arange(turns))
+        low, high = ((time - early[-1]) / self._longest_step for time in (since, until))
+        _check_count((high - low) * self.substeps, MAX_STEPS, "steps")
+        late = early[-1] + self._longest_step * np.arange(max(math.floor(low), 1), max(high, 1))
+        grid = np.concatenate([early, late])
+        return grid[(grid > since) & (grid < until)]
+
+    def _sensed(self, y: FloatArray) -> FloatArray:
+        """Outputs as the sensor gives them."""
+        began, self._samples = self._samples, self._samples + y.size
+        if self.noise == 0:
+            return y
+        return y + self.noise * _gaussian(self.seed, began, y.size)
+
+    def _record(self, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:
+        return Record(t, u, y, str(self.inputs[0]), str(self.outputs[0]))
+
+
+def _gaussian(seed: int, first: int, count: int) -> FloatArray:
+    """Standard normal numbers (count,) that depend on the seed and the sample number alone."""
+    pairs = np.random.Philox(key=seed)
+    pairs.advance(first // 2)  # one turn of the counter is four words, two samples
+    words = pairs.random_raw(2 * (count + first % 2)).reshape(-1, 2)[first % 2 :]
+    # Box and Muller, A note on the generation of random normal deviates, 1958.
+    radius = np.sqrt(-2 * np.log(((words[:, 0] >> np.uint64(11)) + 0.5) * 2.0**-53))
+    return np.asarray(radius * np.cos(2 * np.pi * ((words[:, 1] >> np.uint64(11)) * 2.0**-53)))
+
+
+def _spread(parameters: dict[str, float], specimen: int | None) -> dict[str, float]:
+    if specimen is None:
+        return dict(parameters)
+    factors = np.random.default_rng(specimen).uniform(1 - SPREAD, 1 + SPREAD, len(parameters))
+    return {
+        name: value * float(factor)
+        for (name, value), factor in zip(parameters.items(), factors, strict=True)
+    }
+
+
+def _sample_times(duration: float, sample_interval: float) -> FloatArray:
+    """Times of the samples of a hold from its beginning, the last at its end."""
+    length, interval = (
+        _positive("duration", duration),
+        _positive("sample_interval", sample_interval),
+    )
+    _check_count(length / interval, MAX_SAMPLES, "samples")
+    whole = round(length / interval)
+    if whole < 1 or abs(whole * interval - length) > 1e-9 * length:
+        whole = math.ceil(length / interval)
+    times = interval * np.arange(1, whole + 1, dtype=np.float64)
+    times[-1] = length
+    return times
+
+
+def as_waveform(t: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Times and values of a sampled waveform, (T,) each, refused unless time increases."""
+    times, values = as_samples(t, name="t"), as_samples(u, name="u")
+    if times.ndim != 1 or times.shape != values.shape or times.size < 2:
+        raise SignalError(
+            f"t has shape {times.shape} and u {values.shape}; give (T,) of both, T at least 2"
+        )
+    if not (np.diff(times) > 0).all():
+        index = int(np.argmin(np.diff(times) > 0)) + 1
+        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
+    return times, values
+
+
+def _positive(name: str, value: float) -> float:
+    number = as_finite(name, value)
+    if number <= 0:
+        raise ParameterError(f"{name} is {value}; give a positive number of seconds")
+    return number
+
+
+def _whole(name: str, value: int) -> int:
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or not 0 <= value < 2**64:
+        raise ParameterError(f"{name} is {value!r}; give a whole number from 0 to 2^64 - 1")
+    return int(value)
+
+
+def _check_count(count: float, most: int, what: str) -> None:
+    if not count <= most:
+        raise ParameterError(
+            f"that takes {count:.3g} {what}, more than {most:.3g}; shorten it or sample less often"
+        )
+
+
+def prefixed(parameters: dict[str, float], prefix: str) -> FloatArray:
+    """The parameters whose names begin so, in order."""
+    return np.array([value for name, value in parameters.items() if name.startswith(prefix)])

@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop.lab.curvature import (
+    curvature_from_displacement,
+    curvature_uncertainty,
+    displacement_from_curvature,
+)
+
+D0, H0 = 0.05, 0.015
+curvatures = st.floats(-60.0, 60.0)
+
+
+@given(curvatures, st.floats(0.01, 0.1), st.floats(0.001, 0.016))
+def test_there_and_back(kappa, d0, h0):
+    d = displacement_from_curvature(kappa, d0, h0, length=0.03)
+    assert curvature_from_displacement(d, d0, h0) == pytest.approx(kappa, abs=1e-8, rel=1e-9)
+
+
+@given(curvatures.filter(lambda kappa: abs(kappa) > 1e-3))
+def test_the_laser_meets_the_arc_of_a_circle(kappa):
+    x = D0 - displacement_from_curvature(kappa, D0, H0, length=0.03)
+    assert np.hypot(x - 1 / kappa, H0) == pytest.approx(1 / abs(kappa), rel=1e-9)
+
+
+def test_a_strip_of_curvature_nine():
+    assert D0 - displacement_from_curvature(9.0, D0, H0) == pytest.approx(1.017e-3, abs=1e-6)
+    assert curvature_from_displacement(D0 - 1.017e-3, D0, H0) == pytest.approx(9.0, abs=5e-3)
+
+
+def test_a_straight_strip_has_no_curvature_and_no_singularity():
+    assert curvature_from_displacement(D0, D0, H0) == 0
+    assert displacement_from_curvature(0.0, D0, H0) == D0
+    tiny = 1e-9
+    assert D0 - displacement_from_curvature(tiny, D0, H0) == pytest.approx(0, abs=1e-12)
+    assert curvature_from_displacement(D0 - 1e-12, D0, H0) > 0
+
+
+def test_nearer_to_the_laser_is_positive():
+    assert curvature_from_displacement(D0 - 1e-3, D0, H0) > 0
+    assert curvature_from_displacement(D0 + 1e-3, D0, H0) < 0
+
+
+def test_keeps_the_shape():
+    d = np.full((2, 3), 0.049)
+    assert curvature_from_displacement(d, D0, H0).shape == (2, 3)
+    assert displacement_from_curvature(d, D0, H0).shape == (2, 3)
+    assert curvature_uncertainty(d, D0, H0, sd_d=1e-6).shape == (2, 3)
+
+
+@pytest.mark.parametrize(("h0", "expected"), [(0.015, 0.0089), (0.010, 0.020)])
+def test_a_micrometre_of_laser_noise(h0, expected):
+    assert curvature_uncertainty(D0, D0, h0, sd_d=1e-6) == pytest.approx(expected, rel=0.01)
+
+
+@given(st.floats(-0.008, 0.008))
+def test_uncertainty_is_the_slope_in_each_length(x):
+    step = 1e-7
+    for name, shift in (("sd_d", (1, 0, 0)), ("sd_d0", (0, 1, 0)), ("sd_h0", (0, 0, 1))):
+        lengths = np.array([D0 - x, D0, H0])
+        high = curvature_from_displacement(*(lengths + step * np.array(shift)))
+        low = curvature_from_displacement(*(lengths - step * np.array(shift)))
+        expected = abs(high - low) / 2 / step * 1e-5
+        sd = curvature_uncertainty(*lengths, **{name: 1e-5})
+        assert sd == pytest.approx(expected, rel=1e-4, abs=1e-6)
+
+
+def test_independent_errors_add_in_squares():
+    d, each = D0 - 2e-3, {"sd_d": 2e-6, "sd_d0": 3e-5, "sd_h0": 1e-4}
+    alone = [curvature_uncertainty(d, D0, H0, **{name: sd}) for name, sd in each.items()]
+    assert curvature_uncertainty(d, D0, H0, **each) == pytest.approx(np.linalg.norm(alone))
+
+
+def test_predicts_the_scatter_of_simulated_measurements():
+    rng = np.random.default_rng(1)
+    d, d0, h0 = (
+        mean + sd * rng.standard_normal(40_000)
+        for mean, sd in ((D0 - 2e-3, 1e-6), (D0, 1e-5), (H0, 5e-5))
+    )
+    scatter = np.std([curvature_from_displacement(*one) for one in zip(d, d0, h0, strict=True)])
+    sd = curvature_uncertainty(D0 - 2e-3, D0, H0, sd_d=1e-6, sd_d0=1e-5, sd_h0=5e-5)
+    assert scatter == pytest.approx(sd, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kappa", "complaint"),
+    [
+        ([0.0, 70.0], r"curvature 70 1/m is beyond 1/h0 = 66\.\d+ 1/m.*\(index 1\)"),
+        (60.0, "60 1/m a strip of 0.015. m does not reach the laser"),
+        (np.nan, "kappa is nan"),
+        ("x", "not an array of numbers"),
+    ],
+)
+def test_refuses_strips_that_the_laser_cannot_see(kappa, complaint):
+    with pytest.raises(SignalError, match=complaint):
+        displacement_from_curvature(kappa, D0, H0, length=0.0155)
+
+
+def test_refuses_a_strip_bent_past_a_quarter_circle():
+    with pytest.raises(SignalError, match=r"past a quarter circle \(index 1\)"):
+        curvature_from_displacement([D0, D0 - 0.0151], D0, H0)
+    with pytest.raises(SignalError, match="d is inf"):
+        curvature_from_displacement(np.inf, D0, H0)
+
+
+@pytest.mark.parametrize("h0", [0.0, -0.01, np.nan, np.inf])
+def test_refuses_impossible_geometry(h0):
+    for function in (curvature_from_displacement, displacement_from_curvature):
+        with pytest.raises(ParameterError, match=r"h0 is .*; give a positive length"):
+            function(0.0, D0, h0)
+        with pytest.raises(ParameterError, match="d0 is nan"):
+            function(0.0, np.nan, H0)
+
+
+def test_refuses_a_negative_deviation():
+    with pytest.raises(ParameterError, match=r"sd_h0 is -1e-06"):
+        curvature_uncertainty(D0, D0, H0, sd_h0=-1e-6)

@@ -1,0 +1,323 @@
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from minorloop.errors import OutputError, RecordError
+from minorloop.lab import columns
+from minorloop.lab.records import Quantity, Record, read_columns, read_headers
+
+PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
+numbers = arrays(np.float64, (3, 5), elements=st.floats(allow_nan=False, allow_infinity=False))
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(content, name="table.csv"):
+        file = tmp_path / name
+        file.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return file
+
+    return write
+
+
+def small(**changes):
+    values = {"t": [0, 1, 2], "u": [0.5, 0.6, 0.7], "y": [1, 2, 3]} | changes
+    return Record(**values, inputs="voltage [V]", outputs="curvature [1/m]")
+
+
+def test_reads_names_units_and_numbers(table):
+    record = Record.from_csv(table(PLAIN), input="voltage", output="curvature [1/m]", time="time")
+    assert (record.input, record.output) == (Quantity("voltage", "V"), Quantity("curvature", "1/m"))
+    np.testing.assert_array_equal(record.t, [0, 1, 2])
+    np.testing.assert_array_equal(record.u, [0.5, 0.6, 0.7])
+    np.testing.assert_array_equal(record.y, [1, 2, 3])
+    assert record.timed
+    assert len(record) == 3
+    assert str(record) == "3 samples of voltage [V], curvature [1/m]"
+
+
+def test_without_time_the_samples_are_numbered(table):
+    record = Record.from_csv(table(PLAIN), input="voltage", output="curvature")
+    np.testing.assert_array_equal(record.t, [0, 1, 2])
+    assert not record.timed
+
+
+@pytest.mark.parametrize(
+    ("unit", "last"), [("ms", 0.002), ("us", 2e-6), ("min", 120), ("h", 7200), ("s", 2)]
+)
+def test_time_becomes_seconds(table, unit, last):
+    file = table(PLAIN.replace("[s]", f"[{unit}]"))
+    record = Record.from_csv(file, input="voltage", output="curvature", time="time")
+    assert record.t[-1] == pytest.approx(last)
+    assert str(record.time) == "time [s]"
+
+
+def test_time_in_an_unknown_unit_is_refused(table):
+    file = table(PLAIN.replace("[s]", "[fortnight]"))
+    with pytest.raises(RecordError, match=r"'time \[fortnight\]' must be in one of s, ms"):
+        Record.from_csv(file, input="voltage", output="curvature", time="time")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace(",", ";"),
+        lambda text: text.replace(",", "\t"),
+        lambda text: text + "\n\n",
+        lambda text: text.removesuffix("\n"),
+        lambda text: text.replace("\n1", "\n\n1"),
+        lambda text: text.replace(",", " , "),
+        lambda text: text.replace("0.5", '"0.5"'),
+    ],
+)
+def test_reads_what_other_programs_write(table, change):
+    read = read_columns(table(change(PLAIN)), ["voltage", "time [s]"])
+    np.testing.assert_array_equal(read["voltage"], [0.5, 0.6, 0.7])
+    np.testing.assert_array_equal(read["time [s]"], [0, 1, 2])
+
+
+def test_columns_that_are_not_wanted_may_hold_anything(table):
+    file = table("kind,u,note_1\ncal,1,\ncurve,2,some_text\n")
+    np.testing.assert_array_equal(read_columns(file, ["u"])["u"], [1, 2])
+    assert read_headers(file) == ["kind", "u", "note_1"]
+
+
+@given(numbers)
+def test_writing_and_reading_gives_the_same_numbers(tmp_path_factory, values):
+    t, u, y = np.sort(values[0]), values[1], values[2]
+    file = tmp_path_factory.mktemp("record") / "record.csv"
+    record = Record(t, u, y, "voltage [V]", "curvature [1/m]")
+    record.to_csv(file)
+    again = Record.from_csv(file, input="voltage", output="curvature", time="time")
+    for name in "tuy":
+        np.testing.assert_array_equal(getattr(again, name), getattr(record, name))
+    assert (again.inputs, again.outputs, again.time) == (record.inputs, record.outputs, record.time)
+
+
+def test_gaps_are_legal_only_where_asked(table):
+    file = table("u,y\n1,2\n2,\n3,nan\n4, \n")
+    read = read_columns(file, ["u", "y"], gaps=["y"])
+    np.testing.assert_array_equal(read["y"], [2, np.nan, np.nan, np.nan])
+    with pytest.raises(RecordError, match=r"column 'y' of .* is empty in row 3"):
+        read_columns(file, ["u", "y"])
+    with pytest.raises(RecordError, match=r"column 'y' of .* has 'nan' in row 2"):
+        read_columns(table("u,y\n1,nan\n", "other.csv"), ["y"])
+    record = Record.from_csv(file, input="u", output="y", gaps=True)
+    assert np.isnan(record.y).sum() == 3
+    record.to_csv(file, force=True)
+    assert np.isnan(Record.from_csv(file, input="u", output="y", gaps=True).y).sum() == 3
+
+
+@pytest.mark.parametrize("text", ["oops", "1_000", "1.2.3", "0x10", "--1", "1 2"])
+def test_text_among_the_numbers_is_named(table, text):
+    file = table(f"t,u\n1,2\n2,{text}\n3,4\n")
+    with pytest.raises(
+        RecordError, match=rf"column 'u' of .*table\.csv has the text '{text}' in row 3"
+    ):
+        read_columns(file, ["t", "u"], gaps=["u"])
+
+
+def test_rows_are_counted_across_chunks_and_blank_lines(table, monkeypatch):
+    monkeypatch.setattr(columns, "CHUNK", 4)
+    rows = ["u", *map(str, range(10)), "", "x", "3"]
+    with pytest.raises(RecordError, match="the text 'x' in row 13"):
+        read_columns(table("\n".join(rows)), ["u"])
+
+
+def test_a_decimal_comma_is_recognised(table):
+    with pytest.raises(RecordError, match="'1,5' in row 2; write decimals with a point"):
+        read_columns(table("t;u\n0;1,5\n"), ["u"])
+
+
+@pytest.mark.parametrize("text", ["inf", "-Infinity", "1e999"])
+def test_infinity_is_refused_even_among_gaps(table, text):
+    with pytest.raises(RecordError, match=f"'{text}' in row 2; every cell must be a finite"):
+        read_columns(table(f"u\n{text}\n"), ["u"], gaps=["u"])
+
+
+@pytest.mark.parametrize(
+    ("asked", "hint"),
+    [("voltagee", "voltage [V]"), ("Voltage", "voltage [V]"), ("CURVATURE [1/m]", "curvature")],
+)
+def test_a_misspelt_column_is_told_what_exists(table, asked, hint):
+    with pytest.raises(RecordError) as caught:
+        read_columns(table(PLAIN), [asked])
+    message = str(caught.value)
+    assert f"no column '{asked}', it has 'time [s]', 'voltage [V]', 'curvature [1/m]'" in message
+    assert f"did you mean '{hint}" in message
+
+
+def test_a_missing_column_far_from_all_others_gets_no_guess(table):
+    with pytest.raises(RecordError) as caught:
+        read_columns(table(PLAIN), ["qqq"])
+    assert "did you mean" not in str(caught.value)
+
+
+def test_a_name_with_two_units_must_be_given_whole(table):
+    file = table("voltage [V],voltage [mV]\n1,1000\n")
+    assert read_columns(file, ["voltage [mV]"])["voltage [mV]"] == [1000]
+    with pytest.raises(RecordError, match=r"'voltage' of .* could be any of 'voltage \[V\]'"):
+        read_columns(file, ["voltage"])
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "is empty"),
+        (b"\nu\n1\n", "begins with an empty line"),
+        (b"u,v\n", "has a header and no rows"),
+        (b"u,v\n\n\n", "has a header and no rows"),
+        (b"\x7fELF\0\0\0\n", "looks like a binary file"),
+        (b"u\n\xff\xfe\n", "is not UTF-8 text"),
+        ("u\n1\n".encode("utf-16"), "is not UTF-8 text"),
+        (b"u,v\n1,2\n3\n", "row 3 of .* has 1 cells, the header has 2"),
+        (b"u,v\n1,2\n3,4,5\n", "row 3 of .* has 3 cells, the header has 2"),
+        (b"u,u\n1,2\n", "two columns named 'u'"),
+        (b"1,2\n3,4\n", "begins with numbers; it needs a header line"),
+        (b'u,v\n"1,2\n' + b"3,4\n" * 40_000, "is not a table"),
+        (b"u\n1\n\x00\n", "has the text"),
+    ],
+)
+def test_what_is_no_table_is_refused_in_one_sentence(table, content, complaint):
+    with pytest.raises(RecordError, match=complaint) as caught:
+        read_columns(table(content), ["u"])
+    assert "\n" not in str(caught.value)
+
+
+def test_places_without_a_file_are_refused(tmp_path, table, monkeypatch):
+    with pytest.raises(RecordError, match=r"absent\.csv does not exist"):
+        read_columns(tmp_path / "absent.csv", ["u"])
+    with pytest.raises(RecordError, match="is a folder"):
+        read_columns(tmp_path, ["u"])
+    with pytest.raises(RecordError, match="not a regular file"):
+        read_columns("/dev/zero", ["u"])
+    with pytest.raises(RecordError, match="cannot be read"):
+        read_columns("a\0b", ["u"])
+    monkeypatch.setattr(columns, "MAX_BYTES", 3)
+    with pytest.raises(RecordError, match="has 4 bytes, more than the 3 that are read; split it"):
+        read_columns(table("u\n1\n"), ["u"])
+
+
+def test_a_header_without_end_is_not_read_to_its_end(table, monkeypatch):
+    monkeypatch.setattr(columns, "MAX_LINE", 10)
+    with pytest.raises(RecordError, match="binary"):
+        read_columns(table("u" * 11), ["u"])
+
+
+@pytest.mark.parametrize("make", [pd.DataFrame, dict])
+def test_takes_columns_of_any_frame(make):
+    frame = make({"time [ms]": [0, 500], "voltage [V]": [1, 2], "note": ["a", "b"], "y": [3.0, 4]})
+    record = Record.from_frame(frame, input="voltage", output="y", time="time")
+    np.testing.assert_array_equal(record.t, [0, 0.5])
+    np.testing.assert_array_equal(record.y, [3, 4])
+    assert record.input == Quantity("voltage", "V")
+    assert not Record.from_frame(frame, input="voltage", output="y").timed
+
+
+def test_a_frame_may_number_its_columns():
+    record = Record.from_frame(pd.DataFrame(np.eye(2)), input="0", output="1")
+    np.testing.assert_array_equal(record.u, [1, 0])
+
+
+@pytest.mark.parametrize(
+    ("column", "complaint"),
+    [
+        ([1, "x"], "has 'x' at index 1; every cell must be a number"),
+        ([1, np.nan], "has nan at index 1; every cell must be a finite number"),
+        ([1, np.inf], "has inf at index 1"),
+        ([1, 1j], "real numbers"),
+        ([[1, 2], [3, 4]], "is not one column"),
+        ([], "has no rows"),
+        (pd.to_datetime(["2024-01-01", "2024-01-02"]), "holds dates"),
+    ],
+)
+def test_a_frame_with_unusable_numbers_is_refused(column, complaint):
+    with pytest.raises(RecordError, match=f"column 'u' of the frame.*{complaint}"):
+        Record.from_frame({"u": column, "y": [1, 2]}, input="u", output="y")
+
+
+def test_a_frame_without_the_column_is_told_what_exists():
+    with pytest.raises(RecordError, match="the frame has no column 'z', it has 'u', 'y'"):
+        Record.from_frame({"u": [1], "y": [1]}, input="u", output="z")
+
+
+def test_gaps_of_a_frame_are_legal_only_where_asked():
+    frame = pd.DataFrame({"u": [1, 2], "y": [1, np.nan]})
+    assert np.isnan(Record.from_frame(frame, input="u", output="y", gaps=True).y[1])
+    with pytest.raises(RecordError, match="'y' of the frame has nan"):
+        Record.from_frame(frame, input="u", output="y")
+
+
+def test_a_record_owns_its_numbers_and_does_not_change():
+    u = np.array([0.5, 0.6, 0.7])
+    record = small(u=u)
+    u[0] = 99
+    assert record.u[0] == 0.5
+    with pytest.raises(ValueError, match="read-only"):
+        record.u[0] = 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"u": [1, 2]}, "u has 2 samples and t has 3"),
+        ({"y": np.zeros((2, 3))}, "y has 2 channels and 1 names"),
+        ({"u": [1, np.nan, 2]}, "u is nan at index 1"),
+        ({"y": [1, np.inf, 2]}, "y is inf at index 1"),
+        ({"t": [0, 2, 1]}, "time runs backwards from 2 to 1 at sample 2"),
+        ({"t": [], "u": [], "y": []}, "at least one sample"),
+        ({"t": [[0, 1, 2]]}, "t has shape"),
+        ({"u": "abc"}, "u is not an array of real numbers"),
+    ],
+)
+def test_parts_that_do_not_fit_make_no_record(changes, complaint):
+    with pytest.raises(RecordError, match=complaint):
+        small(**changes)
+
+
+def test_several_channels_are_rows_and_are_written_as_columns(tmp_path):
+    names = ("pan [deg]", "tilt [deg]")
+    record = Record([0, 1], [1, 2], [[1, 2], [3, 4]], "voltage [V]", names)
+    record.to_csv(tmp_path / "axes.csv")
+    text = (tmp_path / "axes.csv").read_text()
+    assert text == "time [s],voltage [V],pan [deg],tilt [deg]\n0.0,1.0,1.0,3.0\n1.0,2.0,2.0,4.0\n"
+
+
+def test_records_on_one_clock_are_joined():
+    later = small(t=[3, 4, 5])
+    joined = Record.joined([small(), later])
+    np.testing.assert_array_equal(joined.t, range(6))
+    assert joined.output == small().output
+    with pytest.raises(RecordError, match="runs backwards"):
+        Record.joined([later, small()])
+    with pytest.raises(RecordError, match="no record to join"):
+        Record.joined([])
+    with pytest.raises(RecordError, match="different channels"):
+        Record.joined([small(), Record([3], [1], [1])])
+
+
+def test_an_existing_file_is_replaced_only_by_force(tmp_path):
+    file = tmp_path / "record.csv"
+    small().to_csv(file)
+    before = file.read_bytes()
+    with pytest.raises(OutputError, match="exists already"):
+        small(y=[7, 8, 9]).to_csv(file)
+    assert file.read_bytes() == before
+    small(y=[7, 8, 9]).to_csv(file, force=True)
+    assert Record.from_csv(file, input="voltage", output="curvature").y[0] == 7
+    with pytest.raises(OutputError, match="does not exist; make it first"):
+        small().to_csv(tmp_path / "missing" / "record.csv")
+
+
+def test_reads_measured_records(shared_data):
+    file = shared_data / "piezo_micromanipulator_minor_loops.csv"
+    record = Record.from_csv(file, input="input_V", output="displacement_um", time="t_s")
+    assert len(record) == 7000
+    np.testing.assert_allclose(np.diff(record.t), 0.005, atol=1e-9)
+    forc = read_columns(shared_data / "forc_feco_nanowires.csv", ["field_Oe", "moment_emu"])
+    assert forc["field_Oe"].size == forc["moment_emu"].size > 10_000

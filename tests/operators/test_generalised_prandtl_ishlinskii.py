@@ -1,0 +1,175 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import NotInvertibleError, ParameterError, SignalError
+from minorloop.operators.dead_zones import DeadZones
+from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+
+signals = st.lists(st.floats(-10, 10), min_size=1, max_size=60).map(np.array)
+MODEL = GeneralisedPrandtlIshlinskii(
+    PrandtlIshlinskii([0.0, 0.5, 1.5], [1.0, 0.5, 0.25], 0.3),
+    DeadZones.from_slopes([-4.0, -1.0, 2.0], [0.2, 0.7, 1.0, 0.4]),
+    offset=7.0,
+)
+
+
+def saturating_plant(u):
+    """Not of the family that is fitted: uneven plays under a shifted hyperbolic tangent."""
+    radii = np.array([0.0, 0.13, 0.29, 0.52, 0.81])
+    weights = np.array([0.4, 0.25, 0.2, 0.2, 0.15])
+    position, outputs = np.zeros(5), []
+    for sample in u:
+        position = np.clip(position, sample - radii, sample + radii)
+        outputs.append(5.0 + 2.0 * np.tanh(1.8 * position @ weights - 0.4))
+    return np.array(outputs)
+
+
+def nrmse(model, u, y):
+    return np.sqrt(np.mean((model.simulate(u, "relaxed") - y) ** 2)) / np.ptp(y)
+
+
+@given(signals)
+def test_is_the_curve_of_the_plays(u):
+    expected = 7.0 + MODEL.zones(MODEL.plays.simulate(u, "relaxed"))
+    np.testing.assert_array_equal(MODEL.simulate(u, "relaxed"), expected)
+
+
+@given(signals)
+def test_rate_independent(u):
+    thrice = MODEL.simulate(np.repeat(u, 3))
+    np.testing.assert_array_equal(MODEL.simulate(u), thrice[2::3])
+
+
+@given(signals)
+def test_a_larger_swing_wipes_out_the_past(u):
+    swing = np.array([20.0, -20.0, 1.0])
+    with_past = MODEL.simulate(np.concatenate([u, swing]), "relaxed")[-2:]
+    np.testing.assert_array_equal(with_past, MODEL.simulate(swing, "relaxed")[-2:])
+
+
+@given(signals, signals)
+def test_inverse_both_ways_from_any_past(past, signal):
+    start = MODEL.plays.trace(past, "relaxed")[-1]
+    result = MODEL.invert(signal, start)
+    assert result.worst <= 1e-12 * 20
+    recovered = MODEL.invert(MODEL.simulate(signal, start), start).u
+    np.testing.assert_allclose(recovered, signal, atol=1e-10)
+
+
+@given(signals, st.floats(0, 10))
+def test_live_agrees_with_the_whole(u, target):
+    tracker = MODEL.track("relaxed")
+    np.testing.assert_allclose([tracker.push(x) for x in u], MODEL.simulate(u, "relaxed"))
+    assert tracker.copy().push(tracker.aim(target)) == pytest.approx(target)
+
+
+def test_signals_side_by_side():
+    u = np.random.default_rng(0).normal(size=(5, 40))
+    np.testing.assert_array_equal(MODEL.simulate(u), [MODEL.simulate(row) for row in u])
+
+
+def test_fit_beats_plain_plays_tenfold_on_a_saturating_asymmetric_loop_it_has_not_seen():
+    time = np.linspace(0, 1, 2000)
+    u = np.sin(2 * np.pi * 6 * time) * (1.2 - 1.1 * time)
+    levels = np.random.default_rng(5).uniform(-1.15, 1.15, 25)
+    unseen = np.interp(time, np.linspace(0, 1, 25), levels)
+    bent = GeneralisedPrandtlIshlinskii.fit(u, saturating_plant(u), start="relaxed")
+    plain = PrandtlIshlinskii.fit(u, saturating_plant(u), start="relaxed")
+    wanted = saturating_plant(unseen)
+    assert nrmse(bent, unseen, wanted) < 0.005
+    assert nrmse(bent, unseen, wanted) < 0.1 * nrmse(plain, unseen, wanted)
+    assert bent.invert(wanted, "relaxed").worst <= 1e-12 * np.ptp(wanted)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_fit_finds_a_member_of_the_family(signed):
+    u = np.random.default_rng(6).uniform(-6, 6, 600)
+    y = MODEL.simulate(u, "relaxed")
+    knots = MODEL.offset + MODEL.zones(MODEL.zones.knots)
+    found = GeneralisedPrandtlIshlinskii.fit(
+        u, y, radii=MODEL.plays.radii, thresholds=knots, start="relaxed", signed=signed
+    )
+    assert nrmse(found, u, y) < 1e-9
+    np.testing.assert_allclose(found.zones.slopes, MODEL.zones.slopes, rtol=1e-6)
+
+
+def test_fit_survives_noise_and_gaps():
+    rng = np.random.default_rng(7)
+    time = np.linspace(0, 1, 2000)
+    u = np.sin(2 * np.pi * 6 * time) * (1.2 - 1.1 * time)
+    clean = saturating_plant(u)
+    noisy = clean + 0.01 * np.ptp(clean) * rng.normal(size=u.size)
+    noisy[rng.random(u.size) < 0.3] = np.nan
+    assert nrmse(GeneralisedPrandtlIshlinskii.fit(u, noisy, start="relaxed"), u, clean) < 0.005
+
+
+@pytest.mark.parametrize(
+    "shape", [np.negative, np.square, np.sign, np.random.default_rng(9).permutation]
+)
+def test_bending_never_fits_worse_than_plain_plays(shape):
+    u = np.cumsum(np.random.default_rng(10).normal(size=300))
+    y = shape(u - u.mean())
+    plain = PrandtlIshlinskii.fit(u, y, start="relaxed")
+    bent = GeneralisedPrandtlIshlinskii.fit(u, y, start="relaxed")
+    assert nrmse(bent, u, y) <= nrmse(plain, u, y) * (1 + 1e-9)
+    assert bent.invertible
+
+
+def test_without_thresholds_it_is_plain_plays():
+    u = np.random.default_rng(8).uniform(-6, 6, 300)
+    truth = PrandtlIshlinskii([0.0, 1.0], [1.0, 2.0], -3.0)
+    y = truth.simulate(u, "relaxed")
+    found = GeneralisedPrandtlIshlinskii.fit(u, y, radii=[0.0, 1.0], thresholds=0, start="relaxed")
+    np.testing.assert_allclose(found.plays.weights, truth.weights)
+    assert nrmse(found, u, y) < 1e-9
+
+
+def test_predicts_the_minor_loops_of_a_measured_piezo_stage(shared_data):
+    path = shared_data / "piezo_micromanipulator_minor_loops.csv"
+    table = np.genfromtxt(path, delimiter=",", skip_header=1)
+    lag = 4
+    u, y = table[200:-lag, 1], table[200 + lag :, 2]
+    model = GeneralisedPrandtlIshlinskii.fit(u[:4300], y[:4300])
+    error = (model.simulate(u) - y)[4300:]
+    assert np.sqrt(np.mean(error**2)) / np.ptp(y[4300:]) < 0.006
+
+
+def test_refuses_to_invert_what_has_no_inverse():
+    flat = GeneralisedPrandtlIshlinskii(MODEL.plays, DeadZones([0.0, 1.0], [1.0, -1.0]))
+    assert MODEL.invertible
+    assert not flat.invertible
+    with pytest.raises(NotInvertibleError, match="piece 1 of the dead zones has slope 0"):
+        flat.invert([0.0])
+
+
+def test_refuses_bad_parameters():
+    with pytest.raises(ParameterError, match="give a PrandtlIshlinskii"):
+        GeneralisedPrandtlIshlinskii(MODEL.zones, MODEL.zones)
+    with pytest.raises(ParameterError, match="give DeadZones"):
+        GeneralisedPrandtlIshlinskii(MODEL.plays, MODEL.plays)
+    with pytest.raises(ParameterError, match="offset"):
+        GeneralisedPrandtlIshlinskii(MODEL.plays, MODEL.zones, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("y", "options", "error", "what"),
+    [
+        (np.ones(60), {}, SignalError, "y is constant"),
+        (np.full(60, np.nan), {}, SignalError, "no measured sample"),
+        (np.arange(60.0), {"thresholds": [2.0, 1.0]}, ParameterError, "strictly increasing"),
+        (np.arange(60.0), {"thresholds": -1}, ParameterError, "whole number >= 0"),
+        (np.arange(60.0), {"thresholds": 60}, SignalError, "60 measured samples for 73"),
+    ],
+)
+def test_fit_refuses_what_it_cannot_use(y, options, error, what):
+    with pytest.raises(error, match=what):
+        GeneralisedPrandtlIshlinskii.fit(np.arange(60.0), y, **options)
+
+
+def test_equality_is_of_values():
+    assert GeneralisedPrandtlIshlinskii(MODEL.plays, MODEL.zones, 7.0) == MODEL
+    assert GeneralisedPrandtlIshlinskii(MODEL.plays, MODEL.zones, 8.0) != MODEL
+    assert MODEL != "model"

@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError, SignalError, UnreachableError
+from minorloop.operators.inversion import (
+    Inversion,
+    as_signal,
+    check_unreachable_option,
+    refuse_unreachable,
+    within_reach,
+)
+
+
+def inversion(count):
+    targets = np.linspace(-2.0, 2.0, count)
+    y = np.clip(targets, -1.0, 1.0)
+    return Inversion(u=y / 2, y=y, residual=y - targets, reachable=np.abs(targets) <= 1)
+
+
+def test_targets_and_worst_follow_from_the_fields():
+    result = inversion(5)
+    np.testing.assert_allclose(result.targets, [-2, -1, 0, 1, 2])
+    assert result.worst == 1.0
+    assert inversion(0).worst == 0.0
+
+
+def test_prints_a_row_a_target_and_a_summary():
+    lines = str(inversion(5)).splitlines()
+    assert len(lines) == 1 + 5 + 1
+    assert [line.endswith("out of reach") for line in lines[1:-1]] == [True, *3 * [False], True]
+    assert "worst residual 1" in lines[-1]
+    assert "2 of 5 out of reach" in lines[-1]
+
+
+def test_a_long_table_is_cut_short():
+    text = str(inversion(1000))
+    assert len(text.splitlines()) < 20
+    assert "988 more" in text
+
+
+def test_draws_targets_outputs_and_inputs():
+    result = inversion(9)
+    upper, lower = result.plot(input_label="voltage [V]", output_label="angle [deg]").axes
+    assert upper.get_ylabel() == "angle [deg]"
+    assert lower.get_ylabel() == "voltage [V]"
+    drawn = [np.asarray(line.get_ydata()) for line in (*upper.lines, *lower.lines)]
+    for wanted in (result.targets, result.y, result.u):
+        assert any(np.array_equal(line, wanted) for line in drawn)
+
+
+def test_the_message_names_value_index_range_and_way_out():
+    targets = np.array([0.0, 1.0, 2.0, 12.4, -11.0])
+    reachable = within_reach(targets, -9.8, 9.7)
+    np.testing.assert_array_equal(reachable, [True, True, True, False, False])
+    with pytest.raises(UnreachableError) as caught:
+        refuse_unreachable(targets, -9.8, 9.7, reachable, "1/m")
+    assert str(caught.value) == (
+        "target 12.4 1/m at index 3 is beyond what the model can reach, [-9.8, 9.7] 1/m; "
+        'pass unreachable="clip" to go as near as it can'
+    )
+    refuse_unreachable(targets[:3], -9.8, 9.7, reachable[:3])
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.floats(2e-12, 1.0))
+def test_the_message_shows_that_the_target_is_outside(low, width, beyond):
+    high = low + width
+    targets = np.array([high + beyond * (high - low)])
+    reachable = within_reach(targets, low, high)
+    assume(not reachable[0])
+    with pytest.raises(UnreachableError) as caught:
+        refuse_unreachable(targets, low, high, reachable)
+    words = str(caught.value).replace("[", "").replace("]", "").replace(";", " ").split()
+    assert float(words[1]) > float(words[words.index("reach,") + 2])
+
+
+@given(st.floats(-1e3, 1e3), st.floats(1.0, 1e3))
+def test_rounding_at_an_end_is_within_reach(low, width):
+    high = low + width
+    ends = np.array([low - 0.9e-12 * width, high + 0.9e-12 * width])
+    slack = np.spacing(max(abs(low), abs(high)))
+    if slack < 1e-14 * width:
+        assert within_reach(ends, low, high).all()
+    assert not within_reach(ends + np.array([-1, 1]) * 1e-9 * width, low, high).any()
+
+
+def test_the_two_options():
+    check_unreachable_option("raise")
+    check_unreachable_option("clip")
+    with pytest.raises(ParameterError, match="'raise', 'clip'"):
+        check_unreachable_option("ignore")
+
+
+def test_one_sequence_of_targets():
+    np.testing.assert_array_equal(as_signal(3, name="targets"), [3.0])
+    with pytest.raises(SignalError, match="targets has shape"):
+        as_signal([[1.0]], name="targets")

@@ -1,0 +1,172 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import (
+    NotInvertibleError,
+    ParameterError,
+    SignalError,
+    UnreachableError,
+)
+from minorloop.operators.polynomial import Polynomial
+
+QUADRATIC = Polynomial([0.34, 8.2, -0.35], -1.2, 1.2)
+inputs = st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=40).map(np.array)
+
+
+def test_ends_of_the_quadratic_of_an_ipmc():
+    low, high = QUADRATIC.range
+    assert low == pytest.approx(-10.004)
+    assert high == pytest.approx(9.676)
+    assert QUADRATIC.invertible
+
+
+@given(inputs)
+def test_inverse_of_the_quadratic_is_the_minus_branch(u):
+    y = QUADRATIC.simulate(u)
+    closed = (8.2 - np.sqrt(8.2**2 - 1.4 * (y - 0.34))) / 0.7
+    result = QUADRATIC.invert(y)
+    np.testing.assert_allclose(result.u, closed, atol=1e-13)
+    np.testing.assert_allclose(result.u, u, atol=1e-13)
+    assert result.worst <= 1e-12 * 19.68
+
+
+@given(inputs, st.integers(1, 4), st.sampled_from([-1.0, 1.0]), st.floats(-2, 2))
+def test_inverts_monotone_curves_of_any_degree(u, degree, sign, shift):
+    odd = np.polynomial.polynomial.polypow([-shift, 1.0], 2 * degree - 1)
+    model = Polynomial(sign * (odd + np.eye(odd.size)[1]), -1.2, 1.2)
+    result = model.invert(model.simulate(u))
+    low, high = model.range
+    assert result.worst <= 1e-12 * (high - low)
+
+
+def test_saturates_outside():
+    np.testing.assert_array_equal(QUADRATIC.simulate([-5.0, 5.0]), QUADRATIC.simulate([-1.2, 1.2]))
+    result = QUADRATIC.invert([-20.0, 0.34, 20.0], unreachable="clip")
+    np.testing.assert_allclose(result.u, [-1.2, 0.0, 1.2], atol=1e-14)
+    np.testing.assert_array_equal(result.reachable, [False, True, False])
+    np.testing.assert_allclose(result.residual, [9.996, 0.0, -10.324])
+
+
+def test_refuses_targets_out_of_reach():
+    with pytest.raises(UnreachableError, match=r"target 12\.4 at index 1 .* \[-10\.004, 9\.676\]"):
+        QUADRATIC.invert([1.0, 12.4])
+
+
+def test_a_target_beyond_by_rounding_is_within_reach():
+    low, high = QUADRATIC.range
+    assert QUADRATIC.invert([low - 1e-13, high + 1e-13]).reachable.all()
+
+
+def test_without_memory_history_does_not_matter():
+    u = np.random.default_rng(0).uniform(-1.2, 1.2, 50)
+    np.testing.assert_array_equal(QUADRATIC.simulate(u)[::-1], QUADRATIC.simulate(u[::-1]))
+    np.testing.assert_array_equal(
+        QUADRATIC.simulate(u.reshape(5, 10)), QUADRATIC.simulate(u).reshape(5, 10)
+    )
+
+
+def test_tracker_aims_and_saturates():
+    tracker = QUADRATIC.track("negative")
+    assert tracker.push(tracker.aim(3.0)) == pytest.approx(3.0)
+    assert tracker.aim(100.0) == 1.2
+    assert tracker.peek(9.0) == pytest.approx(9.676)
+    assert tracker.copy().memory == "negative"
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "ends", "stretch"),
+    [
+        ([0.0, 0.0, 1.0], (-1.0, 2.0), (0.0, 2.0)),
+        ([0.0, 0.0, -1.0], (-2.0, 1.0), (-2.0, 0.0)),
+        ([0.0, -3.0, 0.0, 1.0], (-1.5, 1.5), (-1.0, 1.0)),
+        ([0.0, 3.0, 0.0, -1.0], (-1.5, 2.5), (1.0, 2.5)),
+    ],
+)
+def test_names_the_stretch_on_which_it_could_be_inverted(coefficients, ends, stretch):
+    model = Polynomial(coefficients, *ends)
+    assert not model.invertible
+    assert model.monotone_stretch == pytest.approx(stretch)
+    with pytest.raises(NotInvertibleError, match="monotone_stretch"):
+        model.invert([0.0])
+    cut = Polynomial(coefficients, *model.monotone_stretch)
+    assert cut.invert([sum(cut.range) / 2]).worst < 1e-14
+
+
+def test_an_inflection_is_no_turn():
+    cube = Polynomial([0.0, 0.0, 0.0, 1.0], -1.0, 1.0)
+    assert cube.invertible
+    assert cube.invert([-0.001, 0.0, 0.008]).u == pytest.approx([-0.1, 0.0, 0.2])
+
+
+def test_a_leading_term_too_small_to_feel_does_no_harm():
+    model = Polynomial([0.0, 1.0, 1e-320, 1e-310], -1.0, 1.0)
+    assert model.invert([0.5]).u == pytest.approx([0.5])
+
+
+@pytest.mark.parametrize("coefficients", [[3.0], [3.0, 0.0]])
+def test_a_constant_has_no_inverse(coefficients):
+    with pytest.raises(NotInvertibleError, match="constant"):
+        Polynomial(coefficients, 0.0, 1.0).invert([3.0])
+
+
+@given(
+    st.lists(st.floats(-5, 5), min_size=2, max_size=5),
+    st.floats(-100, 100),
+    st.floats(0.1, 10),
+)
+def test_fit_follows_a_polynomial(coefficients, low, width):
+    u = np.linspace(low, low + width, 50)
+    y = np.polynomial.polynomial.polyval((u - low) / width, coefficients)
+    model = Polynomial.fit(u, y, len(coefficients) - 1)
+    assert (model.low, model.high) == (u[0], u[-1])
+    # Powers of an input far from zero cancel, by the ratio of its size to its swing.
+    lost = (1 + abs(low) / width) ** (len(coefficients) - 1)
+    np.testing.assert_allclose(model.simulate(u), y, atol=1e-12 * lost + 1e-11)
+
+
+def test_fit_leaves_out_gaps_and_takes_wider_ends():
+    u = np.linspace(-1, 1, 21)
+    y = QUADRATIC.simulate(u)
+    y[::4] = np.nan
+    model = Polynomial.fit(u, y, low=-1.2, high=1.2)
+    np.testing.assert_allclose(model.coefficients, QUADRATIC.coefficients)
+    assert (model.low, model.high) == (-1.2, 1.2)
+
+
+@pytest.mark.parametrize(
+    ("u", "y", "degree", "error", "what"),
+    [
+        ([0.0, 1.0], [0.0, 1.0], 2, SignalError, "2 different inputs"),
+        ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], 2, SignalError, "needs at least 3"),
+        ([0.0, 1.0], [0.0], 1, SignalError, "samples of each"),
+        ([0.0, 1.0], [0.0, 1.0], 0, ParameterError, "degree is 0"),
+        ([0.0, 1.0], [0.0, 1.0], 1.5, ParameterError, "degree is 1.5"),
+        ([0.0, 1.0], [0.0, 1.0], True, ParameterError, "degree is True"),
+    ],
+)
+def test_fit_refuses_what_it_cannot_use(u, y, degree, error, what):
+    with pytest.raises(error, match=what):
+        Polynomial.fit(u, y, degree)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "low", "high", "what"),
+    [
+        ([], 0, 1, "constant first"),
+        ([1.0, np.nan], 0, 1, "finite"),
+        (["x"], 0, 1, "not numbers"),
+        ([1.0], 1, 1, "low < high"),
+        ([1.0], 0, np.inf, "high is inf"),
+    ],
+)
+def test_refuses_bad_parameters(coefficients, low, high, what):
+    with pytest.raises(ParameterError, match=what):
+        Polynomial(coefficients, low, high)
+
+
+def test_equality_is_of_values():
+    assert Polynomial([0.34, 8.2, -0.35], -1.2, 1.2) == QUADRATIC
+    assert Polynomial([0.34, 8.2, -0.35], -1.2, 1.1) != QUADRATIC
+    assert QUADRATIC != 1

@@ -1,0 +1,27 @@
+import pytest
+
+from minorloop.connect import TWINS, connect
+from minorloop.errors import ParameterError
+from minorloop.lab.actuator import Actuator
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_every_twin_stands_behind_the_door(name):
+    twin = connect(f"twin:{name}")
+    assert isinstance(twin, Actuator)
+    record = twin.apply(twin.inputs[0].low, 1.0, 0.5)
+    assert str(record.input) == str(twin.inputs[0])
+    assert str(record.output) == str(twin.outputs[0])
+
+
+def test_options_reach_the_twin():
+    plain = connect("twin:ipmc").exchange(1.0)
+    assert connect("twin:ipmc", specimen=1).exchange(1.0) != plain
+    noisy = [connect("twin:ipmc", noise=0.1, seed=seed).exchange(1.0) for seed in (1, 1, 2)]
+    assert noisy[0] == noisy[1] != noisy[2]
+
+
+@pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "visa:GPIB0", "twin:"])
+def test_an_unknown_address_is_told_what_exists(address):
+    with pytest.raises(ParameterError, match="what exists is 'twin:ipmc', 'twin:fibre'"):
+        connect(address)

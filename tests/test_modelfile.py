@@ -1,0 +1,362 @@
+import hashlib
+import json
+from datetime import UTC, datetime, timedelta, timezone
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+import minorloop
+from minorloop import (
+    GeneralisedPrandtlIshlinskii,
+    ModelFileError,
+    OutputError,
+    ParameterError,
+    Polynomial,
+    PrandtlIshlinskii,
+    Preisach,
+    RecordError,
+    RelayModel,
+    load,
+    save,
+)
+from minorloop._modelschema import KINDS, Content, plain
+from minorloop.lab.records import Quantity
+from minorloop.modelfile import LARGEST, Provenance, read
+from minorloop.operators.dead_zones import DeadZones
+
+LEVELS = [-1.0, 0.0, 0.5, 2.0]
+TRIANGLE = [[0.1, 0.0, 0.0], [1 / 3, -0.0, 0.0], [5e-324, -1e300, np.pi]]
+PLAYS = PrandtlIshlinskii([0.0, 0.1, 0.7], [1.0, 0.2, -0.3], 0.25)
+MODELS = {
+    "preisach": Preisach(LEVELS, TRIANGLE, 0.5, "unipolar", "reversible", 1 / 7),
+    "relay": RelayModel(LEVELS[:3], TRIANGLE, -0.5, "unipolar"),
+    "prandtl-ishlinskii": PLAYS,
+    "generalised-prandtl-ishlinskii": GeneralisedPrandtlIshlinskii(
+        PLAYS, DeadZones([-1.0, 0.0, 2.0], [0.1, 1.0, -0.5]), 3.0
+    ),
+    "polynomial": Polynomial([0.1, 0.2, 1 / 3], -2.0, 3.0),
+}
+GIVEN = {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0"}
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+kinds = pytest.mark.parametrize("kind", MODELS)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "model.json"
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory):
+    return tmp_path_factory.mktemp("models") / "model.json"
+
+
+@pytest.fixture
+def content(path):
+    """A valid file as an object, to be spoilt."""
+    save(MODELS["preisach"], path, provenance=GIVEN)
+    return json.loads(path.read_text())
+
+
+def same(one, other):
+    """Whether models agree in every bit."""
+    return type(one) is type(other) and repr(plain(one)) == repr(plain(other))
+
+
+@kinds
+def test_loads_what_was_saved(kind, path):
+    save(MODELS[kind], path)
+    assert same(load(path), MODELS[kind])
+    assert read(path).kind == kind
+
+
+@kinds
+def test_the_file_has_every_parameter_of_the_class_and_no_other(kind, path):
+    save(MODELS[kind], path)
+    written = json.loads(path.read_text())["model"]
+    (fields,) = [
+        part.fields
+        for part in msgspec.inspect.type_info(Content).fields[5].type.types
+        if part.tag == kind
+    ]
+    assert written.pop("kind") == kind
+    assert set(written) == {field.name for field in fields}
+
+
+def test_every_kind_is_tried():
+    assert set(MODELS) == set(KINDS.values())
+    assert {type(model) for model in MODELS.values()} == set(KINDS)
+
+
+@given(data=st.data(), bands=st.integers(1, 4))
+def test_every_float_comes_back_to_the_bit(data, bands, scratch):
+    numbers = st.lists(
+        st.floats(-1e300, 1e300), min_size=bands + 1, max_size=bands + 1, unique=True
+    )
+    levels = sorted(data.draw(numbers))
+    weights = np.zeros((bands, bands))
+    inside = np.tril_indices(bands)
+    weights[inside] = data.draw(st.lists(finite, min_size=len(inside[0]), max_size=len(inside[0])))
+    model = Preisach(levels, weights, data.draw(finite), slope=data.draw(finite))
+    save(model, scratch, force=True)
+    assert same(load(scratch), model)
+
+
+def test_rows_go_up_to_the_diagonal(content):
+    assert [len(row) for row in content["model"]["weights"]] == [1, 2, 3]
+
+
+def test_names_units_and_lag_come_back(path):
+    save(PLAYS, path, input="voltage [V]", output=Quantity("curvature", "1/m"), lag=3)
+    file = read(path)
+    assert (file.input, file.output) == (Quantity("voltage", "V"), Quantity("curvature", "1/m"))
+    assert file.lag == 3
+
+
+def test_provenance_comes_back(path, tmp_path):
+    data = tmp_path / "run.csv"
+    data.write_bytes(b"u,y\n1,2\n")
+    given_ = Provenance.of(data, {"nrmse": np.float64(0.01), "holdout_nrmse": None})
+    before = datetime.now(UTC).replace(microsecond=0)
+    save(PLAYS, path, provenance=given_)
+    found = read(path).provenance
+    assert (found.data, found.sha256) == ("run.csv", hashlib.sha256(b"u,y\n1,2\n").hexdigest())
+    assert found.scores == {"nrmse": 0.01, "holdout_nrmse": None}
+    assert found.minorloop == minorloop.__version__
+    assert before <= found.created <= datetime.now(UTC)
+
+
+def test_provenance_that_is_given_is_kept(path, tmp_path):
+    noon = datetime(2020, 6, 1, 12, tzinfo=timezone(timedelta(hours=2)))
+    save(PLAYS, path, provenance={"created": noon, "minorloop": "0.0.1"})
+    found = read(path).provenance
+    assert (found.created, found.minorloop) == (noon, "0.0.1")
+    assert "2020-06-01T10:00:00Z" in path.read_text()
+    save(PLAYS, tmp_path / "again.json", provenance=found)
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_provenance_of_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(RecordError, match=r"gone\.csv cannot be read: No such file"):
+        Provenance.of(tmp_path / "gone.csv")
+
+
+@pytest.mark.parametrize(
+    ("provenance", "message"),
+    [
+        ({"author": "me"}, "unknown field `author`"),
+        ({"sha256": "123"}, "at `sha256`"),
+        ({"scores": {"nrmse": np.nan}}, "score nrmse is nan"),
+        ({"scores": {"nrmse": "good"}}, "score nrmse is 'good'"),
+        ({"created": "yesterday"}, "at `created`"),
+        ({"created": datetime(2026, 1, 1)}, "at `created`"),
+        ("run.csv", "not a mapping"),
+    ],
+)
+def test_refuses_provenance_that_cannot_be_used(provenance, message, path):
+    with pytest.raises(ParameterError, match=message):
+        save(PLAYS, path, provenance=provenance)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"lag": -1}, "`int` >= 0 - at `lag`"),
+        ({"lag": 0.5}, "got `float` - at `lag`"),
+        ({"input": "\udcff"}, "surrogates"),
+    ],
+)
+def test_refuses_to_write_what_it_could_not_read(options, message, path):
+    with pytest.raises(ParameterError, match=message):
+        save(PLAYS, path, **options)
+    assert not path.exists()
+
+
+def test_refuses_to_write_something_else(path):
+    with pytest.raises(ParameterError, match="cannot hold a dict; give one of Preisach, Relay"):
+        save({}, path)
+
+
+def test_refuses_to_write_more_than_it_would_read(path, monkeypatch):
+    monkeypatch.setattr("minorloop.modelfile.LARGEST", 100)
+    with pytest.raises(ParameterError, match="a model file 100 at most"):
+        save(PLAYS, path)
+    assert not path.exists()
+
+
+def test_replaces_a_file_only_when_forced(path):
+    path.write_text("precious")
+    with pytest.raises(OutputError, match="exists already"):
+        save(PLAYS, path)
+    assert path.read_text() == "precious"
+    save(PLAYS, path, force=True)
+    assert same(load(path), PLAYS)
+
+
+def spoil(content, keys, value):
+    *way, last = keys
+    for key in way:
+        content = content[key]
+    if value is None:
+        del content[last]
+    else:
+        content[last] = value
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "message"),
+    [
+        (["format"], "other", "is not a model file"),
+        (["format"], None, "is not a model file"),
+        (["version"], None, "is not a model file"),
+        (["version"], 0, "is not a model file"),
+        (["version"], "1", "is not a model file"),
+        (["version"], 2, "format version 2, and this minorloop reads up to 1; install a newer"),
+        (["author"], "me", "unknown field `author`"),
+        (["model", "colour"], "red", "unknown field `colour` - at `model`"),
+        (["input", "colour"], "red", "unknown field `colour` - at `input`"),
+        (["provenance", "colour"], "red", "unknown field `colour` - at `provenance`"),
+        (["model", "kind"], "bouc-wen", "'bouc-wen' - at `model.kind`; kinds are preisach, relay"),
+        (["model", "kind"], "polynomial", "unknown field `levels`"),
+        (["model", "slope"], None, "missing required field `slope`"),
+        (["lag"], -1, "at `lag`"),
+        (["lag"], 1.5, "at `lag`"),
+        (["model", "relay"], "tripolar", "'tripolar' - at `model.relay`"),
+        (["model", "offset"], "0", "at `model.offset`"),
+        (["model", "levels"], [0.0, 1.0, 1.0, 2.0], "not strictly increasing"),
+        (["model", "levels"], [2.0, 1.0, 0.5, 0.0], "not strictly increasing"),
+        (["model", "levels"], [0.0, 1.0], "weights have 3 rows; the levels need 1"),
+        (["model", "levels"], [], "levels have shape"),
+        (["model", "weights", 1], [1.0], "row 1 of weights has 1 numbers; it needs 2"),
+        (["model", "weights", 0], [1.0, 2.0], "row 0 of weights has 2 numbers; it needs 1"),
+        (["model", "weights", 0, 0], True, r"`float`, got `bool` - at `model.weights\[0\]\[0\]"),
+        (["provenance", "sha256"], "xyz", "at `provenance.sha256`"),
+    ],
+)
+def test_refuses_a_file_that_is_inconsistent(keys, value, message, content, path):
+    spoil(content, keys, value)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ModelFileError, match=message):
+        load(path)
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999", "9" * 400, "0x10"])
+def test_refuses_numbers_that_are_not_finite(number, content, path):
+    content["model"]["offset"] = "here"
+    path.write_text(json.dumps(content).replace('"here"', number))
+    with pytest.raises(ModelFileError, match=r"damaged|out of range"):
+        load(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"", "damaged, or is not JSON"),
+        (b"not json", "damaged, or is not JSON"),
+        (b"\x80\x04\x95", "damaged, or is not JSON"),
+        (b'{"format": "\xff"}', "damaged, or is not JSON"),
+        (b'{"a": ' * 100_000, "damaged, or is not JSON"),
+        (b"[" * 100_000, "is not a model file"),
+        (b"[1, 2]", "is not a model file"),
+        (b"null", "is not a model file"),
+        (b'{"weights": [1]}', "is not a model file"),
+    ],
+)
+def test_refuses_other_files(text, message, path):
+    path.write_bytes(text)
+    with pytest.raises(ModelFileError, match=message):
+        load(path)
+
+
+def test_refuses_what_is_no_file(tmp_path, path):
+    with pytest.raises(ModelFileError, match="there is no file"):
+        load(path)
+    with pytest.raises(ModelFileError, match="is not a file"):
+        load(tmp_path)
+    with pytest.raises(ModelFileError, match="is not a file"):
+        load("/dev/zero")
+    with pytest.raises(ModelFileError, match="cannot be the name of a file"):
+        load("a\0b")
+
+
+def test_refuses_a_file_that_is_too_large(path):
+    with open(path, "wb") as file:
+        file.truncate(LARGEST + 1)
+    with pytest.raises(
+        ModelFileError, match=f"{LARGEST + 1} bytes, a model file {LARGEST} at most"
+    ):
+        load(path)
+
+
+def read_or_refused(path, data):
+    """Whether the file reads; what reads has to be a model that can be saved again."""
+    path.write_bytes(data)
+    try:
+        model = load(path)
+    except ModelFileError:
+        return False
+    save(model, path, force=True)
+    assert same(load(path), model)
+    return True
+
+
+@pytest.fixture(scope="module")
+def valid(scratch):
+    """The bytes of a valid file of each kind."""
+    texts = {}
+    for kind, model in MODELS.items():
+        save(model, scratch, provenance={**GIVEN, "scores": {"nrmse": 0.1}}, force=True)
+        texts[kind] = scratch.read_bytes()
+    return texts
+
+
+@kinds
+@given(
+    flips=st.lists(st.tuples(st.integers(0, 2**20), st.integers(1, 255)), min_size=1, max_size=3)
+)
+def test_flipped_bytes_give_a_model_or_a_refusal(kind, flips, valid, scratch):
+    data = bytearray(valid[kind])
+    for place, mask in flips:
+        data[place % len(data)] ^= mask
+    read_or_refused(scratch, bytes(data))
+
+
+@kinds
+def test_flipping_any_one_bit_gives_a_model_or_a_refusal(kind, valid, scratch):
+    outcomes = {
+        read_or_refused(scratch, valid[kind][:i] + bytes([byte ^ 1]) + valid[kind][i + 1 :])
+        for i, byte in enumerate(valid[kind])
+    }
+    assert outcomes == {True, False}
+
+
+@kinds
+def test_a_truncated_file_is_refused(kind, valid, scratch):
+    whole = valid[kind].rstrip()
+    assert read_or_refused(scratch, whole)
+    for length in range(len(whole)):
+        assert not read_or_refused(scratch, whole[:length])
+
+
+@given(
+    json_like=st.recursive(
+        st.none() | st.booleans() | st.integers() | finite | st.text(max_size=5),
+        lambda inner: (
+            st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+        ),
+        max_leaves=8,
+    )
+)
+@example(json_like={"format": "minorloop model", "version": 1})
+def test_other_json_in_the_place_of_a_part_is_refused_or_read(json_like, valid, scratch):
+    whole = json.loads(valid["preisach"])
+    for key in whole:
+        read_or_refused(scratch, json.dumps({**whole, key: json_like}).encode())
+    for key in whole["model"]:
+        model = {**whole["model"], key: json_like}
+        read_or_refused(scratch, json.dumps({**whole, "model": model}).encode())

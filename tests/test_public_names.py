@@ -1,0 +1,81 @@
+import ast
+import inspect
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+import minorloop
+from minorloop import errors
+
+NAMES = {
+    *("Preisach", "RelayModel", "PrandtlIshlinskii", "GeneralisedPrandtlIshlinskii"),
+    *("Polynomial", "Memory", "Tracker", "Inversion"),
+    *("identify", "Identification", "excitation", "densities"),
+    *("Record", "curvature_from_displacement", "displacement_from_curvature"),
+    *("save", "load", "connect", "__version__"),
+    *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
+    *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
+    *("OutputError", "StoreError", "MissingExtraError"),
+}
+
+
+def run(code):
+    """Run code in a fresh interpreter; give what it printed."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_these_names_are_public():
+    assert set(minorloop.__all__) == NAMES
+    assert dir(minorloop) == sorted(NAMES)
+
+
+def test_every_error_is_public():
+    classes = {name for name, _ in inspect.getmembers(errors, inspect.isclass)}
+    assert classes == {name for name in NAMES if name.endswith("Error")}
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_a_public_name_is_the_one_of_its_module(name):
+    found = getattr(minorloop, name)
+    if inspect.ismodule(found):
+        assert found.__name__.endswith(f".{name}")
+    elif name != "__version__":
+        assert found.__name__ == name
+        assert getattr(import_module(found.__module__), name) is found
+
+
+def test_type_checkers_see_the_same_names():
+    """The imports for type checkers are the names that resolve when they are asked for."""
+    tree = ast.parse(inspect.getsource(minorloop))
+    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    imported = {alias.name for node in block.body for alias in node.names}
+    assert imported == NAMES - {"__version__"}
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'minorloop' has no attribute 'hysteresis'"):
+        _ = minorloop.hysteresis
+
+
+def test_importing_it_imports_nothing_slow():
+    loaded = run("import sys, minorloop; print(*sorted({m.split('.')[0] for m in sys.modules}))")
+    slow = {"numba", "scipy", "matplotlib", "numpy", "msgspec", "typer", "rich", "jinja2", "pandas"}
+    assert not slow & set(loaded.split())
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        "import minorloop",
+        "import minorloop.connect",
+        "import minorloop; minorloop.connect; import minorloop.connect",
+        "import minorloop; from minorloop.connect import connect",
+        "import minorloop; from minorloop import connect",
+        "import minorloop; minorloop.Memory",
+    ],
+)
+def test_connect_is_the_function_whatever_was_imported_before(before):
+    assert run(f"{before}; print(type(minorloop.connect).__name__)") == "function"

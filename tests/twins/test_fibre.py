@@ -1,0 +1,139 @@
+import json
+
+import numpy as np
+import pytest
+
+from minorloop.errors import LimitError
+from minorloop.lab.actuator import Actuator
+from minorloop.twins.fibre import Fibre
+
+HOLD = 300.0
+REST = [0.2] * 3
+
+
+def settled(inputs, **options):
+    """Length change at the end of each hold, from 900 s at the lowest voltage."""
+    twin = Fibre(**options)
+    return np.array([twin.apply(u, HOLD, HOLD).y[-1] for u in (*REST, *inputs)])[len(REST) :]
+
+
+def replay(reference, substeps=1):
+    t, u, _ = reference.T
+    twin, began, first, pieces = Fibre(substeps=substeps), 0.0, 0, []
+    for last in [*np.flatnonzero(np.diff(u)), u.size - 1]:
+        pieces.append(twin.apply(u[first], t[last] - began, 5.0).y)
+        began, first = t[last], last + 1
+    return np.concatenate(pieces)
+
+
+@pytest.fixture(scope="module")
+def reference(shared_data):
+    file = shared_data / "twins" / "fibre_reference.csv"
+    if not file.is_file():
+        pytest.skip(f"needs {file.name}, which is not in ../shared/data/twins")
+    return np.loadtxt(file, delimiter=",", skiprows=1)
+
+
+def test_follows_the_reference(reference):
+    _, u, y = reference.T
+    error = np.abs(replay(reference) - y) / np.ptp(y)
+    assert error.max() < 0.01
+    assert error[np.flatnonzero(np.diff(u))].max() < 0.001
+
+
+def test_halving_the_step_changes_little(reference):
+    _, u, y = reference.T
+    change = np.abs(replay(reference, substeps=2) - replay(reference)) / np.ptp(y)
+    assert change.max() < 0.01
+    assert change[np.flatnonzero(np.diff(u))].max() < 0.001
+
+
+@pytest.mark.parametrize(("start", "t63", "t95"), [(0.40, 27, 72), (0.50, 37, 102)])
+def test_steps_to_045_take_so_long(start, t63, t95):
+    twin = Fibre()
+    for u in [*REST, *np.arange(0.25, start + 0.01, 0.05)]:
+        before = twin.apply(u, HOLD, HOLD).y[-1]
+    record = twin.apply(0.45, 600.0, 0.25)
+    share = (record.y - before) / (record.y[-1] - before)
+    elapsed = 0.25 * np.arange(1, share.size + 1)
+    assert elapsed[np.argmax(share >= 0.63)] == pytest.approx(t63, rel=0.06)
+    assert elapsed[np.argmax(share >= 0.95)] == pytest.approx(t95, rel=0.06)
+    assert share[int(HOLD / 0.25)] == pytest.approx(1, abs=0.005)
+
+
+def test_the_loop_is_a_fifth_of_the_span_wide():
+    levels = np.linspace(0.2, 0.65, 10)
+    up = settled(levels)
+    down = settled([*levels, *levels[::-1]])[-10:][::-1]
+    assert np.max(down - up) / (up[-1] - up[0]) == pytest.approx(0.2, abs=0.01)
+    assert up[-1] - up[0] > 0.01 * 15_000
+
+
+def test_is_no_preisach_operator_loops_are_not_congruent():
+    heights = []
+    for past in ([], [0.65]):
+        y = settled([*past, 0.35, 0.45, 0.35, 0.45])
+        heights.append(y[-1] - y[-2])
+    assert abs(heights[1] / heights[0] - 1) > 0.03
+
+
+def test_is_no_preisach_operator_excursions_are_not_wiped_out():
+    straight, around = settled([0.4]), settled([0.4, 0.3, 0.4])
+    later = settled([0.5, 0.55])[-1] - settled([0.5, 0.25, 0.5, 0.55])[-1]
+    assert abs(around[-1] - straight[-1]) / 180 > 0.01
+    assert abs(later) / 180 > 0.003
+
+
+@pytest.mark.parametrize("u", [0.19, 0.66, np.nan])
+def test_keeps_to_its_voltages(u):
+    with pytest.raises(LimitError, match=r"\[0\.2, 0\.65\] V"):
+        Fibre().apply(u, 1.0, 1.0)
+
+
+def test_stands_behind_the_door():
+    twin = Fibre()
+    assert isinstance(twin, Actuator)
+    record = twin.apply(0.5, 10.0, 2.0)
+    assert (str(record.input), str(record.output)) == ("voltage [V]", "length change [um]")
+    assert twin.tick == 1.0
+    twin.exchange(0.5)
+    assert twin.clock == pytest.approx(11.0)
+
+
+def test_a_waveform_begins_at_the_output_of_now():
+    twin = Fibre()
+    now = twin.apply(0.5, 30.0, 30.0).y[-1]
+    record = twin.drive([0.0, 60.0], [0.5, 0.4])
+    assert record.y[0] == pytest.approx(now, rel=1e-12)
+    np.testing.assert_allclose(record.t, [30.0, 90.0])
+
+
+def test_a_slow_waveform_does_not_need_fine_samples():
+    coarse, fine = Fibre(), Fibre()
+    t = np.linspace(0, 200, 401)
+    ramp = np.interp(t, [0, 100, 200], [0.2, 0.6, 0.3])
+    expected = fine.drive(t, ramp).y[[0, 200, 400]]
+    np.testing.assert_allclose(coarse.drive([0, 100, 200], [0.2, 0.6, 0.3]).y, expected, atol=1e-6)
+
+
+def test_a_restored_fibre_repeats_exactly():
+    twin = Fibre(specimen=3, noise=1.0, seed=5)
+    twin.apply(0.5, 100.0, 7.0)
+    kept = json.loads(json.dumps(twin.checkpoint()))
+    first = twin.apply(0.3, 100.0, 7.0)
+    other = Fibre(specimen=3, noise=1.0, seed=5)
+    other.restore(kept)
+    np.testing.assert_array_equal(other.apply(0.3, 100.0, 7.0).y, first.y)
+
+
+@pytest.mark.parametrize("specimen", range(20))
+def test_every_specimen_lengthens_with_the_voltage(specimen):
+    up = settled(np.linspace(0.2, 0.65, 10), specimen=specimen)
+    assert np.all(np.diff(up) > 0)
+    nominal, drawn = Fibre()._parameters, Fibre(specimen)._parameters
+    assert all(abs(drawn[name] / nominal[name] - 1) <= 0.1 for name in nominal)
+
+
+def test_drift_changes_the_gain_by_so_much_an_hour():
+    ratio = settled([0.5] * 9, drift=0.1)[-1] / settled([0.5] * 9)[-1]
+    assert ratio == pytest.approx(1.1, abs=0.001)
