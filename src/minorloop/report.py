@@ -152,7 +152,7 @@ def identification_report(
     figure = result.plot(input_label=input_label, output_label=output_label)
     caption = (
         "Measured loop with the model; density on the Preisach plane, cells that the record does "
-        "not excite hatched; the record over time with what was held out shaded; what is left."
+        "not excite in grey; the record over time with what was held out shaded; what is left."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     return report

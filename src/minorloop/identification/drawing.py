@@ -25,7 +25,7 @@ def draw_identification(
     axes = figure.subplots(2, 2)
     _draw_loop(axes[0, 0], result, input_label, output_label)
     draw_density(axes[0, 1], result.model, input_label=input_label)
-    _hatch_unexcited(axes[0, 1], result)
+    _grey_unexcited(axes[0, 1], result)
     _draw_record(axes[1, 0], result, output_label)
     _draw_residual(axes[1, 1], result)
     return figure
@@ -44,14 +44,16 @@ def _draw_loop(axes: Axes, result: Identification, input_label: str, output_labe
     axes.grid(alpha=0.25)
 
 
-def _hatch_unexcited(axes: Axes, result: Identification) -> None:
+def _grey_unexcited(axes: Axes, result: Identification) -> None:
+    from matplotlib.colors import ListedColormap
+
     levels = result.model.levels
     untouched = np.tril(~result.excited)
     if not untouched.any():
         return
     shade = np.ma.masked_where(~untouched, np.ones(untouched.shape))
-    axes.pcolor(levels, levels, shade, hatch="////", alpha=0.0, rasterized=True)
-    axes.set_title("Preisach plane (hatched: not excited)")
+    axes.pcolormesh(levels, levels, shade, cmap=ListedColormap(["0.85"]), alpha=0.8, lw=0)
+    axes.set_title("Preisach plane (grey: not excited)")
 
 
 def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
@@ -78,7 +80,7 @@ def _shade_held_out(axes: Axes, result: Identification) -> None:
     held = np.flatnonzero(result.held_out)
     if held.size:
         axes.axvspan(held[0], held[-1], color="C1", alpha=0.12, label="held out")
-        axes.legend(frameon=False, loc="best")
+        axes.legend(framealpha=0.9, loc="lower right")
 
 
 def draw_excitation(report: ExcitationReport) -> Any:

@@ -70,7 +70,6 @@ def positioning_report(result: Positioning) -> Report:
             Picture(draw_trajectories(result), "What the strip did (compare Fig 13)."),
             Picture(draw_errors(result), "Settled error at each target (compare Fig 14)."),
         ],
-        notes=result.identification.advice,
     )
     return report
 
