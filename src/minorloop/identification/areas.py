@@ -125,7 +125,7 @@ class Areas:
         _kernels.cells_to_nodes(form.bands, nodes)
         on = np.empty(self._parent.size)
         _kernels.forward(self._index, self._coefficient, self._parent, nodes, on)
-        y = self._swing * on[self.measured] - self._shift * total
+        y: FloatArray = self._swing * on[self.measured] - self._shift * total
         if form.offset:
             y += x[form.cells]
         if form.slope:
