@@ -1,0 +1,217 @@
+"""Recursive identification: one settled sample at a time, for actuators that drift.
+
+Least squares with forgetting, in information form: the normal matrix R and vector b are kept
+instead of a covariance, a leak towards the present weights keeps R invertible where the input
+does not excite, and the weights move by coordinate descent that stops at zero. Clipping the
+weights of a covariance recursion instead is no projection in its metric, and diverges on inputs
+that do not excite everything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, Levels, as_finite, as_levels, check_option
+from minorloop.errors import ParameterError
+from minorloop.identification import _recursive_kernels as _kernels
+from minorloop.identification.areas import Form, pack
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
+
+
+@dataclass(frozen=True, eq=False)
+class RecursiveState:
+    """What a recursion knows.
+
+    Parameters
+    ----------
+    memory : Memory
+        Of the relays, after every input that was applied.
+    theta : (n,) array
+        Packed weights and offset, in the unit of the output.
+    information : (n, n) array
+        Weighted sum of the outer products of the regressors, leak included.
+    vector : (n,) array
+        Weighted sum of regressors times outputs, leak included.
+    updates : int
+        Samples that were learnt from.
+    frozen : str
+        Why the last sample was not learnt from; empty if it was.
+    """
+
+    memory: Memory
+    theta: FloatArray
+    information: FloatArray
+    vector: FloatArray
+    updates: int = 0
+    frozen: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Recursive:
+    """Recursive identification of a Preisach model, from settled samples.
+
+    Parameters
+    ----------
+    levels : (L + 1,) array_like
+        Thresholds.
+    forgetting : float
+        Weight that a sample keeps per update, above 0 and up to 1: 0.995 remembers some 200.
+    prior : float
+        Strength of the leak towards the present weights, in samples; positive.
+    sweeps : int
+        Sweeps of coordinate descent an update.
+    relay, diagonal
+        As in `Preisach`.
+
+    Raises
+    ------
+    ParameterError
+        If an option is out of its range.
+
+    References
+    ----------
+    Tan and Baras, Proc. American Control Conference 2004: recursive identification of the
+    density and persistent excitation.
+    """
+
+    levels: Levels
+    forgetting: float = 0.995
+    prior: float = 0.1
+    sweeps: int = 2
+    relay: Relay = "bipolar"
+    diagonal: Diagonal = "uniform"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "levels", as_levels(self.levels))
+        check_option("relay", self.relay, ("bipolar", "unipolar"))
+        check_option("diagonal", self.diagonal, ("uniform", "reversible"))
+        if not 0 < as_finite("forgetting", self.forgetting) <= 1:
+            raise ParameterError(f"forgetting is {self.forgetting}; give more than 0, up to 1")
+        if not as_finite("prior", self.prior) > 0:
+            raise ParameterError(f"prior is {self.prior}; give a positive number of samples")
+        if self.sweeps < 1:
+            raise ParameterError(f"sweeps is {self.sweeps}; give at least 1")
+
+    @property
+    def form(self) -> Form:
+        """What is unknown: all weights, and the offset."""
+        return Form(self.levels, self.relay, self.diagonal)
+
+    def begin(self, start: Start = "negative", model: Preisach | None = None) -> RecursiveState:
+        """State before the first sample.
+
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory of the actuator.
+        model : Preisach, optional
+            What is believed so far, on the same levels; nothing at all without it.
+
+        Raises
+        ------
+        ParameterError
+            If the model has other levels, relays or diagonal, or a slope.
+        """
+        theta = np.zeros(self.form.unknowns)
+        if model is not None:
+            same = (
+                np.array_equal(model.levels, self.levels)
+                and (model.relay, model.diagonal) == (self.relay, self.diagonal)
+                and model.slope == 0
+            )
+            if not same:
+                raise ParameterError(
+                    f"{model!r} has other levels, relays or diagonal than this recursion, or a "
+                    "slope; give one of the same form"
+                )
+            theta[:-1], theta[-1] = pack(model.weights), model.offset
+        blank = self.model(RecursiveState(Memory.negative(0.0), theta, theta, theta))
+        information = self.prior * np.eye(theta.size)
+        return RecursiveState(blank.memory(start), theta, information, self.prior * theta)
+
+    def update(
+        self, state: RecursiveState, u: float, y: float, *, settled: bool = True
+    ) -> RecursiveState:
+        """Learn from one sample; a new state, the old one is left as it was.
+
+        Nothing is learnt, though the memory follows the input, where the output has not settled
+        or was not measured (NaN), where the input is beyond the levels, and where the relays
+        are as they were.
+
+        Parameters
+        ----------
+        state : RecursiveState
+            Before the sample.
+        u : float
+            Input that was applied.
+        y : float
+            Output that was measured; NaN if it was not.
+        settled : bool
+            Whether the output has settled.
+
+        Raises
+        ------
+        ParameterError
+            If the input is not finite, or the output is infinite.
+        """
+        value, output = as_finite("u", u), float(y)
+        if np.isinf(output):
+            raise ParameterError(f"y is {y!r}; give a finite number, or NaN if not measured")
+        low, high = float(self.levels[0]), float(self.levels[-1])
+        memory = Memory.after([*state.memory.extrema[1:], value], low=low, high=high)
+        reason = ""
+        if not settled or np.isnan(output):
+            reason = "not settled"
+        elif not low <= value <= high:
+            reason = "beyond the levels"
+        elif memory == state.memory and state.updates:
+            reason = "nothing switched"
+        if reason:
+            return replace(state, memory=memory, frozen=reason)
+        information, vector = state.information.copy(), state.vector.copy()
+        theta = state.theta.copy()
+        row = self.regressor(memory)
+        _kernels.absorb(information, vector, row, output, self.forgetting, self.prior, theta)
+        _kernels.descend(information, vector, theta, self._bounded, self.sweeps)
+        return RecursiveState(memory, theta, information, vector, state.updates + 1)
+
+    def run(self, state: RecursiveState, u: npt.ArrayLike, y: npt.ArrayLike) -> RecursiveState:
+        """Learn from a sequence of settled samples."""
+        for value, output in zip(np.asarray(u).ravel(), np.asarray(y).ravel(), strict=True):
+            state = self.update(state, float(value), float(output))
+        return state
+
+    def model(self, state: RecursiveState) -> Preisach:
+        """The operator as it is believed to be now."""
+        return self.form.model(state.theta)
+
+    def excitation(self, state: RecursiveState) -> float:
+        """Least eigenvalue of the remembered information, over the number remembered.
+
+        Zero where some combination of the weights has not been excited within memory; that of
+        a decaying staircase of 10 bands is about 0.005. The leak does not count.
+        """
+        leak = self.prior * np.eye(state.theta.size)
+        remembered = (1 - self.forgetting**state.updates) / (1 - self.forgetting or np.inf)
+        count = remembered if self.forgetting < 1 else float(state.updates)
+        least = float(np.linalg.eigvalsh(state.information - leak)[0])
+        return max(least, 0.0) / max(count, 1.0)
+
+    def regressor(self, memory: Memory) -> FloatArray:
+        """(n,) signed area fractions of all cells, and one for the offset."""
+        row = np.ones(self.form.unknowns)
+        extrema = np.array(memory.extrema)
+        _kernels.switched_on(self.levels, extrema, self.diagonal == "uniform", row[:-1])
+        if self.relay == "bipolar":
+            row[:-1] = 2 * row[:-1] - 1
+        return row
+
+    @property
+    def _bounded(self) -> BoolArray:
+        bounded = np.ones(self.form.unknowns, dtype=np.bool_)
+        bounded[-1] = False
+        return bounded

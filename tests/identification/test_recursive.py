@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.identification import excitation
+from minorloop.identification.areas import Areas
+from minorloop.identification.recursive import Recursive
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(-1.2, 1.2, 11)
+NOISE = 0.006
+
+
+def a_model(seed=0):
+    grid = np.linspace(0, 1, 10)
+    shape = np.exp(-4 * (grid[:, None] - grid[None, :]))
+    return Preisach(
+        LEVELS, np.tril(shape * np.random.default_rng(seed).uniform(0.5, 1.5, (10, 10)))
+    )
+
+
+def followed(model, u, drift=0.0, **options):
+    """Recursion over a sequence; its state, and one-step-ahead errors over full scale."""
+    recursion = Recursive(model.levels, **options)
+    state, noise = recursion.begin(), np.random.default_rng(1)
+    scale, errors = np.ptp(model.range), []
+    for k, value in enumerate(u):
+        gain = 1 + drift * np.sin(2 * np.pi * k / 1500) * (np.arange(10)[:, None] / 10)
+        truth = Preisach(model.levels, model.weights * gain).step(state.memory, value)[0]
+        errors.append((recursion.model(state).step(state.memory, value)[0] - truth) / scale)
+        state = recursion.update(state, value, truth + noise.normal(0, NOISE * scale))
+    return recursion, state, np.array(errors)
+
+
+@given(
+    st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=30),
+    st.sampled_from(["uniform", "reversible"]),
+)
+def test_regressors_are_the_exact_areas(u, diagonal):
+    recursion = Recursive(LEVELS, diagonal=diagonal)
+    memory = recursion.begin().memory
+    for value in u:
+        _, memory = Preisach(LEVELS, np.zeros((10, 10))).step(memory, value)
+    areas = Areas(recursion.form, np.array(u), np.ones(len(u), dtype=bool), "negative")
+    np.testing.assert_allclose(recursion.regressor(memory), areas.matrix()[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("inputs", ["staircase", "random"])
+def test_follows_a_fixed_plane_within_half_a_percent(inputs):
+    u = np.tile(excitation.decaying_staircase(LEVELS), 20)[:1000]
+    if inputs == "random":
+        u = np.random.default_rng(2).uniform(-1.2, 1.2, 1000)
+    _, state, errors = followed(a_model(), u)
+    assert np.sqrt(np.mean(errors[400:] ** 2)) <= 0.005
+    assert state.theta[:-1].min() >= 0
+
+
+def test_follows_a_drifting_plane_within_a_percent():
+    u = np.random.default_rng(3).uniform(-1.2, 1.2, 1500)
+    _, _, errors = followed(a_model(), u, drift=0.1)
+    assert np.sqrt(np.mean(errors[400:] ** 2)) <= 0.01
+
+
+def test_stays_where_it_is_on_inputs_that_excite_next_to_nothing():
+    """Where plain recursive least squares with clipped weights grows without bound."""
+    u = np.tile([0.12, 0.36], 1500)
+    recursion, state, errors = followed(a_model(), u)
+    assert np.abs(errors[100:]).max() < 0.05
+    assert np.abs(state.theta).max() < 10 * np.ptp(a_model().range)
+    assert recursion.excitation(state) < 1e-9
+
+
+def test_a_staircase_excites_and_a_loop_does_not():
+    stairs = followed(a_model(), np.tile(excitation.decaying_staircase(LEVELS), 6))
+    loop = followed(a_model(), np.tile(excitation.major_loop(LEVELS), 10))
+    assert stairs[0].excitation(stairs[1]) > 1e-3
+    assert loop[0].excitation(loop[1]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("sample", "why"),
+    [
+        ({"u": 0.5, "y": 1.0, "settled": False}, "not settled"),
+        ({"u": 0.5, "y": np.nan}, "not settled"),
+        ({"u": 1.3, "y": 1.0}, "beyond the levels"),
+        ({"u": 0.2, "y": 1.0}, "nothing switched"),
+    ],
+)
+def test_freezes(sample, why):
+    recursion = Recursive(LEVELS)
+    before = recursion.update(recursion.begin(), 0.2, 0.1)
+    after = recursion.update(before, **sample)
+    assert after.frozen == why
+    np.testing.assert_array_equal(after.theta, before.theta)
+
+
+def test_the_state_before_is_left_alone():
+    recursion = Recursive(LEVELS)
+    before = recursion.begin(model=a_model())
+    theta, information = before.theta.copy(), before.information.copy()
+    recursion.update(before, 0.7, 3.0)
+    np.testing.assert_array_equal(before.theta, theta)
+    np.testing.assert_array_equal(before.information, information)
+
+
+def test_begins_at_a_model():
+    recursion, model = Recursive(LEVELS), a_model()
+    assert recursion.model(recursion.begin(model=model)) == model
+    with pytest.raises(ParameterError, match="other levels"):
+        recursion.begin(model=Preisach(LEVELS + 1, model.weights))
+
+
+@pytest.mark.parametrize(
+    "options", [{"forgetting": 0.0}, {"forgetting": 1.1}, {"prior": 0.0}, {"sweeps": 0}]
+)
+def test_refuses_options_out_of_range(options):
+    with pytest.raises(ParameterError, match="give"):
+        Recursive(LEVELS, **options)
+
+
+@pytest.mark.parametrize("sample", [(np.nan, 0.0), (0.0, np.inf)])
+def test_refuses_samples_that_are_no_numbers(sample):
+    recursion = Recursive(LEVELS)
+    with pytest.raises(ParameterError, match="finite"):
+        recursion.update(recursion.begin(), *sample)
