@@ -1,0 +1,136 @@
+"""How far the data themselves contradict any Preisach model.
+
+Two laws hold for every Preisach operator, whatever its density (Mayergoyz, Mathematical Models
+of Hysteresis, 1991, section 1.3: together they are also sufficient). Wiping-out: the output
+depends on the remembered extrema alone. Congruency: on a branch that left some extremum, the
+change of output since then depends on that extremum and the present input alone. Where a record
+comes to the same memory, or the same branch, more than once and the outputs differ, no model
+can follow both; noise and drift count too, as they are no less in its way.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_samples
+from minorloop.errors import SignalError
+from minorloop.operators.memory import Memory
+
+
+@dataclass(frozen=True)
+class Representability:
+    """Violations of the two laws by a record.
+
+    Parameters
+    ----------
+    wiping_out : float
+        Largest difference between outputs at the same memory, over the range of the output.
+    congruency : float
+        Largest difference between changes along the same branch, over the range of the output.
+    floor : float
+        Root-mean-square error, over the range, below which no Preisach model can go on this
+        record; 0 where it never repeats itself.
+    memories, branches : int
+        Memories and branch points that the record came to more than once.
+    """
+
+    wiping_out: float
+    congruency: float
+    floor: float
+    memories: int
+    branches: int
+
+    def __str__(self) -> str:
+        return (
+            f"wiping-out violated by {self.wiping_out:.2%} of range ({self.memories} memories met "
+            f"again), congruency by {self.congruency:.2%} ({self.branches} branch points met "
+            f"again); no Preisach model can err less than {self.floor:.2%} rms on this record"
+        )
+
+
+def representability(
+    u: npt.ArrayLike, y: npt.ArrayLike, *, resolution: float = 1e-6
+) -> Representability:
+    """Compare a record with itself wherever it repeats its memory or a branch.
+
+    Parameters
+    ----------
+    u : (T,) array_like
+        Inputs, from the lowest one (negative saturation) on.
+    y : (T,) array_like
+        Settled outputs; NaN where nothing was measured.
+    resolution : float
+        Inputs closer than this share of their range count as equal.
+
+    Returns
+    -------
+    Representability
+
+    Raises
+    ------
+    SignalError
+        If lengths differ, or fewer than two outputs are finite.
+    """
+    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
+    if inputs.ndim != 1 or inputs.shape != outputs.shape:
+        raise SignalError(f"u has shape {inputs.shape} and y {outputs.shape}; give two of (T,)")
+    if np.count_nonzero(np.isfinite(outputs)) < 2:
+        raise SignalError("fewer than two outputs are finite; there is nothing to compare")
+    step = max(resolution * np.ptp(inputs), np.finfo(float).tiny)
+    same_memory, same_branch = _groups(np.round(inputs / step) * step, outputs)
+    span = float(np.nanmax(outputs) - np.nanmin(outputs)) or 1.0
+    measured = int(np.count_nonzero(np.isfinite(outputs)))
+    # A branch compares two errors of the model, at its start and now: (a - b)^2 <= 2 a^2 + 2 b^2.
+    from_memory = np.sqrt(_scatter(same_memory) / measured)
+    from_branch = np.sqrt(_scatter(same_branch) / (4 * measured))
+    return Representability(
+        wiping_out=_widest(same_memory) / span,
+        congruency=_widest(same_branch) / span,
+        floor=float(max(from_memory, from_branch)) / span,
+        memories=len(same_memory),
+        branches=len(same_branch),
+    )
+
+
+def _groups(u: FloatArray, y: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Outputs by memory, and changes since the last reversal by branch point, met twice or more."""
+    by_memory: dict[Hashable, dict[int, float]] = defaultdict(dict)
+    by_branch: dict[Hashable, list[tuple[Hashable, float]]] = defaultdict(list)
+    low, high = float(u.min()), float(u.max())
+    memory = Memory.negative(low)
+    output_at = {memory.extrema: float(y[0]) if u[0] == low else np.nan}
+    for t in range(u.size):
+        memory = Memory.after([*memory.extrema[1:], float(u[t])], low=low, high=high)
+        past = memory.extrema
+        output = float(y[t])
+        if not np.isfinite(output):
+            output_at.pop(past, None)
+            continue
+        held = t > 0 and u[t] == u[t - 1]
+        if not held:
+            by_memory[past][t] = output
+        change = output - output_at.get(past[:-1], np.nan)
+        if len(past) > 1 and np.isfinite(change):
+            by_branch[past[-2:]].append((past[:-2], change))
+        output_at[past] = output
+    memories = [np.array(list(group.values())) for group in by_memory.values() if len(group) > 1]
+    branches = [
+        np.array([change for _, change in group])
+        for group in by_branch.values()
+        if len({history for history, _ in group}) > 1
+    ]
+    return memories, branches
+
+
+def _scatter(groups: Iterable[FloatArray]) -> float:
+    """Sum of squares about the mean of each group."""
+    return float(sum(np.sum((group - group.mean()) ** 2) for group in groups))
+
+
+def _widest(groups: Iterable[FloatArray]) -> float:
+    return float(max((np.ptp(group) for group in groups), default=0.0))
