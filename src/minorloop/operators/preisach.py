@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
@@ -26,16 +23,21 @@ from minorloop.arrays import (
 )
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.operators import _kernels, plane
-from minorloop.operators.inversion import Inversion, check_unreachable_option, refuse_unreachable
+from minorloop.operators._parallel import in_parallel
+from minorloop.operators.inversion import (
+    Inversion,
+    Unreachable,
+    as_signal,
+    check_unreachable_option,
+    refuse_unreachable,
+    within_reach,
+)
 from minorloop.operators.memory import Memory, Saturation
 from minorloop.operators.tracker import Tracker
 
 Relay: TypeAlias = Literal["bipolar", "unipolar"]
 Diagonal: TypeAlias = Literal["uniform", "reversible"]
 Start: TypeAlias = "Memory | Saturation"
-
-REACH_TOLERANCE = 1e-12
-"""A target beyond the range by this fraction of its width still counts as reachable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,14 +263,16 @@ class Preisach:
         if inputs.ndim == 1:
             self._simulate_row(start, inputs, outputs)
         else:
-            _in_parallel(lambda row: self._simulate_row(start, inputs[row], outputs[row]), inputs)
+            in_parallel(
+                lambda row: self._simulate_row(start, inputs[row], outputs[row]), len(inputs)
+            )
         return outputs
 
     def invert(
         self,
         targets: npt.ArrayLike,
         start: Start = "negative",
-        unreachable: Literal["raise", "clip"] = "raise",
+        unreachable: Unreachable = "raise",
     ) -> Inversion:
         """Inputs that bring the output to each target in turn: the exact right inverse.
 
@@ -301,14 +305,10 @@ class Preisach:
         """
         check_unreachable_option(unreachable)
         self._require_monotone()
-        wanted = as_samples(np.atleast_1d(targets), name="targets")
-        if wanted.ndim != 1:
-            raise ParameterError(f"targets have shape {wanted.shape}; give one sequence, (T,)")
-        low, high = self.range
-        slack = REACH_TOLERANCE * (high - low)
-        reachable = (wanted >= low - slack) & (wanted <= high + slack)
+        wanted = as_signal(targets, name="targets")
+        reachable = within_reach(wanted, *self.range)
         if unreachable == "raise":
-            refuse_unreachable(wanted, low, high, reachable)
+            refuse_unreachable(wanted, *self.range, reachable)
         stack, rows = self._stack(start, wanted.size)
         u, y = np.empty_like(wanted), np.empty_like(wanted)
         _kernels.invert(self._plane, stack, rows, wanted, u, y)
@@ -424,14 +424,3 @@ def _buckets(levels: Levels) -> tuple[IntArray, float]:
     slices = ((levels[:-1] - levels[0]) * per_unit).astype(np.int64)
     begun = np.searchsorted(slices, np.arange(count + 3), side="left") - 1
     return np.maximum(begun, 0), per_unit
-
-
-def _in_parallel(work: Callable[[int], None], rows: Samples) -> None:
-    """Call work(row) for every row, on all cores: the kernels release the GIL."""
-    workers = min(len(rows), os.cpu_count() or 1)
-    if workers < 2:
-        for row in range(len(rows)):
-            work(row)
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(work, range(len(rows))))

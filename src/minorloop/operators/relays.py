@@ -25,7 +25,7 @@ from minorloop.arrays import (
 )
 from minorloop.errors import ParameterError
 from minorloop.operators import _relay_kernels as _kernels
-from minorloop.operators.inversion import Inversion
+from minorloop.operators.inversion import Inversion, as_signal
 
 if TYPE_CHECKING:
     from minorloop.operators.preisach import Preisach
@@ -74,6 +74,15 @@ class RelayModel:
         store(self, "offset", as_finite("offset", self.offset))
         check_option("relay", self.relay, ("bipolar", "unipolar"))
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, RelayModel):
+            return NotImplemented
+        return (
+            np.array_equal(self.levels, other.levels)
+            and np.array_equal(self.weights, other.weights)
+            and (self.offset, self.relay) == (other.offset, other.relay)
+        )
+
     @classmethod
     def from_preisach(cls, model: Preisach) -> RelayModel:
         """The dots that act as a plane does, for inputs that take level values only.
@@ -98,7 +107,7 @@ class RelayModel:
     ) -> FloatArray:
         """(N, N) array of relays after an input: 1 on, 0 off, zero above the diagonal."""
         on, level = self._start(start)
-        inputs = as_samples(np.atleast_1d(u), name="u")
+        inputs = as_signal(u, name="u")
         _kernels.simulate(self.levels, self.weights, on, level, inputs, np.empty_like(inputs))
         return on
 
@@ -151,9 +160,7 @@ class RelayModel:
         Inversion
             Inputs are level values; a target that no level reaches is marked unreachable.
         """
-        wanted = as_samples(np.atleast_1d(targets), name="targets")
-        if wanted.ndim != 1:
-            raise ParameterError(f"targets have shape {wanted.shape}; give one sequence, (T,)")
+        wanted = as_signal(targets, name="targets")
         on, level = self._start(start)
         swing, low = self._line()
         u, y = np.empty_like(wanted), np.empty_like(wanted)
