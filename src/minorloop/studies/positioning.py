@@ -21,6 +21,7 @@ from minorloop.identification import Identification, excitation, identify
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.operators.polynomial import Polynomial
+from minorloop.studies.bench import hold_each
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,7 @@ def run_positioning(
     voltages = excitation.decaying_staircase(grid)
 
     progress("measuring the decaying staircase")
-    staircase, settled = _hold_each(_strip(seed, noise), voltages, setup)
+    staircase, settled = hold_each(_strip(seed, noise), voltages, setup.hold, setup.sample_interval)
 
     progress("identifying")
     # A strip of polymer answers the smallest reversal at once: some of its bending is reversible.
@@ -186,18 +187,12 @@ def _strip(seed: int, noise: float) -> Actuator:
     return connect("twin:ipmc", specimen=seed, noise=noise, seed=seed)
 
 
-def _hold_each(strip: Actuator, voltages: FloatArray, setup: Protocol) -> tuple[Record, FloatArray]:
-    """Apply voltages one after the other; the record, and the last sample of each hold."""
-    holds = [strip.apply(float(u), setup.hold, setup.sample_interval) for u in voltages]
-    return Record.joined(holds), np.array([hold.y[-1] for hold in holds])
-
-
 def _drive(
     seed: int, noise: float, setup: Protocol, inputs: FloatArray, targets: FloatArray
 ) -> Drive:
     strip = _strip(seed, noise)
     strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
     voltages = np.clip(inputs, -setup.voltage, setup.voltage)
-    record, achieved = _hold_each(strip, voltages, setup)
+    record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval)
     strip.safe()
     return Drive(voltages, achieved, achieved - targets, record)

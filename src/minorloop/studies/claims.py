@@ -1,0 +1,109 @@
+"""What a study has to show: figures by name, and rows of claim, measurement and verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any, TypeVar
+
+import numpy as np
+
+from minorloop.report import Table
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One row: what a paper says or the study asks for, and what this run gave.
+
+    Parameters
+    ----------
+    what : str
+        In words.
+    key : str
+        Name of the figure, with dots for nesting, such as ``steady.curves_nrmse``.
+    paper : str
+        What the paper reports; it has most of its numbers as plots only.
+    least, most : float
+        What the figure must lie between; infinite where it is only reported.
+    percent : bool
+        Whether the figure is shown in percent.
+    """
+
+    what: str
+    key: str
+    paper: str
+    least: float = -math.inf
+    most: float = math.inf
+    percent: bool = False
+
+    def row(self, figures: Mapping[str, Any]) -> tuple[str, str, str, str, str]:
+        """What, the paper, this run, asked for, verdict."""
+        value = figure(figures, self.key)
+        asked = " ".join(
+            f"{sign} {self._text(bound)}"
+            for sign, bound in ((">=", self.least), ("<=", self.most))
+            if math.isfinite(bound)
+        )
+        if isinstance(value, bool):
+            return self.what, self.paper, "yes" if value else "no", "-", "reported"
+        verdict = "reported"
+        if asked:
+            verdict = "met" if self.least <= value <= self.most else "short"
+        return self.what, self.paper, self._text(value), asked or "-", verdict
+
+    def _text(self, value: float) -> str:
+        return f"{value:.2%}" if self.percent else f"{value:.3g}"
+
+
+def figure(figures: Mapping[str, Any], key: str) -> Any:
+    """The figure that a dotted key names."""
+    found: Any = figures
+    for part in key.split("."):
+        found = found[part]
+    return found
+
+
+def claim_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
+    """All rows as a table of a report."""
+    columns = ("", "the paper", "this run", "asked for", "verdict")
+    return Table(columns, [claim.row(figures) for claim in claims])
+
+
+def medians(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Figure by figure, the median over specimens.
+
+    Of what is true or false, whether it is true of any; of what is no number, the first.
+    """
+    return {key: _median([run[key] for run in runs]) for key in runs[0]}
+
+
+def _median(values: Sequence[Any]) -> Any:
+    if isinstance(values[0], Mapping):
+        return medians(values)
+    if isinstance(values[0], bool):
+        return any(values)
+    if isinstance(values[0], int | float | np.number):
+        return float(np.median(values))
+    if isinstance(values[0], list | tuple | np.ndarray):
+        return np.median(np.array(values, dtype=np.float64), axis=0).tolist()
+    return values[0]
+
+
+def for_each(
+    work: Callable[[int], T], specimens: int, seed: int, progress: Callable[[str], None]
+) -> list[T]:
+    """Run ``work(seed)``, ``work(seed + 1)``, ... on all cores, one process each."""
+    seeds = range(seed, seed + specimens)
+    results: list[T] = []
+    if specimens == 1:
+        return [work(seed)]
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        for result in pool.map(work, seeds):
+            results.append(result)
+            progress(f"specimen {len(results)} of {specimens} done")
+    return results
