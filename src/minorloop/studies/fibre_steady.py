@@ -1,0 +1,120 @@
+"""Steady behaviour of the polyaniline fibre: identification, prediction and inverse on the twin.
+
+Sohn et al. identify a fibre of polyaniline and carbon nanotubes by first-order transition
+curves and predict its length after seven voltages. The same is done here, beside a decaying
+staircase, a generalised Prandtl-Ishlinskii operator and a polynomial fitted to the same points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, Levels, uniform_levels
+from minorloop.connect import connect
+from minorloop.identification import Identification, excitation, identify
+from minorloop.lab.actuator import Actuator
+from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.preisach import Preisach
+from minorloop.studies.bench import hold_each
+
+LOW, HIGH, BANDS, HOLD = 0.20, 0.65, 9, 300.0
+VALIDATION = (0.45, 0.28, 0.34, 0.20, 0.60, 0.36, 0.54)
+"""The seven voltages of the paper, in V."""
+_DEGREE, _TARGETS = 3, 14
+_MARGIN = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """Settled measurements and the models made from them; lengths in um, voltages in V.
+
+    ``curves`` and ``staircase`` are the identifications from reversal curves and from the
+    decaying staircase; ``validation`` (7,) the settled lengths after `VALIDATION`;
+    ``predictions`` (7,) by model; ``targets`` (n,) and ``achieved`` (n,) by inverse.
+    """
+
+    curves: Identification
+    staircase: Identification
+    plays: GeneralisedPrandtlIshlinskii
+    polynomial: Polynomial
+    validation: FloatArray
+    predictions: dict[str, FloatArray]
+    targets: FloatArray
+    inputs: dict[str, FloatArray]
+    achieved: dict[str, FloatArray]
+
+    @property
+    def span(self) -> float:
+        """Range of the settled length over the reversal curves, in um: full scale."""
+        return float(np.ptp(self.curves.y))
+
+    def figures(self) -> dict[str, Any]:
+        """Errors as fractions of full scale; inverses by their root-mean-square error in um."""
+        steady: dict[str, Any] = {}
+        for name, predicted in self.predictions.items():
+            error = (predicted - self.validation) / self.span
+            steady[f"{name}_nrmse"] = float(np.sqrt(np.mean(error**2)))
+            steady[f"{name}_max"] = float(np.abs(error).max())
+        rms = {
+            name: float(np.sqrt(np.mean((achieved - self.targets) ** 2)))
+            for name, achieved in self.achieved.items()
+        }
+        inverse = {f"rms_{name}": value for name, value in rms.items()}
+        inverse["rms_ratio"] = rms["polynomial"] / rms["curves"]
+        return {"steady": steady, "inverse": inverse}
+
+
+def run_steady(seed: int) -> Steady:
+    """Identify one specimen twice, predict the seven voltages, and drive it to targets."""
+    grid = uniform_levels(LOW, HIGH, BANDS)
+    curves = _identified(seed, grid, excitation.reversal_curves(grid))
+    staircase = _identified(seed, grid, excitation.decaying_staircase(grid))
+    plays = GeneralisedPrandtlIshlinskii.fit(curves.u, curves.y)
+    polynomial = Polynomial.fit(curves.u, curves.y, degree=_DEGREE, low=LOW, high=HIGH)
+    models: dict[str, Preisach | GeneralisedPrandtlIshlinskii | Polynomial] = {
+        "curves": curves.model,
+        "staircase": staircase.model,
+        "plays": plays,
+        "polynomial": polynomial,
+    }
+    _, validation = hold_each(_at_rest(seed), VALIDATION, HOLD)
+    low, high = curves.model.range
+    edge = _MARGIN * (high - low)
+    targets = np.random.default_rng(seed).uniform(low + edge, high - edge, _TARGETS)
+    inputs, achieved = {}, {}
+    for name in ("curves", "plays", "polynomial"):
+        wanted = models[name].invert(targets, unreachable="clip").u
+        inputs[name] = np.clip(wanted, LOW, HIGH)
+        _, achieved[name] = hold_each(_at_rest(seed), inputs[name], HOLD)
+    return Steady(
+        curves=curves,
+        staircase=staircase,
+        plays=plays,
+        polynomial=polynomial,
+        validation=validation,
+        predictions={name: model.simulate(VALIDATION) for name, model in models.items()},
+        targets=targets,
+        inputs=inputs,
+        achieved=achieved,
+    )
+
+
+def _fibre(seed: int) -> Actuator:
+    return connect("twin:fibre", specimen=seed, seed=seed)
+
+
+def _at_rest(seed: int) -> Actuator:
+    """The fibre settled at the lowest voltage: negative saturation."""
+    fibre = _fibre(seed)
+    fibre.apply(LOW, HOLD, 1.0)
+    return fibre
+
+
+def _identified(seed: int, grid: Levels, voltages: FloatArray) -> Identification:
+    _, lengths = hold_each(_fibre(seed), voltages, HOLD)
+    # Part of the doping follows the smallest reversal at once.
+    return identify(voltages, lengths, levels=grid, smoothness=0.0, diagonal="reversible")
