@@ -1,0 +1,140 @@
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear, nnls
+
+from minorloop.errors import ParameterError
+from minorloop.identification import active_set, least_squares
+from minorloop.identification.areas import Areas, Form, unpack
+from minorloop.identification.least_squares import Problem, neighbour_penalty
+
+
+def a_problem(bands=8, samples=200, noise=0.01, seed=0, signed=False, **form):
+    rng = np.random.default_rng(seed)
+    levels = np.sort(rng.uniform(-1, 1, bands + 1))
+    u = rng.uniform(-1, 1, samples)
+    areas = Areas(Form(levels, **form), u, np.ones(samples, dtype=bool), "negative")
+    x = rng.uniform(-0.3, 1, areas.form.unknowns).clip(min=0)
+    y = areas.forward(x)
+    return Problem(areas, y + noise * np.ptp(y) * rng.normal(size=samples) + 5, signed)
+
+
+def objective(problem, x):
+    return 0.5 * np.sum((problem.areas.forward(x) - problem.y) ** 2)
+
+
+def kkt(problem, x):
+    """By definition: columns of unit length, gradient X'r, relative to |y|."""
+    matrix = problem.areas.matrix()
+    norms = np.linalg.norm(matrix, axis=0)
+    norms = np.where(norms > 0, norms, 1)
+    g = (matrix / norms).T @ (problem.y - matrix @ x)
+    bounded = np.ones(x.size, dtype=bool)
+    if problem.areas.form.offset:
+        bounded[problem.areas.form.cells] = False
+    at_zero = bounded & (x <= 0)
+    worst = np.where(at_zero, np.maximum(g, 0), np.abs(g)).max()
+    return max(worst, -min(x[bounded].min(), 0)) / np.linalg.norm(problem.y)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 0.01, 0.3])
+@pytest.mark.parametrize(("bands", "samples"), [(3, 50), (8, 200), (8, 20), (12, 400)])
+def test_as_good_as_scipy(noise, bands, samples):
+    problem = a_problem(bands, samples, noise)
+    fit = problem.fit(0.0)
+    matrix = problem.areas.matrix()
+    offset = problem.areas.form.cells
+    both_signs = np.column_stack([matrix, -matrix[:, offset]])
+    _, norm = nnls(both_signs, problem.y, maxiter=10_000)
+    scale = np.sum((problem.y - problem.y.mean()) ** 2)
+    assert objective(problem, fit.x) <= 0.5 * norm**2 * (1 + 1e-9) + 1e-18 * scale
+    assert kkt(problem, fit.x) < 1e-9
+    assert fit.kkt < 1e-9
+
+
+@pytest.mark.parametrize(
+    "form", [{"slope": True}, {"relay": "unipolar"}, {"diagonal": "reversible"}, {"offset": False}]
+)
+def test_every_form_is_fitted_to_optimality(form):
+    problem = a_problem(**form)
+    assert kkt(problem, problem.fit(0.0).x) < 1e-9
+
+
+def test_signed_weights_are_ordinary_least_squares():
+    problem = a_problem(5, 200, signed=True)
+    fit = problem.fit(0.0)
+    best = np.linalg.lstsq(problem.areas.matrix(), problem.y, rcond=None)[0]
+    assert objective(problem, fit.x) == pytest.approx(objective(problem, best), rel=1e-9)
+
+
+def smoothed(problem, strength):
+    """The same with the penalty as rows of a dense problem."""
+    form, matrix = problem.areas.form, problem.areas.matrix()
+    rows, columns, values = neighbour_penalty(form)
+    square = np.zeros((form.unknowns, form.unknowns))
+    np.add.at(square, (rows, columns), values)
+    square = np.tril(square) + np.tril(square, -1).T
+    eigenvalues, vectors = np.linalg.eigh(square * strength * len(problem.y) * form.bands**2)
+    root = (vectors * np.sqrt(np.maximum(eigenvalues, 0))) @ vectors.T
+    lower = np.zeros(form.unknowns)
+    lower[form.cells] = -np.inf
+    stacked = np.vstack([matrix, root])
+    target = np.concatenate([problem.y, np.zeros(form.unknowns)])
+    return lsq_linear(stacked, target, (lower, np.inf), tol=1e-14, method="bvls").x
+
+
+@pytest.mark.parametrize("strength", [1e-6, 1e-3])
+def test_smoothness_is_the_penalty_that_it_says(strength):
+    problem = a_problem(5, 100)
+    np.testing.assert_allclose(problem.fit(strength).x, smoothed(problem, strength), atol=1e-6)
+
+
+def test_the_penalty_compares_neighbours_weight_by_weight():
+    form = Form(np.arange(4.0))
+    rows, columns, values = neighbour_penalty(form)
+    x = np.random.default_rng(0).uniform(size=6)
+    w = unpack(x) / (1 - 0.5 * np.eye(3))
+    expected = sum(
+        (w[i, j] - w[k, m]) ** 2
+        for i in range(3)
+        for j in range(i + 1)
+        for k, m in ((i + 1, j), (i, j + 1))
+        if k < 3 and m <= k
+    )
+    twice = np.where(rows == columns, 1, 2)
+    assert np.sum(twice * values * x[rows] * x[columns]) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("strength", [0.0, 1e-4])
+def test_large_problems_take_another_way_to_the_same_place(strength, monkeypatch):
+    problem = a_problem(14, 500)
+    usual = problem.fit(strength)
+    monkeypatch.setattr(active_set, "_FACTORISED", 10)
+    monkeypatch.setattr(active_set, "_FACTORISED_SMOOTH", 10)
+    monkeypatch.setattr(least_squares, "_LARGE", 20)
+    other = problem.fit(strength)
+    assert objective(problem, other.x) == pytest.approx(objective(problem, usual.x), rel=1e-7)
+    assert other.kkt < 1e-6
+
+
+def test_the_strength_is_chosen_on_contiguous_segments():
+    held = least_squares.held_out_segments(1000)
+    assert 0.15 < held.mean() < 0.25
+    assert np.count_nonzero(np.diff(held.astype(int)) == 1) == 5
+    noisy = a_problem(12, 60, noise=0.1).fit("auto")
+    assert noisy.smoothness > 0
+
+
+def test_data_without_noise_are_not_smoothed():
+    assert a_problem(4, 300, noise=0.0).fit("auto").smoothness == 0
+
+
+def test_tiny_outputs_are_fitted_as_well_as_large_ones():
+    problem = a_problem()
+    tiny = Problem(problem.areas, problem.y * 1e-7)
+    np.testing.assert_allclose(tiny.fit(0.0).x * 1e7, problem.fit(0.0).x, atol=1e-8)
+
+
+@pytest.mark.parametrize("strength", [-1.0, np.nan, np.inf, "some", None, True])
+def test_refuses_what_is_no_strength(strength):
+    with pytest.raises(ParameterError, match="smoothness"):
+        a_problem().fit(strength)

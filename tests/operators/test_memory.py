@@ -1,0 +1,72 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+
+values = st.lists(st.floats(-1.5, 1.5), max_size=40)
+
+
+def remembered(history):
+    """What a history leaves behind: from saturation on, the last maximum of what follows, the
+    last minimum of what follows that, and so on to the present.
+    """
+    path = [-1.0, *np.clip(history, -1.0, 1.0).tolist()]
+    ahead = path[len(path) - path[::-1].index(-1.0) :]
+    kept, extreme = [-1.0], max
+    while ahead and ahead[-1] != kept[-1]:
+        kept.append(extreme(ahead))
+        ahead = ahead[len(ahead) - ahead[::-1].index(kept[-1]) :]
+        extreme = min if extreme is max else max
+    return tuple(kept)
+
+
+@given(values)
+def test_is_what_nothing_later_passed(history):
+    assert Memory.after(history, low=-1, high=1).extrema == remembered(history)
+
+
+@given(values)
+def test_goes_through_json_and_back(history):
+    memory = Memory.after(history, low=-1, high=1)
+    assert Memory(json.loads(json.dumps(memory.extrema))) == memory
+    assert hash(Memory(memory.extrema)) == hash(memory)
+
+
+@given(values)
+def test_a_memory_leaves_itself_behind(history):
+    memory = Memory.after(history, low=-1, high=1)
+    assert Memory.after(memory.extrema, low=-1, high=1) == memory
+
+
+def test_saturation():
+    assert Memory.negative(-1).extrema == (-1.0,)
+    assert Memory.positive(-1, 1).extrema == (-1.0, 1.0)
+    assert Memory.after([5, -5], low=-1, high=1) == Memory.negative(-1)
+    assert Memory.positive(-1, 1).u == 1.0
+
+
+def test_demagnetised_is_next_to_the_middle():
+    symmetric = np.tril(np.ones((8, 8)))
+    model = Preisach(np.linspace(-1, 1, 9), symmetric, offset=3.0)
+    y, memory = model.step("demagnetised", 0.0)
+    assert abs(y - 3.0) < np.ptp(model.range) / 500
+    assert len(memory) > 500
+
+
+@pytest.mark.parametrize(
+    "extrema", [[], [0, np.nan], [0, -1], [0, 1, 1], [0, 1, 0], [0, 2, 1, 3], [0, 2, 1, 2]]
+)
+def test_refuses_what_no_history_leaves(extrema):
+    with pytest.raises(ParameterError):
+        Memory(extrema)
+
+
+def test_a_memory_of_another_plane_is_fitted_in():
+    model = Preisach([0.0, 1.0], [[1.0]])
+    assert model.memory(Memory([-3.0, 0.5, 0.2])).extrema == (0.0, 0.5, 0.2)

@@ -1,0 +1,34 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.operators import plane
+
+LEVELS = np.array([0.0, 1.0, 3.0, 3.5])
+WEIGHTS = np.tril(np.random.default_rng(0).uniform(size=(3, 3)))
+
+
+def test_nodes_are_sums_over_triangles():
+    nodes = plane.nodes_from_weights(WEIGHTS)
+    for a in range(4):
+        for b in range(4):
+            cells = [WEIGHTS[i, j] for i in range(a) for j in range(b, 3) if j <= i]
+            assert nodes[a, b] == pytest.approx(sum(cells))
+
+
+def test_nodes_and_weights_are_two_ways_to_say_the_same():
+    np.testing.assert_allclose(plane.weights_from_nodes(plane.nodes_from_weights(WEIGHTS)), WEIGHTS)
+
+
+def test_areas_cover_the_triangle():
+    assert plane.cell_areas(LEVELS).sum() == pytest.approx(3.5**2 / 2)
+
+
+def test_a_constant_density_weighs_as_much_as_its_area():
+    weights = plane.integrate_density(LEVELS, lambda alpha, beta: 2.0)
+    np.testing.assert_allclose(weights, 2 * plane.cell_areas(LEVELS))
+
+
+def test_refuses_a_density_that_is_not_finite():
+    with pytest.raises(ParameterError, match="finite on the whole plane"):
+        plane.integrate_density(LEVELS, lambda alpha, beta: np.where(alpha > 3, np.inf, 1.0))

@@ -1,0 +1,323 @@
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate
+
+import oracles
+from minorloop.errors import NotInvertibleError, ParameterError, SignalError, UnreachableError
+from minorloop.operators.memory import Memory
+from minorloop.operators.plane import cell_areas
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.array([-1.0, -0.75, -0.2, 0.0, 0.05, 0.6, 1.0])
+STARTS = ("negative", "positive", "demagnetised")
+KINDS = list(itertools.product(("bipolar", "unipolar"), ("uniform", "reversible")))
+inputs = st.lists(
+    st.one_of(st.floats(-1.3, 1.3), st.sampled_from(LEVELS.tolist())), min_size=1, max_size=40
+).map(np.array)
+inside = st.lists(st.floats(-1, 1), min_size=1, max_size=40).map(np.array)
+
+
+def a_model(seed=0, levels=LEVELS, relay="bipolar", diagonal="uniform", slope=0.0, sparse=0.3):
+    rng = np.random.default_rng(seed)
+    bands = len(levels) - 1
+    weights = rng.uniform(0, 1, (bands, bands)) * (rng.uniform(size=(bands, bands)) > sparse)
+    return Preisach(levels, np.tril(weights), rng.normal(), relay, diagonal, slope)
+
+
+def span(model):
+    return np.ptp(model.range) or 1.0
+
+
+@pytest.mark.parametrize(("relay", "diagonal"), KINDS)
+@given(u=inputs, seed=st.integers(0, 50), slope=st.sampled_from([0.0, 0.7]))
+def test_agrees_with_areas_worked_out_cell_by_cell(relay, diagonal, u, seed, slope):
+    model = a_model(seed, relay=relay, diagonal=diagonal, slope=slope)
+    np.testing.assert_allclose(
+        model.simulate(u), oracles.outputs(model, u), atol=1e-12 * span(model), rtol=0
+    )
+
+
+@pytest.mark.parametrize("start", STARTS)
+@given(u=inputs)
+def test_starts_where_it_is_told_to(start, u):
+    model = a_model(3)
+    past = model.memory(start).extrema
+    np.testing.assert_allclose(
+        model.simulate(u, start), oracles.outputs(model, u, past), atol=1e-12 * span(model), rtol=0
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-7, 1.0, 1e9])
+def test_levels_as_uneven_and_as_small_as_they_come(scale):
+    levels = scale * np.concatenate([[-1], -1 + np.logspace(-9, 0, 40)])
+    model = a_model(1, levels=levels)
+    rng = np.random.default_rng(2)
+    u = rng.choice(np.concatenate([levels, np.nextafter(levels, np.inf), levels * 0.7]), 300)
+    np.testing.assert_allclose(
+        model.simulate(u), oracles.outputs(model, u), atol=1e-12 * span(model), rtol=0
+    )
+
+
+@pytest.mark.parametrize("bands", [1, 2, 30])
+@pytest.mark.parametrize(("relay", "diagonal"), KINDS)
+@pytest.mark.parametrize("slope", [0.0, 0.4])
+def test_the_inverse_is_exact(bands, relay, diagonal, slope):
+    rng = np.random.default_rng(bands)
+    levels = np.sort(rng.uniform(-2, 3, bands + 1))
+    model = a_model(5, levels, relay, diagonal, slope, sparse=0.5 if bands > 1 else 0.0)
+    targets = rng.uniform(*model.range, 10_000)
+    for start in STARTS:
+        found = model.invert(targets, start)
+        assert found.reachable.all()
+        assert levels[0] <= found.u.min()
+        assert found.u.max() <= levels[-1]
+        achieved = model.simulate(found.u, start)
+        np.testing.assert_allclose(achieved, targets, atol=1e-12 * span(model), rtol=0)
+        np.testing.assert_allclose(found.y, achieved, atol=1e-13 * span(model), rtol=0)
+
+
+def test_the_inverse_takes_the_nearest_input():
+    """Of a flat stretch it takes the first end, and it does not move where nothing is asked."""
+    weights = np.zeros((4, 4))
+    weights[0, 0] = weights[3, 3] = 1.0
+    model = Preisach([0, 1, 2, 3, 4], weights)
+    top_of_first, bottom = model.simulate([1.0, 0.0])
+    found = model.invert([top_of_first, top_of_first, bottom])
+    np.testing.assert_allclose(found.u, [1.0, 1.0, 0.0])
+    moved = model.track()
+    moved.push(2.5)
+    assert moved.aim(moved.push(2.5)) == 2.5
+
+
+def test_a_model_of_nothing_reaches_its_offset():
+    model = Preisach(LEVELS, np.zeros((6, 6)), offset=2.0)
+    assert model.invert([2.0, 2.0]).u.tolist() == [-1.0, -1.0]
+    with pytest.raises(UnreachableError):
+        model.invert([2.1])
+
+
+def test_unreachable_targets_are_refused_or_approached():
+    model = a_model()
+    low, high = model.range
+    with pytest.raises(UnreachableError, match=r'index 1 is beyond .* pass unreachable="clip"'):
+        model.invert([low, high + 0.1])
+    clipped = model.invert([low - 1, high + 1, (low + high) / 2], unreachable="clip")
+    assert clipped.reachable.tolist() == [False, False, True]
+    np.testing.assert_allclose(clipped.y[:2], [low, high], atol=1e-12)
+    beyond = high + 0.5e-12 * (high - low)
+    assert model.invert([beyond]).reachable.all()
+
+
+def test_negative_weights_are_not_inverted_unless_monotone():
+    weights = np.tril(np.random.default_rng(0).uniform(-1, 1, (6, 6)))
+    with pytest.raises(NotInvertibleError, match="signed=False"):
+        Preisach(LEVELS, weights).invert([0.0])
+    lifted = Preisach(LEVELS, weights, slope=500.0)
+    assert lifted.monotone
+    targets = np.random.default_rng(1).uniform(*lifted.range, 500)
+    assert lifted.invert(targets).worst <= 1e-12 * span(lifted)
+
+
+@given(st.integers(0, 200), st.sampled_from(["uniform", "reversible"]), st.floats(0, 4))
+def test_monotone_is_what_no_branch_contradicts(seed, diagonal, slope):
+    rng = np.random.default_rng(seed)
+    levels = np.sort(rng.uniform(-1, 1, 4))
+    model = Preisach(levels, np.tril(rng.uniform(-0.5, 1, (3, 3))), diagonal=diagonal, slope=slope)
+    fine = np.unique(np.concatenate([np.linspace(levels[0], levels[-1], 60), levels]))
+    least = np.inf
+    for turn in fine[::4]:
+        up, tracker = [], model.track()
+        for value in (levels[-1], turn):
+            tracker.push(value)
+        up = [tracker.peek(value) for value in fine[fine >= turn]]
+        down_from = model.track()
+        down_from.push(turn)
+        down = [down_from.peek(value) for value in fine[fine <= turn]]
+        for branch in (up, down):
+            least = min(least, np.min(np.diff(branch), initial=np.inf))
+    if model.monotone:
+        assert least >= -1e-9
+    if least < -1e-9:
+        assert not model.monotone
+
+
+@given(seed=st.integers(0, 100), relay=st.sampled_from(["bipolar", "unipolar"]))
+def test_range_of_a_signed_model_is_that_of_all_its_memories(seed, relay):
+    rng = np.random.default_rng(seed)
+    levels = np.arange(5.0)
+    weights = np.tril(rng.uniform(-1, 1, (4, 4)))
+    model = Preisach(levels, weights, 0.3, relay, slope=float(rng.uniform(-1, 1)))
+    everything = []
+    for length in range(1, 6):
+        for path in itertools.product(levels, repeat=length):
+            everything.append(model.simulate(path)[-1])
+    np.testing.assert_allclose(model.range, (min(everything), max(everything)), atol=1e-12)
+
+
+@given(inside, inside)
+def test_wiping_out(past, more):
+    model = a_model(1)
+    past = np.clip(past, -0.5, 0.5)
+    forgotten = model.simulate(np.concatenate([past, [0.8, -0.7], more]))
+    never_known = model.simulate(np.concatenate([[0.8, -0.7], more]))
+    np.testing.assert_allclose(
+        forgotten[past.size :], never_known, atol=1e-12 * span(model), rtol=0
+    )
+
+
+@given(inside, inside)
+def test_congruency(one, other):
+    model = a_model(2)
+    loop = np.concatenate([np.linspace(-0.3, 0.4, 9), np.linspace(0.4, -0.3, 9)])
+    lead = np.array([0.4, -0.3, 0.4, -0.3])
+    shapes = []
+    for past in (one, other):
+        y = model.simulate(np.concatenate([past, lead, loop]))[past.size + lead.size :]
+        shapes.append(y - y[0])
+    np.testing.assert_allclose(shapes[0], shapes[1], atol=1e-12 * span(model), rtol=0)
+
+
+@given(inputs)
+def test_rate_independence(u):
+    model = a_model(4)
+    thrice = model.simulate(np.repeat(u, 3))[2::3]
+    np.testing.assert_array_equal(thrice, model.simulate(u))
+
+
+@given(inside)
+def test_never_falls_while_the_input_rises(u):
+    model = a_model(6)
+    steps = np.diff(model.simulate(u)) * np.sign(np.diff(u))
+    assert (steps >= -1e-12 * span(model)).all()
+
+
+@given(inputs, st.integers(0, 40))
+def test_split_anywhere_and_resume(u, cut):
+    model = a_model(7)
+    cut = min(cut, u.size)
+    tracker = model.track()
+    first = [tracker.push(value) for value in u[:cut]]
+    rest = model.simulate(u[cut:], tracker.memory) if cut < u.size else []
+    np.testing.assert_array_equal(np.concatenate([first, rest]), model.simulate(u))
+
+
+@given(inputs)
+def test_step_track_and_simulate_agree_to_the_bit(u):
+    model, memory, stepped = a_model(8), Memory.negative(-1.0), []
+    tracker = model.track()
+    for value in u:
+        y, memory = model.step(memory, value)
+        stepped.append(y)
+    np.testing.assert_array_equal(stepped, model.simulate(u))
+    np.testing.assert_array_equal([tracker.push(value) for value in u], stepped)
+    assert tracker.memory == memory == Memory.after(u, low=-1.0, high=1.0)
+
+
+def test_signals_side_by_side_are_signals_one_by_one():
+    model = a_model(9)
+    u = np.random.default_rng(0).uniform(-1.2, 1.2, (7, 500))
+    np.testing.assert_array_equal(model.simulate(u), [model.simulate(row) for row in u])
+
+
+def test_threads_do_not_disturb_each_other():
+    model = a_model(10)
+    u = np.random.default_rng(0).uniform(-1.2, 1.2, (32, 2000))
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(model.simulate, u))
+    np.testing.assert_array_equal(together, [model.simulate(row) for row in u])
+
+
+@pytest.mark.parametrize(("relay", "diagonal"), KINDS)
+def test_reversal_values_give_the_model_back(relay, diagonal):
+    model = a_model(11, relay=relay, diagonal=diagonal, slope=0.2)
+    n = LEVELS.size
+    f = np.full((n, n), np.nan)
+    for a in range(n):
+        for b in range(a + 1):
+            f[a, b] = model.simulate([LEVELS[a], LEVELS[b]])[-1]
+    back = Preisach.from_reversal_values(LEVELS, f, relay=relay, diagonal=diagonal, slope=0.2)
+    np.testing.assert_allclose(back.weights, model.weights, atol=1e-13)
+    assert back.offset == pytest.approx(model.offset, abs=1e-12)
+
+
+def test_densities_are_integrated_over_each_cell():
+    model = Preisach.from_density(LEVELS, lambda alpha, beta: np.exp(alpha - 2 * beta))
+    expected, _ = integrate.dblquad(
+        lambda beta, alpha: np.exp(alpha - 2 * beta), 0.05, 0.6, -0.75, -0.2
+    )
+    assert model.weights[4, 1] == pytest.approx(expected, rel=1e-12)
+    corner, _ = integrate.dblquad(
+        lambda beta, alpha: np.exp(alpha - 2 * beta), 0.05, 0.6, 0.05, lambda alpha: alpha
+    )
+    assert model.weights[4, 4] == pytest.approx(corner, rel=1e-12)
+
+
+def test_a_density_by_cell_is_times_the_area():
+    density = np.tril(np.random.default_rng(0).uniform(size=(6, 6)))
+    model = Preisach.from_density(LEVELS, density, offset=1.0)
+    np.testing.assert_allclose(model.weights, density * cell_areas(LEVELS))
+    assert model.offset == 1.0
+
+
+def test_everett_is_half_of_what_a_fresh_branch_gives():
+    model = a_model(12)
+    tracker = model.track("positive")
+    before = tracker.push(-0.4)
+    assert model.everett(0.3, -0.4) == pytest.approx((tracker.push(0.3) - before) / 2)
+    with pytest.raises(ParameterError, match="alpha >= beta"):
+        model.everett(0.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"weights": np.zeros((5, 5))}, r"shape \(5, 5\)"),
+        ({"weights": np.ones((6, 6))}, "above the diagonal"),
+        ({"weights": np.full((6, 6), np.nan)}, "must be finite"),
+        ({"levels": LEVELS[::-1]}, "not strictly increasing"),
+        ({"levels": [0.0]}, "give L"),
+        ({"levels": [0.0, np.inf, 1, 2, 3, 4, 5]}, "must be finite"),
+        ({"relay": "tripolar"}, "'bipolar', 'unipolar'"),
+        ({"diagonal": "bent"}, "'uniform', 'reversible'"),
+        ({"offset": np.nan}, "finite"),
+        ({"slope": "steep"}, "finite"),
+    ],
+)
+def test_refuses_what_is_no_model(options, message):
+    with pytest.raises(ParameterError, match=message):
+        Preisach(**{"levels": LEVELS, "weights": np.zeros((6, 6)), **options})
+
+
+@pytest.mark.parametrize("u", [[np.nan], [np.inf], ["a"], [[[1.0]]], 3.0])
+def test_refuses_what_is_no_signal(u):
+    with pytest.raises(SignalError):
+        a_model().simulate(u)
+
+
+def test_refuses_unknown_words():
+    with pytest.raises(ParameterError, match="start"):
+        a_model().simulate([0.0], start="cold")
+    with pytest.raises(ParameterError, match="unreachable"):
+        a_model().invert([0.0], unreachable="ignore")
+
+
+def test_is_frozen_and_comparable():
+    model = a_model()
+    assert model == a_model()
+    assert model != a_model(1)
+    with pytest.raises(ValueError, match="read-only"):
+        model.weights[0, 0] = 1.0
+    with pytest.raises(AttributeError):
+        model.offset = 1.0
+
+
+def test_draws_itself(tmp_path):
+    model = a_model()
+    model.plot(input_label="voltage [V]").savefig(tmp_path / "plane.png")
+    model.invert([model.range[0]]).plot().savefig(tmp_path / "inverse.png")
+    assert (tmp_path / "plane.png").stat().st_size > 10_000

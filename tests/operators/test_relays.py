@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
+
+LEVELS = np.linspace(0.2, 0.8, 7)
+picks = st.lists(st.integers(0, 6), min_size=1, max_size=60)
+anywhere = st.lists(st.floats(0, 1), min_size=1, max_size=60)
+
+
+def a_plane(relay="bipolar", bands=6):
+    weights = np.tril(np.random.default_rng(0).uniform(size=(bands, bands)))
+    return Preisach(np.linspace(0.2, 0.8, bands + 1), weights, 0.5, relay)
+
+
+def one_by_one(model, u):
+    """Every relay on its own: on at alpha, off below beta, else as it was."""
+    n = len(model.levels)
+    state = {(a, b): 0 for a in range(n) for b in range(a + 1)}
+    y = []
+    for value in u:
+        for a, b in state:
+            if value >= model.levels[a]:
+                state[a, b] = 1
+            elif value < model.levels[b]:
+                state[a, b] = 0
+        signs = {k: v if model.relay == "unipolar" else 2 * v - 1 for k, v in state.items()}
+        y.append(model.offset + sum(model.weights[k] * s for k, s in signs.items()))
+    return y
+
+
+@pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
+@given(picks)
+def test_acts_as_the_plane_does_at_level_inputs(relay, steps):
+    plane, u = a_plane(relay), LEVELS[steps]
+    dots = RelayModel.from_preisach(plane)
+    np.testing.assert_allclose(
+        dots.simulate(u), plane.simulate(u), atol=1e-12 * np.ptp(plane.range), rtol=0
+    )
+
+
+@pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
+@given(anywhere)
+def test_the_marker_does_what_relays_do_one_by_one(relay, u):
+    weights = np.tril(np.random.default_rng(1).uniform(-1, 1, (7, 7)))
+    model = RelayModel(LEVELS, weights, 0.1, relay)
+    np.testing.assert_allclose(model.simulate(u), one_by_one(model, u), atol=1e-12)
+
+
+def test_the_marker_diagram_of_the_fibre_paper():
+    """After u4, u6, u2, u4 the left-hand two columns stay on, and what the last rise reached."""
+    u = LEVELS[[3, 5, 1, 3]]  # u1 is the lowest of the paper's levels
+    on = RelayModel(LEVELS, np.zeros((7, 7))).states(u)
+    alpha, beta = np.meshgrid(np.arange(1, 8), np.arange(1, 8), indexing="ij")
+    expected = (beta <= alpha) & ((alpha <= 4) | ((beta <= 2) & (alpha <= 6)))
+    np.testing.assert_array_equal(on.astype(bool), expected)
+
+
+def test_starts_saturated():
+    model = RelayModel.from_preisach(a_plane())
+    low, high = a_plane().range
+    assert model.simulate([0.2])[0] == pytest.approx(low)
+    assert model.simulate([0.8], start="positive")[0] == pytest.approx(high)
+    batch = model.simulate([[0.2, 0.5], [0.7, 0.3]])
+    np.testing.assert_array_equal(batch[1], model.simulate([0.7, 0.3]))
+
+
+def test_stepping_ends_at_the_last_level_and_says_so():
+    dots = RelayModel.from_preisach(a_plane())
+    found = dots.stepping_inverse([1e3, -1e3])
+    assert found.u.tolist() == [LEVELS[-1], LEVELS[0]]
+    assert not found.reachable.any()
+
+
+def test_stepping_is_a_hundred_times_coarser_than_the_exact_inverse():
+    plane = a_plane(bands=12)
+    dots = RelayModel.from_preisach(plane)
+    targets = np.random.default_rng(2).uniform(*plane.range, 200)
+    stepped = dots.stepping_inverse(targets)
+    exact = plane.invert(targets)
+    rms = [np.sqrt(np.mean(found.residual**2)) for found in (stepped, exact)]
+    assert 100 * rms[1] < rms[0] < 0.2 * np.ptp(plane.range)
+
+
+def test_equal_and_refusing():
+    assert RelayModel.from_preisach(a_plane()) == RelayModel.from_preisach(a_plane())
+    with pytest.raises(ParameterError, match="no relays"):
+        RelayModel.from_preisach(Preisach([0, 1], [[1.0]], slope=1.0))
+    with pytest.raises(ParameterError, match="start"):
+        RelayModel(LEVELS, np.zeros((7, 7))).simulate([0.0], start="demagnetised")
+    with pytest.raises(SignalError):
+        RelayModel(LEVELS, np.zeros((7, 7))).stepping_inverse([np.nan])

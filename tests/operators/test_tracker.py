@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.operators.preisach import Preisach
+
+MODEL = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(size=(8, 8))))
+U = np.random.default_rng(1).uniform(-1, 1, 400)
+
+
+def test_peeking_and_aiming_commit_nothing():
+    tracker = MODEL.track()
+    for value in U:
+        before = tracker.memory
+        assert tracker.peek(value) == tracker.copy().push(value)
+        tracker.aim(0.0)
+        assert tracker.memory == before
+        tracker.push(value)
+
+
+def test_aims_where_the_inverse_goes():
+    targets = np.random.default_rng(2).uniform(*MODEL.range, 200)
+    tracker, aimed = MODEL.track(), []
+    for target in targets:
+        aimed.append(tracker.aim(target))
+        tracker.push(aimed[-1])
+    np.testing.assert_array_equal(aimed, MODEL.invert(targets).u)
+
+
+def test_aims_at_the_nearest_end_beyond_the_range():
+    tracker = MODEL.track("demagnetised")
+    low, high = MODEL.range
+    assert (tracker.aim(low - 1), tracker.aim(high + 1)) == (-1.0, 1.0)
+
+
+def test_a_copy_goes_its_own_way():
+    tracker = MODEL.track()
+    tracker.push(0.5)
+    other = tracker.copy()
+    other.push(-0.5)
+    assert tracker.memory.u == 0.5
+    assert other.memory.u == -0.5
+
+
+def test_remembers_as_many_extrema_as_there_are():
+    swing = np.linspace(1, 0, 2000) * np.where(np.arange(2000) % 2, -1, 1)
+    tracker = MODEL.track()
+    followed = [tracker.push(value) for value in swing]
+    np.testing.assert_array_equal(followed, MODEL.simulate(swing))
+    assert len(tracker.memory) > 1900
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_refuses_what_is_no_number_and_stays_as_it_was(value):
+    tracker = MODEL.track()
+    tracker.push(0.3)
+    before = tracker.memory
+    with pytest.raises(ParameterError, match="finite"):
+        tracker.push(value)
+    with pytest.raises(ParameterError, match="finite"):
+        tracker.aim(value)
+    assert tracker.memory == before
+
+
+def test_aiming_needs_a_monotone_model():
+    butterfly = Preisach([-1, 0, 1], [[-1.0, 0.0], [0.0, 1.0]])
+    with pytest.raises(NotInvertibleError):
+        butterfly.track().aim(0.0)
