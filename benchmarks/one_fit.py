@@ -1,0 +1,44 @@
+"""One identification in a process of its own, for its peak memory: bands, samples, smoothness."""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+
+import numpy as np
+
+from benchmarks._timing import seconds
+from minorloop import Preisach, identify
+
+NOISE = 0.005
+
+
+def a_record(
+    bands: int, samples: int, rough: bool = False
+) -> tuple[Preisach, np.ndarray, np.ndarray]:
+    """A plane, random inputs, and its outputs with noise of half a percent."""
+    rng, grid = np.random.default_rng(0), np.linspace(-1, 1, bands)
+    density = rng.uniform(0, 1, (bands, bands))
+    if not rough:
+        density = np.exp(-3 * (grid[:, None] - grid) ** 2) * (0.7 + 0.6 * density)
+    model = Preisach.from_density(np.linspace(-1, 1, bands + 1), np.tril(density))
+    u = rng.uniform(-1, 1, samples)
+    y = model.simulate(u)
+    return model, u, y + NOISE * np.ptp(y) * rng.normal(size=samples)
+
+
+def main(bands: int, samples: int, smoothness: str) -> None:
+    model, u, y = a_record(bands, samples)
+    small, small_u, small_y = a_record(5, 100)
+    strength = smoothness if smoothness == "auto" else float(smoothness)
+    identify(small_u, small_y, levels=small.levels, smoothness=strength)  # compile first
+    fits = []
+    elapsed = seconds(lambda: fits.append(identify(u, y, levels=model.levels, smoothness=strength)))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    figures = {"seconds": elapsed, "kkt": fits[0].kkt, "peak_gb": peak, "nrmse": fits[0].nrmse}
+    print(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3])
