@@ -70,7 +70,7 @@ def _forward_and_inverse(
             over_relays,
             "x",
             ">= 500",
-            over_relays >= 500,
+            fast,
             accuracy,
         ),
         Row(f"{label}: ours / copying the array", over_copy, "x", "<= 60", light),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from minorloop.operators.drawing import draw_density
+from minorloop.operators.drawing import clip_to_plane, draw_density
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +52,9 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
     if not untouched.any():
         return
     shade = np.ma.masked_where(~untouched, np.ones(untouched.shape))
-    axes.pcolormesh(levels, levels, shade, cmap=ListedColormap(["0.85"]), alpha=0.8, lw=0)
+    grey = ListedColormap(["0.85"])
+    mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, alpha=0.8, lw=0)
+    clip_to_plane(axes, mesh, result.model)
     axes.set_title("Preisach plane (grey: not excited)")
 
 

@@ -46,6 +46,7 @@ def draw_density(axes: Axes, model: Preisach, *, input_label: str = "input") -> 
         vmax=top,
         rasterized=True,
     )
+    clip_to_plane(axes, mesh, model)
     bar = axes.figure.colorbar(mesh, ax=axes, extend="both" if signed else "max")
     bar.set_label("density")
     axes.plot(model.levels[[0, -1]], model.levels[[0, -1]], color="0.3", linewidth=0.8)
@@ -56,6 +57,15 @@ def draw_density(axes: Axes, model: Preisach, *, input_label: str = "input") -> 
         aspect="equal",
     )
     return mesh
+
+
+def clip_to_plane(axes: Axes, mesh: Any, model: Preisach) -> None:
+    """Show of a mesh only what has alpha >= beta: cells on the diagonal are triangles."""
+    from matplotlib.patches import Polygon
+
+    low, high = model.levels[[0, -1]]
+    corners = [(low, low), (low, high), (high, high)]
+    mesh.set_clip_path(Polygon(corners, transform=axes.transData))
 
 
 def draw_loops(axes: Axes, model: Preisach) -> None:

@@ -1,0 +1,43 @@
+"""Draw the figures of the README: ``make figures``."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from minorloop.operators.drawing import draw_density
+from minorloop.studies.positioning import Positioning, run_positioning
+
+FOLDER = Path(__file__).parent.parent / "docs" / "figures"
+
+
+def draw(result: Positioning) -> Figure:
+    figure = Figure(figsize=(11.5, 3.6), layout="constrained")
+    loop, plane, errors = figure.subplots(1, 3, width_ratios=(1.05, 1.0, 1.25))
+    model = result.identification.model
+    places = np.linspace(0, result.voltages.size - 1, 12 * result.voltages.size)
+    fine = np.interp(places, np.arange(result.voltages.size), result.voltages)
+    loop.plot(fine, model.simulate(fine), color="C0", lw=0.9, label="model")
+    loop.plot(result.voltages, result.settled, "o", ms=3, color="C1", label="measured")
+    loop.set(xlabel="voltage [V]", ylabel="curvature [1/m]", title="Loops, measured and modelled")
+    loop.grid(alpha=0.25)
+    loop.legend(frameon=False)
+    draw_density(plane, model, input_label="V")
+    place = np.arange(result.targets.size) + 1
+    for shift, name, drive, colour in (
+        (-0.2, "Preisach inverse", result.preisach, "C0"),
+        (0.2, "quadratic inverse", result.quadratic, "C3"),
+    ):
+        label = f"{name}, {drive.rms:.2f} 1/m rms"
+        errors.bar(place + shift, drive.errors, width=0.38, color=colour, label=label)
+    errors.axhline(0.0, color="0.3", lw=0.8)
+    errors.set(xlabel="target", ylabel="error [1/m]", title="Open-loop positioning error")
+    errors.set_xticks(place)
+    errors.grid(alpha=0.25)
+    errors.legend(frameon=False, fontsize="small")
+    return figure
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    draw(run_positioning(0)).savefig(FOLDER / "positioning.png", dpi=100)
