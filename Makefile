@@ -9,7 +9,7 @@ STAMP := .venv/.installed
 LOCK := requirements.lock
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench format lock wheel clean
+.PHONY: help setup demo test check bench figures format lock wheel clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' Makefile
@@ -31,6 +31,9 @@ check: setup ## check format, style, types and who imports whom
 
 bench: setup ## measure speed and accuracy
 	$(BIN)/python -m benchmarks
+
+figures: setup ## draw the figures of the README anew
+	$(BIN)/python examples/readme_figures.py
 
 format: setup ## format the code and mend what ruff can mend
 	$(BIN)/ruff check --fix .

@@ -43,7 +43,11 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: st
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=title or None, title_justify="left", header_style="bold")
+    headed = any(columns)
+    table = Table(
+        title=title or None, title_justify="left", header_style="bold", show_header=headed
+    )
+    table.min_width = len(title)
     for number, column in enumerate(columns):
         table.add_column(column, justify="left" if number == 0 else "right")
     for row in rows:
