@@ -99,8 +99,8 @@ def as_levels(values: npt.ArrayLike) -> Levels:
     if not (steps > 0).all():
         index = int(np.argmin(steps > 0))
         raise ParameterError(
-            f"levels are not strictly increasing: {levels[index]!r} at index {index} is followed "
-            f"by {levels[index + 1]!r}; sort them and drop repeats"
+            f"levels are not strictly increasing: {levels[index]} at index {index} is followed "
+            f"by {levels[index + 1]}; sort them and drop repeats"
         )
     if not np.isfinite(levels[-1] - levels[0]):
         raise ParameterError("levels span more than a float can hold; scale the input down")

@@ -17,7 +17,6 @@ _UsageError: type[Exception] = typer.BadParameter.__mro__[2]
 
 app = typer.Typer(
     help="Hysteresis of smart actuators: from measured data to precise positioning.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -39,8 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         The exit status.
     """
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        status = app(arguments, prog_name="minorloop", standalone_mode=False)
+        status = app(given or ["--help"], prog_name="minorloop", standalone_mode=False)
     except MinorloopError as error:
         return _refuse(str(error))
     except _UsageError as error:
@@ -52,8 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 0
     except (typer.Abort, KeyboardInterrupt):
+        status = _INTERRUPTED
+    if status == _INTERRUPTED:
         print("interrupted", file=sys.stderr)
-        return _INTERRUPTED
     return int(status or 0)
 
 

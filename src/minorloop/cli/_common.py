@@ -42,16 +42,20 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: st
     """A table on stdout."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     headed = any(columns)
     table = Table(
-        title=title or None, title_justify="left", header_style="bold", show_header=headed
+        title=Text(title) if title else None,
+        title_justify="left",
+        header_style="bold",
+        show_header=headed,
+        min_width=len(title),
     )
-    table.min_width = len(title)
     for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number == 0 else "right")
+        table.add_column(Text(column), justify="left" if number == 0 else "right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(Text, row))  # as text: units are in square brackets, as markup is
     Console().print(table)
 
 
@@ -131,7 +135,6 @@ def check_outputs(paths: Sequence[Path | None], *, force: bool) -> None:
         try:
             check_writable(path, force=force)
         except OutputError as error:
-            hint = " (--force on the command line)" if "force" in str(error) else ""
-            raise OutputError(f"{error}{hint}") from None
+            raise OutputError(str(error).replace("or force to", "or --force to")) from None
     if len({path.absolute() for path in wanted}) < len(wanted):
         raise OutputError(f"{wanted[0]} is named for two results; give each a file of its own")

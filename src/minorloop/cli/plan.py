@@ -16,6 +16,7 @@ _PATTERNS = {
     "staircase": "staircase",
 }
 _SHOWN = 24
+_MOST = 60
 _HOUR = 3600.0
 
 
@@ -40,9 +41,12 @@ def run(
     from minorloop.arrays import uniform_levels
     from minorloop.identification import excitation
 
+    if levels > _MOST:
+        raise ParameterError(f"--levels is {levels}; a plan has at most {_MOST} bands")
     grid = uniform_levels(low, high, levels)
     inputs = getattr(excitation, _PATTERNS[pattern])(grid)
-    report = excitation.report(inputs, grid)
+    with _common.working("working out what it would determine"):
+        report = excitation.report(inputs, grid)
     if save is not None:
         _common.write_csv(save, {input: inputs, "hold [s]": [hold] * inputs.size}, force=force)
     hours = inputs.size * hold / _HOUR

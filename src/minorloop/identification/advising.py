@@ -67,7 +67,7 @@ def _accuracy(result: Identification) -> Iterator[str]:
     if held is None:
         yield (
             "no data were held out, so nothing here says how the model does on an input it has "
-            "not seen; pass holdout=0.3"
+            "not seen; pass holdout=0.3 (--holdout 0.3)"
         )
     elif held > _OVERFIT * max(result.nrmse, 1e-6):
         yield (
@@ -77,7 +77,7 @@ def _accuracy(result: Identification) -> Iterator[str]:
     if score > base:
         yield (
             f"a polynomial of the delayed input does better ({base:.2%} against {score:.2%}): "
-            'the hysteresis here is weak or rate-dependent; try lag="auto" and slope=True'
+            'the hysteresis here is weak or rate-dependent; try lag="auto" and slope=True (--lag auto --slope)'
         )
 
 

@@ -14,11 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, Levels, frozen
+from minorloop.errors import ParameterError
 from minorloop.identification import _kernels
 from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
 
 Packed = FloatArray
 """(K,) numbers, one a cell, K = L (L + 1) / 2, row after row of the lower triangle."""
+
+
+MOST_BANDS = 250
+"""Beyond this the normal equations of a plane would take more than 8 GB."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,11 @@ class Form:
 
     ``levels`` (L + 1,); ``relay`` and ``diagonal`` as in `Preisach`; ``offset``, ``slope``:
     whether these are fitted too.
+
+    Raises
+    ------
+    ParameterError
+        If there are more than `MOST_BANDS` bands.
     """
 
     levels: Levels
@@ -34,6 +44,9 @@ class Form:
     diagonal: Diagonal = "uniform"
     offset: bool = True
     slope: bool = False
+
+    def __post_init__(self) -> None:
+        check_bands(self.bands)
 
     @property
     def bands(self) -> int:
@@ -188,6 +201,21 @@ class Areas:
         _kernels.adjoint(self._index, self._coefficient, self._parent, self._spread(r), sums[:, 0])
         _kernels.nodes_to_cells(self.form.bands, sums)
         return sums[:, 0]
+
+
+def check_bands(bands: int) -> None:
+    """Refuse a plane that is too fine to be identified.
+
+    Raises
+    ------
+    ParameterError
+        If there are more than `MOST_BANDS` bands.
+    """
+    if bands > MOST_BANDS:
+        raise ParameterError(
+            f"levels are {bands} bands, whose normal equations do not fit into 8 GB; give at "
+            f"most {MOST_BANDS}"
+        )
 
 
 def unpack(x: Packed) -> FloatArray:

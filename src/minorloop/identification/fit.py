@@ -16,7 +16,7 @@ from minorloop.arrays import (
     check_option,
 )
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.areas import Areas, Form
+from minorloop.identification.areas import Areas, Form, check_bands
 from minorloop.identification.least_squares import Fit, Problem
 from minorloop.identification.levels import levels_for
 from minorloop.identification.result import Identification
@@ -215,6 +215,7 @@ def _grid(u: FloatArray, y: FloatArray, levels: int | npt.ArrayLike, spacing: st
         raise ParameterError(
             f"levels is {levels!r}; give a whole number of bands of at least 1, or thresholds"
         )
+    check_bands(int(count))
     return levels_for(u, y, int(count), spacing)
 
 

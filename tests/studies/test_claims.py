@@ -1,0 +1,27 @@
+from minorloop.studies.claims import Claim, claim_table, for_each, medians
+
+FIGURES = {"a": {"b": 0.02}, "bad": False}
+
+
+def test_verdicts():
+    rows = claim_table(
+        [
+            Claim("small", "a.b", "-", most=0.03, percent=True),
+            Claim("large", "a.b", "-", least=0.03),
+            Claim("said", "a.b", "plot only"),
+            Claim("diverged", "bad", "-"),
+        ],
+        FIGURES,
+    ).rows
+    assert [row[-1] for row in rows] == ["met", "short", "reported", "reported"]
+    assert rows[0][2:4] == ("2.00%", "<= 3.00%")
+    assert rows[3][2] == "no"
+
+
+def test_medians_over_specimens():
+    runs = [{"x": value, "y": {"z": [value, 1]}, "any": value > 2} for value in (1, 3, 2)]
+    assert medians(runs) == {"x": 2.0, "y": {"z": [2.0, 1.0]}, "any": True}
+
+
+def test_one_specimen_needs_no_other_process():
+    assert for_each(lambda seed: seed * 2, 1, 5, print) == [10]
