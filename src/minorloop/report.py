@@ -35,8 +35,11 @@ class Picture:
     @property
     def address(self) -> str:
         """The figure as SVG in a data address."""
+        from matplotlib import rc_context
+
         text = io.BytesIO()
-        self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata={"Date": None})
+        with rc_context({"svg.hashsalt": "minorloop"}):  # the same figure, the same bytes
+            self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata={"Date": None})
         return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode()
 
 

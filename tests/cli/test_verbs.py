@@ -245,7 +245,7 @@ def test_ctrl_c_is_no_traceback(capsys, monkeypatch):
 
 def test_is_a_program():
     program = [sys.executable, "-m", "minorloop"]
-    command = [*program, *"identify nope.csv --input a --output b".split()]
+    command = [*program, "identify", "nope.csv", "--input", "a", "--output", "b"]
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (2, "")
     assert run.stderr == "error: nope.csv does not exist\n"

@@ -77,7 +77,8 @@ def _accuracy(result: Identification) -> Iterator[str]:
     if score > base:
         yield (
             f"a polynomial of the delayed input does better ({base:.2%} against {score:.2%}): "
-            'the hysteresis here is weak or rate-dependent; try lag="auto" and slope=True (--lag auto --slope)'
+            'the hysteresis here is weak or rate-dependent; try lag="auto" and slope=True '
+            "(--lag auto --slope)"
         )
 
 

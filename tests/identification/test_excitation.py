@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import excitation
+
+LEVELS = np.linspace(-1.2, 1.2, 11)
+
+
+@pytest.mark.parametrize("bands", [1, 2, 4, 7, 10])
+def test_decaying_staircase_is_as_long_as_there_are_unknowns(bands):
+    u = excitation.decaying_staircase(np.arange(bands + 1.0))
+    assert u.size == 1 + bands * (bands + 1) // 2
+    assert (np.abs(np.diff(u)) == 1).all()
+    assert (u[0], u[bands]) == (0, bands)
+
+
+def test_reversal_curves_come_down_from_every_level():
+    u = excitation.reversal_curves([0, 1, 2, 3])
+    assert u.tolist() == [0, 1, 0, 2, 1, 0, 3, 2, 1, 0]
+    assert excitation.reversal_curves(LEVELS).size == 66
+
+
+def test_loops():
+    assert excitation.staircase([0, 1, 2]).tolist() == [0, 1, 2, 1, 0]
+    assert excitation.major_loop([0, 1, 2]).tolist() == [0, 1, 2, 1, 0, 1, 2]
+
+
+@pytest.mark.parametrize(("bands", "condition"), [(4, None), (10, 73), (12, 106), (20, 300)])
+def test_decaying_staircases_determine_everything(bands, condition):
+    grid = np.linspace(0, 1, bands + 1)
+    found = excitation.report(excitation.decaying_staircase(grid), grid)
+    assert found.rank == found.unknowns == found.samples == 1 + bands * (bands + 1) // 2
+    assert found.sufficient
+    assert found.excited.sum() == found.unknowns - 1
+    if condition:
+        assert found.condition == pytest.approx(condition, rel=0.02)
+
+
+def turning_points():
+    return [-1.2, *[LEVELS[i] for k in range(5) for i in (10 - k, k + 1)]]
+
+
+def two_levels_a_turn():
+    steps, low, high = [0], 0, 10
+    while low < high:
+        steps += [*range(low + 1, high + 1), *range(high - 1, low + 1, -1)]
+        low, high = low + 2, high - 2
+    return LEVELS[steps]
+
+
+@pytest.mark.parametrize(
+    ("u", "rank"),
+    [
+        (excitation.major_loop(LEVELS), 20),
+        (turning_points(), 11),
+        (two_levels_a_turn(), 31),
+        (excitation.reversal_curves(LEVELS), 56),
+    ],
+)
+def test_what_other_inputs_determine(u, rank):
+    found = excitation.report(u, LEVELS)
+    assert found.rank == rank
+    assert found.sufficient == (rank == 56)
+    assert f"rank {rank} of 56" in str(found)
+
+
+def test_draws_itself(tmp_path):
+    found = excitation.report(excitation.major_loop(LEVELS), LEVELS)
+    found.plot().savefig(tmp_path / "cells.png")
+    assert found.excited_fraction == pytest.approx(19 / 55)
+
+
+def test_refuses_what_is_no_sequence():
+    with pytest.raises(SignalError):
+        excitation.report([[0.0, 1.0]], LEVELS)
+    with pytest.raises(ParameterError):
+        excitation.staircase([1.0, 0.0])
