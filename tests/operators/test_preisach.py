@@ -42,13 +42,26 @@ def test_agrees_with_areas_worked_out_cell_by_cell(relay, diagonal, u, seed, slo
     )
 
 
-@pytest.mark.parametrize("start", STARTS)
 @given(u=inputs)
-def test_starts_where_it_is_told_to(start, u):
+def test_starts_at_positive_saturation(u):
     model = a_model(3)
-    past = model.memory(start).extrema
     np.testing.assert_allclose(
-        model.simulate(u, start), oracles.outputs(model, u, past), atol=1e-12 * span(model), rtol=0
+        model.simulate(u, "positive"),
+        oracles.outputs(model, u, past=(1.0,)),
+        atol=1e-12 * span(model),
+        rtol=0,
+    )
+
+
+def test_starts_demagnetised():
+    model = a_model(3, LEVELS[::2])
+    past = model.memory("demagnetised").extrema
+    u = np.random.default_rng(0).uniform(-1.2, 1.2, 5)
+    np.testing.assert_allclose(
+        model.simulate(u, "demagnetised"),
+        oracles.outputs(model, u, past),
+        atol=1e-12 * span(model),
+        rtol=0,
     )
 
 
