@@ -17,9 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.linalg import LinAlgError, lapack
+from threadpoolctl import ThreadpoolController
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _kernels
@@ -33,6 +35,7 @@ _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
 _FIRST_SWEEPS = 5
 _FACTORISED, _FACTORISED_SMOOTH = 4000, 1500
+_THREADED = 3000
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
 
 
@@ -106,7 +109,17 @@ def solve(
         The best one met, whether or not it satisfies the tolerance.
     """
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
-    return solver.run(solver.first_guess() if guess is None else guess)
+    if len(gram) > _THREADED:
+        return solver.run(solver.first_guess() if guess is None else guess)
+    # Threads of the linear algebra gain little on small matrices, and wait for each other,
+    # tens of times as long as the work takes, once anything else keeps a core busy.
+    with _linear_algebra().limit(limits=1, user_api="blas"):
+        return solver.run(solver.first_guess() if guess is None else guess)
+
+
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    return ThreadpoolController()  # type: ignore[no-untyped-call]
 
 
 class _Solver:
@@ -123,6 +136,7 @@ class _Solver:
         self.bounded, self.scale = bounded, scale
         self.penalty = penalty
         self.factorisations = 0
+        self.workspace = np.empty(0)
         self.diagonal = gram.diagonal().copy()
         if penalty is not None:
             on = penalty.rows == penalty.columns
@@ -188,7 +202,7 @@ class _Solver:
         picked = np.flatnonzero(free)
         if picked.size > (_FACTORISED if self.penalty is None else _FACTORISED_SMOOTH):
             return x + self._conjugate_gradients(-np.where(free, gradient, 0.0), free, ridge)
-        matrix = np.empty((picked.size, picked.size))
+        matrix = self._matrix(picked.size)
         _kernels.take_lower(self.gram, picked, ridge, matrix)
         if self.penalty is not None:
             place = np.full(free.size, -1)
@@ -203,6 +217,12 @@ class _Solver:
         step, _ = lapack.dpotrs(factor, -gradient[picked], lower=0)
         x[picked] += step
         return x
+
+    def _matrix(self, size: int) -> FloatArray:
+        """Room for a square matrix: fresh memory costs more than filling it."""
+        if self.workspace.size < size**2:
+            self.workspace = np.empty(size**2)
+        return self.workspace[: size**2].reshape(size, size)
 
     def _conjugate_gradients(self, rhs: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
         """Step of the free unknowns without a factorisation, which would be too large."""
