@@ -84,6 +84,19 @@ def test_fit_beats_plain_plays_tenfold_on_a_saturating_asymmetric_loop_it_has_no
     assert bent.invert(wanted, "relaxed").worst <= 1e-12 * np.ptp(wanted)
 
 
+@pytest.mark.parametrize(
+    ("curve", "steepness", "shift"),
+    [(np.tanh, 3.0, -0.8), (np.tanh, 4.0, 1.0), (np.tanh, 15.0, 0.0), (np.arctan, 12.0, 3.0)],
+)
+def test_fit_does_not_get_stuck_on_loops_that_saturate_hard(curve, steepness, shift):
+    u = np.sin(np.linspace(0, 38, 1500)) * np.linspace(1.2, 0.1, 1500)
+    radii = np.linspace(0.05, 0.9, 30)
+    mean = PrandtlIshlinskii(radii, np.full(30, 1 / 30)).simulate(u, "relaxed")
+    y = curve(steepness * mean + shift)
+    model = GeneralisedPrandtlIshlinskii.fit(u, y, radii=20, thresholds=20, start="relaxed")
+    assert nrmse(model, u, y) < 0.002
+
+
 @pytest.mark.parametrize("signed", [False, True])
 def test_fit_finds_a_member_of_the_family(signed):
     u = np.random.default_rng(6).uniform(-6, 6, 600)

@@ -258,6 +258,13 @@ def test_a_play_too_wide_to_move_gets_no_weight():
     assert np.abs(model.weights).max() < 2
 
 
+@pytest.mark.parametrize("signed", [False, True])
+def test_rounding_in_a_play_that_stands_still_is_not_fitted(signed):
+    u = 0.3 + np.cos(np.linspace(0, 20, 200)) * 1e-4
+    model = PrandtlIshlinskii.fit(u, -u, radii=[0.0, 5e-5, 1e-3 / 3], signed=signed)
+    assert model.weights[2] == pytest.approx(0.0, abs=1e-12)
+
+
 def test_residual_stays_small_where_slopes_differ_by_five_decades():
     rng = np.random.default_rng(11)
     slopes = 10 ** rng.uniform(-4, 1, 30)

@@ -183,24 +183,33 @@ class _Bent(NamedTuple):
     least: FloatArray
 
     def solve(self) -> tuple[FloatArray, float, FloatArray]:
-        """Parameters of the plays, shift, compliances; output error refined from the joint fit."""
+        """Parameters of the plays, shift, compliances, with the least output error found.
+
+        The descent begins at the joint fit and at plain plays: on some loops that saturate hard
+        one of them ends in a local minimum, and not always the same one.
+        """
+        found = [self._refined(start) for start in (self._joint(), self._straight())]
+        theta, shift, compliance = self._parts(min(found, key=self._squared_error))
+        return theta, shift, compliance
+
+    def _refined(self, start: FloatArray) -> FloatArray:
         from scipy.optimize import least_squares
 
-        starts = [self._joint(), self._straight()]
-        first = min(starts, key=lambda p: float(np.sum(self._residual(p) ** 2)))
         plays = self.columns.shape[1]
         low = np.concatenate([self.least, [-np.inf], np.full(self.knots.size, 1 / _STEEPEST)])
         high = np.concatenate([np.full(plays + 1, np.inf), np.full(self.knots.size, 1 / _FLATTEST)])
         found = least_squares(
             self._residual,
-            np.clip(first, low, high),
+            np.clip(start, low, high),
             self._jacobian,
             bounds=(low, high),
             x_scale="jac",
             max_nfev=100,
         )
-        theta, shift, compliance = self._parts(found.x)
-        return theta, shift, compliance
+        return np.asarray(found.x)
+
+    def _squared_error(self, p: FloatArray) -> float:
+        return float(np.sum(self._residual(p) ** 2))
 
     def corners(self, compliance: FloatArray) -> FloatArray:
         """(K,) places of the knots on the axis of the plays."""

@@ -68,8 +68,9 @@ class GeneralisedPrandtlIshlinskii:
         """Operator nearest to a record: a joint linear fit, then refined on the output.
 
         H on the inputs and the inverse of S on the outputs are fitted to each other first,
-        which is linear; from there bounded least squares brings the model's output to the
-        record. S has slope 1 about its origin, so H is in the unit of the output.
+        which is linear; from there, and from plays that are not bent, bounded least squares
+        brings the model's output to the record, and the nearer of the two is given. S has
+        slope 1 about its origin, so H is in the unit of the output.
 
         Parameters
         ----------
