@@ -22,6 +22,8 @@ Samples: TypeAlias = FloatArray
 Levels: TypeAlias = FloatArray
 """(L + 1,), strictly increasing."""
 
+_CLOSEST = 1e-290
+
 
 def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Samples:
     """Give a signal as a C-ordered float64 array, refusing what cannot be simulated.
@@ -104,6 +106,11 @@ def as_levels(values: npt.ArrayLike) -> Levels:
         )
     if not np.isfinite(levels[-1] - levels[0]):
         raise ParameterError("levels span more than a float can hold; scale the input down")
+    if steps.min() < _CLOSEST:
+        raise ParameterError(
+            f"levels are only {steps.min():g} apart, and one over that overflows; scale the "
+            "input up"
+        )
     return frozen(levels)
 
 
@@ -126,6 +133,8 @@ def uniform_levels(low: float, high: float, bands: int) -> Levels:
         raise ParameterError(f"{bands} bands; give a whole number of at least 1")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise ParameterError(f"levels from {low} to {high}; give finite low < high")
+    if not np.isfinite(float(high) - float(low)):
+        raise ParameterError("levels span more than a float can hold; scale the input down")
     return as_levels(np.linspace(low, high, int(bands) + 1))
 
 

@@ -2,27 +2,52 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import Annotated
 
 import typer
 
+from minorloop import __version__
 from minorloop.cli import demo, identify, invert, plan, simulate
 from minorloop.errors import MinorloopError
 
+_FAILED = 1
 _REFUSED = 2
 _INTERRUPTED = 130
+_LONGEST = 800
 # The root of what the parser raises; typer exports its leaves only.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[2]
 
 app = typer.Typer(
     help="Hysteresis of smart actuators: from measured data to precise positioning.",
+    epilog="Begin with: minorloop demo --out demo. Every verb has its own --help.",
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for _verb in (identify, simulate, invert, plan, demo):
-    app.command(_verb.NAME)(_verb.run)
+    app.command(_verb.NAME, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"minorloop {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+) -> None:
+    pass
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,28 +61,55 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit status.
+        The exit status: 0 for success, 2 for a refusal, 130 for an interruption, 1 where what
+        reads the output went away.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    if hasattr(sys.stdout, "reconfigure"):
+        # A unit or a file name that the terminal cannot show is no reason to fail.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        status = app(given or ["--help"], prog_name="minorloop", standalone_mode=False)
+        status = int(app(given or ["--help"], prog_name="minorloop", standalone_mode=False) or 0)
+        sys.stdout.flush()
     except MinorloopError as error:
         return _refuse(str(error))
     except _UsageError as error:
-        said = getattr(error, "format_message", error.__str__)()
-        return _refuse(f"{said.rstrip('.')}; see minorloop --help")
+        return _refuse(_usage(error))
     except MemoryError:
         return _refuse("there is not enough memory for this; use fewer levels or fewer rows")
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
+    except (BrokenPipeError, SystemExit):  # the parser makes the second of the first
+        _drop_output()
+        return _FAILED
+    except OSError as error:
+        _drop_output()
+        return _refuse(f"something could not be read or written: {error}")
     except (typer.Abort, KeyboardInterrupt):
         status = _INTERRUPTED
     if status == _INTERRUPTED:
         print("interrupted", file=sys.stderr)
-    return int(status or 0)
+    return status
+
+
+def _usage(error: Exception) -> str:
+    """What the parser says, and where to read on."""
+    said = getattr(error, "format_message", error.__str__)()
+    context = getattr(error, "ctx", None)
+    return f"{said.rstrip('.')}; see {context.command_path if context else 'minorloop'} --help"
 
 
 def _refuse(message: str) -> int:
-    print("error: " + " ".join(message.split()), file=sys.stderr)
+    """One line on stderr, in characters that a terminal shows and does not obey."""
+    line = " ".join(message.split())
+    line = "".join(
+        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in line
+    )
+    if len(line) > _LONGEST:
+        line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
+    print(f"error: {line}", file=sys.stderr)
     return _REFUSED
+
+
+def _drop_output() -> None:
+    """Let go of a stdout that cannot be written, or the interpreter complains of it at exit."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -3,22 +3,61 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import MinorloopError, OutputError, ParameterError
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.report import Report
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+
+def whole(text: str) -> int:
+    """A whole number, for the parser of options."""
+    try:
+        return int(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a whole number") from None
+
+
+def number(text: str) -> float:
+    """A number, for the parser of options."""
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a number") from None
+
+
+def whole_option(help: str) -> Any:
+    """An option that takes a whole number."""
+    return typer.Option(parser=whole, metavar="N", help=help)
+
+
+def number_option(help: str) -> Any:
+    """An option that takes a number."""
+    return typer.Option(parser=number, metavar="X", help=help)
+
+
+DataFile = Annotated[
+    Path, typer.Argument(help="CSV file: one header line, then numbers.", show_default=False)
+]
+ModelFile = Annotated[
+    Path, typer.Argument(help="Model file, as identify --save writes it.", show_default=False)
+]
+Start = Annotated[
+    str,
+    typer.Option(help="Memory before the first row: negative, positive or demagnetised."),
+]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
 def print_json(content: Mapping[str, Any]) -> None:
@@ -39,23 +78,18 @@ def _plain(value: Any) -> Any:
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """A table on stdout."""
+    """A table on stdout, under its title."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    headed = any(columns)
-    table = Table(
-        title=Text(title) if title else None,
-        title_justify="left",
-        header_style="bold",
-        show_header=headed,
-        min_width=len(title),
-    )
-    for number, column in enumerate(columns):
-        table.add_column(Text(column), justify="left" if number == 0 else "right")
+    table = Table(header_style="bold", show_header=any(columns))
+    for index, column in enumerate(columns):
+        table.add_column(Text(column), justify="left" if index == 0 else "right")
     for row in rows:
         table.add_row(*map(Text, row))  # as text: units are in square brackets, as markup is
+    if title:
+        typer.echo(title)
     Console().print(table)
 
 
@@ -72,7 +106,7 @@ def print_advice(sentences: Sequence[str]) -> None:
 def working(what: str) -> Iterator[Callable[[str], None]]:
     """Show on stderr, where that is a terminal, that something is being worked on.
 
-    Yields a function that changes what it says.
+    Yields a function that changes what it says. Nothing may be printed meanwhile.
     """
     if not sys.stderr.isatty():
         yield lambda stage: None
@@ -102,11 +136,16 @@ def as_rows(text: str | None, total: int) -> slice:
         first, last = (int(part) if part.strip() else None for part in parts)
     except ValueError:
         raise ParameterError(
-            f"rows {text!r} are not A:B; give two whole numbers, such as 200:7000"
+            f"--rows is {text!r}; give two whole numbers A:B, such as 200:7000"
         ) from None
+    for end in (first, last):
+        if end is not None and not -total <= end <= total:
+            raise ParameterError(
+                f"--rows is {text!r}, and the file has {total} rows; give A:B from 0 to {total}"
+            )
     rows = slice(*slice(first, last).indices(total))
     if rows.stop <= rows.start:
-        raise RecordError(f"rows {text} hold nothing: the file has {total} rows")
+        raise ParameterError(f"--rows is {text!r}, which holds no row; give A:B with A below B")
     return rows
 
 
@@ -125,16 +164,63 @@ def write_csv(path: Path, columns: Mapping[str, Any], *, force: bool) -> None:
     write_atomically(path, text.getvalue())
 
 
-def check_outputs(paths: Sequence[Path | None], *, force: bool) -> None:
-    """Find out before a long computation whether its results can be written."""
-    from minorloop.errors import OutputError
+def write_report(draw: Callable[[], Report], path: Path, *, force: bool) -> None:
+    """Draw a report and write it; whatever goes wrong in drawing is one sentence."""
+    try:
+        draw().write(path, force=force)
+    except MinorloopError:
+        raise
+    except Exception as error:
+        raise OutputError(f"{path} was not written, the report cannot be drawn: {error}") from error
+
+
+def do_all(steps: Iterable[Callable[[], None]]) -> None:
+    """Do every step, whatever became of those before it; then raise the first error.
+
+    For what follows a long computation, so that one result that cannot be written does not
+    take the others with it.
+    """
+    errors: list[Exception] = []
+    for step in steps:
+        try:
+            step()
+        except Exception as error:
+            errors.append(error)
+    if errors:
+        raise errors[0]
+
+
+def check_outputs(
+    paths: Sequence[Path | None], *, force: bool, inputs: Sequence[Path] = ()
+) -> None:
+    """Find out before a long computation whether its results can be written.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Files that are going to be written; None where one was not asked for.
+    force : bool
+        Whether files that exist may be replaced.
+    inputs : sequence of path
+        Files that are going to be read, which are never replaced.
+
+    Raises
+    ------
+    OutputError
+        If one of them cannot be written, is read, or is named twice.
+    """
     from minorloop.files import check_writable
 
-    wanted = [path for path in paths if path is not None]
-    for path in wanted:
-        try:
-            check_writable(path, force=force)
-        except OutputError as error:
-            raise OutputError(str(error).replace("or force to", "or --force to")) from None
-    if len({path.absolute() for path in wanted}) < len(wanted):
-        raise OutputError(f"{wanted[0]} is named for two results; give each a file of its own")
+    read, written = {os.path.realpath(path) for path in inputs}, set()
+    for path in paths:
+        if path is None:
+            continue
+        check_writable(path, force=True)
+        place = os.path.realpath(path)
+        if place in read:
+            raise OutputError(f"{path} is read here and is not replaced; give another name")
+        if place in written:
+            raise OutputError(f"{path} is named for two results; give each a file of its own")
+        if path.exists() and not force:
+            raise OutputError(f"{path} exists already; give another name, or --force to replace it")
+        written.add(place)

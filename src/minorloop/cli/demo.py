@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,12 +15,18 @@ if TYPE_CHECKING:
     from minorloop.studies.positioning import Positioning
 
 NAME = "demo"
+EXAMPLE = "minorloop demo --out demo --seed 3"
 
 
 def run(
-    out: Annotated[Path | None, typer.Option(help="Folder for report, data and model.")] = None,
-    seed: Annotated[int, typer.Option(help="Draws specimen and targets.")] = 0,
-    noise: Annotated[float, typer.Option(help="Noise of the curvature sensor, 1/m.")] = 0.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for report, data and model; a new or an empty one."),
+    ] = None,
+    seed: Annotated[int, _common.whole_option("Draws specimen and targets, 0 or more.")] = 0,
+    noise: Annotated[
+        float, _common.number_option("Standard deviation of the curvature sensor, in 1/m.")
+    ] = 0.0,
     as_json: _common.Json = False,
 ) -> None:
     """Measure, identify, invert and drive an ionic polymer strip (a simulated one)."""
@@ -30,15 +38,18 @@ def run(
         from minorloop.studies.positioning import run_positioning
 
         result = run_positioning(seed, noise, progress=now)
-        if out is not None:
-            now("writing the report")
-            _write(result, out)
+    steps: list[Callable[[], None]] = [partial(_show, result, as_json)]
+    if out is not None:
+        steps.insert(0, partial(_save, result, out))
+        steps.append(partial(_report, result, out, as_json))
+    _common.do_all(steps)
+
+
+def _show(result: Positioning, as_json: bool) -> None:
     if as_json:
         _common.print_json(result.summary)
-        return
-    _print(result)
-    if out is not None:
-        typer.echo(f"report written to {out / 'report.html'}; open it in a browser")
+    else:
+        _print(result)
 
 
 def _print(result: Positioning) -> None:
@@ -54,7 +65,7 @@ def _print(result: Positioning) -> None:
         )
     ]
     columns = ("target [1/m]", "Preisach [V]", "achieved", "quadratic [V]", "achieved")
-    _common.print_table(columns, rows, f"{len(rows)} curvatures, open loop")
+    _common.print_table(columns, rows, f"{len(rows)} curvatures in 1/m, open loop")
     ratio = result.quadratic.rms / result.preisach.rms
     typer.echo(
         f"rms error {result.preisach.rms:.3f} 1/m with the Preisach inverse, "
@@ -65,11 +76,9 @@ def _print(result: Positioning) -> None:
     )
 
 
-def _write(result: Positioning, folder: Path) -> None:
+def _save(result: Positioning, folder: Path) -> None:
     from minorloop import modelfile
-    from minorloop.studies.positioning_report import positioning_report
 
-    positioning_report(result).write(folder / "report.html")
     _common.write_csv(
         folder / "staircase.csv",
         {"voltage [V]": result.voltages, "curvature [1/m]": result.settled},
@@ -82,3 +91,13 @@ def _write(result: Positioning, folder: Path) -> None:
         output=result.staircase.output,
         provenance=modelfile.Provenance.of(folder / "staircase.csv"),
     )
+
+
+def _report(result: Positioning, folder: Path, as_json: bool) -> None:
+    from minorloop.studies.positioning_report import positioning_report
+
+    path = folder / "report.html"
+    with _common.working("drawing the report"):
+        _common.write_report(partial(positioning_report, result), path, force=False)
+    if not as_json:
+        typer.echo(f"report written to {path}; open it in a browser")

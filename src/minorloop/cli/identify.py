@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,39 +17,78 @@ from minorloop.errors import ParameterError
 if TYPE_CHECKING:
     from minorloop.identification import Identification
     from minorloop.lab.records import Record
+    from minorloop.modelfile import Provenance
 
 NAME = "identify"
+EXAMPLE = (
+    'minorloop identify run.csv --input "voltage [V]" --output curvature --lag auto '
+    "--holdout 0.3 --save model.json --report report.html"
+)
 _RANK_LIMIT = 3000
 
 
+_Input = Annotated[
+    str, typer.Option(help="Column of the input: voltage, or the whole header, 'voltage [V]'.")
+]
+_Output = Annotated[str, typer.Option(help="Column of the output; an empty cell: not measured.")]
+_Levels = Annotated[
+    int, _common.whole_option("Bands between the least and the greatest input, 250 at most.")
+]
+_Spacing = Annotated[
+    str, typer.Option(help="Thresholds: uniform, or adaptive (dense where output is steep).")
+]
+_Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1) or unipolar (0, 1).")]
+_Diagonal = Annotated[
+    str, typer.Option(help="Smallest loops: uniform, or reversible (answer at once).")
+]
+_Lag = Annotated[
+    str, typer.Option(help="Rows by which the output follows the input, or auto (0 to 20).")
+]
+_Slope = Annotated[bool, typer.Option("--slope", help="Fit a linear part too.")]
+_Signed = Annotated[
+    bool, typer.Option("--signed", help="Allow negative weights, for butterfly loops.")
+]
+_Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")]
+_Rows = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A:B", help="Rows to use, counted from 0 after the header, B not included."
+    ),
+]
+_Holdout = Annotated[
+    float,
+    _common.number_option("Share at the end kept from the fit and scored, 0 to 0.9; try 0.3."),
+]
+_Rank = Annotated[
+    bool, typer.Option("--rank", help="Work out the rank of more than 3000 unknowns too.")
+]
+_Save = Annotated[Path | None, typer.Option(help="Write the model to this file.")]
+_Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
+
+
 def run(
-    file: Annotated[Path, typer.Argument(help="CSV file with one header line.")],
-    input: Annotated[str, typer.Option(help="Column of the input.")],
-    output: Annotated[str, typer.Option(help="Column of the output; blank: not measured.")],
-    levels: Annotated[int, typer.Option(help="Number of bands.")] = 25,
-    spacing: Annotated[str, typer.Option(help="uniform or adaptive thresholds.")] = "uniform",
-    relay: Annotated[str, typer.Option(help="bipolar or unipolar relays.")] = "bipolar",
-    diagonal: Annotated[str, typer.Option(help="uniform or reversible.")] = "uniform",
-    lag: Annotated[str, typer.Option(help="Samples by which output follows; or auto.")] = "0",
-    slope: Annotated[bool, typer.Option("--slope", help="Fit a linear part too.")] = False,
-    signed: Annotated[bool, typer.Option("--signed", help="Allow negative weights.")] = False,
-    smoothness: Annotated[str, typer.Option(help="A strength, 0, or auto.")] = "auto",
-    start: Annotated[str, typer.Option(help="negative, positive or demagnetised.")] = "negative",
-    rows: Annotated[str | None, typer.Option(help="Rows A:B of the file, B not included.")] = None,
-    holdout: Annotated[float, typer.Option(help="Share kept from the fit and scored.")] = 0.0,
-    rank: Annotated[
-        bool, typer.Option("--rank", help="Work out the rank of large planes.")
-    ] = False,
-    save: Annotated[Path | None, typer.Option(help="Write the model to this file.")] = None,
-    report: Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")] = None,
+    file: _common.DataFile,
+    input: _Input,
+    output: _Output,
+    levels: _Levels = 25,
+    spacing: _Spacing = "uniform",
+    relay: _Relay = "bipolar",
+    diagonal: _Diagonal = "uniform",
+    lag: _Lag = "0",
+    slope: _Slope = False,
+    signed: _Signed = False,
+    smoothness: _Smoothness = "auto",
+    start: _common.Start = "negative",
+    rows: _Rows = None,
+    holdout: _Holdout = 0.0,
+    rank: _Rank = False,
+    save: _Save = None,
+    report: _Report = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
     """Identify a hysteresis model from measured data, and say how far to trust it."""
-    _common.check_outputs([save, report], force=force)
-    from minorloop.identification import identify
-    from minorloop.lab.records import Record
-
+    _common.check_outputs([save, report], inputs=[file], force=force)
     options = {
         "levels": levels,
         "spacing": spacing,
@@ -59,26 +101,77 @@ def run(
         "start": start,
         "holdout": holdout,
     }
+    done = _identified(file, input, output, rows, options)
+    steps: list[Callable[[], None]] = [partial(_show, done, rank, as_json)]
+    if save is not None:
+        steps.insert(0, partial(_save, done, save, force, as_json))
+    if report is not None:
+        steps.append(partial(_report, done, report, force, as_json))
+    _common.do_all(steps)
+
+
+@dataclass(frozen=True)
+class _Done:
+    """What was identified, and from what."""
+
+    record: Record
+    result: Identification
+    provenance: Provenance
+    seconds: float
+
+
+def _identified(
+    file: Path, input: str, output: str, rows: str | None, options: dict[str, Any]
+) -> _Done:
+    from minorloop.identification import identify
+    from minorloop.lab.records import Record
+    from minorloop.modelfile import Provenance
+
     with _common.working(f"reading {file.name}") as now:
         record = Record.from_csv(file, input=input, output=output, gaps=True)
+        if record.input == record.output:
+            raise ParameterError(
+                f"--input and --output are both '{record.input}'; give two columns"
+            )
         part = _common.as_rows(rows, len(record))
-        now(f"identifying {levels} bands from {part.stop - part.start} rows")
+        provenance = Provenance.of(file)
+        now(f"identifying {options['levels']} bands from {part.stop - part.start} rows")
         began = time.perf_counter()
         result = identify(record.u[part], record.y[part], **options)
-        seconds = time.perf_counter() - began
-        now("scoring")
-        figures = _figures(result, seconds, rank)
-        if save is not None:
-            _save(result, save, record, file, figures, force)
-        if report is not None:
-            _write_report(result, report, record, file, force)
+        return _Done(record, result, provenance, time.perf_counter() - began)
+
+
+def _save(done: _Done, path: Path, force: bool, as_json: bool) -> None:
+    from minorloop import modelfile
+
+    result = done.result
+    scores = {
+        "nrmse_train": result.nrmse,
+        "nrmse_holdout": result.holdout_nrmse,
+        "baseline_nrmse": result.baseline_nrmse,
+        "kkt": result.kkt,
+    }
+    source = done.provenance
+    modelfile.save(
+        result.model,
+        path,
+        input=done.record.input,
+        output=done.record.output,
+        lag=result.lag,
+        provenance=modelfile.Provenance(data=source.data, sha256=source.sha256, scores=scores),
+        force=force,
+    )
+    if not as_json:
+        typer.echo(f"model written to {path}")
+
+
+def _show(done: _Done, rank: bool, as_json: bool) -> None:
+    with _common.working("scoring"):
+        figures = _figures(done.result, done.seconds, rank)
     if as_json:
         _common.print_json(figures)
-        return
-    _print(result, figures, record)
-    for path, what in ((save, "model"), (report, "report")):
-        if path is not None:
-            typer.echo(f"{what} written to {path}")
+    else:
+        _print(done, figures)
 
 
 def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, Any]:
@@ -105,7 +198,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
     }
 
 
-def _print(result: Identification, figures: dict[str, Any], record: Record) -> None:
+def _print(done: _Done, figures: dict[str, Any]) -> None:
     held = figures["nrmse_holdout"]
     rank = figures["rank"]
     rows = [
@@ -120,46 +213,26 @@ def _print(result: Identification, figures: dict[str, Any], record: Record) -> N
         ("optimality (KKT)", f"{figures['kkt']:.1e}"),
         ("time", f"{figures['seconds']:.2f} s"),
     ]
-    title = f"{record.output} against {record.input}: Preisach, {result.model.bands} bands"
+    record = done.record
+    title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
-    _common.print_advice(result.advice)
+    _common.print_advice(done.result.advice)
 
 
-def _save(
-    result: Identification,
-    path: Path,
-    record: Record,
-    source: Path,
-    figures: dict[str, Any],
-    force: bool,
-) -> None:
-    from minorloop import modelfile
-
-    scores = {
-        name: figures[name] for name in ("nrmse_train", "nrmse_holdout", "baseline_nrmse", "kkt")
-    }
-    modelfile.save(
-        result.model,
-        path,
-        input=record.input,
-        output=record.output,
-        lag=result.lag,
-        provenance=modelfile.Provenance.of(source, scores),
-        force=force,
-    )
-
-
-def _write_report(
-    result: Identification, path: Path, record: Record, source: Path, force: bool
-) -> None:
+def _report(done: _Done, path: Path, force: bool, as_json: bool) -> None:
     from minorloop.report import identification_report
 
-    identification_report(
-        result,
-        source=source.name,
-        input_label=str(record.input),
-        output_label=str(record.output),
-    ).write(path, force=force)
+    draw = partial(
+        identification_report,
+        done.result,
+        source=str(done.provenance.data),
+        input_label=str(done.record.input),
+        output_label=str(done.record.output),
+    )
+    with _common.working("drawing the report"):
+        _common.write_report(draw, path, force=force)
+    if not as_json:
+        typer.echo(f"report written to {path}; open it in a browser")
 
 
 def _number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:

@@ -3,64 +3,97 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from minorloop.cli import _common
 from minorloop.errors import NotInvertibleError, UnreachableError
 
+if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
+    from minorloop.modelfile import ModelFile
+    from minorloop.operators.inversion import Inversion
+
 NAME = "invert"
+EXAMPLE = "minorloop invert model.json targets.csv --target curvature --save inputs.csv"
 _SHOWN = 20
 
 
 def run(
-    model: Annotated[Path, typer.Argument(help="Model file.")],
-    file: Annotated[Path, typer.Argument(help="CSV file with one header line.")],
-    target: Annotated[str, typer.Option(help="Column of the outputs wanted.")],
-    clip: Annotated[bool, typer.Option("--clip", help="Go as near as the model can.")] = False,
-    start: Annotated[str, typer.Option(help="negative, positive or demagnetised.")] = "negative",
+    model: _common.ModelFile,
+    file: _common.DataFile,
+    target: Annotated[str, typer.Option(help="Column of the outputs wanted, in order.")],
+    clip: Annotated[
+        bool, typer.Option("--clip", help="Go as near as the model can to what is out of reach.")
+    ] = False,
+    start: _common.Start = "negative",
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
     """Find the inputs that bring the output to each target in turn."""
-    _common.check_outputs([save], force=force)
+    _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
-    from minorloop.operators.relays import RelayModel
 
-    known = modelfile.read(model)
-    targets = _common.read_column(file, target)
-    if isinstance(known.model, RelayModel):
-        raise NotInvertibleError(
-            f"{model} holds a relay-by-relay model, which has no exact inverse; identify a "
-            "Preisach model on the same levels"
-        )
-    try:
-        result = known.model.invert(targets, start, "clip" if clip else "raise")  # type: ignore[arg-type]
-    except UnreachableError as error:
-        hint = str(error).replace('pass unreachable="clip"', "pass --clip")
-        raise UnreachableError(hint) from None
-    if save is not None:
-        columns = {
-            str(known.input): result.u,
-            f"target {known.output}": targets,
-            f"predicted {known.output}": result.y,
-            "reachable": result.reachable.astype(int),
-        }
-        _common.write_csv(save, columns, force=force)
+    with _common.working(f"reading {file.name}") as now:
+        known = modelfile.read(model)
+        targets = _common.read_column(file, target)
+        now(f"inverting {targets.size} targets")
+        result = _inverted(known, model, targets, start, clip)
+        if save is not None:
+            columns = {
+                str(known.input): result.u,
+                f"target {known.output}": targets,
+                f"predicted {known.output}": result.y,
+                "reachable": result.reachable.astype(int),
+            }
+            _common.write_csv(save, columns, force=force)
     if as_json:
         inputs = {} if save is not None else {"u": result.u, "y": result.y}
         worst = {"worst_residual": result.worst, "unreachable": int((~result.reachable).sum())}
         _common.print_json({"targets": targets.size, **worst, **inputs})
         return
-    rows = [
-        (f"{t:.6g}", f"{u:.6g}", f"{y:.6g}", "" if ok else "out of reach")
-        for t, u, y, ok in zip(targets, result.u, result.y, result.reachable, strict=True)
-    ]
-    columns_shown = (f"target {known.output}", str(known.input), f"predicted {known.output}", "")
-    _common.print_table(columns_shown, rows[:_SHOWN])
-    if len(rows) > _SHOWN:
-        typer.echo(f"... {len(rows) - _SHOWN} more; --save FILE writes them all")
+    _print(known, targets, result)
     if save is not None:
         typer.echo(f"written to {save}")
+
+
+def _inverted(
+    known: ModelFile, path: Path, targets: FloatArray, start: str, clip: bool
+) -> Inversion:
+    from minorloop.operators.relays import RelayModel
+
+    if isinstance(known.model, RelayModel):
+        raise NotInvertibleError(
+            f"{path} holds a relay-by-relay model, which has no exact inverse; identify a "
+            "Preisach model on the same levels"
+        )
+    try:
+        return known.model.invert(targets, start, "clip" if clip else "raise")  # type: ignore[arg-type]
+    except UnreachableError as error:
+        hint = str(error).replace('pass unreachable="clip"', "pass --clip")
+        raise UnreachableError(hint) from None
+
+
+def _print(known: ModelFile, targets: FloatArray, result: Inversion) -> None:
+    missed = int((~result.reachable).sum())
+    columns = [f"target {known.output}", str(known.input), f"predicted {known.output}"]
+    wanted = [f"{value:.6g}" for value in targets[:_SHOWN]]
+    found = _in_six_digits(result.u), _in_six_digits(result.y)
+    rows = [list(row) for row in zip(wanted, *found, strict=True)]
+    if missed:
+        columns.append("")
+        for row, ok in zip(rows, result.reachable[:_SHOWN], strict=True):
+            row.append("" if ok else "out of reach")
+    _common.print_table(columns, rows)
+    if targets.size > _SHOWN:
+        typer.echo(f"... {targets.size - _SHOWN} more; --save FILE writes them all")
+    if missed:
+        typer.echo(f"{missed} of {targets.size} targets are out of reach of the model")
+
+
+def _in_six_digits(values: FloatArray) -> list[str]:
+    """The numbers that are shown; what is nothing but rounding error is shown as 0."""
+    least = 1e-12 * float(abs(values).max())
+    return [f"{value if abs(value) > least else 0:.6g}" for value in values[:_SHOWN]]

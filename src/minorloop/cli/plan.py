@@ -2,31 +2,49 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError
 
+if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
+    from minorloop.identification.excitation import ExcitationReport
+
 NAME = "plan"
+EXAMPLE = (
+    "minorloop plan decaying --low -1.2 --high 1.2 --levels 10 --hold 200 "
+    '--input "voltage [V]" --save plan.csv'
+)
 _PATTERNS = {
     "decaying": "decaying_staircase",
     "reversal": "reversal_curves",
     "staircase": "staircase",
 }
 _SHOWN = 24
-_MOST = 60
+_RANKED = 60
+"""Bands up to which it takes seconds to work out what a plan determines."""
+_HOLD = "hold [s]"
 _HOUR = 3600.0
 
 
 def run(
-    pattern: Annotated[str, typer.Argument(help="decaying, reversal or staircase.")],
-    low: Annotated[float, typer.Option(help="Least input.")],
-    high: Annotated[float, typer.Option(help="Greatest input.")],
-    levels: Annotated[int, typer.Option(help="Number of bands.")] = 10,
-    hold: Annotated[float, typer.Option(help="Seconds to hold each input.")] = 200.0,
-    input: Annotated[str, typer.Option(help="Name and unit of the input.")] = "input",
+    pattern: Annotated[
+        str,
+        typer.Argument(
+            show_default=False,
+            help="decaying (determines the plane), reversal (curves), or staircase (one loop).",
+        ),
+    ],
+    low: Annotated[float, _common.number_option("Least input.")],
+    high: Annotated[float, _common.number_option("Greatest input.")],
+    levels: Annotated[int, _common.whole_option("Bands between them, 250 at most.")] = 10,
+    hold: Annotated[float, _common.number_option("Seconds to hold each input.")] = 200.0,
+    input: Annotated[
+        str, typer.Option(help="Name and unit of the input, as the header of its column.")
+    ] = "input",
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -38,34 +56,47 @@ def run(
         raise ParameterError(f"there is no plan {pattern!r}; give one of {known}")
     if not 0 < hold < float("inf"):
         raise ParameterError(f"--hold is {hold}; give a positive number of seconds")
-    from minorloop.arrays import uniform_levels
-    from minorloop.identification import excitation
-
-    if levels > _MOST:
-        raise ParameterError(f"--levels is {levels}; a plan has at most {_MOST} bands")
-    grid = uniform_levels(low, high, levels)
-    inputs = getattr(excitation, _PATTERNS[pattern])(grid)
-    with _common.working("working out what it would determine"):
-        report = excitation.report(inputs, grid)
+    if input == _HOLD:
+        raise ParameterError(f"--input is {_HOLD!r}, as the column of times is; give another name")
+    inputs, report = _planned(pattern, low, high, levels)
     if save is not None:
-        _common.write_csv(save, {input: inputs, "hold [s]": [hold] * inputs.size}, force=force)
-    hours = inputs.size * hold / _HOUR
+        _common.write_csv(save, {input: inputs, _HOLD: [hold] * inputs.size}, force=force)
     if as_json:
-        figures = {
-            "inputs": inputs,
-            "hold_s": hold,
-            "hours": hours,
-            "rank": report.rank,
-            "unknowns": report.unknowns,
-            "condition": report.condition,
-            "excited_fraction": report.excited_fraction,
-        }
-        _common.print_json(figures)
+        _common.print_json(_figures(inputs, hold, report))
         return
-    shown = " ".join(f"{u:.6g}" for u in inputs[:_SHOWN])
-    more = f" ... and {inputs.size - _SHOWN} more" if inputs.size > _SHOWN else ""
-    typer.echo(f"{inputs.size} holds of {hold:g} s, {hours:.1f} h")
-    typer.echo(f"{report}")
-    typer.echo(f"{shown}{more}")
+    _print(inputs, hold, report)
     if save is not None:
         typer.echo(f"written to {save}")
+
+
+def _planned(
+    pattern: str, low: float, high: float, levels: int
+) -> tuple[FloatArray, ExcitationReport | None]:
+    """The inputs, and what they determine where that is quickly worked out."""
+    from minorloop.arrays import uniform_levels
+    from minorloop.identification import excitation
+    from minorloop.identification.areas import check_bands
+
+    check_bands(levels)
+    grid = uniform_levels(low, high, levels)
+    inputs: FloatArray = getattr(excitation, _PATTERNS[pattern])(grid)
+    if levels > _RANKED:
+        return inputs, None
+    with _common.working("working out what it would determine"):
+        return inputs, excitation.report(inputs, grid)
+
+
+def _figures(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> dict[str, Any]:
+    keys = ("rank", "unknowns", "condition", "excited_fraction")
+    known = {key: getattr(report, key) if report else None for key in keys}
+    return {"inputs": inputs, "hold_s": hold, "hours": inputs.size * hold / _HOUR, **known}
+
+
+def _print(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> None:
+    typer.echo(f"{inputs.size} holds of {hold:g} s, {inputs.size * hold / _HOUR:.1f} h in all")
+    typer.echo(
+        str(report) if report else f"what more than {_RANKED} bands determine is not worked out"
+    )
+    shown = " ".join(f"{u:.6g}" for u in inputs[:_SHOWN])
+    more = f" ... and {inputs.size - _SHOWN} more" if inputs.size > _SHOWN else ""
+    typer.echo(f"{shown}{more}")

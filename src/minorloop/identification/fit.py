@@ -25,6 +25,7 @@ from minorloop.operators.preisach import Diagonal, Relay, Start
 LONGEST_LAG = 20
 _LAG_BANDS = 15
 _FEWEST = 3
+_LARGEST = 1e150
 
 
 def identify(
@@ -178,6 +179,9 @@ def _as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArr
     if finite.size < _FEWEST:
         raise SignalError(f"{finite.size} outputs are finite; at least {_FEWEST} are needed")
     for name, values in (("input", inputs), ("output", finite)):
+        largest = np.abs(values).max()
+        if largest > _LARGEST:
+            raise SignalError(f"the {name} reaches {largest:g}; scale it to below {_LARGEST:g}")
         if np.ptp(values) == 0:
             raise SignalError(
                 f"the {name} is {values[0]:g} throughout; a constant identifies nothing"

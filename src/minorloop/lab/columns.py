@@ -117,7 +117,8 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
 
 
 def _listed(headers: Sequence[str], *, most: int = 12) -> str:
-    text = ", ".join(f"'{header}'" for header in headers[:most])
+    shown = (header if len(header) <= 60 else header[:57] + "..." for header in headers[:most])
+    text = ", ".join(f"'{header}'" for header in shown)
     return text + (f" and {len(headers) - most} more" if len(headers) > most else "")
 
 

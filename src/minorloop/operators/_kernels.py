@@ -194,6 +194,8 @@ def branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
     y0 = sign * (along(levels, nodes, bow, slope, pivot, rising, band, start) - target)
     yh = sign * (along(levels, nodes, bow, slope, pivot, rising, band, middle) - target)
     y1 = sign * (along(levels, nodes, bow, slope, pivot, rising, band, end) - target)
+    if y1 < 0.0:  # beyond the far end, and perhaps so far that the sums below overflow
+        return levels[band + 1] if rising else levels[band]
     x = smallest_root(y0, -3.0 * y0 + 4.0 * yh - y1, 2.0 * (y0 + y1 - 2.0 * yh))
     fraction = start + x * (end - start)
     if fraction == 1.0:

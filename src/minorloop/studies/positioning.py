@@ -16,7 +16,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
-from minorloop.errors import ParameterError
+from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.identification import Identification, excitation, identify
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
@@ -143,11 +143,14 @@ def run_positioning(
     Raises
     ------
     ParameterError
-        If the seed is not a whole number of at least 0, or the noise is negative.
+        If the seed is not a whole number of at least 0, or the noise is negative or so large
+        that nothing can be fitted to what is measured.
     """
     if isinstance(seed, bool) or int(seed) != seed or seed < 0:
         raise ParameterError(f"seed is {seed!r}; give a whole number of at least 0")
     setup = protocol or Protocol()
+    if not 0 <= noise <= setup.reach:
+        raise ParameterError(f"noise is {noise} 1/m; give 0 to {setup.reach:g}, the largest target")
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     voltages = excitation.decaying_staircase(grid)
 
@@ -162,7 +165,7 @@ def run_positioning(
     targets = np.random.default_rng(seed).uniform(-setup.reach, setup.reach, setup.targets)
     inverses = {
         "Preisach": identification.model.invert(targets, unreachable="clip").u,
-        "quadratic": polynomial.invert(targets, unreachable="clip").u,
+        "quadratic": _inverted(polynomial, targets, noise),
     }
     drives = {}
     for name, inputs in inverses.items():
@@ -181,6 +184,17 @@ def run_positioning(
         preisach=drives["Preisach"],
         quadratic=drives["quadratic"],
     )
+
+
+def _inverted(polynomial: Polynomial, targets: FloatArray, noise: float) -> FloatArray:
+    """Inputs by the single-valued model, which noise can bend until it has no inverse."""
+    try:
+        return polynomial.invert(targets, unreachable="clip").u
+    except NotInvertibleError:
+        raise ParameterError(
+            f"noise is {noise} 1/m, which bends the quadratic until it turns round inside the "
+            "voltages; give less"
+        ) from None
 
 
 def _strip(seed: int, noise: float) -> Actuator:

@@ -1,0 +1,79 @@
+"""A folder with files in it, and the command line driven as a user would."""
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+from minorloop.cli import main
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(-1, 1, 9)
+MODEL = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(size=(8, 8))), 0.4)
+
+
+@pytest.fixture(autouse=True)
+def _somewhere(tmp_path, monkeypatch):
+    """A folder of its own with a record, targets and a model."""
+    monkeypatch.chdir(tmp_path)
+    u = np.concatenate([[-1, 1], np.random.default_rng(1).uniform(-1, 1, 398)])
+    write("good.csv", "voltage [V],length [um]", np.column_stack([u, MODEL.simulate(u)]))
+    write("targets.csv", "length [um]", [[0.3], [1.5], [-2.0]])
+    modelfile.save(MODEL, "model.json", input="voltage [V]", output="length [um]")
+
+
+def write(name, header, rows):
+    np.savetxt(name, rows, delimiter=",", header=header, comments="", fmt="%s")
+
+
+@pytest.fixture
+def model():
+    """What the record was simulated with."""
+    return MODEL
+
+
+@pytest.fixture
+def run(capsys):
+    """Exit status, stdout and stderr of a command line."""
+
+    def run(line):
+        status = main(shlex.split(line))
+        shown = capsys.readouterr()
+        return status, shown.out, shown.err
+
+    return run
+
+
+@pytest.fixture
+def refused(run):
+    """The one line that an error is, after checking that it is one."""
+
+    def refused(line):
+        status, out, err = run(line)
+        assert (status, out) == (2, "")
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        return err
+
+    return refused
+
+
+@pytest.fixture
+def answer(run):
+    """The one JSON object that ``--json`` prints."""
+
+    def forbidden(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    def answer(line):
+        status, out, err = run(f"{line} --json")
+        assert (status, err) == (0, "")
+        assert out.count("\n") == 1
+        found = json.loads(out, parse_constant=forbidden)
+        assert isinstance(found, dict)
+        return found
+
+    return answer

@@ -1,0 +1,128 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
+
+INVERT = "invert model.json targets.csv --target length"
+WANTED = [0.3, 1.5, -2.0]
+
+
+@pytest.fixture(autouse=True)
+def _far():
+    Path("far.csv").write_text("length\n0.3\n1000\n-1000\n")
+
+
+@pytest.mark.parametrize("start", ["negative", "positive", "demagnetised"])
+def test_the_inputs_bring_the_model_to_the_targets(start, run, model):
+    status, out, err = run(f"{INVERT} --start {start} --save in.csv")
+    assert (status, err) == (0, "")
+    assert "written to in.csv" in out
+    assert "out of reach" not in out
+    header, *_ = Path("in.csv").read_text().splitlines()
+    assert header == "voltage [V],target length [um],predicted length [um],reachable"
+    u, target, predicted, reachable = np.loadtxt("in.csv", delimiter=",", skiprows=1).T
+    np.testing.assert_array_equal(target, WANTED)
+    np.testing.assert_allclose(model.simulate(u, start), WANTED, atol=1e-10)
+    np.testing.assert_allclose(predicted, WANTED, atol=1e-10)
+    assert reachable.all()
+
+
+def test_json_carries_the_inputs_unless_a_file_does(answer, model):
+    found = answer(INVERT)
+    np.testing.assert_allclose(model.simulate(found["u"]), WANTED, atol=1e-10)
+    assert (found["targets"], found["unreachable"]) == (3, 0)
+    assert found["worst_residual"] < 1e-10
+    saved = answer(f"{INVERT} --save in.csv")
+    assert set(saved) == {"targets", "worst_residual", "unreachable"}
+
+
+def test_a_target_out_of_reach_is_refused_with_the_way_out(refused):
+    said = refused("invert model.json far.csv --target length --save in.csv")
+    assert "target 1000 at index 1 is beyond what the model can reach, [-" in said
+    assert said.endswith("; pass --clip to go as near as it can\n")
+    assert "unreachable=" not in said
+    assert not Path("in.csv").exists()
+
+
+def test_clipping_goes_as_near_as_it_can_and_says_so(run, answer, model):
+    line = "invert model.json far.csv --target length --clip"
+    out = run(line)[1]
+    assert "2 of 3 targets are out of reach of the model" in out
+    assert out.count("│ out of reach │") == 2
+    found = answer(f"{line} --save in.csv")
+    assert found["unreachable"] == 2
+    rows = np.loadtxt("in.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(rows[:, 3], [1, 0, 0])
+    np.testing.assert_allclose(rows[1:, 2], model.range[::-1])
+
+
+def test_only_the_first_of_many_are_shown(run):
+    Path("many.csv").write_text("length\n" + "0.25\n0.75\n" * 50)
+    out = run("invert model.json many.csv --target length")[1]
+    assert out.count("│ 0.25 ") == 10
+    assert "... 80 more; --save FILE writes them all" in out
+    Path("many.csv").write_text("length\n" + "1e308\n-1e308\n" * 50)
+    out = run("invert model.json many.csv --target length --clip")[1]
+    assert out.count("│ out of reach │") == 20
+    assert "100 of 100 targets are out of reach" in out
+
+
+def test_rounding_error_is_not_shown(run):
+    modelfile.save(PrandtlIshlinskii([0.0], [1.0]), "line.json")
+    Path("zero.csv").write_text("y\n1\n1e-17\n")
+    assert run("invert line.json zero.csv --target y")[1].count("1e-17") == 1
+
+
+@pytest.mark.parametrize(
+    ("other", "says"),
+    [
+        (lambda model: Preisach(model.levels, -model.weights), "not monotone"),
+        (lambda model: RelayModel([0, 1], [[1, 0], [1, 1]]), "no exact inverse; identify a"),
+        (lambda model: PrandtlIshlinskii([1.0, 2.0], [1.0, 1.0]), "add a play of radius 0"),
+    ],
+)
+@pytest.mark.parametrize("clip", ["", "--clip"])
+def test_models_without_an_inverse_say_why(other, says, clip, refused, model):
+    modelfile.save(other(model), "other.json")
+    line = f"invert other.json targets.csv --target length {clip} --save in.csv"
+    assert says in refused(line)
+    assert not Path("in.csv").exists()
+
+
+def test_every_model_with_an_inverse_is_inverted(answer):
+    for name, other in (
+        ("polynomial", Polynomial([0.0, 1.0], -3.0, 3.0)),
+        ("plays", PrandtlIshlinskii([0.0, 0.5], [1.0, 0.5])),
+    ):
+        modelfile.save(other, f"{name}.json")
+        found = answer(f"invert {name}.json targets.csv --target length")
+        np.testing.assert_allclose(found["y"], WANTED, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--start odd", "start is 'odd'"),
+        ("--target reach", "has no column 'reach', it has 'length [um]'"),
+        ("--save missing/in.csv", "folder missing does not exist"),
+        ("--save far.csv", "or --force to replace it"),
+        ("--save targets.csv --force", "targets.csv is read here"),
+        ("--save model.json --force", "model.json is read here"),
+    ],
+)
+def test_options_that_cannot_be_used(options, says, refused):
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    assert says in refused(f"{INVERT} {options}")
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "inf", "far"])
+def test_targets_have_no_gaps(cell, refused):
+    Path("gap.csv").write_text(f"length,other\n1,2\n{cell},3\n")
+    assert "in row 3" in refused("invert model.json gap.csv --target length")

@@ -1,0 +1,143 @@
+"""What holds for the program as a whole, whatever the verb."""
+
+import os
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+from minorloop import __version__, modelfile
+from minorloop.cli import app, main
+
+VERBS = ("identify", "simulate", "invert", "plan", "demo")
+PROGRAM = [sys.executable, "-m", "minorloop"]
+
+
+@pytest.mark.parametrize("line", ["", "--help", "-h"])
+def test_help_names_every_verb(line, run):
+    status, out, err = run(line)
+    assert (status, err) == (0, "")
+    for verb in VERBS:
+        assert f" {verb} " in out
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_explains_itself_with_an_example(verb, run):
+    status, out, err = run(f"{verb} --help")
+    assert (status, err) == (0, "")
+    assert f"Example: minorloop {verb} " in " ".join(out.split())
+
+
+def test_says_its_version(run):
+    assert run("--version") == (0, f"minorloop {__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("fly", "No such command 'fly'; see minorloop --help"),
+        ("--bogus", "No such option: --bogus; see minorloop --help"),
+        ("identify", "Missing argument 'file'; see minorloop identify --help"),
+        ("identify good.csv --output length", "Missing option '--input'"),
+        ("identify good.csv --inputs x", "Possible options: --input"),
+        ("identify good.csv other.csv --input a --output b", "unexpected extra argument"),
+        ("simulate model.json", "Missing argument 'file'; see minorloop simulate --help"),
+        ("invert model.json targets.csv --target", "'--target' requires an argument"),
+    ],
+)
+def test_what_is_not_understood_is_refused_in_one_line(line, says, refused):
+    assert says in refused(line)
+
+
+def test_an_error_cannot_drive_the_terminal_nor_flood_it(refused):
+    Path("odd.csv").write_text("a\x1b[31m,b\n1,2\n", encoding="utf-8")
+    said = refused("simulate model.json odd.csv --input voltage")
+    assert "\x1b" not in said
+    assert "'b'" in said
+    Path("wide.csv").write_text("x" * 100_000 + ",b\n1,2\n")
+    assert len(refused("simulate model.json wide.csv --input voltage")) < 1000
+    assert len(refused(f"simulate model.json good.csv --input {'v' * 100_000}")) < 1000
+
+
+def test_several_lines_become_one(monkeypatch, refused):
+    def fail(path):
+        raise modelfile.ModelFileError("first\r\nsecond\n\tthird")
+
+    monkeypatch.setattr(modelfile, "read", fail)
+    said = refused("simulate model.json good.csv --input voltage")
+    assert said == "error: first second third\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "says"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted\n"),
+        (MemoryError(), 2, "error: there is not enough memory"),
+        (OSError(5, "Input/output error"), 2, "error: something could not be read or written"),
+        (BrokenPipeError(), 1, ""),
+    ],
+)
+def test_what_may_happen_anywhere_is_no_traceback(error, status, says, monkeypatch, run):
+    def fail(path):
+        raise error
+
+    monkeypatch.setattr(modelfile, "read", fail)
+    done, out, err = run("simulate model.json good.csv --input voltage")
+    assert (done, out) == (status, "")
+    assert err.startswith(says)
+    assert err.count("\n") == bool(says)
+
+
+def test_is_installed_as_a_program():
+    (script,) = entry_points(group="console_scripts", name="minorloop")
+    assert script.load() is main
+    assert callable(app)
+
+
+def test_runs_as_a_module_with_errors_apart_from_results():
+    command = [*PROGRAM, "simulate", "model.json", "nope.csv", "--input", "a"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "error: nope.csv does not exist\n"
+    done = subprocess.run(PROGRAM, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "identify" in done.stdout
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from minorloop.cli import main; main(['--help']); "
+        "sys.exit(any(name in sys.modules for name in ('numpy', 'numba', 'scipy', 'matplotlib')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
+def test_a_unit_that_the_terminal_cannot_show_is_no_failure():
+    found = modelfile.read("model.json")
+    modelfile.save(found.model, "model.json", output="length [µm]", force=True)
+    command = [*PROGRAM, "invert", "model.json", "targets.csv", "--target", "length"]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert r"\xb5m" in done.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is full")
+def test_a_full_disk_behind_the_output_is_one_line():
+    command = [*PROGRAM, "simulate", "model.json", "good.csv", "--input", "voltage", "--json"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: something could not be read or written")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_reader_that_goes_away_is_met_with_silence():
+    command = [*PROGRAM, "simulate", "model.json", "good.csv", "--input", "voltage", "--json"]
+    ends = os.pipe()
+    os.close(ends[0])
+    done = subprocess.run(command, stdout=ends[1], stderr=subprocess.PIPE, text=True)
+    os.close(ends[1])
+    assert (done.returncode, done.stderr) == (1, "")

@@ -1,0 +1,91 @@
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minorloop.arrays import uniform_levels
+from minorloop.cli import plan
+from minorloop.identification import excitation
+
+PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4"
+
+
+@pytest.mark.parametrize("pattern", list(plan._PATTERNS))
+def test_the_inputs_are_those_of_the_library(pattern, answer):
+    found = answer(f"plan {pattern} --low -2 --high 3 --levels 5 --hold 60")
+    inputs = getattr(excitation, plan._PATTERNS[pattern])(uniform_levels(-2, 3, 5))
+    report = excitation.report(inputs, uniform_levels(-2, 3, 5))
+    assert found["inputs"] == inputs.tolist()
+    assert (found["rank"], found["unknowns"]) == (report.rank, report.unknowns)
+    assert found["excited_fraction"] == report.excited_fraction
+    assert found["hold_s"] == 60
+    assert found["hours"] == inputs.size / 60
+
+
+def test_is_written_as_a_table_that_reads_back(run):
+    status, out, err = run(f'{PLAN} --hold 60 --input "voltage [V]" --save plan.csv')
+    assert (status, err) == (0, "")
+    assert "11 holds of 60 s, 0.2 h in all" in out
+    assert "determines the plane" in out
+    assert "written to plan.csv" in out
+    with open("plan.csv", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["voltage [V]", "hold [s]"]
+    inputs, holds = np.array(rows, dtype=float).T
+    assert np.all(holds == 60)
+    np.testing.assert_array_equal(
+        inputs, excitation.decaying_staircase(uniform_levels(-1.2, 1.2, 4))
+    )
+
+
+def test_says_what_does_not_determine_the_plane(run):
+    out = run("plan staircase --low 0 --high 1 --levels 9")[1]
+    assert "does not determine the plane" in out
+
+
+def test_a_large_plan_leaves_out_what_takes_long(monkeypatch, run, answer):
+    monkeypatch.setattr(plan, "_RANKED", 3)
+    assert "what more than 3 bands determine is not worked out" in run(PLAN)[1]
+    found = answer(PLAN)
+    assert found["rank"] is None
+    assert len(found["inputs"]) == 11
+    assert "more" in run("plan reversal --low 0 --high 1 --levels 9")[1]
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("plan spiral --low 0 --high 1", "no plan 'spiral'; give one of decaying, reversal"),
+        ("plan decaying --low 1 --high 0", "levels from 1.0 to 0.0; give finite low < high"),
+        ("plan decaying --low 1 --high 1", "give finite low < high"),
+        ("plan decaying --low nan --high 1", "levels from nan to 1.0"),
+        ("plan decaying --low 0 --high inf", "levels from 0.0 to inf"),
+        ("plan decaying --low=-1e308 --high 1e308", "more than a float can hold"),
+        ("plan decaying --low zero --high 1", "'--low': 'zero' is not a number"),
+        ("plan decaying --high 1", "Missing option '--low'"),
+        (f"{PLAN} --levels 0", "0 bands; give a whole number of at least 1"),
+        (f"{PLAN} --levels -4", "-4 bands"),
+        (f"{PLAN} --levels 99999", "levels are 99999 bands"),
+        (f"{PLAN} --levels 1e3", "'1e3' is not a whole number"),
+        (f"{PLAN} --hold 0", "--hold is 0.0; give a positive number of seconds"),
+        (f"{PLAN} --hold -1", "--hold is -1.0"),
+        (f"{PLAN} --hold nan", "--hold is nan"),
+        (f"{PLAN} --hold inf", "--hold is inf"),
+        (f"{PLAN} --input 'hold [s]'", "as the column of times is; give another name"),
+        (f"{PLAN} --save missing/plan.csv", "folder missing does not exist"),
+        (f"{PLAN} --save good.csv", "or --force to replace it"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(line, says, refused):
+    assert says in refused(line)
+
+
+def test_a_plan_identifies(answer, run, model):
+    answer("plan reversal --low -1 --high 1 --levels 8 --input u --save plan.csv")
+    assert run("simulate model.json plan.csv --input u --save out.csv")[0] == 0
+    line = 'identify out.csv --input "voltage [V]" --output length --levels 8 --smoothness 0'
+    found = answer(f"{line} --save new.json")
+    assert found["rank"] == found["unknowns"] == 37
+    assert Path("new.json").exists()
+    assert found["nrmse_train"] < 1e-10

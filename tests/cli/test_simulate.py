@@ -1,0 +1,112 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+
+SIMULATE = "simulate model.json good.csv --input voltage"
+
+
+def inputs():
+    return np.loadtxt("good.csv", delimiter=",", skiprows=1)[:, 0]
+
+
+@pytest.mark.parametrize("start", ["negative", "positive", "demagnetised"])
+def test_writes_what_the_model_gives(start, run, model):
+    status, out, err = run(f"{SIMULATE} --start {start} --save out.csv")
+    assert (status, err) == (0, "")
+    assert "400 samples of length" in out
+    assert "written to out.csv" in out
+    assert Path("out.csv").read_text().splitlines()[0] == "voltage [V],length [um]"
+    u, y = np.loadtxt("out.csv", delimiter=",", skiprows=1).T
+    np.testing.assert_array_equal(u, inputs())
+    np.testing.assert_array_equal(y, model.simulate(u, start))
+
+
+def test_without_a_file_says_that_nothing_was_written(run):
+    before = set(Path().iterdir())
+    assert "nothing was written; --save FILE" in run(SIMULATE)[1]
+    assert set(Path().iterdir()) == before
+
+
+def test_json_carries_the_outputs_unless_a_file_does(answer, model):
+    found = answer(SIMULATE)
+    assert found["y"] == model.simulate(inputs()).tolist()
+    assert (found["least"], found["greatest"]) == (min(found["y"]), max(found["y"]))
+    saved = answer(f"{SIMULATE} --save out.csv")
+    assert saved == {key: found[key] for key in ("samples", "least", "greatest")}
+
+
+def test_the_lag_of_the_file_is_put_in(answer, model):
+    modelfile.save(model, "late.json", lag=2)
+    y = model.simulate(inputs())
+    found = answer("simulate late.json good.csv --input voltage")["y"]
+    assert found == [y[0], y[0], *y[:-2]]
+
+
+def test_an_output_named_as_the_input_keeps_a_column_of_its_own(run, refused, model):
+    modelfile.save(model, "same.json", input="x [V]", output="x [V]")
+    assert run("simulate same.json good.csv --input voltage --save out.csv")[0] == 0
+    assert Path("out.csv").read_text().splitlines()[0] == "x [V],predicted x [V]"
+
+
+@pytest.mark.parametrize(
+    ("cell", "says"),
+    [("", "empty in row 3"), ("nan", "'nan' in row 3"), ("inf", "'inf'"), ("high", "'high'")],
+)
+def test_inputs_have_no_gaps(cell, says, refused):
+    Path("gap.csv").write_text(f"voltage,other\n1,2\n{cell},3\n")
+    assert says in refused("simulate model.json gap.csv --input voltage --save out.csv")
+    assert not Path("out.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda text: text[:200], "damaged, or is not JSON"),
+        (lambda text: "", "damaged, or is not JSON"),
+        (lambda text: "\0\1\2", "damaged, or is not JSON"),
+        (lambda text: "[]", "not a model file"),
+        (lambda text: text.replace('"version": 1', '"version": 9'), "install a newer one"),
+        (lambda text: text.replace('"lag": 0', '"lag": -1'), "lag"),
+        (lambda text: text.replace('"lag": 0', '"lag": "0"'), "lag"),
+        (lambda text: text.replace('"offset": 0.4', '"offset": 1e999'), "bad.json"),
+        (lambda text: text.replace("-0.75", "7", 1), "not strictly increasing"),
+        (lambda text: text.replace('"preisach"', '"pickle"'), "kinds are preisach"),
+        (lambda text: text.replace('"relay":', '"rely":'), "bad.json"),
+    ],
+)
+def test_damaged_models_are_refused(change, says, refused):
+    text = Path("model.json").read_text()
+    assert change(text) != text
+    Path("bad.json").write_text(change(text))
+    said = refused("simulate bad.json good.csv --input voltage")
+    assert "bad.json" in said
+    assert says in said
+    assert refused("invert bad.json targets.csv --target length") == said
+
+
+def test_what_is_no_model_is_refused(refused, tmp_path, monkeypatch):
+    assert "there is no file nope.json" in refused("simulate nope.json good.csv --input voltage")
+    assert "is not a file" in refused(f"simulate {tmp_path} good.csv --input voltage")
+    assert "not JSON" in refused("simulate good.csv good.csv --input voltage")
+    monkeypatch.setattr(modelfile, "LARGEST", 10)
+    assert "a model file 10 at most" in refused(SIMULATE)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--start odd", "start is 'odd'"),
+        ("--save missing/out.csv", "folder missing does not exist"),
+        ("--save targets.csv", "or --force to replace it"),
+        ("--save model.json --force", "model.json is read here"),
+        ("--save good.csv --force", "good.csv is read here"),
+        ("--input volts", "has no column 'volts', it has 'voltage [V]', 'length [um]'"),
+    ],
+)
+def test_options_that_cannot_be_used(options, says, refused):
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    assert says in refused(f"{SIMULATE} {options}")
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
