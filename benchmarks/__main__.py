@@ -6,12 +6,16 @@ import argparse
 import importlib
 import os
 
+import benchmarks
+
 PARTS = ("operators", "identification", "startup")
+COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=benchmarks.__doc__)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, help="these parts")
+    parser.add_argument("--quick", action="store_true", help="small sizes, no verdicts")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     chosen = parser.parse_args()
 
@@ -21,17 +25,20 @@ def main() -> None:
     from benchmarks._timing import as_json
 
     found = []
-    for part in chosen.only:
-        found += importlib.import_module(f"benchmarks.{part}").rows()
+    with Console(stderr=True).status("measuring") as status:
+        for part in chosen.only:
+            status.update(f"measuring: {part}")
+            found += importlib.import_module(f"benchmarks.{part}").rows(chosen.quick)
     if chosen.json:
-        print(as_json(found))
+        print(as_json(found, chosen.quick))
         return
-    table = Table(title=f"{os.cpu_count()} cores", title_justify="left")
-    for column in ("what", "measured", "required", "", "accuracy"):
+    sizes = ", small sizes" if chosen.quick else ""
+    table = Table(title=f"{os.cpu_count()} cores{sizes}", title_justify="left")
+    for column in COLUMNS:
         table.add_column(column, overflow="fold")
     for row in found:
-        table.add_row(*row.cells())
-    Console(width=150).print(table)
+        table.add_row(*row.cells(verdict=not chosen.quick))
+    Console(width=160).print(table)
 
 
 if __name__ == "__main__":

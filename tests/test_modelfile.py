@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta, timezone
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 import minorloop
@@ -95,13 +95,15 @@ def test_every_kind_is_tried():
 @given(data=st.data(), bands=st.integers(1, 4))
 def test_every_float_comes_back_to_the_bit(data, bands, scratch):
     numbers = st.lists(
-        st.floats(-1e300, 1e300), min_size=bands + 1, max_size=bands + 1, unique=True
+        st.floats(-1e100, 1e100), min_size=bands + 1, max_size=bands + 1, unique=True
     )
+    sizes, slopes = st.floats(-1e298, 1e298), st.floats(-1e150, 1e150)
     levels = sorted(data.draw(numbers))
+    assume(np.diff(levels).min() > 1e-290)
     weights = np.zeros((bands, bands))
     inside = np.tril_indices(bands)
-    weights[inside] = data.draw(st.lists(finite, min_size=len(inside[0]), max_size=len(inside[0])))
-    model = Preisach(levels, weights, data.draw(finite), slope=data.draw(finite))
+    weights[inside] = data.draw(st.lists(sizes, min_size=len(inside[0]), max_size=len(inside[0])))
+    model = Preisach(levels, weights, data.draw(sizes), slope=data.draw(slopes))
     save(model, scratch, force=True)
     assert same(load(scratch), model)
 

@@ -104,12 +104,11 @@ def as_levels(values: npt.ArrayLike) -> Levels:
             f"levels are not strictly increasing: {levels[index]} at index {index} is followed "
             f"by {levels[index + 1]}; sort them and drop repeats"
         )
-    if not np.isfinite(levels[-1] - levels[0]):
+    if not np.isfinite(float(levels[-1]) - float(levels[0])):
         raise ParameterError("levels span more than a float can hold; scale the input down")
     if steps.min() < _CLOSEST:
         raise ParameterError(
-            f"levels are only {steps.min():g} apart, and one over that overflows; scale the "
-            "input up"
+            f"levels are only {steps.min():g} apart, less than {_CLOSEST:g}; scale the input up"
         )
     return frozen(levels)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -34,12 +35,19 @@ class Picture:
 
     @property
     def address(self) -> str:
-        """The figure as SVG in a data address."""
+        """The figure as SVG in a data address; the same figure gives the same bytes."""
         from matplotlib import rc_context
 
         text = io.BytesIO()
-        with rc_context({"svg.hashsalt": "minorloop"}):  # the same figure, the same bytes
-            self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata={"Date": None})
+        # Text stays text: a browser has letters that the fonts of matplotlib lack, of which
+        # matplotlib warns. Nothing is said of when and with what the figure was made.
+        unsaid = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        with (
+            rc_context({"svg.hashsalt": "minorloop", "svg.fonttype": "none"}),
+            warnings.catch_warnings(),
+        ):
+            warnings.filterwarnings("ignore", message="Glyph")
+            self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata=unsaid)
         return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode()
 
 
@@ -152,7 +160,9 @@ def identification_report(
         ("optimality (KKT)", f"{result.kkt:.1e}"),
     ]
     report.add("How good it is", table=Table(("", ""), rows), notes=result.advice)
-    figure = result.plot(input_label=input_label, output_label=output_label)
+    # A dollar in a label is a dollar, and no formula.
+    of_input, of_output = (label.replace("$", r"\$") for label in (input_label, output_label))
+    figure = result.plot(input_label=of_input, output_label=of_output)
     caption = (
         "Measured loop with the model; density on the Preisach plane, cells that the record does "
         "not excite in grey; the record over time with what was held out shaded; what is left."

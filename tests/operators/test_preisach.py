@@ -126,6 +126,16 @@ def test_unreachable_targets_are_refused_or_approached():
     assert model.invert([beyond]).reachable.all()
 
 
+@pytest.mark.parametrize("far", [1e30, 1e300, 1.7e308])
+@pytest.mark.parametrize("slope", [0.0, 0.7])
+def test_however_far_a_target_is_the_end_of_the_grid_is_nearest(far, slope):
+    model = a_model(slope=slope)
+    clipped = model.invert([far, -far, far, 0.5 * sum(model.range)], unreachable="clip")
+    np.testing.assert_array_equal(clipped.u[:3], [1, -1, 1])
+    assert clipped.reachable.tolist() == [False, False, False, True]
+    assert model.track().aim(far) == pytest.approx(1)
+
+
 def test_negative_weights_are_not_inverted_unless_monotone():
     weights = np.tril(np.random.default_rng(0).uniform(-1, 1, (6, 6)))
     with pytest.raises(NotInvertibleError, match="signed=False"):
@@ -299,6 +309,10 @@ def test_everett_is_half_of_what_a_fresh_branch_gives():
         ({"diagonal": "bent"}, "'uniform', 'reversible'"),
         ({"offset": np.nan}, "finite"),
         ({"slope": "steep"}, "finite"),
+        ({"levels": [0, 1e-300, 1, 2, 3, 4, 5]}, "scale the input up"),
+        ({"weights": np.tril(np.full((6, 6), 1e300))}, "give them in a larger unit"),
+        ({"offset": -1e301}, "give them in a larger unit"),
+        ({"slope": 1.7e308}, "give them in a larger unit"),
     ],
 )
 def test_refuses_what_is_no_model(options, message):

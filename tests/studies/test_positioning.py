@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.studies.positioning import run_positioning
+from minorloop.operators.polynomial import Polynomial
+from minorloop.studies.positioning import Protocol, run_positioning
 from minorloop.studies.positioning_report import positioning_report
 
 
@@ -42,3 +43,32 @@ def test_report_shows_every_figure():
 def test_refuses_what_is_no_seed(seed):
     with pytest.raises(ParameterError, match="seed"):
         run_positioning(seed)
+
+
+@pytest.mark.parametrize("noise", [-0.1, np.nan, np.inf, 8.0])
+def test_refuses_a_noise_that_is_none_or_too_much(noise):
+    with pytest.raises(ParameterError, match=r"give 0 to 7\.5, the largest target"):
+        run_positioning(0, noise)
+
+
+def test_a_quadratic_that_noise_has_bent_is_said_to_be_so(monkeypatch):
+    bent = Polynomial([0.0, 0.0, 1.0], -1.2, 1.2)
+    monkeypatch.setattr(Polynomial, "fit", lambda *_, **__: bent)
+    with pytest.raises(ParameterError, match=r"noise is 3\.0 1/m, which bends .*; give less"):
+        run_positioning(0, 3.0)
+
+
+def test_other_figures_than_the_papers_and_what_is_under_way():
+    stages = []
+    protocol = Protocol(voltage=1.0, bands=4, hold=20.0, targets=3, reach=2.0)
+    result = run_positioning(0, protocol=protocol, progress=stages.append)
+    assert result.summary["measurements"] == 11
+    assert result.targets.size == result.preisach.voltages.size == 3
+    assert np.abs(result.preisach.voltages).max() <= 1.0
+    assert result.preisach.record.t[-1] - result.preisach.record.t[0] <= 3 * 20.0
+    assert [stage.split()[0] for stage in stages] == [
+        "measuring",
+        "identifying",
+        "driving",
+        "driving",
+    ]

@@ -39,6 +39,8 @@ Relay: TypeAlias = Literal["bipolar", "unipolar"]
 Diagonal: TypeAlias = Literal["uniform", "reversible"]
 Start: TypeAlias = "Memory | Saturation"
 
+_LARGEST = 1e300
+
 
 @dataclass(frozen=True, eq=False)
 class Preisach:
@@ -90,6 +92,7 @@ class Preisach:
             store(self, name, as_finite(name, getattr(self, name)))
         check_option("relay", self.relay, ("bipolar", "unipolar"))
         check_option("diagonal", self.diagonal, ("uniform", "reversible"))
+        self._check_size()
 
     @classmethod
     def from_density(
@@ -398,6 +401,13 @@ class Preisach:
     def _simulate_row(self, start: Start, u: FloatArray, y: FloatArray) -> None:
         stack, rows = self._stack(start, u.size)
         _kernels.simulate(self._plane, stack, rows, u, y)
+
+    def _check_size(self) -> None:
+        """Refuse outputs so large that their differences overflow."""
+        steepest = abs(self.slope) / _LARGEST * float(np.abs(self.levels).max())
+        share = np.abs(self.weights / _LARGEST).sum() + abs(self.offset) / _LARGEST + steepest
+        if share > 1:
+            raise ParameterError(f"outputs reach beyond {_LARGEST:g}; give them in a larger unit")
 
     def _require_monotone(self) -> None:
         if not self.monotone:

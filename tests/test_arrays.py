@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.arrays import as_levels, uniform_levels
+from minorloop.errors import ParameterError
+from minorloop.operators.preisach import Preisach
+
+
+@given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e6), st.integers(1, 300))
+def test_even_levels_end_where_they_should(low, width, bands):
+    levels = uniform_levels(low, low + width, bands)
+    assert levels.size == bands + 1
+    assert (levels[0], levels[-1]) == (low, low + width)
+    np.testing.assert_allclose(np.diff(levels), width / bands, rtol=1e-3)
+    assert not levels.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ([1.0], r"shape \(1,\)"),
+        ([[0.0, 1.0]], r"shape \(1, 2\)"),
+        (["a", "b"], "not an array of numbers"),
+        ([0.0, np.nan], "nan at index 1"),
+        ([0.0, 1.0, 1.0], "1.0 at index 1 is followed by 1.0; sort them and drop repeats"),
+        ([-1e308, 1e308], "more than a float can hold; scale the input down"),
+        ([0.0, 1e-320], "apart, less than 1e-290; scale the input up"),
+    ],
+)
+def test_refuses_what_are_no_levels(values, says):
+    with pytest.raises(ParameterError, match=says):
+        as_levels(values)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "bands", "says"),
+    [
+        (1.0, 0.0, 3, "finite low < high"),
+        (0.0, np.nan, 3, "finite low < high"),
+        (-np.inf, 0.0, 3, "finite low < high"),
+        (-1e308, 1e308, 3, "more than a float can hold"),
+        (0.0, 1.0, 0, "0 bands; give a whole number"),
+        (0.0, 1.0, 2.5, "2.5 bands"),
+        (0.0, 1.0, True, "True bands"),
+    ],
+)
+def test_refuses_what_cannot_be_spaced_evenly(low, high, bands, says):
+    with pytest.raises(ParameterError, match=says):
+        uniform_levels(low, high, bands)
+
+
+@pytest.mark.parametrize("scale", [1e-280, 1e-30, 1e30, 1e280])
+def test_extreme_units_keep_the_memory_whole(scale):
+    weights = np.tril(np.random.default_rng(0).uniform(size=(5, 5)))
+    u = np.random.default_rng(1).uniform(-1, 1, 200)
+    plain = Preisach(np.linspace(-1, 1, 6), weights).simulate(u)
+    scaled = Preisach(np.linspace(-1, 1, 6) * scale, weights).simulate(u * scale)
+    np.testing.assert_allclose(scaled, plain, atol=1e-12 * np.ptp(plain))
