@@ -37,7 +37,7 @@ def _excitation(result: Identification) -> Iterator[str]:
         remedy = (
             "the rest is filled in by smoothness"
             if result.smoothness
-            else 'the rest is arbitrary: use fewer levels, or smoothness="auto"'
+            else "the rest is arbitrary: use fewer levels, or a positive smoothness"
         )
         yield f"{result.samples} samples for {result.unknowns} unknowns: {remedy}"
     low, high = result.model.levels[[0, -1]]
