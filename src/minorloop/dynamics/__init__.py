@@ -1,0 +1,17 @@
+"""Linear dynamics around an operator."""
+
+from minorloop.dynamics.cascade import Cascade, CascadeInversion, CascadeState
+from minorloop.dynamics.creep import Creep, CreepFit, fit_creep
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.trajectory import Trajectory
+
+__all__ = [
+    "Cascade",
+    "CascadeInversion",
+    "CascadeState",
+    "Creep",
+    "CreepFit",
+    "Linear",
+    "Trajectory",
+    "fit_creep",
+]

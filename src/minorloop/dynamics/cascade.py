@@ -1,0 +1,311 @@
+"""An operator with linear dynamics behind or before it: Gamma then G, or G then Gamma.
+
+In an ionic polymer strip the hysteresis comes first and the linear part follows; in a shape
+memory wire the heating lags first and the hysteresis follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, Samples, as_finite, check_option
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.propagation import Between, as_waveform
+from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.operators.inversion import Inversion, Unreachable
+
+First: TypeAlias = Literal["operator", "linear"]
+
+_FILTER_SHARE = 0.2
+_INTERVALS = 5.0
+
+
+class Operator(Protocol):
+    """A rate-independent operator, such as `Preisach`, `PrandtlIshlinskii` or `Polynomial`."""
+
+    def simulate(self, u: npt.ArrayLike, start: Any = ...) -> Samples:
+        """Outputs for a whole input."""
+
+    def invert(
+        self, targets: npt.ArrayLike, start: Any = ..., unreachable: Unreachable = ...
+    ) -> Inversion:
+        """Inputs that bring the output to each target."""
+
+    def step(self, memory: Any, u: float) -> tuple[float, Any]:
+        """Output and memory after one input."""
+
+
+@dataclass(frozen=True, eq=False)
+class CascadeState:
+    """What a cascade remembers: the memory of the operator and the state of the linear part."""
+
+    memory: Any
+    linear: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CascadeInversion:
+    """An input that makes a cascade follow a target trajectory.
+
+    Parameters
+    ----------
+    t : (T,) array
+        Times in seconds.
+    u : (T,) array
+        Inputs.
+    y : (T,) array
+        What the cascade gives for them, with the input straight between the samples.
+    targets : (T,) array
+        Outputs that were asked for.
+    reachable : (T,) array of bool
+        Where the operator could give what was asked of it.
+    filter_time : float
+        Time constant of the filter in seconds; 0 where none was needed.
+    """
+
+    t: FloatArray
+    u: FloatArray
+    y: FloatArray
+    targets: FloatArray
+    reachable: BoolArray
+    filter_time: float
+
+    @property
+    def residual(self) -> FloatArray:
+        """(T,) outputs less targets; most of it is the lag of the filter and the dead time."""
+        return self.y - self.targets
+
+    @property
+    def rms(self) -> float:
+        """Root-mean-square of the residual."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    def __str__(self) -> str:
+        missed = int(np.count_nonzero(~self.reachable))
+        rows = [
+            ("samples", f"{self.t.size} over {np.ptp(self.t):g} s"),
+            ("input", f"{self.u.min():.6g} to {self.u.max():.6g}"),
+            ("filter time [s]", f"{self.filter_time:g}"),
+            ("error, rms", f"{self.rms:.3g}"),
+            ("error, largest", f"{np.abs(self.residual).max():.3g}"),
+            ("out of reach", f"{missed} samples"),
+        ]
+        return "\n".join(f"{name:<24} {value}" for name, value in rows)
+
+    def plot(self) -> Any:
+        """Draw targets with outputs, and the input below; gives the matplotlib figure."""
+        from minorloop.dynamics.drawing import draw_cascade_inversion
+
+        return draw_cascade_inversion(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Cascade:
+    """A hysteresis operator and a linear system, one after the other.
+
+    Parameters
+    ----------
+    operator : Operator
+        The hysteresis.
+    linear : Linear
+        The dynamics, best with DC gain 1, so that the cascade is the operator alone when the
+        input is slow.
+    first : {"operator", "linear"}
+        Which of the two the input meets first.
+
+    Raises
+    ------
+    ParameterError
+        If ``first`` is neither.
+
+    References
+    ----------
+    Chen, Tan and Shahinpoor, Proc. IEEE/ASME AIM 2005, section V: the operator first.
+    """
+
+    operator: Operator
+    linear: Linear
+    first: First = "operator"
+
+    def __post_init__(self) -> None:
+        check_option("first", self.first, ("operator", "linear"))
+
+    def simulate(
+        self,
+        t: npt.ArrayLike,
+        u: npt.ArrayLike,
+        start: Any = "negative",
+        *,
+        before: float | None = None,
+        between: Between = "held",
+    ) -> FloatArray:
+        """Outputs for a sampled input.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds.
+        u : (T,) array_like
+            Inputs.
+        start : start state of the operator
+            Memory before ``before`` was applied.
+        before : float, optional
+            Input under which all had settled; the first of ``u`` if not given.
+        between : {"held", "straight"}
+            As in `Linear.simulate`; what passes between the two parts is taken likewise.
+
+        Returns
+        -------
+        (T,) array
+
+        Raises
+        ------
+        SignalError
+            If the shapes differ or times do not increase.
+        """
+        times, inputs = as_waveform(t, u)
+        held = float(inputs[0]) if before is None else as_finite("before", before)
+        if self.first == "linear":
+            felt = self.linear.simulate(times, inputs, before=held, between=between)
+            settled = held * self.linear.dc_gain
+            return self.operator.simulate(np.append(settled, felt), start)[1:]
+        w = self.operator.simulate(np.append(held, inputs), start)
+        return self.linear.simulate(times, w[1:], before=float(w[0]), between=between)
+
+    def begin(self, before: float, start: Any = "negative") -> CascadeState:
+        """State of a sampled cascade that has settled under an input.
+
+        Parameters
+        ----------
+        before : float
+            The input.
+        start : start state of the operator
+            Memory before it was applied.
+
+        Raises
+        ------
+        ParameterError
+            If the linear part is continuous; discretise it first.
+        """
+        if self.first == "linear":
+            felt = as_finite("before", before) * self.linear.dc_gain
+            return CascadeState(self.operator.step(start, felt)[1], self.linear.settled(before))
+        w, memory = self.operator.step(start, before)
+        return CascadeState(memory, self.linear.settled(w))
+
+    def step(self, state: CascadeState, u: float) -> tuple[float, CascadeState]:
+        """Output at the end of one interval with the input held, and the state then.
+
+        Nothing is changed in place.
+
+        Raises
+        ------
+        ParameterError
+            If the linear part is continuous; discretise it first.
+        """
+        if self.first == "linear":
+            felt, x = self.linear.step(state.linear, u)
+            y, memory = self.operator.step(state.memory, felt)
+            return y, CascadeState(memory, x)
+        w, memory = self.operator.step(state.memory, u)
+        y, x = self.linear.step(state.linear, w)
+        return y, CascadeState(memory, x)
+
+    def invert(
+        self,
+        t: npt.ArrayLike,
+        targets: npt.ArrayLike,
+        start: Any = "negative",
+        *,
+        before: float,
+        filter_time: float | None = None,
+        unreachable: Unreachable = "raise",
+    ) -> CascadeInversion:
+        """Input that makes the output follow a trajectory.
+
+        The inverse of the linear part would differentiate, so it is taken together with a
+        filter F(s) = 1 / (1 + filter_time s)^r, r being the poles of G less its zeros: F / G is
+        as steep as it may be, and the output follows F applied to the targets (to what the
+        operator needs for them, if the linear part is first). Dead time is not undone: the
+        output follows that much later.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds, close enough for straight lines in between.
+        targets : (T,) array_like
+            Outputs wanted.
+        start : start state of the operator
+            Memory before ``before`` was applied.
+        before : float
+            Input under which all had settled.
+        filter_time : float, optional
+            Seconds; longer is smoother and later. If not given, a fifth of the fastest time
+            constant of G, or five intervals of ``t`` if that is longer.
+        unreachable : {"raise", "clip"}
+            What to do about targets beyond what the operator can give.
+
+        Returns
+        -------
+        CascadeInversion
+
+        Raises
+        ------
+        NotInvertibleError
+            If the linear part is unstable, or has zeros in the right half plane or on its edge,
+            or the operator is not monotone.
+        UnreachableError
+            If the operator cannot give what is asked of it and ``unreachable="raise"``.
+        """
+        times, wanted = as_waveform(t, targets, name="targets")
+        linear = self.linear if self.linear.interval is None else self.linear.continuous()
+        seconds = _filter_time(linear, times, filter_time)
+        undo = _filtered_inverse(linear, seconds)
+        gain = linear.dc_gain
+        if self.first == "operator":
+            w, memory = self.operator.step(start, before)
+            asked = undo.simulate(times, wanted, before=w * gain, between="straight")
+            found = self.operator.invert(asked, memory, unreachable)
+            u = found.u
+        else:
+            memory = self.operator.step(start, before * gain)[1]
+            found = self.operator.invert(wanted, memory, unreachable)
+            u = undo.simulate(times, found.u, before=before * gain, between="straight")
+        model = Cascade(self.operator, linear, self.first)
+        y = model.simulate(times, u, start, before=before, between="straight")
+        return CascadeInversion(times, u, y, wanted, found.reachable, seconds)
+
+
+def _filter_time(linear: Linear, t: FloatArray, wanted: float | None) -> float:
+    if linear.relative_degree == 0:
+        return 0.0
+    if wanted is None:
+        fastest = float(linear.time_constants[-1])
+        return max(_FILTER_SHARE * fastest, _INTERVALS * float(np.median(np.diff(t))))
+    seconds = as_finite("filter_time", wanted)
+    if seconds <= 0:
+        raise ParameterError(
+            f"filter_time is {wanted:g} s; a system with more poles than zeros cannot be undone "
+            "without a filter, so give a positive time"
+        )
+    return seconds
+
+
+def _filtered_inverse(linear: Linear, seconds: float) -> Linear:
+    if not linear.stable:
+        raise NotInvertibleError("the linear part is unstable, and drifts whatever the input")
+    if linear.dc_gain == 0 or (linear.zeros.real >= 0).any():
+        worst = linear.zeros[np.argmax(linear.zeros.real)] if linear.zeros.size else 0.0
+        raise NotInvertibleError(
+            f"the linear part has a zero at {worst:.4g} 1/s; with zeros in the right half plane "
+            "or on its edge the inverse grows without bound. Identify with fewer zeros"
+        )
+    numerator = linear.numerator[linear.relative_degree :]
+    smooth = np.array([1.0])
+    for _ in range(linear.relative_degree):
+        smooth = np.convolve(smooth, [seconds, 1.0])
+    return Linear(linear.denominator, np.convolve(numerator, smooth))

@@ -1,0 +1,111 @@
+"""From continuous to sampled transfer functions and back, for inputs held over each interval."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.dynamics.propagation import StateSpace
+from minorloop.errors import ParameterError
+
+_REAL = 1e-9
+_UNFELT = 1e-10
+
+
+def canonical(numerator: FloatArray, denominator: FloatArray) -> StateSpace:
+    """Controllable canonical form, whose settled state is known exactly.
+
+    Parameters
+    ----------
+    numerator, denominator : (n + 1,) arrays
+        Highest power first; the first of the denominator is 1.
+
+    Returns
+    -------
+    A (n, n), B (n,), C (n,), D
+    """
+    n, feedthrough = denominator.size - 1, float(numerator[0])
+    a, b = np.zeros((n, n)), np.zeros(n)
+    if n:
+        a[0], b[0] = -denominator[1:], 1.0
+        a[np.arange(1, n), np.arange(n - 1)] = 1.0
+    return a, b, numerator[1:] - feedthrough * denominator[1:], feedthrough
+
+
+def sampled(
+    numerator: FloatArray, denominator: FloatArray, interval: float
+) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator in z with the same outputs at the samples."""
+    from scipy.signal import cont2discrete
+
+    a, b, c, d = canonical(numerator, denominator)
+    if b.size == 0:
+        return numerator, denominator
+    system = (a, b[:, None], c[None], np.array([[d]]))
+    phi, gamma, *_ = (np.asarray(part) for part in cont2discrete(system, interval, method="zoh"))
+    bottom = np.atleast_1d(np.real(np.poly(phi)))
+    return _markov_numerator(bottom, phi, gamma[:, 0], c, d), bottom
+
+
+def continuous(
+    numerator: FloatArray,
+    denominator: FloatArray,
+    interval: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator in s, by the principal logarithm of the transition matrix.
+
+    Raises
+    ------
+    ParameterError
+        If a pole is at 0 or on the negative real axis, where that logarithm does not exist.
+    """
+    from scipy.linalg import logm
+
+    refuse_alternating(np.asarray(np.roots(denominator), dtype=np.complex128))
+    a, b, c, d = canonical(numerator, denominator)
+    n = b.size
+    block = np.eye(n + 1)
+    block[:n, :n], block[:n, n] = a, b
+    rate = np.real(logm(block)) / interval
+    bottom = np.atleast_1d(np.real(np.poly(rate[:n, :n]))) if n else np.ones(1)
+    top = _markov_numerator(bottom, rate[:n, :n], rate[:n, n], c, d)
+    return _without_noise(top, bottom), bottom
+
+
+def refuse_alternating(poles: npt.NDArray[np.complex128]) -> None:
+    """Refuse poles in the z-plane that no continuous system of the same order has.
+
+    Raises
+    ------
+    ParameterError
+        If one is at 0 or on the negative real axis: its mode is gone at once, or turns its sign
+        at every sample.
+    """
+    for pole in poles:
+        if pole.real <= 0 and abs(pole.imag) <= _REAL * max(abs(pole), _REAL):
+            raise ParameterError(
+                f"the pole {pole.real:.4g} is at 0 or on the negative real axis, where the "
+                "principal logarithm does not exist: no continuous system of this order has "
+                "it; identify with a lower order or sample faster"
+            )
+
+
+def _markov_numerator(
+    denominator: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, d: float
+) -> FloatArray:
+    """Numerator from the first Markov parameters, which has no cancellation at its head."""
+    markov, x = [d], b
+    for _ in range(b.size):
+        markov.append(float(c @ x))
+        x = a @ x
+    return np.convolve(denominator, markov)[: denominator.size]
+
+
+def _without_noise(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
+    """Without leading coefficients that rounding made, which no frequency of the system feels."""
+    fastest = float(np.abs(np.roots(denominator)).max(initial=0.0)) or 1.0
+    felt = np.abs(numerator) * fastest ** -np.arange(numerator.size, dtype=np.float64)
+    keep = np.flatnonzero(felt > _UNFELT * felt.max(initial=0.0))
+    first = int(keep[0]) if keep.size else numerator.size - 1
+    return np.concatenate([np.zeros(first), numerator[first:]])

@@ -1,0 +1,287 @@
+"""Slow terms: what a plant still adds long after its input has stopped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, frozen
+from minorloop.dynamics.propagation import as_times, as_waveform
+from minorloop.errors import NotInvertibleError, ParameterError, SignalError
+
+PER_DECADE = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Creep:
+    """A prompt part and a sum of slow lags: y = offset + (gain + sum c_i / (tau_i s + 1)) x.
+
+    Parameters
+    ----------
+    times : (n,) array_like
+        Time constants tau_i in seconds.
+    strengths : (n,) array_like
+        c_i >= 0, in the unit of the output over that of x.
+    gain : float
+        Of the prompt part.
+    offset : float
+        Added to the output.
+
+    Raises
+    ------
+    ParameterError
+        If a time is not positive, a strength is negative, or the shapes differ.
+    """
+
+    times: FloatArray
+    strengths: FloatArray
+    gain: float = 1.0
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        store = object.__setattr__
+        for name in ("times", "strengths"):
+            store(self, name, frozen(np.atleast_1d(getattr(self, name))))
+        if self.times.ndim != 1 or self.times.shape != self.strengths.shape:
+            raise ParameterError(
+                f"times have shape {self.times.shape} and strengths {self.strengths.shape}; "
+                "give one strength for each time"
+            )
+        if not (np.isfinite(self.times) & (self.times > 0)).all():
+            raise ParameterError(f"creep times are {self.times}; give positive seconds")
+        if not (np.isfinite(self.strengths) & (self.strengths >= 0)).all():
+            raise ParameterError(f"creep strengths are {self.strengths}; give numbers >= 0")
+        for name in ("gain", "offset"):
+            store(self, name, as_finite(name, getattr(self, name)))
+
+    @property
+    def dc_gain(self) -> float:
+        """Settled change of the output per change of x."""
+        return self.gain + float(self.strengths.sum())
+
+    def simulate(
+        self, t: npt.ArrayLike, x: npt.ArrayLike, *, before: float | None = None
+    ) -> FloatArray:
+        """Outputs for a signal that is held between samples.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds.
+        x : (T,) array_like
+            The signal; x[k] was on since the sample before, and x[0] for as long as x[1].
+        before : float, optional
+            Value under which all had settled; the first of ``x`` if not given.
+
+        Returns
+        -------
+        (T,) array
+
+        Raises
+        ------
+        SignalError
+            If the shapes differ or times do not increase.
+        """
+        times, values = as_waveform(t, x, name="x")
+        held = float(values[0]) if before is None else as_finite("before", before)
+        return (
+            self.offset
+            + self.gain * values
+            + _lagging(times, values, held, self.times).T @ (self.strengths)
+        )
+
+    def compensate(self, t: npt.ArrayLike, targets: npt.ArrayLike, *, before: float) -> FloatArray:
+        """The signal for which the output is at its target at every sample.
+
+        At each sample the creep that the past has left behind is taken off the target, and the
+        rest is divided by what answers within one interval.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds.
+        targets : (T,) array_like
+            Outputs wanted.
+        before : float
+            Value of the signal under which all had settled.
+
+        Returns
+        -------
+        (T,) array
+
+        Raises
+        ------
+        NotInvertibleError
+            If there is no prompt part.
+        SignalError
+            If the shapes differ or times do not increase.
+        """
+        times, wanted = as_waveform(t, targets, name="targets")
+        if self.gain <= 0:
+            raise NotInvertibleError(
+                f"the prompt gain is {self.gain:g}; without a positive one, each sample would "
+                "have to push against the creep of the sample before, harder and harder"
+            )
+        decay = _decay(times, self.times)
+        crept = np.full(self.times.size, as_finite("before", before))
+        x = np.empty(times.size)
+        for k in range(times.size):
+            left = decay[k] * crept
+            prompt = self.gain + float(self.strengths @ (1 - decay[k]))
+            x[k] = (wanted[k] - self.offset - self.strengths @ left) / prompt
+            crept = left + (1 - decay[k]) * x[k]
+        return x
+
+    def __str__(self) -> str:
+        rows = [("prompt gain", f"{self.gain:.6g}"), ("offset", f"{self.offset:.6g}")]
+        rows += [
+            (f"creep, {time:.3g} s", f"{strength:.4g}")
+            for time, strength in zip(self.times, self.strengths, strict=True)
+            if strength > 0
+        ]
+        return "\n".join(f"{name:<24} {value}" for name, value in rows)
+
+
+@dataclass(frozen=True, eq=False)
+class CreepFit:
+    """Creep identified from a record.
+
+    Parameters
+    ----------
+    model : Creep
+        What was found.
+    t, x, y : (T,) arrays
+        The record.
+    before : float
+        Value under which all had settled.
+    """
+
+    model: Creep
+    t: FloatArray
+    x: FloatArray
+    y: FloatArray
+    before: float
+
+    @property
+    def prediction(self) -> FloatArray:
+        """(T,) outputs of the model along the record."""
+        return self.model.simulate(self.t, self.x, before=self.before)
+
+    @property
+    def nrmse(self) -> float:
+        """Root-mean-square error over the range of the output."""
+        error = self.prediction - self.y
+        return float(np.sqrt(np.mean(error**2)) / (np.ptp(self.y) or 1.0))
+
+    def __str__(self) -> str:
+        return f"{self.model}\n{'error':<24} {self.nrmse:.3%} of range"
+
+    def plot(self) -> Any:
+        """Draw the record with the fit; gives the matplotlib figure."""
+        from minorloop.dynamics.drawing import draw_creep_fit
+
+        return draw_creep_fit(self)
+
+
+def fit_creep(
+    t: npt.ArrayLike,
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    *,
+    before: float | None = None,
+    shortest: float | None = None,
+    longest: float | None = None,
+    per_decade: int = PER_DECADE,
+) -> CreepFit:
+    """Creep from a record of holds: least squares with strengths that are not negative.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Strictly increasing times in seconds.
+    x : (T,) array_like
+        What the plant would do without creep, up to gain and offset, such as the output of an
+        operator; held between samples.
+    y : (T,) array_like
+        Measured outputs.
+    before : float, optional
+        Value of x under which all had settled; the first of ``x`` if not given.
+    shortest, longest : float, optional
+        Time constants in seconds; twice the median interval and the longest hold if not given.
+    per_decade : int
+        Time constants to a decade.
+
+    Returns
+    -------
+    CreepFit
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ, or x never changes.
+    ParameterError
+        If the times are not in order.
+
+    References
+    ----------
+    Lawson and Hanson, Solving Least Squares Problems, 1974, chapter 23: non-negative least
+    squares. Gain and offset are free, and projected out first.
+    """
+    from scipy.optimize import nnls
+
+    times, values = as_waveform(t, x, name="x")
+    _, outputs = as_waveform(t, y, name="y")
+    held = float(values[0]) if before is None else as_finite("before", before)
+    if np.ptp(np.append(values, held)) == 0:
+        raise SignalError(f"x is {held:g} throughout; record at least one step and the hold after")
+    taus = _grid(times, values, shortest, longest, per_decade)
+    slow = _lagging(times, values, held, taus).T
+    free = np.column_stack([values, np.ones(values.size)])
+    basis = np.linalg.qr(free)[0] if np.ptp(values) else free[:, 1:] / np.sqrt(values.size)
+    strengths, _ = nnls(_beside(slow, basis), _beside(outputs, basis))
+    rest = outputs - slow @ strengths
+    gain, offset = np.linalg.lstsq(free, rest, rcond=None)[0]
+    return CreepFit(
+        Creep(taus, strengths, float(gain), float(offset)), times, values, outputs, held
+    )
+
+
+def _beside(columns: FloatArray, basis: FloatArray) -> FloatArray:
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def _grid(
+    t: FloatArray, x: FloatArray, shortest: float | None, longest: float | None, per_decade: int
+) -> FloatArray:
+    begin = (
+        2 * float(np.median(np.diff(t))) if shortest is None else as_finite("shortest", shortest)
+    )
+    changes = np.concatenate([[0], np.flatnonzero(np.diff(x)) + 1, [t.size - 1]])
+    end = float(np.diff(t[changes]).max()) if longest is None else as_finite("longest", longest)
+    if not 0 < begin <= end:
+        raise ParameterError(
+            f"creep times from {begin:g} to {end:g} s; give 0 < shortest <= longest, or a record "
+            "with longer holds"
+        )
+    if isinstance(per_decade, bool) or not isinstance(per_decade, int) or per_decade < 1:
+        raise ParameterError(f"per_decade is {per_decade!r}; give a whole number of at least 1")
+    return np.geomspace(begin, end, int(np.ceil(per_decade * np.log10(end / begin))) + 1)
+
+
+def _decay(t: FloatArray, taus: FloatArray) -> FloatArray:
+    """(T, n) share of each lag that is left one interval later."""
+    steps = np.diff(as_times(t), prepend=2 * t[0] - t[1])
+    return np.exp(-steps[:, None] / taus)
+
+
+def _lagging(t: FloatArray, x: FloatArray, before: float, taus: FloatArray) -> FloatArray:
+    """(n, T) the signal through each lag."""
+    decay, lagged = _decay(t, taus), np.empty((t.size, taus.size))
+    now = np.full(taus.size, before)
+    for k in range(t.size):
+        now = decay[k] * now + (1 - decay[k]) * x[k]
+        lagged[k] = now
+    return lagged.T

@@ -1,0 +1,72 @@
+"""Pictures of dynamics. Matplotlib is imported only when one is drawn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from minorloop.dynamics.cascade import CascadeInversion
+    from minorloop.dynamics.creep import CreepFit
+    from minorloop.dynamics.linear import Linear
+
+_POINTS = 400
+
+
+def draw_linear(system: Linear) -> Any:
+    """Step response, gain and phase; gives the figure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    times = system.time_constants[np.isfinite(system.time_constants)]
+    slowest, fastest = (times.max(), times.min()) if times.size else (1.0, 1.0)
+    end = 6 * slowest + system.delay
+    t = np.linspace(0, end, _POINTS)
+    left.plot(t, system.step_response(t), color="C0")
+    left.set(xlabel="time [s]", ylabel="output", title="Unit step")
+    highest = 10 / fastest if system.interval is None else np.pi / system.interval
+    frequency = np.geomspace(0.02 / slowest, max(highest, 0.2 / slowest), _POINTS) / (2 * np.pi)
+    gain = system.response(frequency)
+    middle.semilogx(frequency, 20 * np.log10(np.abs(gain)), color="C0")
+    middle.set(xlabel="frequency [Hz]", ylabel="gain [dB]", title="Gain")
+    right.semilogx(frequency, np.degrees(np.unwrap(np.angle(gain))), color="C0")
+    right.set(xlabel="frequency [Hz]", ylabel="phase [degrees]", title="Phase")
+    for axes in (left, middle, right):
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def draw_cascade_inversion(result: CascadeInversion) -> Any:
+    """Targets with outputs, and the input below; gives the figure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.2, 5.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    upper.plot(result.t, result.targets, color="0.3", ls="--", lw=1.2, label="target")
+    upper.plot(result.t, result.y, color="C0", lw=1.0, label="output of the model")
+    upper.set_ylabel("output")
+    upper.legend(frameon=False)
+    lower.plot(result.t, result.u, color="C1", lw=1.0)
+    lower.set(xlabel="time [s]", ylabel="input")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def draw_creep_fit(result: CreepFit) -> Any:
+    """The record with the fit, and the strengths; gives the figure."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.2, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.plot(result.t, result.y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
+    left.plot(result.t, result.prediction, lw=0.9, color="C0", label="model", rasterized=True)
+    left.set(xlabel="time [s]", ylabel="output", title="Record")
+    left.legend(frameon=False)
+    right.stem(result.model.times, result.model.strengths, basefmt="0.6")
+    right.set(xlabel="time constant [s]", ylabel="strength", xscale="log", title="Creep")
+    for axes in (left, right):
+        axes.grid(alpha=0.25)
+    return figure

@@ -1,0 +1,149 @@
+"""Exact simulation of a continuous linear system between samples, dead time included."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_samples
+from minorloop.dynamics import _kernels
+from minorloop.errors import SignalError
+
+Between: TypeAlias = Literal["held", "straight"]
+"""What an input does between its samples: each sample was held over the interval before it,
+or the input runs straight from sample to sample."""
+StateSpace: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, float]
+"""A (n, n), B (n,), C (n,) and D."""
+
+_DIGITS = 8
+
+
+def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
+    """Give strictly increasing times, (T,).
+
+    Raises
+    ------
+    SignalError
+        If they are fewer, not finite, or do not increase.
+    """
+    times = as_samples(t, name="t")
+    if times.ndim != 1 or times.size < fewest:
+        raise SignalError(f"t has shape {times.shape}; give (T,) times, T at least {fewest}")
+    if not (np.diff(times) > 0).all():
+        index = int(np.argmin(np.diff(times) > 0)) + 1
+        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
+    return times
+
+
+def as_waveform(
+    t: npt.ArrayLike, u: npt.ArrayLike, *, name: str = "u"
+) -> tuple[FloatArray, FloatArray]:
+    """Give times and one value at each of them, (T,) both.
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ or the times do not increase.
+    """
+    times, values = as_times(t), as_samples(u, name=name)
+    if values.shape != times.shape:
+        raise SignalError(f"{name} has shape {values.shape} and t {times.shape}; give (T,) of both")
+    return times, values
+
+
+def propagate(
+    system: StateSpace,
+    x: FloatArray,
+    t: FloatArray,
+    u: FloatArray,
+    *,
+    delay: float,
+    before: float,
+    between: Between,
+) -> FloatArray:
+    """Outputs (T,) of a continuous system from state x.
+
+    Parameters
+    ----------
+    system : tuple
+        A, B, C, D.
+    x : (n,) array
+        State at the first sample, or one interval before it for a held input.
+    t, u : (T,) arrays
+        Times and inputs.
+    delay : float
+        Dead time at the input, in seconds.
+    before : float
+        Input until the first sample took effect.
+    between : {"held", "straight"}
+        See `Between`.
+    """
+    knots = t if between == "straight" else np.concatenate([[2 * t[0] - t[1]], t])
+    points = np.union1d(knots, (knots + delay)[knots + delay < t[-1]]) if delay else knots
+    begin, end = _ends(points - delay, knots, t, u, before, between)
+    a, b, c, d = system
+    phi, at_begin, at_end, which = transitions(a, b, np.diff(points))
+    states = np.empty((begin.size, x.size))
+    _kernels.march(phi, at_begin, at_end, which, begin, end, x.copy(), states)
+    y = states @ c + d * end
+    if between == "held":
+        return y[np.searchsorted(points, t) - 1]
+    first = float(x @ c) + d * (before if delay else u[0])
+    return np.concatenate([[first], y])[np.searchsorted(points, t)]
+
+
+def transitions(
+    a: FloatArray, b: FloatArray, steps: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.int64]]:
+    """What a stretch of each length does to the state, for inputs straight within it.
+
+    Steps that agree to eight digits share one.
+
+    Returns
+    -------
+    phi : (M, n, n) array
+    at_begin, at_end : (M, n) arrays
+        Factors of the input at the two ends of the stretch.
+    which : (K,) array of int
+        Which of the M each of the K steps is.
+
+    References
+    ----------
+    Van Loan, Computing integrals involving the matrix exponential, IEEE TAC 23, 1978.
+    """
+    from scipy.linalg import expm
+
+    unit = 10.0 ** (np.floor(np.log10(steps)) - _DIGITS + 1)
+    lengths, which = np.unique(np.round(steps / unit) * unit, return_inverse=True)
+    n = b.size
+    block = np.zeros((lengths.size, n + 2, n + 2))
+    block[:, :n, :n] = a * lengths[:, None, None]
+    block[:, :n, n] = b * lengths[:, None]
+    block[:, n, n + 1] = 1.0
+    done = np.asarray(expm(block))
+    at_end = np.ascontiguousarray(done[:, :n, n + 1])
+    at_begin = np.ascontiguousarray(done[:, :n, n]) - at_end
+    phi = np.ascontiguousarray(done[:, :n, :n])
+    return phi, at_begin, at_end, np.asarray(which, dtype=np.int64)
+
+
+def _ends(
+    felt: FloatArray,
+    knots: FloatArray,
+    t: FloatArray,
+    u: FloatArray,
+    before: float,
+    between: Between,
+) -> tuple[FloatArray, FloatArray]:
+    """Input at both ends of each stretch between the times ``felt`` on its own clock."""
+    # The middle of a stretch tells on which side of a jump it lies; its ends may not.
+    middle = (felt[1:] + felt[:-1]) / 2
+    early = middle < knots[0]
+    if between == "held":
+        value = u[np.minimum(np.searchsorted(t, middle), u.size - 1)]
+        value = np.where(early, before, value)
+        return value, value
+    value = np.interp(felt, t, u)
+    return np.where(early, before, value[:-1]), np.where(early, before, value[1:])

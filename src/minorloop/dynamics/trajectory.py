@@ -1,0 +1,131 @@
+"""Steady values joined by transients: where a plant is between one settled value and the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, check_option
+from minorloop.dynamics.cascade import Operator
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.propagation import as_waveform
+from minorloop.errors import ParameterError
+
+Joining: TypeAlias = Literal["settled", "superposed"]
+
+_UNIT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """An operator for the steady values and unit step responses for the ways between them.
+
+    Parameters
+    ----------
+    operator : Operator
+        Gives the steady value of every input, memory included.
+    rising : Linear
+        Response with DC gain 1 by which the output moves up.
+    falling : Linear, optional
+        The same for moving down; that of ``rising`` if not given.
+
+    Raises
+    ------
+    ParameterError
+        If a response is unstable or has another DC gain than 1.
+
+    References
+    ----------
+    Sohn and colleagues, SWNT-reinforced polyaniline fibres, Fig. 5: steady values of a
+    Preisach model joined by one step response. Two responses are an extension of that.
+    """
+
+    operator: Operator
+    rising: Linear
+    falling: Linear | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("rising", "falling"):
+            response = getattr(self, name)
+            if response is None:
+                continue
+            if not response.stable or abs(response.dc_gain - 1) > _UNIT:
+                raise ParameterError(
+                    f"the {name} response has DC gain {response.dc_gain:.9g} and is "
+                    f"{'stable' if response.stable else 'unstable'}; give a stable one with DC "
+                    "gain 1, as normalised() does"
+                )
+
+    def simulate(
+        self,
+        t: npt.ArrayLike,
+        u: npt.ArrayLike,
+        start: Any = "negative",
+        *,
+        before: float | None = None,
+        joining: Joining = "settled",
+    ) -> FloatArray:
+        """Outputs for an input that is held in steps.
+
+        With steps at t_k to steady values Y_k, and s the response of its direction:
+
+        - ``"settled"``: y(t) = y_k + (Y_k - y_k) s(t - t_k), where y_k is what the output has
+          come to at t_k. It forgets that the output may still have been moving.
+        - ``"superposed"``: y(t) = Y_0 + sum (Y_k - Y_k-1) s(t - t_k), for steps that come
+          before the one before has settled.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds.
+        u : (T,) array_like
+            Inputs; u[k] was on since the sample before, and u[0] for as long as u[1].
+        start : start state of the operator
+            Memory before ``before`` was applied.
+        before : float, optional
+            Input under which all had settled; the first of ``u`` if not given.
+        joining : {"settled", "superposed"}
+            How transients are joined.
+
+        Returns
+        -------
+        (T,) array
+
+        Raises
+        ------
+        SignalError
+            If the shapes differ or times do not increase.
+        """
+        times, inputs = as_waveform(t, u)
+        check_option("joining", joining, ("settled", "superposed"))
+        held = float(inputs[0]) if before is None else as_finite("before", before)
+        changes = np.flatnonzero(np.diff(inputs, prepend=held))
+        steady = self.operator.simulate(np.append(held, inputs[changes]), start)
+        began = np.append(2 * times[0] - times[1], times)[changes]
+        join = self._settled if joining == "settled" else self._superposed
+        return join(times, began, steady)
+
+    def _settled(self, t: FloatArray, began: FloatArray, steady: FloatArray) -> FloatArray:
+        y = np.full(t.size, steady[0])
+        now = float(steady[0])
+        ends = np.searchsorted(t, began, side="right")
+        for k, first in enumerate(ends):
+            last = ends[k + 1] if k + 1 < ends.size else t.size
+            change = float(steady[k + 1]) - now
+            y[first:last] = now + change * self._response(change, t[first:last] - began[k])
+            now = float(y[last - 1])
+        return y
+
+    def _superposed(self, t: FloatArray, began: FloatArray, steady: FloatArray) -> FloatArray:
+        y = np.full(t.size, steady[0])
+        for k, change in enumerate(np.diff(steady)):
+            first = int(np.searchsorted(t, began[k], side="right"))
+            y[first:] += change * self._response(float(change), t[first:] - began[k])
+        return y
+
+    def _response(self, change: float, since: FloatArray) -> FloatArray:
+        falling = self.rising if self.falling is None else self.falling
+        return (self.rising if change >= 0 else falling).step_response(since)

@@ -1,0 +1,275 @@
+"""Linear dynamics from a step, or from any record that begins at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification import output_error
+from minorloop.identification.linear_fit import Candidate, Kind, LinearFit, StepResponse
+from minorloop.identification.output_error import Coefficients, Stretch, Structure
+from minorloop.identification.steps import (
+    Arrays,
+    Reading,
+    as_sampled,
+    steps_in,
+    whole,
+)
+
+HIGHEST_ORDER = 4
+_NEARLY = 1.05
+_UNFELT = 1e-5
+_PRECISE = 1e-7
+_REAL = 1e-6
+_SAMPLES_EACH = 3
+
+
+def arx(
+    t: npt.ArrayLike,
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    *,
+    second: Arrays | None = None,
+    highest_order: int = HIGHEST_ORDER,
+    longest_dead_time: int = 2,
+    reading: Reading = "end",
+) -> LinearFit:
+    """Identify linear dynamics from a record that begins at rest.
+
+    Difference equations A(q) y = B(q) u with up to ``highest_order`` coefficients in A, no
+    more in B, and each dead time are fitted by least squares, then refined so that their
+    simulated output comes nearest to the measured one: least squares alone takes noise for
+    dynamics. Of those within 5 % of the least simulation error on the second record, the one of
+    the least Bayesian information criterion is taken; without a second record, the least
+    criterion decides. Unstable equations are out; those with poles on the negative real axis
+    or off the real axis must simulate better by 5 % than all others.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Evenly spaced times in seconds.
+    u, y : (T,) array_like
+        Input and output. The record begins with a hold at whose end the plant is at rest.
+    second : tuple of t, u, y, optional
+        Another record, to choose by. Its gain is fitted anew: with hysteresis it is another.
+    highest_order : int
+        Poles at most, 1 to 4.
+    longest_dead_time : int
+        In samples.
+    reading : {"end", "begin"}
+        Whether y[k] was read when u[k] had been on for one interval, as an `Actuator` records
+        it, or in the moment in which u[k] was set.
+
+    Returns
+    -------
+    LinearFit
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ, the samples are not even or too few, nothing changes, or no
+        stable equation fits.
+    ParameterError
+        If an option is out of its range, or the second record has another interval.
+
+    References
+    ----------
+    Ljung, System Identification, 2nd edition, 1999, sections 4.2, 7.3 and 16.4. Sohn and
+    colleagues, SWNT-reinforced polyaniline fibres, eq. 4: ARX from one step.
+    """
+    record = as_sampled((t, u, y), reading)
+    other = None if second is None else as_sampled(second, reading)
+    if other is not None:
+        _check_interval(record.interval, other.interval)
+    forms = _structures(highest_order, longest_dead_time)
+    scored = [] if other is None else [whole(other)]
+    return _identified([whole(record)], scored, record.interval, forms)
+
+
+def step_response(
+    t: npt.ArrayLike,
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    *,
+    second: Arrays | None = None,
+    highest_order: int = HIGHEST_ORDER,
+    longest_dead_time: int = 2,
+    reading: Reading = "end",
+) -> StepResponse:
+    """Identify the unit step response, separately for rising and falling output.
+
+    The record is cut into its steps; each is scaled by its own settled change, and all of one
+    direction are fitted together as `arx` does it.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Evenly spaced times in seconds.
+    u, y : (T,) array_like
+        Input in holds, and output. At the end of each hold the plant is at rest.
+    second : tuple of t, u, y, optional
+        Another record of holds, to choose by.
+    highest_order, longest_dead_time, reading
+        As in `arx`.
+
+    Returns
+    -------
+    StepResponse
+        None for a direction of which there is no step.
+
+    Raises
+    ------
+    SignalError
+        As `arx`; or if no step moves the output.
+    ParameterError
+        As `arx`.
+    """
+    record = as_sampled((t, u, y), reading)
+    other = None if second is None else as_sampled(second, reading)
+    if other is not None:
+        _check_interval(record.interval, other.interval)
+    forms = _structures(highest_order, longest_dead_time)
+    steps, scored = steps_in(record), [] if other is None else steps_in(other)
+    if not steps:
+        raise SignalError("no step moves the output; record one with a hold before and after it")
+    fits: dict[bool, LinearFit] = {}
+    for rising in {step.rising for step in steps}:
+        own, others = (
+            [step.stretch for step in each if step.rising == rising] for each in (steps, scored)
+        )
+        fits[rising] = _identified(own, others, record.interval, forms)
+    return StepResponse(fits.get(True), fits.get(False))
+
+
+def _identified(
+    stretches: Sequence[Stretch],
+    second: Sequence[Stretch],
+    interval: float,
+    forms: Sequence[Structure],
+) -> LinearFit:
+    samples = sum(one.y.size for one in stretches)
+    needed = _SAMPLES_EACH * forms[-1].parameters
+    if samples < needed:
+        raise SignalError(
+            f"{samples} samples for up to {forms[-1].parameters} coefficients; give at least "
+            f"{needed}, or a lower highest_order"
+        )
+    if max(float(np.ptp(one.y)) for one in stretches) == 0:
+        raise SignalError("the output never changes; there is nothing to identify")
+    tried = [_candidate(stretches, second, form) for form in forms]
+    candidates = [one for one in tried if one is not None]
+    if not candidates:
+        raise SignalError(
+            "no stable difference equation with a settled gain fits the record; does it begin "
+            "at rest, and does the output follow the input?"
+        )
+    best = chosen(candidates)
+    found = best.coefficients
+    covariance = output_error.covariance(stretches, found)
+    model = _as_linear(found, interval).normalised()
+    return LinearFit(
+        model=model,
+        gain=found.dc_gain,
+        candidate=best,
+        candidates=tuple(candidates),
+        covariance=covariance,
+        stretches=tuple(stretches),
+        second=tuple(second),
+    )
+
+
+def chosen(candidates: Sequence[Candidate]) -> Candidate:
+    """The candidate that predicts best, with no more coefficients than that needs.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        At least one.
+    """
+    plain = [one for one in candidates if one.kind == "plain"]
+    least = min(one.score for one in candidates)
+    if plain:
+        best_plain = min(one.score for one in plain)
+        if best_plain <= _NEARLY * least + _UNFELT:
+            candidates, least = plain, best_plain
+    judged = any(one.free_run is not None for one in candidates)
+    if judged:
+        candidates = [one for one in candidates if one.score <= _NEARLY * least + _UNFELT]
+    return min(candidates, key=lambda one: (one.bic, one.structure.parameters))
+
+
+def free_run_error(stretches: Sequence[Stretch], found: Coefficients) -> float:
+    """Root-mean-square error of the simulated output over the range, each gain its own."""
+    errors, span = [], 0.0
+    for one in stretches:
+        simulated = found.simulate(one.u)
+        power = float(simulated @ simulated)
+        gain = float(simulated @ one.y) / power if power > 0 else 0.0
+        errors.append(one.y - gain * simulated)
+        span = max(span, float(np.ptp(one.y)))
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / (span or 1.0))
+
+
+def _candidate(
+    stretches: Sequence[Stretch], second: Sequence[Stretch], form: Structure
+) -> Candidate | None:
+    found = output_error.output_error(stretches, form)
+    if found is None or found.dc_gain == 0:
+        return None
+    samples = sum(one.y.size for one in stretches)
+    span = max(float(np.ptp(one.y)) for one in stretches)
+    mean_square = output_error.cost(stretches, found) / samples / span**2
+    # Below this, errors are rounding and differences between them mean nothing.
+    counted = max(mean_square, _PRECISE**2)
+    return Candidate(
+        structure=form,
+        coefficients=found,
+        kind=_kind(found),
+        bic=samples * float(np.log(counted)) + form.parameters * float(np.log(samples)),
+        nrmse=float(np.sqrt(mean_square)),
+        free_run=free_run_error(second, found) if second else None,
+    )
+
+
+def _kind(found: Coefficients) -> Kind:
+    poles = np.asarray(found.poles)
+    if (np.abs(poles.imag) > _REAL).any():
+        return "oscillatory"
+    return "alternating" if (poles.real <= _REAL).any() else "plain"
+
+
+def _as_linear(found: Coefficients, interval: float) -> Linear:
+    order = found.a.size
+    numerator = np.zeros(order + 1)
+    numerator[1 : 1 + found.b.size] = found.b
+    denominator: FloatArray = np.concatenate([[1.0], found.a])
+    return Linear(numerator, denominator, interval, (found.delay - 1) * interval)
+
+
+def _structures(highest_order: int, longest_dead_time: int) -> list[Structure]:
+    for name, value, low, high in (
+        ("highest_order", highest_order, 1, HIGHEST_ORDER),
+        ("longest_dead_time", longest_dead_time, 0, 1000),
+    ):
+        whole_number = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        if not whole_number or not low <= value <= high:
+            raise ParameterError(f"{name} is {value!r}; give a whole number from {low} to {high}")
+    return [
+        Structure(na, nb, 1 + dead)
+        for na in range(1, highest_order + 1)
+        for nb in range(1, na + 1)
+        for dead in range(longest_dead_time + 1)
+    ]
+
+
+def _check_interval(one: float, other: float) -> None:
+    if abs(one - other) > 1e-3 * one:
+        raise ParameterError(
+            f"the records are sampled every {one:g} s and every {other:g} s; give both at one "
+            "interval"
+        )

@@ -1,0 +1,408 @@
+"""Frequency responses of plants with hysteresis, by their fundamental component.
+
+A sine into a plant with hysteresis gives harmonics and a gain that depends on the amplitude.
+When the plant is a rate-independent operator with linear dynamics behind it, the gain from the
+output of the operator to that of the plant depends on the amplitude no longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, as_samples
+from minorloop.dynamics.cascade import Operator
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
+
+if TYPE_CHECKING:
+    from minorloop.lab.records import Record
+
+Drive: TypeAlias = "Callable[[FloatArray, FloatArray], Record]"
+"""Drives a plant with inputs u at times t, straight in between, and records it."""
+
+SAMPLES = 240
+PERIODS = 2
+FEWEST_PERIODS = 3
+HARMONICS = 10
+_SWITCH = 1e-3
+_UNSETTLED = 0.01
+
+
+@dataclass(frozen=True)
+class Preamble:
+    """What is done before every sine, so that plant and operator remember the same.
+
+    Parameters
+    ----------
+    input : float
+        Input that saturates the plant, or wipes out what it remembers.
+    hold : float
+        Seconds for which it is held, and then the bias.
+
+    Raises
+    ------
+    ParameterError
+        If the hold is not positive.
+    """
+
+    input: float
+    hold: float
+
+    def __post_init__(self) -> None:
+        as_finite("input", self.input)
+        if as_finite("hold", self.hold) <= 0:
+            raise ParameterError(f"hold is {self.hold:g} s; give a positive time")
+
+
+@dataclass(frozen=True)
+class GainSpread:
+    """How far the gains of the amplitudes lie apart, in dB, at most over some frequencies.
+
+    ``before`` from input to output, ``after`` from the operator's output to that of the plant.
+    """
+
+    before: float
+    after: float
+
+    @property
+    def ratio(self) -> float:
+        """After over before: what the operator leaves of the dependence on amplitude."""
+        return self.after / self.before if self.before else np.inf
+
+    def __str__(self) -> str:
+        return (
+            f"gains {self.before:.3g} dB apart from input to output, {self.after:.3g} dB from "
+            f"operator to output: {self.ratio:.2f} of it"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Gains of the fundamental component at several amplitudes.
+
+    Parameters
+    ----------
+    frequencies : (F,) array
+        In Hz.
+    amplitudes : (A,) array
+        Of the input, in its unit.
+    bias : float
+        Input about which it swings.
+    plant : (A, F) complex array
+        From input to output.
+    after : (A, F) complex array or None
+        From the output of the operator to that of the plant; None without an operator.
+    distortion : (A, F) array
+        Total harmonic distortion of the output: harmonics 2 to 10 over the fundamental.
+    unsettled : (A, F) array
+        Change of the fundamental from the period before the last to the last, relative.
+    """
+
+    frequencies: FloatArray
+    amplitudes: FloatArray
+    bias: float
+    plant: ComplexArray
+    after: ComplexArray | None
+    distortion: FloatArray
+    unsettled: FloatArray
+
+    def gain_spread(self, low: float = 0.0, high: float = np.inf) -> GainSpread:
+        """Largest distance between the gains over frequencies from ``low`` to ``high``, in Hz.
+
+        Raises
+        ------
+        ParameterError
+            If no frequency is between these, or there was no operator.
+        """
+        inside = self._between(low, high)
+        return GainSpread(
+            float(np.ptp(decibels(self.plant[:, inside]), axis=0).max()),
+            float(np.ptp(decibels(self._after[:, inside]), axis=0).max()),
+        )
+
+    def phase_spread(self, low: float = 0.0, high: float = np.inf) -> tuple[float, float]:
+        """Largest distance between the phases before and after, in degrees.
+
+        Raises
+        ------
+        ParameterError
+            If no frequency is between these, or there was no operator.
+        """
+        inside = self._between(low, high)
+        before, after = (
+            np.degrees(np.angle(gains[:, inside] / gains[:1, inside]))
+            for gains in (self.plant, self._after)
+        )
+        return float(np.ptp(before, axis=0).max()), float(np.ptp(after, axis=0).max())
+
+    def fit(self, **options: Any) -> RationalFit:
+        """One transfer function for all amplitudes, from operator to output.
+
+        Parameters
+        ----------
+        **options
+            ``order`` and ``zeros`` of `fit_response`.
+
+        Raises
+        ------
+        ParameterError
+            If there was no operator.
+        """
+        return fit_response(self.frequencies, self._after, **options)
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What is weak, and what to do about it; empty where nothing is."""
+        worst = float(self.unsettled.max())
+        if worst <= _UNSETTLED:
+            return ()
+        row, column = np.unravel_index(int(np.argmax(self.unsettled)), self.unsettled.shape)
+        return (
+            f"the fundamental still changes by {worst:.1%} a period at "
+            f"{self.frequencies[column]:g} Hz and amplitude {self.amplitudes[row]:g}; let it "
+            "settle for longer",
+        )
+
+    def __str__(self) -> str:
+        head = f"{'Hz':>9} {'amplitude':>9} {'gain, dB':>9} {'phase':>8} {'THD':>7}"
+        lines = [head if self.after is None else f"{head} {'after, dB':>10} {'phase':>8}"]
+        for j, frequency in enumerate(self.frequencies):
+            for i, amplitude in enumerate(self.amplitudes):
+                line = f"{frequency:9.4g} {amplitude:9.4g} {_polar(self.plant[i, j])}"
+                line += f" {self.distortion[i, j]:7.2%}"
+                lines.append(line if self.after is None else f"{line}  {_polar(self.after[i, j])}")
+        if self.after is not None and self.amplitudes.size > 1:
+            lines.append(str(self.gain_spread()))
+        return "\n".join(lines + [f"advice: {text}" for text in self.advice])
+
+    def plot(self) -> Any:
+        """Draw gains and phases, before and after the operator; gives the matplotlib figure."""
+        from minorloop.identification.linear_drawing import draw_frequency_response
+
+        return draw_frequency_response(self)
+
+    @property
+    def _after(self) -> ComplexArray:
+        if self.after is None:
+            raise ParameterError("there was no operator; pass one to frequency_response")
+        return self.after
+
+    def _between(self, low: float, high: float) -> npt.NDArray[np.bool_]:
+        inside = (self.frequencies >= low) & (self.frequencies <= high)
+        if not inside.any():
+            raise ParameterError(
+                f"no frequency from {low:g} to {high:g} Hz; there are "
+                f"{self.frequencies.min():g} to {self.frequencies.max():g} Hz"
+            )
+        return np.asarray(inside)
+
+
+def frequency_response(
+    drive: Drive,
+    frequencies: npt.ArrayLike,
+    amplitudes: npt.ArrayLike,
+    *,
+    preamble: Preamble,
+    settling: float,
+    bias: float = 0.0,
+    operator: Operator | None = None,
+    start: Any = "negative",
+    periods: int = PERIODS,
+    samples: int = SAMPLES,
+) -> FrequencyResponse:
+    """Measure gains of the fundamental component.
+
+    For every frequency and amplitude the plant is taken through the preamble, to the bias, and
+    then swings about it until ``settling`` seconds and at least three whole periods have
+    passed; the last ``periods`` are measured. The operator is given what the plant was given.
+
+    Parameters
+    ----------
+    drive : callable
+        ``drive(t, u)`` drives the plant with inputs u (T,) at times t (T,) in seconds from its
+        beginning, straight in between, and gives a `Record` of that length of time.
+    frequencies : (F,) array_like
+        In Hz.
+    amplitudes : (A,) array_like
+        Of the input, in its unit.
+    preamble : Preamble
+        Brings plant and operator to a common memory.
+    settling : float
+        Seconds; five times the slowest time constant is enough.
+    bias : float
+        Input about which it swings.
+    operator : Operator, optional
+        Model of the hysteresis that comes before the dynamics.
+    start : start state of the operator
+        Memory before the preamble, which should wipe it out.
+    periods : int
+        Measured, at least 2.
+    samples : int
+        A period, at least 40.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    ParameterError
+        If a frequency, amplitude or option is out of its range.
+    SignalError
+        If the record does not last as long as it was asked to, or the input does not swing.
+    """
+    hertz, swings = _positive("frequency", frequencies), _positive("amplitude", amplitudes)
+    _check_counts(periods, samples, settling)
+    shape = (swings.size, hertz.size)
+    plant, after = np.empty(shape, np.complex128), np.empty(shape, np.complex128)
+    distortion, unsettled = np.empty(shape), np.empty(shape)
+    for i, amplitude in enumerate(swings):
+        for j, frequency in enumerate(hertz):
+            t, u = _waveform(frequency, amplitude, bias, preamble, settling, periods, samples)
+            sensed, y = _swings(drive(t, u), t, periods * samples)
+            component = fundamental(y, periods)
+            plant[i, j] = component / _swing(sensed, periods)
+            distortion[i, j] = harmonic_distortion(y, periods)
+            last, one_before = (
+                fundamental(y[y.size - n * samples : y.size - (n - 1) * samples], 1) for n in (1, 2)
+            )
+            unsettled[i, j] = abs(last - one_before) / abs(last)
+            if operator is not None:
+                w = operator.simulate(u, start)[-periods * samples :]
+                after[i, j] = component / _swing(w, periods)
+    return FrequencyResponse(
+        hertz,
+        swings,
+        float(bias),
+        plant,
+        None if operator is None else after,
+        distortion,
+        unsettled,
+    )
+
+
+def describing_function(
+    model: Operator,
+    amplitude: float,
+    bias: float = 0.0,
+    *,
+    start: Any = "negative",
+    samples: int = 4096,
+) -> complex:
+    """Gain of the fundamental component of an operator for a sine, in its closed loop.
+
+    Parameters
+    ----------
+    model : Operator
+        Any rate-independent operator.
+    amplitude : float
+        Of the input, in its unit.
+    bias : float
+        Input about which it swings.
+    start : start state of the operator
+        Memory before the sine.
+    samples : int
+        A period; the quadrature errs by the order of one over their square.
+
+    Returns
+    -------
+    complex
+
+    Raises
+    ------
+    ParameterError
+        If the amplitude is not positive.
+
+    References
+    ----------
+    Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, section 2.2.
+    """
+    swing = float(_positive("amplitude", amplitude)[0])
+    _check_counts(PERIODS, samples, 1.0)
+    phase = 2 * np.pi * np.arange(1, PERIODS * samples + 1) / samples
+    u = as_finite("bias", bias) + swing * np.sin(phase)
+    w = model.simulate(u, start)[-samples:]
+    return complex(fundamental(w, 1) / fundamental(u[-samples:], 1))
+
+
+def fundamental(x: FloatArray, periods: int, harmonic: int = 1) -> complex:
+    """Complex amplitude of a component of a signal (T,) of whole periods."""
+    phase = 2 * np.pi * harmonic * periods * np.arange(1, x.size + 1) / x.size
+    return complex(2 / x.size * np.sum(x * np.exp(-1j * phase)))
+
+
+def harmonic_distortion(x: FloatArray, periods: int) -> float:
+    """Root of the summed squares of harmonics 2 to 10 over the fundamental."""
+    parts = [abs(fundamental(x, periods, k)) for k in range(1, HARMONICS + 1)]
+    return float(np.linalg.norm(parts[1:]) / parts[0]) if parts[0] else np.inf
+
+
+def decibels(gain: ComplexArray) -> FloatArray:
+    """20 log10 of the modulus."""
+    return np.asarray(20 * np.log10(np.abs(gain)))
+
+
+def _waveform(
+    frequency: float,
+    amplitude: float,
+    bias: float,
+    preamble: Preamble,
+    settling: float,
+    periods: int,
+    samples: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Preamble, bias and sine; the last ``periods * samples`` are those to be measured."""
+    discarded = max(FEWEST_PERIODS, int(np.ceil(settling * frequency)))
+    count = np.arange(1, (discarded + periods) * samples + 1)
+    switch = min(_SWITCH, preamble.hold / 2)
+    t = np.array([0.0, preamble.hold - switch, preamble.hold, 2 * preamble.hold])
+    u = np.array([preamble.input, preamble.input, bias, bias])
+    sine = bias + amplitude * np.sin(2 * np.pi * count / samples)
+    return np.concatenate([t, t[-1] + count / (samples * frequency)]), np.concatenate([u, sine])
+
+
+def _swings(record: Record, t: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray]:
+    """Input and output of the last samples that were asked for, on their clock."""
+    if record.u.ndim != 1 or record.y.ndim != 1:
+        raise SignalError("the plant has several channels; give a drive that records one of each")
+    clock = record.t - record.t[0]
+    span = float(t[-1])
+    if clock[-1] < t[-2] or np.isnan(record.y).any():
+        raise SignalError(
+            f"the record lasts {clock[-1]:g} s with {np.count_nonzero(np.isnan(record.y))} gaps; "
+            f"{span:g} s without one were asked for"
+        )
+    places = t[-wanted:] - t[0]
+    return np.interp(places, clock, record.u), np.interp(places, clock, record.y)
+
+
+def _swing(x: FloatArray, periods: int) -> complex:
+    component = fundamental(x, periods)
+    if abs(component) <= 1e-9 * np.abs(x).max(initial=0.0):
+        raise SignalError("a signal that should swing does not; is the amplitude in the deadzone?")
+    return component
+
+
+def _positive(name: str, values: npt.ArrayLike) -> FloatArray:
+    numbers = as_samples(np.atleast_1d(values), name=name)
+    if numbers.ndim != 1 or not (numbers > 0).all():
+        raise ParameterError(f"{name} is {values!r}; give positive numbers, (n,)")
+    return numbers
+
+
+def _check_counts(periods: int, samples: int, settling: float) -> None:
+    for name, value, fewest in (("periods", periods, 2), ("samples", samples, 40)):
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        if not whole or value < fewest:
+            raise ParameterError(f"{name} is {value!r}; give a whole number of at least {fewest}")
+    if as_finite("settling", settling) < 0:
+        raise ParameterError(f"settling is {settling:g} s; give a time >= 0")
+
+
+def _polar(gain: complex) -> str:
+    return f"{20 * np.log10(abs(gain)):9.3f} {np.degrees(np.angle(gain)):8.2f}"

@@ -1,0 +1,237 @@
+"""What the identification of linear dynamics gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.propagation import as_times
+from minorloop.errors import ParameterError
+from minorloop.identification.output_error import Coefficients, Stretch, Structure
+
+Kind: TypeAlias = Literal["plain", "oscillatory", "alternating"]
+
+_SHOWN = 6
+_COARSE = 0.02
+_NOT_AT_REST = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One difference equation that was tried.
+
+    Parameters
+    ----------
+    structure : Structure
+        Numbers of coefficients, and delay.
+    coefficients : Coefficients
+        As refined.
+    kind : {"plain", "oscillatory", "alternating"}
+        Whether all poles are real and positive, some are complex, or some are negative.
+    bic : float
+        Bayesian information criterion of the simulation error.
+    nrmse : float
+        Simulation error over the range, on the record.
+    free_run : float or None
+        The same on the second record.
+    """
+
+    structure: Structure
+    coefficients: Coefficients
+    kind: Kind
+    bic: float
+    nrmse: float
+    free_run: float | None
+
+    @property
+    def score(self) -> float:
+        """Simulation error on the second record, on the first if there is no second."""
+        return self.nrmse if self.free_run is None else self.free_run
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Linear dynamics identified from a record.
+
+    Parameters
+    ----------
+    model : Linear
+        Sampled, with DC gain 1.
+    gain : float
+        DC gain that the record has.
+    candidate : Candidate
+        The one that was taken.
+    candidates : tuple of Candidate
+        All that were tried.
+    covariance : (na + nb, na + nb) array
+        Of the coefficients of A and B, before the gain was made 1.
+    stretches, second : tuple of Stretch
+        The record as it was fitted, and the second one as it was scored.
+    """
+
+    model: Linear
+    gain: float
+    candidate: Candidate
+    candidates: tuple[Candidate, ...]
+    covariance: FloatArray
+    stretches: tuple[Stretch, ...]
+    second: tuple[Stretch, ...]
+
+    @property
+    def nrmse(self) -> float:
+        """Simulation error on the record, over its range."""
+        return self.candidate.nrmse
+
+    @property
+    def free_run_nrmse(self) -> float | None:
+        """Simulation error on the second record, over its range; None if there is none."""
+        return self.candidate.free_run
+
+    @cached_property
+    def continuous(self) -> Linear | None:
+        """The model in continuous time; None where there is none of the same order."""
+        try:
+            return self.model.continuous()
+        except ParameterError:
+            return None
+
+    @cached_property
+    def time_constant_deviations(self) -> FloatArray:
+        """(na,) standard deviations of the time constants of ``model``, in seconds."""
+        found, interval = self.candidate.coefficients, self._interval
+        poles = np.asarray(found.poles)
+        order = found.a.size
+        slope = np.polyval(np.polyder(np.concatenate([[1.0], found.a])), poles)
+        with np.errstate(all="ignore"):
+            by_a = -np.vander(poles, order) / slope[:, None]
+            # d log|z| / da = Re(dz / z)
+            rate = np.real(by_a / poles[:, None])
+            spread = np.sqrt(np.einsum("pi,ij,pj->p", rate, self.covariance[:order, :order], rate))
+            logs = np.log(np.abs(poles))
+            deviations = interval * spread / logs**2
+        slowest_first = np.argsort(interval / logs)
+        return np.asarray(deviations[slowest_first])
+
+    def step_deviation(self, t: npt.ArrayLike) -> FloatArray:
+        """Standard deviation of the unit step response at times t (T,), in seconds from the step.
+
+        To first order in the coefficients, with the DC gain held at 1.
+
+        Raises
+        ------
+        SignalError
+            If the times do not increase.
+        """
+        times = as_times(t, fewest=1)
+        found, count = self.candidate.coefficients, int(max(times[-1] / self._interval, 0)) + 2
+        unit = np.ones(count)
+        whole = 1 + found.a.sum()
+        by_gain = np.concatenate(
+            [np.full(found.a.size, -self.gain / whole), np.full(found.b.size, 1 / whole)]
+        )
+        by_theta = (
+            found.sensitivities(unit) - np.outer(found.simulate(unit), by_gain) / self.gain
+        ) / self.gain
+        variance = np.einsum("ki,ij,kj->k", by_theta, self.covariance, by_theta)
+        spread = np.sqrt(np.maximum(variance, 0.0))
+        return np.asarray(np.interp(times, self._interval * np.arange(count), spread, left=0.0))
+
+    @cached_property
+    def advice(self) -> tuple[str, ...]:
+        """What is weak, and what to do about it; empty where nothing is."""
+        texts = []
+        if self.candidate.score > _COARSE:
+            texts.append(
+                f"the simulation is off by {self.candidate.score:.1%} of range; the plant is not "
+                "linear over these steps, take smaller ones or one response for each direction"
+            )
+        if self.continuous is None:
+            texts.append("a pole has no continuous counterpart; sample faster")
+        if self.free_run_nrmse is None:
+            texts.append("the order was chosen on the record itself; give a second one to judge by")
+        slowest = float(self.model.time_constants[0])
+        longest = max(np.count_nonzero(one.u) for one in self.stretches) * self._interval
+        if np.exp(-longest / slowest) > _NOT_AT_REST:
+            texts.append(
+                f"the slowest mode takes {slowest:.3g} s and the longest hold {longest:.3g} s; "
+                "hold three times as long as the mode takes"
+            )
+        return tuple(texts)
+
+    def __str__(self) -> str:
+        form = self.candidate.structure
+        pairs = zip(self.model.time_constants, self.time_constant_deviations, strict=True)
+        times = ", ".join(f"{time:.4g} ± {spread:.1g}" for time, spread in pairs)
+        free = self.free_run_nrmse
+        rows = [
+            ("coefficients of A, B", f"{form.na}, {form.nb}"),
+            ("dead time", f"{self.model.delay:g} s"),
+            ("time constants [s]", times),
+            ("gain of the record", f"{self.gain:.6g}"),
+            ("error, record", f"{self.nrmse:.3%} of range"),
+            ("error, second record", "none given" if free is None else f"{free:.3%} of range"),
+        ]
+        lines = [f"{name:<24} {value}" for name, value in rows]
+        return "\n".join([*lines, *self._table(), *(f"advice: {text}" for text in self.advice)])
+
+    def plot(self) -> Any:
+        """Draw the record with the fit, and the unit step response; gives the figure."""
+        from minorloop.identification.linear_drawing import draw_linear_fit
+
+        return draw_linear_fit(self)
+
+    @property
+    def _interval(self) -> float:
+        return self.model.interval or 1.0
+
+    def _table(self) -> list[str]:
+        """The best candidates, one a line."""
+        lines = [f"{'tried: A, B, delay':<24} {'BIC':>10} {'record':>9} {'second':>9}"]
+        for one in sorted(self.candidates, key=lambda each: each.score)[:_SHOWN]:
+            form = one.structure
+            name = f"{form.na}, {form.nb}, {form.delay}"
+            second = "" if one.free_run is None else f"{one.free_run:.3%}"
+            mark = "  taken" if one is self.candidate else ""
+            kind = "" if one.kind == "plain" else f"  {one.kind}"
+            lines.append(f"{name:<24} {one.bic:10.1f} {one.nrmse:9.3%} {second:>9}{kind}{mark}")
+        return lines
+
+
+@dataclass(frozen=True, eq=False)
+class StepResponse:
+    """Unit step responses for either direction of the output.
+
+    Parameters
+    ----------
+    rising, falling : LinearFit or None
+        None where the record has no such step.
+    """
+
+    rising: LinearFit | None
+    falling: LinearFit | None
+
+    @property
+    def models(self) -> tuple[Linear, Linear]:
+        """The two models; the one that there is for both, where the other is missing."""
+        up, down = self.rising or self.falling, self.falling or self.rising
+        if up is None or down is None:
+            raise ParameterError("there is no response; identify at least one direction")
+        return up.model, down.model
+
+    def __str__(self) -> str:
+        lines = []
+        for name, fit in (("rising", self.rising), ("falling", self.falling)):
+            lines += [f"{name}:", "  no such step" if fit is None else str(fit)]
+        return "\n".join(lines)
+
+    def plot(self) -> Any:
+        """Draw both responses with their bands; gives the matplotlib figure."""
+        from minorloop.identification.linear_drawing import draw_step_response
+
+        return draw_step_response(self)

@@ -1,0 +1,256 @@
+"""Difference equations from records: equation error first, then output error.
+
+A difference equation A(q) y = B(q) u, with a = (a_1, ..., a_na) after the leading 1 of A and
+b = (b_1, ..., b_nb) from the ``delay``-th sample on, is fitted to records that begin at rest.
+Least squares on the equation itself (ARX) is one linear solve, but takes noise on the output
+for dynamics; the error of the simulated output has no such bias, and is minimised from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+
+_PREFILTERED = 8
+_REFINED = 40
+_HALVINGS = 12
+_STILL = 1e-10
+_EDGE = 1 - 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """One record of deviations from rest, evenly sampled.
+
+    Parameters
+    ----------
+    u : (T,) array
+        Input less that at rest; u[k] is on from sample k to the next.
+    y : (T,) array
+        Output less that at rest; y[k] is measured at sample k.
+    """
+
+    u: FloatArray
+    y: FloatArray
+
+
+@dataclass(frozen=True)
+class Structure:
+    """How many coefficients there are, and how many samples pass until the input is felt."""
+
+    na: int
+    nb: int
+    delay: int
+
+    @property
+    def parameters(self) -> int:
+        """Coefficients of A and B."""
+        return self.na + self.nb
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """A = 1 + a_1 q^-1 + ..., B = b_1 q^-delay + b_2 q^-(delay + 1) + ...
+
+    Parameters
+    ----------
+    a : (na,) array
+    b : (nb,) array
+    delay : int
+    """
+
+    a: FloatArray
+    b: FloatArray
+    delay: int
+
+    @property
+    def poles(self) -> FloatArray:
+        """(na,) complex, in the z-plane."""
+        return np.asarray(np.roots(self._whole))
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles are inside the unit circle, by more than rounding."""
+        return bool((np.abs(self.poles) < _EDGE).all())
+
+    @property
+    def dc_gain(self) -> float:
+        """Settled output per input."""
+        return float(self.b.sum() / self._whole.sum())
+
+    def simulate(self, u: FloatArray) -> FloatArray:
+        """Output (T,) from rest."""
+        return self._filtered(np.concatenate([np.zeros(self.delay), self.b]), u)
+
+    def sensitivities(self, u: FloatArray) -> FloatArray:
+        """(T, na + nb) derivatives of the simulated output with respect to a and b."""
+        by_output = self._filtered(np.ones(1), self.simulate(u))
+        by_input = self._filtered(np.ones(1), u)
+        columns = [-_shifted(by_output, i + 1) for i in range(self.a.size)]
+        columns += [_shifted(by_input, self.delay + i) for i in range(self.b.size)]
+        return np.column_stack(columns)
+
+    def prefilter(self, x: FloatArray) -> FloatArray:
+        """The signal through 1 / A."""
+        return self._filtered(np.ones(1), x)
+
+    @property
+    def _whole(self) -> FloatArray:
+        return np.concatenate([[1.0], self.a])
+
+    def _filtered(self, top: FloatArray, x: FloatArray) -> FloatArray:
+        from scipy.signal import lfilter
+
+        return np.asarray(lfilter(top, self._whole, x))
+
+
+def equation_error(
+    stretches: Sequence[Stretch], form: Structure, prefilter: Coefficients | None = None
+) -> Coefficients:
+    """ARX by least squares: rows [-y(t-1) ... -y(t-na), u(t-delay) ...].
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+        Records from rest.
+    form : Structure
+        Numbers of coefficients.
+    prefilter : Coefficients, optional
+        Signals are passed through 1 / A of these first.
+
+    References
+    ----------
+    Ljung, System Identification, 2nd edition, 1999, eq. 4.11: the regression. Solved by a QR
+    factorisation with unit columns.
+    """
+    rows, wanted = [], []
+    for one in stretches:
+        u, y = one.u, one.y
+        if prefilter is not None:
+            u, y = prefilter.prefilter(u), prefilter.prefilter(y)
+        columns = [-_shifted(y, i + 1) for i in range(form.na)]
+        columns += [_shifted(u, form.delay + i) for i in range(form.nb)]
+        rows.append(np.column_stack(columns))
+        wanted.append(y)
+    theta = _solve(np.vstack(rows), np.concatenate(wanted))
+    return Coefficients(theta[: form.na], theta[form.na :], form.delay)
+
+
+def output_error(stretches: Sequence[Stretch], form: Structure) -> Coefficients | None:
+    """The stable coefficients whose simulated output comes nearest to the measured one.
+
+    A constant is fitted to each stretch along with them, so that an error of its rest does no
+    harm. None where no stable ones were met.
+
+    References
+    ----------
+    Steiglitz and McBride, A technique for the identification of linear systems, IEEE TAC 10,
+    1965, from the equation error; then damped Gauss-Newton steps.
+    """
+    now = equation_error(stretches, form)
+    best = now if now.stable else None
+    for _ in range(_PREFILTERED):
+        if not now.stable:
+            now = _reflected(now)
+        now = equation_error(stretches, form, now)
+        if now.stable and (best is None or cost(stretches, now) < cost(stretches, best)):
+            best = now
+    return None if best is None else _refined(stretches, best)
+
+
+def residuals(stretches: Sequence[Stretch], found: Coefficients) -> list[FloatArray]:
+    """Measured less simulated output of each stretch, less its mean."""
+    each = [one.y - found.simulate(one.u) for one in stretches]
+    return [error - error.mean() for error in each]
+
+
+def cost(stretches: Sequence[Stretch], found: Coefficients) -> float:
+    """Sum of squares of the output errors."""
+    return float(sum(np.sum(error**2) for error in residuals(stretches, found)))
+
+
+def jacobian(stretches: Sequence[Stretch], found: Coefficients) -> FloatArray:
+    """(samples, na + nb) derivatives of all simulated outputs, less their means."""
+    each = [found.sensitivities(one.u) for one in stretches]
+    return np.vstack([columns - columns.mean(axis=0) for columns in each])
+
+
+def covariance(stretches: Sequence[Stretch], found: Coefficients) -> FloatArray:
+    """(na + nb, na + nb) covariance of the coefficients.
+
+    Neighbouring errors of a model that is too simple resemble each other; the variance is
+    multiplied by their correlation time, so that they do not count as independent.
+    """
+    columns = jacobian(stretches, found)
+    errors = residuals(stretches, found)
+    free = max(columns.shape[0] - columns.shape[1] - len(stretches), 1)
+    variance = sum(float(np.sum(error**2)) for error in errors) / free
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    inverse = np.linalg.pinv(columns / scale)
+    return np.asarray(
+        variance * correlation_time(errors) * (inverse @ inverse.T) / np.outer(scale, scale)
+    )
+
+
+def correlation_time(errors: Sequence[FloatArray]) -> float:
+    """Samples that one independent error is worth: 1 + 2 times the sum of autocorrelations.
+
+    The sum ends where they first turn negative (Sokal, Monte Carlo methods, 1997, section 3).
+    """
+    power = sum(float(error @ error) for error in errors)
+    total = 1.0
+    for lag in range(1, max(error.size for error in errors) // 2 if power > 0 else 1):
+        together = sum(float(error[lag:] @ error[:-lag]) for error in errors if error.size > lag)
+        if together <= 0:
+            break
+        total += 2 * together / power
+    return total
+
+
+def _refined(stretches: Sequence[Stretch], found: Coefficients) -> Coefficients:
+    """Gauss-Newton with halved steps; stable throughout, never worse."""
+    now, error = found, cost(stretches, found)
+    na = now.a.size
+    for _ in range(_REFINED):
+        step = _solve(jacobian(stretches, now), np.concatenate(residuals(stretches, now)))
+        better = None
+        for halving in range(_HALVINGS):
+            part = step / 2**halving
+            tried = Coefficients(now.a + part[:na], now.b + part[na:], now.delay)
+            if tried.stable and (new := cost(stretches, tried)) < error:
+                better = tried
+                break
+        if better is None:
+            break
+        gained, now, error = error - new, better, new
+        if gained <= _STILL * error:
+            break
+    return now
+
+
+def _solve(rows: FloatArray, wanted: FloatArray) -> FloatArray:
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0] = 1.0
+    q, r = np.linalg.qr(rows / scale)
+    return np.asarray(np.linalg.lstsq(r, q.T @ wanted, rcond=1e-14)[0] / scale)
+
+
+def _reflected(found: Coefficients) -> Coefficients:
+    """The same with poles outside the unit circle, or on it, mirrored to its inside."""
+    poles = found.poles
+    outside = np.abs(poles) >= _EDGE
+    mirrored = np.where(outside, _EDGE / np.conj(np.where(outside, poles, 1.0)), poles)
+    mirrored = np.where(np.abs(mirrored) >= _EDGE, 0.999 * mirrored, mirrored)
+    return Coefficients(np.real(np.poly(mirrored))[1:], found.b, found.delay)
+
+
+def _shifted(x: FloatArray, samples: int) -> FloatArray:
+    """The signal that many samples later, from rest."""
+    if samples == 0:
+        return x
+    return np.concatenate([np.zeros(min(samples, x.size)), x[:-samples]])

@@ -1,0 +1,237 @@
+"""A rational transfer function through measured frequency responses."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_samples
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+
+ComplexArray = npt.NDArray[np.complex128]
+
+HIGHEST_ORDER = 4
+_ROUNDS = 40
+_CORNERS = 4
+_STILL = 1e-9
+_NEARLY = 1.05
+_EXACT = 1e-9
+_DAMPED = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class RationalFit:
+    """A transfer function fitted to a frequency response.
+
+    Parameters
+    ----------
+    model : Linear
+        Continuous, stable, with DC gain 1.
+    frequencies : (F,) array
+        In Hz, those of every response one after the other.
+    measured : (F,) complex array
+        The gains it was fitted to.
+    errors : dict of int to float
+        Relative error of the best fit of each order that was tried.
+    """
+
+    model: Linear
+    frequencies: FloatArray
+    measured: ComplexArray
+    errors: dict[int, float]
+
+    @property
+    def error(self) -> float:
+        """Root-mean-square relative error of the model."""
+        return _relative_error(self.model, self.frequencies, self.measured)
+
+    def __str__(self) -> str:
+        tried = ", ".join(f"{order}: {error:.2%}" for order, error in self.errors.items())
+        lines = [str(self.model), f"{'relative error':<24} {self.error:.2%}"]
+        return "\n".join([*lines, f"{'of each order':<24} {tried}"])
+
+    def plot(self) -> Any:
+        """Draw measured points and the model; gives the matplotlib figure."""
+        from minorloop.identification.linear_drawing import draw_rational_fit
+
+        return draw_rational_fit(self)
+
+
+def fit_response(
+    frequencies: npt.ArrayLike,
+    measured: npt.ArrayLike,
+    *,
+    order: int | Literal["auto"] = "auto",
+    zeros: int | None = None,
+) -> RationalFit:
+    """Fit G(s) with G(0) = 1 and all poles in the left half plane.
+
+    Parameters
+    ----------
+    frequencies : (F,) array_like
+        In Hz, positive; repeats are welcome.
+    measured : (F,) or (A, F) complex array_like
+        Gains at these frequencies; the rows of several amplitudes are fitted together.
+    order : int or "auto"
+        Number of poles, 1 to 4; ``"auto"`` takes the least whose error is within 5 % of the
+        best.
+    zeros : int, optional
+        Number of zeros, at most ``order``; one less than poles if not given.
+
+    Returns
+    -------
+    RationalFit
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ, a number is not finite or zero, or the frequencies are too few.
+    ParameterError
+        If an order is out of its range.
+
+    Notes
+    -----
+    With N = 1 + n_1 s + ... and D = 1 + d_1 s + ..., the sum of abs(N - G D)^2 / abs(G D')^2 is
+    minimised over and over, D' being the D of the round before, whose unstable roots are
+    mirrored. The weights make the errors relative.
+
+    References
+    ----------
+    Sanathanan and Koerner, Transfer function synthesis as a ratio of two complex polynomials,
+    IEEE TAC 8, 1963.
+    """
+    hertz, gains = _as_response(frequencies, measured)
+    orders = _orders(order, zeros, np.unique(hertz).size)
+    fits = {n: _fit(hertz, gains, n, n - 1 if zeros is None else zeros) for n in orders}
+    errors = {n: _relative_error(model, hertz, gains) for n, model in fits.items()}
+    enough = _NEARLY * min(errors.values()) + _EXACT
+    best = next(n for n in orders if errors[n] <= enough)
+    return RationalFit(fits[best], hertz, gains, errors)
+
+
+def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Linear:
+    """The best of what the iteration comes to from poles spread over the frequencies."""
+    scale = float(2 * np.pi * np.exp(np.mean(np.log(hertz))))
+    s = np.asarray(2j * np.pi * hertz / scale, dtype=np.complex128)
+    corners = np.geomspace(np.abs(s).min(), np.abs(s).max(), _CORNERS)
+    starts = [np.ones(1)]
+    for chosen in itertools.combinations_with_replacement(corners, poles):
+        starts.append(np.poly(-np.array(chosen)) / np.prod(chosen))
+    found = [_iterated(s, gains, bottom, zeros, poles) for bottom in starts]
+    top, bottom = min(found, key=lambda pair: _distance(s, gains, *pair))
+    powers = scale ** -np.arange(poles, -1, -1.0)
+    return Linear(
+        (top * powers[-top.size :]) / powers[0], (bottom * powers) / powers[0]
+    ).normalised()
+
+
+def _iterated(
+    s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int, poles: int
+) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator that the iteration comes to from a denominator."""
+    best, least, before = None, np.inf, np.inf
+    for _ in range(_ROUNDS):
+        weight = 1 / np.abs(gains * np.polyval(bottom, s))
+        bottom = _stable(_solve(s, gains, weight, zeros, poles)[1])
+        top = _numerator(s, gains, bottom, zeros)
+        error = _distance(s, gains, top, bottom)
+        if error < least or best is None:
+            best, least = (top, bottom), error
+        if abs(before - error) <= _STILL * error:
+            break
+        before = error
+    assert best is not None
+    return best
+
+
+def _distance(s: ComplexArray, gains: ComplexArray, top: FloatArray, bottom: FloatArray) -> float:
+    error = np.polyval(top, s) / np.polyval(bottom, s) / gains - 1
+    return float(np.sqrt(np.mean(np.abs(error) ** 2)))
+
+
+def _solve(
+    s: ComplexArray, gains: ComplexArray, weight: FloatArray, zeros: int, poles: int
+) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator, highest power first, both with constant 1."""
+    columns = [s**k for k in range(zeros, 0, -1)] + [-gains * s**k for k in range(poles, 0, -1)]
+    found = _real_least_squares(np.column_stack(columns), gains - 1, weight)
+    return np.append(found[:zeros], 1.0), np.append(found[zeros:], 1.0)
+
+
+def _numerator(s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int) -> FloatArray:
+    """The best numerator for a denominator that is fixed."""
+    if zeros == 0:
+        return np.ones(1)
+    below = np.polyval(bottom, s)
+    columns = np.column_stack([s**k for k in range(zeros, 0, -1)]) / below[:, None]
+    weight = 1 / np.abs(gains)
+    return np.append(_real_least_squares(columns, gains - 1 / below, weight), 1.0)
+
+
+def _real_least_squares(
+    columns: ComplexArray, wanted: ComplexArray, weight: FloatArray
+) -> FloatArray:
+    rows, right = columns * weight[:, None], wanted * weight
+    stacked = np.vstack([rows.real, rows.imag])
+    scale = np.linalg.norm(stacked, axis=0)
+    scale[scale == 0] = 1.0
+    answer = np.linalg.lstsq(stacked / scale, np.concatenate([right.real, right.imag]), rcond=None)
+    return np.asarray(answer[0] / scale)
+
+
+def _stable(bottom: FloatArray) -> FloatArray:
+    """The polynomial with roots of the right half plane mirrored, and its constant 1."""
+    roots = np.roots(bottom / np.abs(bottom).max())
+    left = -np.maximum(np.abs(roots.real), _DAMPED * np.abs(roots)) + 1j * roots.imag
+    mirrored = np.atleast_1d(np.real(np.poly(left)))
+    padded = np.concatenate([np.zeros(bottom.size - mirrored.size), mirrored])
+    return np.asarray(padded / padded[-1])
+
+
+def _relative_error(model: Linear, hertz: FloatArray, gains: ComplexArray) -> float:
+    error = model.response(hertz) / gains - 1
+    return float(np.sqrt(np.mean(np.abs(error) ** 2)))
+
+
+def _as_response(
+    frequencies: npt.ArrayLike, measured: npt.ArrayLike
+) -> tuple[FloatArray, ComplexArray]:
+    hertz = as_samples(np.atleast_1d(frequencies), name="frequencies")
+    gains = np.atleast_2d(np.asarray(measured, dtype=np.complex128))
+    if hertz.ndim != 1 or gains.ndim != 2 or gains.shape[1] != hertz.size:
+        raise SignalError(
+            f"frequencies have shape {hertz.shape} and gains {np.shape(measured)}; give (F,) "
+            "frequencies and (F,) or (A, F) gains"
+        )
+    if not (hertz > 0).all():
+        raise SignalError(f"a frequency is {hertz.min():g} Hz; give positive ones")
+    if not np.isfinite(gains).all() or (gains == 0).any():
+        raise SignalError("a gain is zero or not finite; leave its frequency out")
+    return np.tile(hertz, gains.shape[0]), gains.ravel()
+
+
+def _orders(order: int | str, zeros: int | None, points: int) -> list[int]:
+    if order == "auto":
+        least = 1 if zeros is None else max(zeros, 1)
+        wanted = [n for n in range(least, HIGHEST_ORDER + 1) if n == least or n < points]
+    else:
+        whole = isinstance(order, int | np.integer) and not isinstance(order, bool)
+        if not whole or not 1 <= int(order) <= HIGHEST_ORDER:
+            raise ParameterError(
+                f'order is {order!r}; give "auto" or a whole number from 1 to {HIGHEST_ORDER}'
+            )
+        wanted = [int(order)]
+    if zeros is not None and not (isinstance(zeros, int) and 0 <= zeros <= wanted[-1]):
+        raise ParameterError(
+            f"zeros is {zeros!r}; give a whole number from 0 to the number of poles, {wanted[-1]}"
+        )
+    if points < wanted[0]:
+        raise SignalError(
+            f"{points} frequencies for {wanted[0]} poles; measure at more, or give a lower order"
+        )
+    return wanted

@@ -1,0 +1,116 @@
+"""Records that begin at rest, and the single steps in a record of holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, check_option
+from minorloop.dynamics.propagation import as_waveform
+from minorloop.errors import SignalError
+from minorloop.identification.output_error import Stretch
+
+Reading: TypeAlias = Literal["end", "begin"]
+"""Whether an output was read when its input had been on for one interval, as an `Actuator`
+records it, or in the moment in which its input was set."""
+Arrays: TypeAlias = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
+"""t, u and y, (T,) each."""
+
+_TAIL = 0.1
+_UNEVEN = 1e-3
+_UNMOVED = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """An evenly sampled record; u[k] is on from sample k to the next."""
+
+    interval: float
+    u: FloatArray
+    y: FloatArray
+
+    @property
+    def changes(self) -> npt.NDArray[np.int64]:
+        """Samples at which the input changes."""
+        return np.flatnonzero(np.diff(self.u)) + 1
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of the input and the hold after it, scaled to a unit step of the output.
+
+    Parameters
+    ----------
+    rising : bool
+        Whether the output rises.
+    stretch : Stretch
+        Input 0 and then 1; output less its rest, over its settled change.
+    """
+
+    rising: bool
+    stretch: Stretch
+
+
+def as_sampled(record: Arrays, reading: Reading) -> Sampled:
+    """Check a record and bring it to one convention.
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ, the samples are not evenly spaced, or the input never changes.
+    """
+    check_option("reading", reading, ("end", "begin"))
+    t, u = as_waveform(record[0], record[1])
+    _, y = as_waveform(record[0], record[2], name="y")
+    steps = np.diff(t)
+    interval = float(np.median(steps))
+    if np.abs(steps - interval).max() > _UNEVEN * interval:
+        worst = int(np.argmax(np.abs(steps - interval)))
+        raise SignalError(
+            f"t goes on by {steps[worst]:g} s at index {worst + 1} and by {interval:g} s "
+            "elsewhere; sample evenly, or interpolate"
+        )
+    if np.ptp(u) == 0:
+        raise SignalError(
+            f"the input is {u[0]:g} throughout; include the hold before the step, a step without "
+            "its rest says nothing"
+        )
+    if reading == "end":
+        u = np.append(u[1:], u[-1])
+    return Sampled(interval, u, y)
+
+
+def whole(record: Sampled) -> Stretch:
+    """The record from the tail of its first hold on, less what it was at rest there."""
+    first = int(record.changes[0])
+    begin = first + 1 - _tail(first + 1)
+    rest = float(record.y[begin : first + 1].mean())
+    return Stretch(record.u[begin:] - record.u[first - 1], record.y[begin:] - rest)
+
+
+def steps_in(record: Sampled) -> list[Step]:
+    """Every step of a record of holds, with the tail of the hold before it.
+
+    Steps after which the output is where it was are left out: they have no response to scale.
+    """
+    found = []
+    edges = np.concatenate([[0], record.changes, [record.y.size - 1]])
+    for before, now, after in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):
+        begin = now + 1 - _tail(now + 1 - before)
+        rest = float(record.y[begin : now + 1].mean())
+        settled = float(record.y[after + 1 - _tail(after - now) : after + 1].mean())
+        change = settled - rest
+        if abs(change) <= _UNMOVED * np.ptp(record.y):
+            continue
+        y = (record.y[begin : after + 1] - rest) / change
+        u = np.where(np.arange(begin, after + 1) >= now, 1.0, 0.0)
+        found.append(Step(change > 0, Stretch(u, y)))
+    return found
+
+
+def _tail(samples: int) -> int:
+    """The last tenth of a hold, at least one sample."""
+    return max(1, int(_TAIL * samples))
