@@ -27,10 +27,20 @@ EXAMPLE = (
 _RANK_LIMIT = 3000
 
 
-_Input = Annotated[
-    str, typer.Option(help="Column of the input: voltage, or the whole header, 'voltage [V]'.")
+_Data = Annotated[
+    Path,
+    typer.Argument(
+        help="CSV file: one header line, then numbers; or an experiment store, as run makes it.",
+        show_default=False,
+    ),
 ]
-_Output = Annotated[str, typer.Option(help="Column of the output; an empty cell: not measured.")]
+_Input = Annotated[
+    str | None,
+    typer.Option(help="Column of the input: voltage, or the whole header, 'voltage [V]'."),
+]
+_Output = Annotated[
+    str | None, typer.Option(help="Column of the output; an empty cell: not measured.")
+]
 _Levels = Annotated[
     int, _common.whole_option("Bands between the least and the greatest input, 250 at most.")
 ]
@@ -67,9 +77,9 @@ _Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this
 
 
 def run(
-    file: _common.DataFile,
-    input: _Input,
-    output: _Output,
+    file: _Data,
+    input: _Input = None,
+    output: _Output = None,
     levels: _Levels = 25,
     spacing: _Spacing = "uniform",
     relay: _Relay = "bipolar",
@@ -121,24 +131,41 @@ class _Done:
 
 
 def _identified(
-    file: Path, input: str, output: str, rows: str | None, options: dict[str, Any]
+    file: Path, input: str | None, output: str | None, rows: str | None, options: dict[str, Any]
 ) -> _Done:
     from minorloop.identification import identify
-    from minorloop.lab.records import Record
     from minorloop.modelfile import Provenance
 
     with _common.working(f"reading {file.name}") as now:
-        record = Record.from_csv(file, input=input, output=output, gaps=True)
-        if record.input == record.output:
-            raise ParameterError(
-                f"--input and --output are both '{record.input}'; give two columns"
-            )
+        record = _record(file, input, output)
         part = _common.as_rows(rows, len(record))
         provenance = Provenance.of(file)
         now(f"identifying {options['levels']} bands from {part.stop - part.start} rows")
         began = time.perf_counter()
         result = identify(record.u[part], record.y[part], **options)
         return _Done(record, result, provenance, time.perf_counter() - began)
+
+
+def _record(file: Path, input: str | None, output: str | None) -> Record:
+    """The settled points of a store, or two columns of a CSV file."""
+    from minorloop.lab.records import Record
+    from minorloop.lab.store import Store, is_store
+
+    if is_store(file):
+        if input is not None or output is not None:
+            raise ParameterError(
+                f"{file} is an experiment store and knows its input and output; "
+                "leave --input and --output out"
+            )
+        with Store.open(file) as store:
+            return store.record()
+    if input is None or output is None:
+        missing = "--input" if input is None else "--output"
+        raise ParameterError(f"{missing} is missing; name a column of {file}")
+    record = Record.from_csv(file, input=input, output=output, gaps=True)
+    if record.input == record.output:
+        raise ParameterError(f"--input and --output are both '{record.input}'; give two columns")
+    return record
 
 
 def _save(done: _Done, path: Path, force: bool, as_json: bool) -> None:

@@ -1,0 +1,45 @@
+"""A small drawing for the terminal: points in braille, two by four to a character."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+_BLANK = 0x2800
+_DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+"""Bits of the dots of a character, by column and by row from the top."""
+_BETWEEN = 24
+"""Dots drawn from a point to the next."""
+
+
+def scatter(x: Sequence[float], y: Sequence[float], width: int, height: int) -> list[str]:
+    """Lines of text with the points joined in their order, and their range in y beside them.
+
+    Points that are not finite are left out.
+    """
+    known = [(a, b) for a, b in zip(x, y, strict=True) if math.isfinite(a) and math.isfinite(b)]
+    if not known:
+        return []
+    xs, ys = zip(*known, strict=True)
+    across, down = 2 * width - 1, 4 * height - 1
+    cells = [[_BLANK] * width for _ in range(height)]
+    placed = [
+        (_place(a, min(xs), max(xs)) * across, (1 - _place(b, min(ys), max(ys))) * down)
+        for a, b in known
+    ]
+    for (a, b), (c, d) in zip(placed, [*placed[1:], placed[-1]], strict=True):
+        for k in range(_BETWEEN):
+            share = k / _BETWEEN
+            column, row = round(a + share * (c - a)), round(b + share * (d - b))
+            cells[row // 4][column // 2] |= _DOTS[column % 2][row % 4]
+    labels = {0: f"{max(ys):.4g}", height - 1: f"{min(ys):.4g}"}
+    wide = max(map(len, labels.values()))
+    rows = ["".join(map(chr, row)) for row in cells]
+    lines = [f"{labels.get(k, ''):>{wide}} {row}" for k, row in enumerate(rows)]
+    ends = f"{min(xs):.4g}", f"{max(xs):.4g}"
+    gap = max(1, width - len(ends[0]) - len(ends[1]))
+    return [*lines, f"{'':>{wide}} {ends[0]}{'':>{gap}}{ends[1]}"]
+
+
+def _place(value: float, low: float, high: float) -> float:
+    return 0.5 if high == low else (value - low) / (high - low)

@@ -1,0 +1,109 @@
+"""What a run shows while it goes on: progress, time left, and the loop drawn so far."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from minorloop.cli._braille import scatter
+
+if TYPE_CHECKING:
+    from minorloop.lab.run import Moment
+    from minorloop.lab.store import Store
+
+_WIDTH, _HEIGHT = 48, 10
+
+
+@contextmanager
+def watching(store: Store) -> Iterator[Callable[[Moment], None]]:
+    """Yield what ``lab.run.run`` tells its moments to.
+
+    On a terminal: a bar, the time left and the loop. Elsewhere: one line a settled point, as a
+    log of a run of hours should have. All on stderr.
+    """
+    if sys.stderr.isatty():
+        with _live(store) as show:
+            yield show
+        return
+    units = [quantity.unit for quantity in store.outputs]
+
+    def log(moment: Moment) -> None:
+        if moment.point is not None:
+            print(_line(moment, *units), file=sys.stderr, flush=True)
+
+    yield log
+
+
+def _line(moment: Moment, input_unit: str, output_unit: str) -> str:
+    verdict = moment.point.verdict if moment.point else ""
+    return (
+        f"{moment.index + 1}/{moment.total}  {moment.input:.6g} {input_unit}  "
+        f"{moment.output:.6g} {output_unit}  {verdict} after {moment.held:.6g} s"
+    )
+
+
+@contextmanager
+def _live(store: Store) -> Iterator[Callable[[Moment], None]]:
+    from rich.console import Console, Group
+    from rich.live import Live
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.text import Text
+
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    bar = Progress(*columns, TextColumn("{task.fields[left]}"))
+    task = bar.add_task("measuring", total=len(store.plan), completed=len(store), left="")
+    points = store.points()
+    u, y = [point.input for point in points], [point.value for point in points]
+    clock = _Clock(store)
+
+    def show(moment: Moment) -> None:
+        doing = f"{moment.input:.5g} {store.outputs[0].unit} for {moment.held:.0f} s"
+        if moment.point is not None:
+            u.append(moment.point.input)
+            y.append(moment.point.value)
+        left = clock.left(moment)
+        bar.update(task, description=doing, completed=len(u), left=left)
+        live.update(Group(bar, Text(_drawn(store, u, y))))
+
+    with Live(bar, console=Console(stderr=True), refresh_per_second=8) as live:
+        yield show
+
+
+class _Clock:
+    """Time left, from how long each second of holding has taken so far."""
+
+    def __init__(self, store: Store) -> None:
+        self._longest = store.plan.longest
+        self._began = time.monotonic()
+        self._held = 0.0
+        self._shares: list[float] = []
+
+    def left(self, moment: Moment) -> str:
+        if moment.point is None:
+            return ""
+        self._held += moment.held
+        self._shares.append(moment.held / float(self._longest[moment.index]))
+        share = sum(self._shares) / len(self._shares)
+        to_hold = share * float(self._longest[moment.index + 1 :].sum())
+        seconds = (time.monotonic() - self._began) * to_hold / self._held
+        if seconds < 1:
+            return ""
+        return f"{as_duration(seconds)} left"
+
+
+def as_duration(seconds: float) -> str:
+    """A time as people say it."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+def _drawn(store: Store, u: Sequence[float], y: Sequence[float]) -> str:
+    x, output = store.outputs
+    picture: list[Any] = [f"{output} against {x}", *scatter(u, y, _WIDTH, _HEIGHT)]
+    return "\n".join(picture)

@@ -1,0 +1,28 @@
+"""``minorloop resume``: go on with a run that was stopped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.cli.run import carry_out
+
+NAME = "resume"
+EXAMPLE = "minorloop resume --store runs.sqlite"
+
+
+def run(
+    store: Annotated[Path, typer.Option(show_default=False, help="The file that run has made.")],
+    as_json: _common.Json = False,
+) -> None:
+    """Go on with a run behind its last settled point, whatever stopped it."""
+    from minorloop.connect import connect
+    from minorloop.lab.store import Store
+
+    with Store.open(store, write=True) as opened:
+        setup = opened.setup
+        plant = connect(setup.address, specimen=setup.specimen, seed=setup.seed, **setup.options)
+        carry_out(plant, opened, as_json)

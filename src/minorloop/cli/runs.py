@@ -1,0 +1,137 @@
+"""``minorloop runs``: look into experiment stores, and take the points out."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.cli._braille import scatter
+from minorloop.cli._watch import as_duration
+from minorloop.cli.run import summary
+from minorloop.errors import ParameterError, StoreError
+
+if TYPE_CHECKING:
+    from minorloop.lab.store import Store
+
+NAME = "runs"
+EXAMPLE = "minorloop runs export --store runs.sqlite --save points.csv"
+_ACTIONS = ("list", "show", "export")
+
+
+def run(
+    action: Annotated[
+        str,
+        typer.Argument(
+            show_default=False,
+            help="list (one line a store), show (its points), or export (one row a point).",
+        ),
+    ],
+    store: Annotated[
+        Path,
+        typer.Option(
+            show_default=False, help="The file that run has made; for list, a folder of them too."
+        ),
+    ],
+    save: _common.Save = None,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Look into experiment stores, and take the settled points out."""
+    if action not in _ACTIONS:
+        known = ", ".join(_ACTIONS)
+        raise ParameterError(f"there is no action {action!r}; give one of {known}")
+    if save is not None and action != "export":
+        raise ParameterError(f"--save goes with export, not with {action}; leave it out")
+    if action == "list":
+        _list(store, as_json)
+    elif action == "show":
+        _show(store, as_json)
+    else:
+        _export(store, save, force, as_json)
+
+
+def _list(place: Path, as_json: bool) -> None:
+    from minorloop.lab.store import Store, is_store
+
+    files = sorted(filter(is_store, place.iterdir())) if place.is_dir() else [place]
+    if not files:
+        raise StoreError(f"there is no experiment store in {place}; run makes one")
+    found = []
+    for file in files:
+        with Store.open(file) as opened:
+            found.append(summary(opened))
+    if as_json:
+        _common.print_json({"runs": found})
+        return
+    rows = [
+        (
+            str(figures["store"]),
+            str(figures["actuator"]),
+            "nominal" if figures["specimen"] is None else str(figures["specimen"]),
+            f"{figures['points']} of {figures['levels']}",
+            "finished" if figures["finished"] else "to be resumed",
+        )
+        for figures in found
+    ]
+    _common.print_table(("store", "actuator", "specimen", "points", ""), rows)
+
+
+def _show(file: Path, as_json: bool) -> None:
+    from minorloop.lab.store import Store
+
+    with Store.open(file) as opened:
+        if as_json:
+            sittings = [vars(sitting) for sitting in opened.sittings()]
+            _common.print_json(
+                {**summary(opened), "sittings": sittings, "columns": opened.columns()}
+            )
+            return
+        _print(opened)
+
+
+def _print(store: Store) -> None:
+    figures = summary(store)
+    rows = [
+        ("actuator", str(figures["actuator"])),
+        ("specimen", "nominal" if figures["specimen"] is None else str(figures["specimen"])),
+        ("seed of the noise", str(figures["seed"])),
+        ("plan", str(store.plan)),
+        ("points", f"{figures['points']} of {figures['levels']}"),
+        *((name, str(figures[name])) for name in ("settled", "extrapolated", "unsettled")),
+        ("held", as_duration(figures["held_s"])),
+    ]
+    _common.print_table(("", ""), rows, str(store.path))
+    for sitting in store.sittings():
+        end = sitting.end or "killed, or still at work"
+        typer.echo(f"{sitting.began}: {sitting.way}, from point {sitting.first} on; {end}")
+    points, (u, y) = store.points(), store.outputs
+    if points:
+        typer.echo(f"\n{y} against {u}")
+        for line in scatter([p.input for p in points], [p.value for p in points], 60, 14):
+            typer.echo(line)
+
+
+def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:
+    from minorloop.lab.store import Store
+
+    _common.check_outputs([save], inputs=[file], force=force)
+    with Store.open(file) as opened:
+        columns = opened.columns()
+    rows = len(columns["index"])
+    if save is not None:
+        _common.write_csv(save, columns, force=force)
+    if as_json:
+        _common.print_json({"rows": rows, "columns": columns})
+    elif save is not None:
+        typer.echo(f"{rows} settled points written to {save}")
+    else:
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+        typer.echo(text.getvalue(), nl=False)

@@ -1,0 +1,247 @@
+"""What is in the rows of an experiment store, and how it gets in and out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import sqlite3
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import OutputError, ParameterError
+
+MAGIC = b"SQLite format 3\0"
+SCHEMA = (
+    "CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL)",
+    "CREATE TABLE sitting (id INTEGER PRIMARY KEY, began TEXT NOT NULL, ended TEXT, "
+    "first INTEGER NOT NULL, way TEXT NOT NULL, end TEXT)",
+    "CREATE TABLE point (id INTEGER PRIMARY KEY, input REAL NOT NULL, value REAL, sd REAL, "
+    "verdict TEXT NOT NULL, t REAL NOT NULL, held REAL NOT NULL, checkpoint TEXT, "
+    "digest TEXT NOT NULL)",
+    "CREATE TABLE trace (id INTEGER PRIMARY KEY REFERENCES point (id), t BLOB NOT NULL, "
+    "y BLOB NOT NULL, digest TEXT NOT NULL)",
+)
+POINTS = "SELECT id, input, value, sd, verdict, t, held, checkpoint, digest FROM point ORDER BY id"
+TRACES = "SELECT id, t, y, digest FROM trace ORDER BY id"
+SITTINGS = "SELECT began, ended, first, way, end FROM sitting ORDER BY id"
+INSERT_POINT = "INSERT INTO point VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
+INSERT_TRACE = "INSERT INTO trace VALUES (?, ?, ?, ?)"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a plan is carried out on.
+
+    Parameters
+    ----------
+    address : str
+        Where the actuator is, such as ``twin:ipmc``.
+    input, output : str
+        Name and unit of its channels, such as ``voltage [V]``.
+    specimen : int, optional
+        Seed of the specimen; None for the nominal one.
+    seed : int
+        Seed of the noise.
+    options : dict
+        What else it takes to connect to it, such as ``noise``; ready for JSON.
+    """
+
+    address: str
+    input: str
+    output: str
+    specimen: int | None = None
+    seed: int = 0
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """The setup as JSON; equal setups give equal text."""
+        try:
+            return json.dumps(asdict(self), sort_keys=True)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"the setup cannot be written as JSON: {error}") from None
+
+    def difference(self, other: Setup) -> str:
+        """The first thing in which another setup differs, in words; empty if it is the same."""
+        for name, mine in asdict(self).items():
+            theirs = getattr(other, name)
+            if mine != theirs:
+                return f"its {name} is {mine}, not {theirs}"
+        return ""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A level that was held to its end.
+
+    Parameters
+    ----------
+    index : int
+        Which level of the plan, counted from 0.
+    input : float
+        The level, in the unit of the input.
+    value, sd : float
+        Settled output and its standard deviation, in the unit of the output; NaN where
+        nothing was measured.
+    verdict : str
+        ``settled``, ``extrapolated`` or ``unsettled``; see ``lab.settling``.
+    t : float
+        Time at the end of the hold, on the clock of the actuator, in seconds.
+    held : float
+        How long it was held, in seconds.
+    checkpoint : dict, optional
+        The state of a twin at the end of the hold.
+    """
+
+    index: int
+    input: float
+    value: float
+    sd: float
+    verdict: str
+    t: float
+    held: float
+    checkpoint: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """One process that carried the plan on.
+
+    Parameters
+    ----------
+    began : str
+        When, in UTC.
+    ended : str, optional
+        When it ended; None where it was killed, or is still at work.
+    first : int
+        The point that it began with.
+    way : str
+        How the actuator got there: ``fresh``, ``restored`` to exactly the state at the last
+        settled point, or ``replayed``: taken through its recorded inputs again, unmeasured.
+    end : str, optional
+        How it ended: ``finished``, ``interrupted``, or what went wrong.
+    """
+
+    began: str
+    ended: str | None
+    first: int
+    way: str
+    end: str | None
+
+
+def point_row(point: Point) -> tuple[Any, ...]:
+    """A point as it is written."""
+    numbers = (_or_none(point.value), _or_none(point.sd))
+    state = None if point.checkpoint is None else json.dumps(point.checkpoint)
+    times = (float(point.t), float(point.held))
+    row = (point.index, float(point.input), *numbers, point.verdict, *times, state)
+    return (*row, digest(*row))
+
+
+def as_point(row: tuple[Any, ...]) -> Point:
+    """A point as it was written.
+
+    Raises
+    ------
+    ValueError
+        If it was altered since.
+    """
+    *content, written = row
+    if digest(*content) != written:
+        raise ValueError(f"point {row[0]} was altered")
+    index, input, value, sd, verdict, t, held, state = content
+    checkpoint = None if state is None else json.loads(state)
+    return Point(index, input, _or_nan(value), _or_nan(sd), verdict, t, held, checkpoint)
+
+
+def as_sitting(row: tuple[Any, ...]) -> Sitting:
+    """A sitting as it was written."""
+    return Sitting(*row)
+
+
+def as_bytes(values: FloatArray) -> bytes:
+    """Numbers as they are kept: little-endian float64."""
+    return np.ascontiguousarray(values, dtype="<f8").tobytes()
+
+
+def as_array(content: bytes) -> FloatArray:
+    """Numbers as they were kept."""
+    return np.frombuffer(content, dtype="<f8").astype(np.float64)
+
+
+def digest(*content: object) -> str:
+    """What tells whether a row is as it was written."""
+    summary = hashlib.sha256()
+    for item in content:
+        data = item if isinstance(item, bytes) else repr(item).encode()
+        summary.update(len(data).to_bytes(8, "little") + data)
+    return summary.hexdigest()
+
+
+def reason(error: sqlite3.Error) -> str:
+    """What SQLite says, for people."""
+    name = getattr(error, "sqlite_errorname", "")
+    for begin, words in (
+        ("SQLITE_FULL", "the disk is full; make room"),
+        ("SQLITE_BUSY", "another process has it open; wait until that one has ended"),
+        ("SQLITE_LOCKED", "another process has it open; wait until that one has ended"),
+        ("SQLITE_READONLY", "it is protected against writing"),
+        ("SQLITE_CORRUPT", "it is damaged; restore a copy of it"),
+        ("SQLITE_NOTADB", "it is damaged; restore a copy of it"),
+        ("SQLITE_CANTOPEN", "it, or the journal beside it, cannot be opened"),
+        ("SQLITE_IOERR", f"the disk does not take or give it ({error})"),
+    ):
+        if name.startswith(begin):
+            return words
+    return str(error)
+
+
+def take_name(scratch: Path, target: Path) -> None:
+    """Give a finished file its name in one move, unless something has that name.
+
+    Raises
+    ------
+    OutputError
+        If something has it, or the folder does not allow it.
+    """
+    try:
+        try:
+            os.link(scratch, target)  # unlike a rename, never replaces what is there
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            if target.exists():
+                raise FileExistsError from None
+            os.rename(scratch, target)
+    except FileExistsError:
+        raise OutputError(f"{target} exists already; give another name") from None
+    except OSError as error:
+        raise OutputError(f"{target} cannot be written: {error.strerror or error}") from None
+    _settle_folder(target.parent)
+
+
+def _settle_folder(folder: Path) -> None:
+    """Have the new name survive a loss of power, where the system can promise that."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass
+    finally:
+        os.close(handle)
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

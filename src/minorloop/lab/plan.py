@@ -1,0 +1,286 @@
+"""What to apply, how long to hold it, and when it counts as settled."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, as_samples, frozen
+from minorloop.errors import ParameterError, RecordError, SignalError
+from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
+from minorloop.lab.records import SECONDS, Quantity
+
+LONGEST = Quantity("hold", "s")
+"""Header of the column of longest holds."""
+SHORTEST = Quantity("shortest hold", "s")
+"""Header of the column of shortest holds."""
+FEWEST = 4
+"""Samples that a window has at least: a slope and its uncertainty need that many."""
+MAX_POINTS = 1_000_000
+MAX_SAMPLES = 2_000_000
+"""Samples of the longest hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Inputs to hold one after the other, each until the output has settled.
+
+    A level is held for ``shortest`` at least and ``longest`` at most; between these it is left
+    as soon as the slope of the output over the last ``window`` is known to be below
+    ``tolerance``.
+
+    Parameters
+    ----------
+    inputs : (N,) array_like
+        Levels of the input, in its unit.
+    longest : float or (N,) array_like
+        Longest hold of each level, in seconds.
+    shortest : float or (N,) array_like, optional
+        Shortest hold of each level, in seconds; a quarter of the longest if not given. An
+        output that turns looks settled at its turn: hold longer than it takes to turn.
+    window : float, optional
+        Trailing time over which the slope is taken, in seconds; a tenth of the least of
+        ``longest`` if not given.
+    tolerance : float, optional
+        Slope of a settled output, in the unit of the output per second. If not given, it is
+        the slope that moves the output by 0.2 % of the span seen so far in another hold.
+    sample_interval : float, optional
+        Time between samples, in seconds; 1/200 of the least of ``longest`` if not given.
+    input : str or Quantity
+        Name and unit of the input, such as ``voltage [V]``.
+
+    Raises
+    ------
+    ParameterError
+        If the plan is empty, a number is out of its range, or the times contradict each other.
+    """
+
+    inputs: FloatArray
+    longest: FloatArray
+    shortest: FloatArray
+    window: float
+    tolerance: float | None
+    sample_interval: float
+    input: Quantity
+
+    def __init__(
+        self,
+        inputs: npt.ArrayLike,
+        longest: npt.ArrayLike,
+        shortest: npt.ArrayLike | None = None,
+        *,
+        window: float | None = None,
+        tolerance: float | None = None,
+        sample_interval: float | None = None,
+        input: str | Quantity = "input",
+    ) -> None:
+        u = _levels(inputs)
+        most = _each("longest hold", longest, u.size)
+        least = most / 4 if shortest is None else _each("shortest hold", shortest, u.size)
+        brief = float(most.min())
+        interval = brief / 200 if sample_interval is None else sample_interval
+        interval = _positive("sample interval", interval)
+        span = min(max(brief / 10, 10 * interval), brief) if window is None else window
+        fields = {
+            "inputs": frozen(u),
+            "longest": frozen(most),
+            "shortest": frozen(least),
+            "window": _positive("window", span),
+            "tolerance": None if tolerance is None else _positive("tolerance", tolerance),
+            "sample_interval": interval,
+            "input": Quantity.parse(input) if isinstance(input, str) else input,
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+        self._check()
+
+    def __len__(self) -> int:
+        return int(self.inputs.size)
+
+    def __str__(self) -> str:
+        hours = float(self.longest.sum()) / 3600
+        return f"{len(self)} levels of {self.input}, {hours:.3g} h at most"
+
+    @classmethod
+    def from_csv(cls, path: PathLike, *, input: str | None = None, **settings: Any) -> Plan:
+        """Read a plan from a CSV file, as ``minorloop plan --save`` writes it.
+
+        Parameters
+        ----------
+        path : str or path
+            A file with a column ``hold [s]`` (or ms, min, h), perhaps a column
+            ``shortest hold [s]``, and one of the input.
+        input : str, optional
+            The column of the input; needed where there are several other columns.
+        **settings
+            ``window``, ``tolerance``, ``sample_interval``, and ``shortest`` to replace the
+            column.
+
+        Raises
+        ------
+        RecordError
+            If the file or a column in it cannot be used.
+        ParameterError
+            If a number is out of its range.
+        """
+        headers = read_headers(path)
+        times = {name: _time_column(name, headers) for name in (str(LONGEST), str(SHORTEST))}
+        hold, least = times[str(LONGEST)], times[str(SHORTEST)]
+        if hold is None:
+            raise RecordError(f"{path} has no column '{LONGEST}'; a plan says how long to hold")
+        if input is None:
+            others = [header for header in headers if header not in (hold, least)]
+            if len(others) != 1:
+                shown = ", ".join(f"'{header}'" for header in others[:12]) or "none"
+                raise RecordError(
+                    f"{path} has {len(others)} columns that could be the input ({shown}); name one"
+                )
+            input = others[0]
+        header = find_column(input, headers, source=path)
+        wanted = [name for name in (header, hold, least) if name is not None]
+        columns = read_columns(path, wanted)
+        if least is not None:
+            settings.setdefault("shortest", columns[least] * _seconds(least, path))
+        return cls(columns[header], columns[hold] * _seconds(hold, path), input=header, **settings)
+
+    def to_csv(self, path: PathLike, *, force: bool = False) -> None:
+        """Write inputs, longest and shortest holds as CSV; the settings stay behind.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and ``force`` is false, or it cannot be written.
+        """
+        check_writable(path, force=force)
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([str(self.input), str(LONGEST), str(SHORTEST)])
+        columns = (self.inputs, self.longest, self.shortest)
+        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        write_atomically(path, text.getvalue())
+
+    def to_json(self) -> str:
+        """The whole plan as JSON; equal plans give equal text."""
+        return json.dumps(
+            {
+                "input": str(self.input),
+                "window": self.window,
+                "tolerance": self.tolerance,
+                "sample_interval": self.sample_interval,
+                "inputs": self.inputs.tolist(),
+                "longest": self.longest.tolist(),
+                "shortest": self.shortest.tolist(),
+            }
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> Plan:
+        """The plan that ``to_json`` wrote.
+
+        Raises
+        ------
+        ParameterError
+            If the text is no plan.
+        """
+        try:
+            return cls(**json.loads(text))
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"that is not a plan: {error}") from None
+
+    def difference(self, other: Plan) -> str:
+        """The first thing in which another plan differs, in words; empty if it is the same."""
+        for name in ("input", "window", "tolerance", "sample_interval"):
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if mine != theirs:
+                return f"its {name.replace('_', ' ')} is {mine}, not {theirs}"
+        if len(self) != len(other):
+            return f"it has {len(self)} levels, not {len(other)}"
+        for name, what in (("inputs", "level"), ("longest", "hold"), ("shortest", "shortest hold")):
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if (mine != theirs).any():
+                index = int(np.argmax(mine != theirs))
+                return f"its {what} {index} is {mine[index]:.12g}, not {theirs[index]:.12g}"
+        return ""
+
+    def _check(self) -> None:
+        late = self.shortest > self.longest
+        if late.any():
+            i = int(np.argmax(late))
+            raise ParameterError(
+                f"level {i} is held {self.shortest[i]:g} s at least and {self.longest[i]:g} s at "
+                "most; give a shortest hold that is no longer than the longest"
+            )
+        if self.window > self.longest.min():
+            raise ParameterError(
+                f"window is {self.window:g} s and a hold is {self.longest.min():g} s; "
+                "give a window that fits into every hold"
+            )
+        if self.window < FEWEST * self.sample_interval * (1 - 1e-9):
+            raise ParameterError(
+                f"a window of {self.window:g} s holds fewer than {FEWEST} samples "
+                f"{self.sample_interval:g} s apart; widen it or sample more often"
+            )
+        if self.longest.max() > MAX_SAMPLES * self.sample_interval:
+            raise ParameterError(
+                f"a hold of {self.longest.max():g} s takes more than {MAX_SAMPLES} samples "
+                f"{self.sample_interval:g} s apart; sample less often"
+            )
+
+
+def _levels(inputs: npt.ArrayLike) -> FloatArray:
+    try:
+        levels = as_samples(inputs, name="inputs")
+    except SignalError as error:
+        raise ParameterError(str(error)) from None
+    if levels.ndim != 1 or not 0 < levels.size <= MAX_POINTS:
+        raise ParameterError(
+            f"inputs have shape {levels.shape}; a plan has (N,) levels of one input, "
+            f"1 to {MAX_POINTS} of them"
+        )
+    return levels
+
+
+def _each(name: str, times: npt.ArrayLike, count: int) -> FloatArray:
+    """One time for each level, (count,)."""
+    try:
+        values = np.array(np.broadcast_to(np.asarray(times, dtype=np.float64), (count,)))
+    except (TypeError, ValueError):
+        raise ParameterError(
+            f"{name} is {times!r}; give one number of seconds, or one for each of {count} levels"
+        ) from None
+    good = np.isfinite(values) & (values > 0)
+    if not good.all():
+        index = int(np.argmin(good))
+        raise ParameterError(
+            f"{name} {index} is {values[index]:g}; give a positive number of seconds"
+        )
+    return values
+
+
+def _positive(name: str, value: float) -> float:
+    number = as_finite(name, value)
+    if number <= 0:
+        raise ParameterError(f"{name} is {value}; give a positive number")
+    return number
+
+
+def _time_column(name: str, headers: list[str]) -> str | None:
+    """The header that means this time, whatever its unit."""
+    wanted = split_header(name)[0]
+    found = [header for header in headers if split_header(header)[0] == wanted]
+    return found[0] if found else None
+
+
+def _seconds(header: str, path: PathLike) -> float:
+    unit = split_header(header)[1]
+    if unit not in SECONDS:
+        units = ", ".join(unit for unit in SECONDS if unit)
+        raise RecordError(f"column '{header}' of {path} must be in one of {units}")
+    return SECONDS[unit]

@@ -1,0 +1,295 @@
+"""Carry a plan out; stop and go on without losing a settled point.
+
+Each level is held until its output has settled, and the settled point is in the store, with its
+raw trace, before the next level is applied. Whatever stops the run, the actuator is left on its
+safe input; whoever calls ``run`` again with the same store goes on behind the last point.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, TypeAlias, cast, runtime_checkable
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import MinorloopError, ParameterError
+from minorloop.lab.actuator import Actuator, check_input
+from minorloop.lab.plan import Plan
+from minorloop.lab.records import Record
+from minorloop.lab.settling import judge, trend
+from minorloop.lab.store import Point, Store
+
+Way: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
+
+SPAN_SHARE = 0.002
+"""A settled output moves by less than this share of the span seen so far in another hold."""
+_LOOKS = 2
+"""Looks at the output in each window."""
+
+
+@runtime_checkable
+class Restorable(Protocol):
+    """A plant whose state can be kept and brought back exactly, as that of a twin can."""
+
+    def checkpoint(self) -> dict[str, Any]:
+        """The state, ready for JSON."""
+
+    def restore(self, checkpoint: dict[str, Any]) -> None:
+        """Go back to a state."""
+
+
+class Stopped(KeyboardInterrupt):
+    """The process was asked to end."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """How far a run is.
+
+    Parameters
+    ----------
+    index, total : int
+        The level that is held, counted from 0, and how many there are.
+    input : float
+        The level, in the unit of the input.
+    output : float
+        The latest sample, in the unit of the output; NaN where nothing is measured.
+    held : float
+        How long the level has been held, in seconds.
+    point : Point, optional
+        The settled point, once it is in the store.
+    """
+
+    index: int
+    total: int
+    input: float
+    output: float
+    held: float
+    point: Point | None = None
+
+
+def run(
+    actuator: Actuator,
+    plan: Plan,
+    store: Store,
+    *,
+    watch: Callable[[Moment], None] = lambda moment: None,
+) -> Way:
+    """Carry out what is left of a plan, and leave the actuator on its safe input.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        What to measure; it has one input and one output.
+    plan : Plan
+        What to apply.
+    store : Store
+        Where the points go, open to write; it may hold the first of them already.
+    watch : callable
+        Called with a ``Moment`` while a level is held, and when its point is in the store.
+
+    Returns
+    -------
+    str
+        How the actuator came to where the run began: ``fresh``; ``restored`` to exactly the
+        state at the last settled point, as twins can be; ``replayed``: taken through its
+        recorded inputs again, unmeasured; or ``finished``: there was nothing left to do.
+
+    Raises
+    ------
+    ParameterError
+        If the plan is in another unit than the actuator, or this has several channels.
+    LimitError
+        If a level is beyond the limits of the actuator; nothing is applied then.
+    StoreError
+        If the store belongs to another plan, or cannot be written; its points are kept.
+    """
+    check_plan(actuator, plan)
+    store.check_same(plan)
+    if store.finished:
+        return "finished"
+    with _left_safe(actuator):
+        way = _take_up(actuator, store, watch)
+        sitting = store.begin_sitting(way)
+        try:
+            values = [point.value for point in store.points()]
+            for index in range(len(store), len(plan)):
+                values.append(_measure(actuator, plan, store, index, values, watch))
+        except BaseException as error:
+            with suppress(MinorloopError):
+                store.end_sitting(sitting, _reason(error))
+            raise
+        store.end_sitting(sitting, "finished")
+    return way
+
+
+def check_plan(actuator: Actuator, plan: Plan) -> None:
+    """Refuse a plan that an actuator cannot carry out; nothing is applied.
+
+    Raises
+    ------
+    ParameterError
+        If the plan is in another unit, or the actuator has several channels.
+    LimitError
+        If a level is beyond the limits.
+    """
+    if len(actuator.inputs) != 1 or len(actuator.outputs) != 1:
+        raise ParameterError(
+            f"the actuator has {len(actuator.inputs)} inputs and {len(actuator.outputs)} outputs; "
+            "a plan is for one of each"
+        )
+    channel = actuator.inputs[0]
+    if plan.input.unit and plan.input.unit != channel.unit:
+        raise ParameterError(
+            f"the plan is for '{plan.input}' and the actuator takes '{channel}'; "
+            f"give the levels in {channel.unit or 'pure numbers'}"
+        )
+    for level in (plan.inputs.min(), plan.inputs.max()):
+        check_input(actuator.inputs, level)
+
+
+def _take_up(actuator: Actuator, store: Store, watch: Callable[[Moment], None]) -> Way:
+    """Bring the actuator to where the store ends."""
+    last = store.last()
+    if isinstance(actuator, Restorable):
+        if last is None:
+            store.set_origin(actuator.checkpoint())
+        state = store.origin() if last is None else last.checkpoint
+        if state is not None:
+            actuator.restore(state)
+            return "fresh" if last is None else "restored"
+    if last is None:
+        return "fresh"
+    plan = store.plan
+    for point in store.points():
+        actuator.apply(point.input, point.held, min(plan.sample_interval, point.held))
+        watch(Moment(point.index, len(plan), point.input, float("nan"), point.held))
+    return "replayed"
+
+
+def _measure(
+    actuator: Actuator,
+    plan: Plan,
+    store: Store,
+    index: int,
+    values: list[float],
+    watch: Callable[[Moment], None],
+) -> float:
+    """Hold one level until it has settled, and put the point into the store."""
+    level, total = float(plan.inputs[index]), len(plan)
+    looks: list[Record] = []
+    held = 0.0
+    for look in _looks(plan, index):
+        looks.append(actuator.apply(level, look, plan.sample_interval))
+        held += look
+        watch(Moment(index, total, level, _latest(looks), held))
+        t, y = _trace(looks, held)
+        tolerance = _tolerance(plan, index, values, y)
+        line = trend(t, y, plan.window)
+        if line is not None and line.is_below(tolerance):
+            break
+    end = judge(t, y, tolerance=tolerance, window=plan.window)
+    before = store.last()
+    point = Point(
+        index=index,
+        input=level,
+        value=end.value,
+        sd=end.sd,
+        verdict=end.verdict,
+        t=held + (0.0 if before is None else before.t),
+        held=held,
+        checkpoint=actuator.checkpoint() if isinstance(actuator, Restorable) else None,
+    )
+    store.add(point, t, y)
+    watch(Moment(index, total, level, end.value, held, point))
+    return end.value
+
+
+def _looks(plan: Plan, index: int) -> Iterator[float]:
+    """Lengths of the stretches after which to look whether the output has settled.
+
+    All but the last are whole numbers of sample intervals, so that samples stay evenly spaced.
+    """
+    longest, interval = float(plan.longest[index]), plan.sample_interval
+    stretch = float(plan.shortest[index])
+    left = longest
+    while left > 0:
+        samples = max(1, round(stretch / interval))
+        length = samples * interval
+        if left - length < interval / 2:
+            length = left
+        yield length
+        left -= length
+        stretch = plan.window / _LOOKS
+
+
+def _tolerance(plan: Plan, index: int, values: list[float], y: FloatArray) -> float:
+    if plan.tolerance is not None:
+        return plan.tolerance
+    seen = np.concatenate([values, y])
+    seen = seen[np.isfinite(seen)]
+    span = float(np.ptp(seen)) if seen.size else 0.0
+    return SPAN_SHARE * span / float(plan.longest[index])
+
+
+def _trace(looks: list[Record], held: float) -> tuple[FloatArray, FloatArray]:
+    """Times since the level was applied, and outputs."""
+    t = np.concatenate([record.t for record in looks])
+    y = np.concatenate([record.y for record in looks])
+    # The last sample is taken at the end of the hold, whatever the clock of the actuator says.
+    return cast(FloatArray, held + (t - t[-1])), y
+
+
+def _latest(looks: list[Record]) -> float:
+    return float(looks[-1].y[-1])
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    return str(error) or type(error).__name__
+
+
+@contextmanager
+def _left_safe(actuator: Actuator) -> Iterator[None]:
+    """Bring the actuator to its safe input at the end, however that comes."""
+    with _ended_by_signals() as hold_off:
+        try:
+            yield
+        finally:
+            hold_off()
+            actuator.safe()
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[Callable[[], None]]:
+    """Turn the signals that end a process into an exception; yields what turns them off.
+
+    Only the main thread can; elsewhere the caller has to see to it.
+    """
+    names = ("SIGTERM", "SIGHUP", "SIGINT")
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []
+
+    def stop(number: int, frame: object) -> None:
+        raise Stopped(signal.Signals(number).name)
+
+    def hold_off() -> None:
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)
+
+    before = {number: signal.getsignal(number) for number in numbers}
+    for number in numbers:
+        if before[number] is not signal.SIG_IGN:
+            signal.signal(number, stop)
+    try:
+        yield hold_off
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

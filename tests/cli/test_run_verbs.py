@@ -1,0 +1,140 @@
+import csv
+import json
+import os
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
+PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
+RUN = "run --actuator twin:ipmc --plan plan.csv --noise 0.05 --specimen 3 --seed 4"
+
+
+@pytest.fixture(autouse=True)
+def _planned(_somewhere, run):
+    assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
+
+
+def _exported(name):
+    with open(name, newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_from_a_plan_to_a_model(run, answer):
+    status, out, err = run(f"{RUN} --store runs.sqlite")
+    assert status == 0
+    assert "11 of 11 levels measured" in out
+    assert err.count("\n") == 11
+    assert err.startswith("1/11  -1.2 V  ")
+    assert run("runs export --store runs.sqlite --save points.csv")[0] == 0
+    header, *rows = _exported("points.csv")
+    assert header[:4] == ["index", "voltage [V]", "curvature [1/m]", "sd [1/m]"]
+    assert [int(row[0]) for row in rows] == list(range(11))
+    assert run("runs export --store runs.sqlite")[1] == Path("points.csv").read_text()
+    from_store = answer("identify runs.sqlite --levels 4")
+    from_csv = answer("identify points.csv --input voltage --output curvature --levels 4")
+    for key in ("nrmse_train", "samples", "range", "rank"):
+        assert from_store[key] == from_csv[key]
+
+
+def test_shows_what_is_in_a_store(run, answer):
+    run(f"{RUN} --store runs.sqlite")
+    out = run("runs list --store runs.sqlite")[1]
+    assert "11 of 11" in out
+    assert "finished" in out
+    assert answer("runs list --store .")["runs"][0]["points"] == 11
+    shown = run("runs show --store runs.sqlite")[1]
+    assert "fresh, from point 0 on; finished" in shown
+    assert "curvature [1/m] against voltage [V]" in shown
+    found = answer("runs show --store runs.sqlite")
+    assert found["actuator"] == "twin:ipmc"
+    assert found["settled"] + found["extrapolated"] + found["unsettled"] == 11
+    assert len(found["columns"]["voltage [V]"]) == 11
+    assert answer("runs export --store runs.sqlite")["rows"] == 11
+
+
+def test_a_finished_run_is_not_repeated(run, answer):
+    run(f"{RUN} --store runs.sqlite")
+    before = Path("runs.sqlite").read_bytes()
+    assert "nothing was applied" in run("resume --store runs.sqlite")[1]
+    assert answer("resume --store runs.sqlite")["way"] == "finished"
+    assert Path("runs.sqlite").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (f"{RUN} --store good.csv", "good.csv exists already"),
+        (f"{RUN} --store plan.csv", "plan.csv is read here"),
+        (f"{RUN} --store no/runs.sqlite", "the folder no does not exist"),
+        (f"{RUN.replace('plan.csv', 'good.csv')} --store a", "has no column 'hold [s]'"),
+        (f"{RUN.replace('ipmc', 'moon')} --store a", "nothing at address 'twin:moon'"),
+        (f"{RUN.replace('ipmc', 'fibre')} --store a", "voltage -1.2 V is beyond the limits"),
+        (f"{RUN} --tolerance 0 --store a", "tolerance is 0"),
+        (f"{RUN} --shortest 31 --store a", "31 s at least and 30 s at most"),
+        ("resume --store good.csv", "good.csv is not an experiment store"),
+        ("resume --store none", "none does not exist"),
+        ("runs list --store .", "there is no experiment store in ."),
+        ("runs sing --store a", "there is no action 'sing'"),
+        ("runs list --store a --save b", "--save goes with export"),
+        ("identify good.csv --input voltage", "--output is missing"),
+    ],
+)
+def test_refuses_in_one_line(line, says, refused):
+    assert says in refused(line)
+    assert not Path("a").exists()
+
+
+def test_a_store_knows_its_columns(run, refused):
+    run(f"{RUN} --store runs.sqlite")
+    assert "leave --input and --output out" in refused("identify runs.sqlite --input voltage")
+    assert "exists already" in refused(f"{RUN} --store runs.sqlite")
+
+
+def _start(line):
+    command = [sys.executable, "-m", "minorloop", *line.split()]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+
+
+def _killed(line, points, delay):
+    """Kill a process a moment after its log has told of so many points; whether it was."""
+    with _start(line) as process:
+        for _ in range(points):
+            if not process.stderr.readline():
+                break
+        try:
+            process.wait(delay)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        return process.wait() != 0
+
+
+@pytest.mark.parametrize("number", range(KILLED_RUNS))
+def test_killed_again_and_again_it_ends_as_if_nothing_had_been(number, run):
+    """SIGKILL at random instants loses nothing, repeats nothing and changes nothing."""
+    chance = random.Random(number)
+    run(f"{RUN} --store whole.sqlite")
+    run("runs export --store whole.sqlite --save whole.csv")
+    kills = 0
+    for _ in range(40):
+        begun = Path("runs.sqlite").exists()
+        line = "resume --store runs.sqlite" if begun else f"{RUN} --store runs.sqlite"
+        points = chance.choice([0, 1, 1, 2, 3])
+        if not _killed(line, points, chance.uniform(0, 0.02 if points else 0.8)):
+            break
+        kills += 1
+        if Path("runs.sqlite").exists():
+            status, out, _ = run("runs export --store runs.sqlite --json")
+            assert status == 0
+            columns = json.loads(out)["columns"]
+            assert columns["index"] == list(range(len(columns["index"])))
+    run("resume --store runs.sqlite")
+    run("runs export --store runs.sqlite --save points.csv")
+    assert kills >= 2
+    assert Path("points.csv").read_bytes() == Path("whole.csv").read_bytes()
+    voltages = [float(row[1]) for row in _exported("points.csv")[1:]]
+    np.testing.assert_array_equal(voltages, np.loadtxt("plan.csv", delimiter=",", skiprows=1)[:, 0])

@@ -1,0 +1,257 @@
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+from minorloop.connect import connect
+from minorloop.errors import LimitError, ParameterError, StoreError
+from minorloop.lab.actuator import Channel
+from minorloop.lab.plan import Plan
+from minorloop.lab.records import Record
+from minorloop.lab.run import Stopped, run
+from minorloop.lab.store import Setup, Store
+
+LEVELS = [-1.2, 0.3, -0.6, 1.2, 0.0, 0.7]
+PLAN = Plan(LEVELS, 40.0, sample_interval=0.5, input="voltage [V]")
+SETUP = Setup("twin:ipmc", "voltage [V]", "curvature [1/m]", specimen=3, seed=5)
+
+
+class Bench:
+    """An instrument: a first-order lag that cannot be checkpointed, and notes what it is told."""
+
+    inputs = (Channel("voltage", "V", -2.0, 2.0),)
+    outputs = (Channel("length", "um"),)
+    tick = 0.1
+
+    def __init__(self, fails_after=None):
+        self.told, self.state, self.clock = [], 0.0, 17.0
+        self.fails_after = fails_after
+
+    def apply(self, u, duration, sample_interval):
+        if self.fails_after is not None and len(self.told) >= self.fails_after:
+            raise OSError("the cable was pulled")
+        self.told.append((u, duration))
+        t = np.arange(1, round(duration / sample_interval) + 1) * sample_interval
+        y = u + (self.state - u) * np.exp(-t / 2.0)
+        self.state, began = float(y[-1]), self.clock
+        self.clock += duration
+        return Record(began + t, np.full(t.size, u), y, "voltage [V]", "length [um]")
+
+    def exchange(self, u):
+        return self.apply(u, self.tick, self.tick).y[-1]
+
+    def safe(self):
+        self.told.append("safe")
+
+
+@pytest.fixture
+def twin():
+    return connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
+
+
+@pytest.fixture
+def store(tmp_path):
+    with Store.create(tmp_path / "runs.sqlite", PLAN, SETUP) as opened:
+        yield opened
+
+
+def _rows(store):
+    return [(p.index, p.input, p.value, p.sd, p.verdict, p.t, p.held) for p in store.points()]
+
+
+def _undisturbed(tmp_path, actuator):
+    with Store.create(tmp_path / "whole.sqlite", PLAN, SETUP) as whole:
+        run(actuator, PLAN, whole)
+        return _rows(whole), [whole.trace(k) for k in range(len(PLAN))]
+
+
+def test_every_level_becomes_a_point_with_its_trace(store, twin):
+    assert run(twin, PLAN, store) == "fresh"
+    assert store.finished
+    points = store.points()
+    assert [point.input for point in points] == LEVELS
+    np.testing.assert_allclose([p.t for p in points], np.cumsum([p.held for p in points]))
+    for point in points:
+        t, y = store.trace(point.index)
+        assert t[-1] == point.held
+        assert 10.0 <= point.held <= 40.0
+        assert y.size == round(point.held / 0.5)
+        assert abs(point.value - y[-1]) < 1.0
+
+
+def test_a_settled_level_is_left_early_and_a_moving_one_is_not(store):
+    plan = Plan([1.0, 1.0, -1.0], 40.0, sample_interval=0.5, input="voltage [V]")
+    with Store.create(store.path.with_name("bench.sqlite"), plan, SETUP) as other:
+        run(Bench(), plan, other)
+        held = [point.held for point in other.points()]
+        assert all(10.0 <= seconds < 40.0 for seconds in held)
+        np.testing.assert_allclose([p.value for p in other.points()], [1, 1, -1], atol=0.01)
+
+
+def test_a_hold_that_never_settles_is_a_verdict_and_the_run_goes_on(tmp_path):
+    class Drifting(Bench):
+        def apply(self, u, duration, sample_interval):
+            record = super().apply(u, duration, sample_interval)
+            return Record(record.t, record.u, record.t * 1.0, "voltage [V]", "length [um]")
+
+    with Store.create(tmp_path / "drift.sqlite", PLAN, SETUP) as store:
+        run(Drifting(), PLAN, store)
+        assert {point.verdict for point in store.points()} == {"unsettled"}
+        assert {point.held for point in store.points()} == {40.0}
+
+
+def test_an_output_that_is_not_measured_is_a_verdict_too(tmp_path):
+    class Blind(Bench):
+        def apply(self, u, duration, sample_interval):
+            record = super().apply(u, duration, sample_interval)
+            return Record(record.t, record.u, record.y * np.nan, "voltage [V]", "length [um]")
+
+    with Store.create(tmp_path / "blind.sqlite", PLAN, SETUP) as store:
+        run(Blind(), PLAN, store)
+        assert {point.verdict for point in store.points()} == {"unsettled"}
+        assert np.isnan(store.points()[0].value)
+
+
+class Pulled(Exception):
+    """Stands for whatever can go wrong between two samples."""
+
+
+@pytest.mark.parametrize("looks", [3, 18, 20, 33, 47])
+def test_a_twin_goes_on_exactly_where_it_was(tmp_path, store, twin, looks):
+    rows, traces = _undisturbed(tmp_path, twin)
+    for _ in range(100):
+        left = iter(range(looks))
+
+        def watch(moment, left=left):
+            if next(left, None) is None:
+                raise Pulled
+
+        fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
+        try:
+            way = run(fresh, PLAN, store, watch=watch)
+        except Pulled:
+            continue
+        assert way in ("fresh", "restored")
+        break
+    if looks == 3:  # no life is long enough for a single point
+        assert len(store) == 0
+        return
+    assert _rows(store) == rows
+    for k, (t, y) in enumerate(traces):
+        for mine, whole in zip(store.trace(k), (t, y), strict=True):
+            np.testing.assert_array_equal(mine, whole)
+
+
+def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
+    whole, _ = _undisturbed(tmp_path, Bench())
+    first = Bench(fails_after=6)
+    with pytest.raises(OSError, match="the cable was pulled"):
+        run(first, PLAN, store)
+    assert first.told[-1] == "safe"
+    settled = len(store)
+    assert 0 < settled < len(PLAN)
+    second = Bench()
+    assert run(second, PLAN, store) == "replayed"
+    replayed = [(point.input, point.held) for point in store.points()[:settled]]
+    assert second.told[:settled] == replayed
+    assert [row[:2] for row in _rows(store)] == [row[:2] for row in whole]
+    np.testing.assert_allclose([r[2] for r in _rows(store)], [r[2] for r in whole], atol=1e-9)
+    assert [sitting.way for sitting in store.sittings()] == ["fresh", "replayed"]
+    assert [sitting.end for sitting in store.sittings()] == ["the cable was pulled", "finished"]
+
+
+def test_a_finished_run_is_left_alone(store, twin):
+    run(twin, PLAN, store)
+    bench = Bench()
+    assert run(bench, PLAN, store) == "finished"
+    assert bench.told == []
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_leaves_the_actuator_safe(store, name):
+    bench = Bench()
+
+    def watch(moment):
+        if moment.index == 2:
+            os.kill(os.getpid(), getattr(signal, name))
+
+    before = signal.getsignal(getattr(signal, name))
+    with pytest.raises(Stopped, match=name):
+        run(bench, PLAN, store, watch=watch)
+    assert bench.told[-1] == "safe"
+    assert len(store) == 2
+    assert store.sittings()[0].end == "interrupted"
+    assert signal.getsignal(getattr(signal, name)) == before
+
+
+def test_a_second_signal_does_not_keep_it_from_being_safe(store):
+    class Slow(Bench):
+        def safe(self):
+            os.kill(os.getpid(), signal.SIGINT)
+            super().safe()
+
+    bench = Slow()
+
+    def watch(moment):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Stopped):
+        run(bench, PLAN, store, watch=watch)
+    assert bench.told[-1] == "safe"
+
+
+def test_a_run_in_a_thread_is_left_safe_too(tmp_path):
+    bench = Bench(fails_after=2)
+    errors = []
+
+    def work():
+        with Store.create(tmp_path / "thread.sqlite", PLAN, SETUP) as store:
+            try:
+                run(bench, PLAN, store)
+            except OSError as error:
+                errors.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert str(errors[0]) == "the cable was pulled"
+    assert bench.told[-1] == "safe"
+
+
+def test_a_store_that_cannot_be_written_keeps_what_it_has(store, monkeypatch):
+    bench = Bench()
+    add = Store.add
+
+    def full(self, point, t, y):
+        if point.index == 3:
+            raise StoreError("the disk is full")
+        add(self, point, t, y)
+
+    monkeypatch.setattr(Store, "add", full)
+    with pytest.raises(StoreError, match="full"):
+        run(bench, PLAN, store)
+    assert bench.told[-1] == "safe"
+    assert len(store) == 3
+    monkeypatch.undo()
+    run(Bench(), PLAN, store)
+    assert [point.index for point in store.points()] == list(range(len(PLAN)))
+
+
+def test_refuses_before_anything_is_applied(store, twin):
+    bench = Bench()
+    far = Plan([0.0, 2.5], 40.0, input="voltage [V]")
+    with pytest.raises(LimitError, match=r"voltage 2.5 V is beyond the limits \[-2, 2\] V"):
+        run(bench, far, store)
+    milli = Plan([0.0, 100.0], 40.0, input="voltage [mV]")
+    with pytest.raises(ParameterError, match=r"'voltage \[mV\]' and the actuator takes"):
+        run(bench, milli, store)
+    other = Plan(LEVELS[::-1], 40.0, sample_interval=0.5, input="voltage [V]")
+    with pytest.raises(StoreError, match="belongs to another run: its level 0 is"):
+        run(bench, other, store)
+    bench.inputs = bench.inputs * 2
+    with pytest.raises(ParameterError, match="2 inputs and 1 outputs"):
+        run(bench, PLAN, store)
+    assert bench.told == []
+    assert len(store) == 0
