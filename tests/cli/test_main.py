@@ -40,7 +40,7 @@ def test_says_its_version(run):
         ("fly", "No such command 'fly'; see minorloop --help"),
         ("--bogus", "No such option: --bogus; see minorloop --help"),
         ("identify", "Missing argument 'file'; see minorloop identify --help"),
-        ("identify good.csv --output length", "Missing option '--input'"),
+        ("identify good.csv --output length", "--input is missing; name a column"),
         ("identify good.csv --inputs x", "Possible options: --input"),
         ("identify good.csv other.csv --input a --output b", "unexpected extra argument"),
         ("simulate model.json", "Missing argument 'file'; see minorloop simulate --help"),

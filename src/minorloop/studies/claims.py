@@ -50,7 +50,16 @@ class Claim:
             if math.isfinite(bound)
         )
         if isinstance(value, bool):
-            return self.what, self.paper, "yes" if value else "no", "-", "reported"
+            known = math.isfinite(self.most)
+            verdict = "reported" if not known else "met" if value <= self.most else "short"
+            words = ("no", "yes")
+            return (
+                self.what,
+                self.paper,
+                words[value],
+                words[self.most > 0] if known else "-",
+                verdict,
+            )
         verdict = "reported"
         if asked:
             verdict = "met" if self.least <= value <= self.most else "short"
@@ -75,16 +84,18 @@ def claim_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
 
 
 def medians(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Figure by figure, the median over specimens.
+    """Figure by figure, the median over specimens; the least where the key ends in ``_min``.
 
     Of what is true or false, whether it is true of any; of what is no number, the first.
     """
-    return {key: _median([run[key] for run in runs]) for key in runs[0]}
+    return {key: _over(key, [run[key] for run in runs]) for key in runs[0]}
 
 
-def _median(values: Sequence[Any]) -> Any:
+def _over(key: str, values: Sequence[Any]) -> Any:
     if isinstance(values[0], Mapping):
         return medians(values)
+    if key.endswith("_min"):
+        return min(values)
     if isinstance(values[0], bool):
         return any(values)
     if isinstance(values[0], int | float | np.number):

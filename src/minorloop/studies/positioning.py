@@ -170,7 +170,7 @@ def run_positioning(
     drives = {}
     for name, inputs in inverses.items():
         progress(f"driving with the {name} inverse")
-        drives[name] = _drive(seed, noise, setup, inputs, targets)
+        drives[name] = drive(seed, noise, setup, inputs, targets)
     return Positioning(
         protocol=setup,
         seed=seed,
@@ -201,9 +201,10 @@ def _strip(seed: int, noise: float) -> Actuator:
     return connect("twin:ipmc", specimen=seed, noise=noise, seed=seed)
 
 
-def _drive(
+def drive(
     seed: int, noise: float, setup: Protocol, inputs: FloatArray, targets: FloatArray
 ) -> Drive:
+    """Saturate a specimen, apply inputs (n,) in V, and compare with the targets (n,) in 1/m."""
     strip = _strip(seed, noise)
     strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
     voltages = np.clip(inputs, -setup.voltage, setup.voltage)

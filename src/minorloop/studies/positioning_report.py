@@ -8,6 +8,7 @@ import numpy as np
 
 from minorloop.operators.drawing import draw_density
 from minorloop.report import Picture, Report, Table
+from minorloop.studies.drawing import new_figure
 
 if TYPE_CHECKING:
     from minorloop.studies.positioning import Drive, Positioning
@@ -106,19 +107,9 @@ def _quadratic_text(result: Positioning) -> str:
     )
 
 
-def _new(rows: int = 1, columns: int = 1, height: float = 3.6, **options: Any) -> tuple[Any, Any]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.2, height), layout="constrained")
-    axes = figure.subplots(rows, columns, **options)
-    for one in np.atleast_1d(axes).ravel():
-        one.grid(alpha=0.25)
-    return figure, axes
-
-
 def draw_staircase(result: Positioning) -> Any:
     """Voltage and curvature of the identification against time."""
-    figure, (upper, lower) = _new(2, 1, height=5.0, sharex=True)
+    figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
     hours = result.staircase.t / _HOUR
     upper.step(hours, result.staircase.u, where="post", color="0.25", lw=1.0)
     upper.set_ylabel("voltage [V]")
@@ -132,7 +123,7 @@ def draw_staircase(result: Positioning) -> Any:
 
 def draw_model(result: Positioning) -> Any:
     """Measured points with the model's loops, and the density."""
-    figure, (left, right) = _new(1, 2, height=4.2)
+    figure, (left, right) = new_figure(1, 2, height=4.2)
     model = result.identification.model
     fine = _between(result.voltages)
     left.plot(fine, model.simulate(fine), color="C0", lw=0.9, label="model")
@@ -146,7 +137,7 @@ def draw_model(result: Positioning) -> Any:
 
 def draw_quadratic(result: Positioning) -> Any:
     """Measured points with the quadratic."""
-    figure, axes = _new()
+    figure, axes = new_figure()
     u = np.linspace(-result.protocol.voltage, result.protocol.voltage, 200)
     axes.plot(result.voltages, result.settled, "o", ms=3, color="C1", label="measured")
     axes.plot(u, result.polynomial.simulate(u), color=_COLOURS["quadratic"], label="quadratic")
@@ -157,7 +148,7 @@ def draw_quadratic(result: Positioning) -> Any:
 
 def draw_sequences(result: Positioning) -> Any:
     """The two voltage sequences."""
-    figure, axes = _new()
+    figure, axes = new_figure()
     for name, drive in _drives(result):
         steps = np.append(drive.voltages, drive.voltages[-1])
         minutes = np.arange(steps.size) * result.protocol.hold / _MINUTE
@@ -169,7 +160,7 @@ def draw_sequences(result: Positioning) -> Any:
 
 def draw_trajectories(result: Positioning) -> Any:
     """Curvature under both sequences, and what was wanted."""
-    figure, axes = _new(height=4.2)
+    figure, axes = new_figure(height=4.2)
     steps = np.append(result.targets, result.targets[-1])
     minutes = np.arange(steps.size) * result.protocol.hold / _MINUTE
     axes.step(minutes, steps, where="post", color="0.2", lw=1.6, ls="--", label="wanted")
@@ -190,7 +181,7 @@ def draw_trajectories(result: Positioning) -> Any:
 
 def draw_errors(result: Positioning) -> Any:
     """Settled error at each target, side by side."""
-    figure, axes = _new()
+    figure, axes = new_figure()
     place = np.arange(result.targets.size) + 1
     for shift, (name, drive) in zip((-0.2, 0.2), _drives(result), strict=True):
         label = f"{name} inverse: {drive.rms:.2f} 1/m rms"

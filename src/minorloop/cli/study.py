@@ -1,0 +1,89 @@
+"""``minorloop study``: the experiments of a paper, end to end, with their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError
+
+NAME = "study"
+EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
+STUDIES = ("ipmc", "fibre")
+_MOST = 1000
+
+
+def run(
+    name: Annotated[
+        str, typer.Argument(show_default=False, help=f"Which one: {' or '.join(STUDIES)}.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report; a new or an empty one.")
+    ] = None,
+    specimens: Annotated[
+        int, _common.whole_option("Specimens; figures are medians over them.")
+    ] = 1,
+    seed: Annotated[int, _common.whole_option("Seed of the first specimen, 0 or more.")] = 0,
+    as_json: _common.Json = False,
+) -> None:
+    """Reproduce a paper on simulated specimens, and compare what it claims."""
+    if name not in STUDIES:
+        raise ParameterError(f"there is no study {name!r}; give one of {', '.join(STUDIES)}")
+    if not 1 <= specimens <= _MOST:
+        raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
+    if seed < 0:
+        raise ParameterError(f"--seed is {seed}; give 0 or more")
+    if out is not None:
+        from minorloop.files import make_folder
+
+        make_folder(out)
+    with _common.working(f"specimen 1 of {specimens}") as now:
+        study = import_module(f"minorloop.studies.{name}")
+        claims = import_module("minorloop.studies.claims")
+        first = study.run_study(seed)
+        work = partial(_figures_of, name)
+        others = claims.for_each(work, specimens - 1, seed + 1, now) if specimens > 1 else []
+        runs = [first.figures(), *others]
+        figures = claims.medians(runs)
+    steps: list[Callable[[], None]] = [partial(_show, study, figures, specimens, seed, as_json)]
+    if out is not None:
+        steps.append(partial(_report, name, first, figures, runs, out, as_json))
+    _common.do_all(steps)
+
+
+def _figures_of(name: str, seed: int) -> dict[str, Any]:
+    """One specimen, in a process of its own."""
+    found: dict[str, Any] = import_module(f"minorloop.studies.{name}").run_study(seed).figures()
+    return found
+
+
+def _show(study: Any, figures: Mapping[str, Any], specimens: int, seed: int, as_json: bool) -> None:
+    if as_json:
+        _common.print_json({**figures, "specimens": specimens, "seed": seed})
+        return
+    claims = import_module("minorloop.studies.claims")
+    table = claims.claim_table(study.CLAIMS, figures)
+    title = f"{study.TITLE}: {specimens} simulated specimen{'s' if specimens > 1 else ''}"
+    _common.print_table(table.columns, table.rows, title)
+
+
+def _report(
+    name: str,
+    first: Any,
+    figures: Mapping[str, Any],
+    runs: Sequence[Mapping[str, Any]],
+    folder: Path,
+    as_json: bool,
+) -> None:
+    path = folder / "report.html"
+    draw = import_module(f"minorloop.studies.{name}_report").study_report
+    with _common.working("drawing the report"):
+        _common.write_report(partial(draw, first, figures, runs), path, force=False)
+    if not as_json:
+        typer.echo(f"report written to {path}; open it in a browser")

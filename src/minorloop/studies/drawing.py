@@ -1,0 +1,61 @@
+"""What the figures of all studies share. Matplotlib is imported only when one is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from minorloop.studies.claims import Claim, figure
+
+COLOURS = {"Preisach": "C0", "quadratic": "C3", "plays": "C2", "polynomial": "C3"}
+MINUTE, HOUR = 60.0, 3600.0
+
+
+def new_figure(
+    rows: int = 1, columns: int = 1, height: float = 3.6, **options: Any
+) -> tuple[Any, Any]:
+    """A figure as wide as a page, and its axes with a faint grid."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(9.2, height), layout="constrained")
+    axes = drawn.subplots(rows, columns, **options)
+    for one in np.atleast_1d(axes).ravel():
+        one.grid(alpha=0.25)
+    return drawn, axes
+
+
+def draw_specimens(
+    claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], first_seed: int
+) -> Any:
+    """Every bounded figure of every specimen, over what is asked for: at 1 it is just met.
+
+    A figure that must be small is drawn as it is over its bound, one that must be large as the
+    bound over it, so that less is better everywhere.
+    """
+    from matplotlib.ticker import LogLocator
+
+    bounded = [
+        claim
+        for claim in claims
+        if np.isfinite(claim.least) or (np.isfinite(claim.most) and claim.most > 0)
+    ]
+    drawn, axes = new_figure(height=1.2 + 0.32 * len(bounded))
+    rng = np.random.default_rng(first_seed)
+    for row, claim in enumerate(bounded):
+        values = np.array([float(figure(run, claim.key)) for run in runs])
+        with np.errstate(divide="ignore"):
+            share = values / claim.most if np.isfinite(claim.most) else claim.least / values
+        height = row + rng.uniform(-0.15, 0.15, share.size)
+        axes.plot(np.maximum(share, 1e-3), height, "o", ms=4, alpha=0.6, color="C0")
+        axes.plot([max(float(np.median(share)), 1e-3)] * 2, [row - 0.3, row + 0.3], color="C1")
+    axes.axvline(1.0, color="0.3", lw=1.0, ls="--")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter("")
+    axes.set_yticks(range(len(bounded)), [claim.what for claim in bounded], fontsize=8)
+    axes.invert_yaxis()
+    axes.set_xlabel("figure over its bound (left of the dashed line: met)")
+    return drawn
