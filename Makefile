@@ -9,7 +9,7 @@ STAMP := .venv/.installed
 LOCK := requirements.lock
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench figures format lock wheel clean
+.PHONY: help setup demo studies test torture check bench figures format lock wheel clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' Makefile
@@ -20,8 +20,16 @@ demo: setup ## identify, invert and drive a simulated actuator; the result is in
 	rm -rf demo
 	$(BIN)/minorloop demo --out demo
 
+studies: setup ## reproduce the papers on 20 simulated specimens each; the reports are in studies/
+	rm -rf studies
+	$(BIN)/minorloop study ipmc --specimens 20 --out studies/ipmc
+	$(BIN)/minorloop study fibre --specimens 20 --out studies/fibre
+
 test: setup ## run the tests
 	$(BIN)/python -m pytest
+
+torture: setup ## kill 50 runs with SIGKILL, again and again, and compare with undisturbed ones
+	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest tests/cli/test_run_verbs.py -k killed
 
 check: setup ## check format, style, types and who imports whom
 	$(BIN)/ruff format --check .
@@ -50,7 +58,7 @@ wheel: setup ## build the wheel into dist/
 	$(BIN)/hatchling build -t wheel
 
 clean: ## remove what was built or cached; .venv stays
-	rm -rf build dist demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist demo studies .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find src tests $(wildcard benchmarks examples) -name __pycache__ -prune -exec rm -rf {} +
 
 $(STAMP): $(LOCK) pyproject.toml

@@ -13,6 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from minorloop.connect import connect
+    from minorloop.dynamics.cascade import Cascade
+    from minorloop.dynamics.creep import Creep, fit_creep
+    from minorloop.dynamics.linear import Linear
+    from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
         LimitError,
         MinorloopError,
@@ -27,8 +31,16 @@ if TYPE_CHECKING:
         UnreachableError,
     )
     from minorloop.identification import Identification, excitation, identify
+    from minorloop.identification.arx import arx, step_response
+    from minorloop.identification.frequency import Preamble, describing_function, frequency_response
+    from minorloop.identification.rational import fit_response
+    from minorloop.identification.recursive import Recursive
+    from minorloop.identification.representability import representability
     from minorloop.lab.curvature import curvature_from_displacement, displacement_from_curvature
+    from minorloop.lab.plan import Plan
     from minorloop.lab.records import Record
+    from minorloop.lab.run import run
+    from minorloop.lab.store import Setup, Store
     from minorloop.modelfile import load, save
     from minorloop.operators import densities
     from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
@@ -43,10 +55,13 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Cascade",
+    "Creep",
     "GeneralisedPrandtlIshlinskii",
     "Identification",
     "Inversion",
     "LimitError",
+    "Linear",
     "Memory",
     "MinorloopError",
     "MissingExtraError",
@@ -54,28 +69,67 @@ __all__ = [
     "NotInvertibleError",
     "OutputError",
     "ParameterError",
+    "Plan",
     "Polynomial",
     "PrandtlIshlinskii",
+    "Preamble",
     "Preisach",
     "Record",
     "RecordError",
+    "Recursive",
     "RelayModel",
+    "Setup",
     "SignalError",
+    "Store",
     "StoreError",
     "Tracker",
+    "Trajectory",
     "UnreachableError",
     "__version__",
+    "arx",
     "connect",
     "curvature_from_displacement",
     "densities",
+    "describing_function",
     "displacement_from_curvature",
     "excitation",
+    "fit_creep",
+    "fit_response",
+    "frequency_response",
     "identify",
     "load",
+    "representability",
+    "run",
     "save",
+    "step_response",
 ]
 
 _HOMES = {
+    "minorloop.dynamics.cascade": ("Cascade",),
+    "minorloop.dynamics.creep": (
+        "Creep",
+        "fit_creep",
+    ),
+    "minorloop.dynamics.linear": ("Linear",),
+    "minorloop.dynamics.trajectory": ("Trajectory",),
+    "minorloop.identification.arx": (
+        "arx",
+        "step_response",
+    ),
+    "minorloop.identification.frequency": (
+        "Preamble",
+        "describing_function",
+        "frequency_response",
+    ),
+    "minorloop.identification.rational": ("fit_response",),
+    "minorloop.identification.recursive": ("Recursive",),
+    "minorloop.identification.representability": ("representability",),
+    "minorloop.lab.plan": ("Plan",),
+    "minorloop.lab.run": ("run",),
+    "minorloop.lab.store": (
+        "Setup",
+        "Store",
+    ),
     "minorloop.connect": ("connect",),
     "minorloop.errors": (
         "LimitError",
