@@ -76,7 +76,7 @@ def test_a_finished_run_is_not_repeated(run, answer):
         (f"{RUN.replace('ipmc', 'fibre')} --store a", "voltage -1.2 V is beyond the limits"),
         (f"{RUN} --tolerance 0 --store a", "tolerance is 0"),
         (f"{RUN} --shortest 31 --store a", "31 s at least and 30 s at most"),
-        ("resume --store good.csv", "good.csv is not an experiment store"),
+        ("resume --store good.csv", "it is not an experiment store, or damaged; run makes a"),
         ("resume --store none", "none does not exist"),
         ("runs list --store .", "there is no experiment store in ."),
         ("runs sing --store a", "there is no action 'sing'"),

@@ -255,3 +255,74 @@ def test_refuses_before_anything_is_applied(store, twin):
         run(bench, PLAN, store)
     assert bench.told == []
     assert len(store) == 0
+
+
+OPEN = Plan([-1.2, *[np.nan] * 6, 0.5], 20.0, sample_interval=0.5, input="voltage [V]")
+
+
+def _choose(points):
+    """Bisect towards a value, as somebody who looks at the points would; four are enough."""
+    if len(points) >= 6:
+        return None
+    return float(np.clip(points[-1].input + 0.3 * (points[-1].value < 0.4) - 0.1, -1.2, 1.2))
+
+
+def test_open_levels_are_chosen_from_the_points_so_far(tmp_path, twin):
+    with Store.create(tmp_path / "open.sqlite", OPEN, SETUP) as store:
+        run(twin, OPEN, store, choose=_choose)
+        points = store.points()
+        assert len(points) == 6
+        assert store.finished
+        for k in range(1, 6):
+            assert points[k].input == _choose(points[:k])
+        whole = _rows(store)
+    with Store.open(tmp_path / "open.sqlite") as again:
+        assert again.finished
+        assert _rows(again) == whole
+
+
+def test_a_chosen_level_beyond_the_limits_is_refused_and_the_points_are_kept(tmp_path):
+    bench = Bench()
+    with Store.create(tmp_path / "open.sqlite", OPEN, SETUP) as store:
+        with pytest.raises(LimitError, match="voltage 3 V"):
+            run(bench, OPEN, store, choose=lambda points: 3.0)
+        assert len(store) == 1
+        assert bench.told[-1] == "safe"
+        assert bench.told[-2][0] == -1.2
+
+
+def test_open_levels_need_somebody_who_chooses(tmp_path):
+    with (
+        Store.create(tmp_path / "open.sqlite", OPEN, SETUP) as store,
+        pytest.raises(ParameterError, match="level 1 of the plan is open"),
+    ):
+        run(Bench(), OPEN, store)
+
+
+def test_a_run_with_chosen_levels_goes_on_exactly_where_it_was(tmp_path, twin):
+    with Store.create(tmp_path / "whole.sqlite", OPEN, SETUP) as whole:
+        run(twin, OPEN, whole, choose=_choose)
+        expected = _rows(whole)
+    for _ in range(20):
+        fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
+        seen = iter(range(2))
+
+        def watch(moment, seen=seen):
+            if moment.point is not None and next(seen, None) is None:
+                raise Pulled
+
+        there = (tmp_path / "killed.sqlite").exists()
+        store = (
+            Store.open(tmp_path / "killed.sqlite", write=True)
+            if there
+            else Store.create(tmp_path / "killed.sqlite", OPEN, SETUP)
+        )
+        with store:
+            try:
+                run(fresh, OPEN, store, choose=_choose, watch=watch)
+            except Pulled:
+                continue
+            assert _rows(store) == expected
+            break
+    else:
+        raise AssertionError("the run never ended")

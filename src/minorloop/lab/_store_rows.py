@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sqlite3
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,18 +19,21 @@ from minorloop.errors import OutputError, ParameterError
 
 MAGIC = b"SQLite format 3\0"
 SCHEMA = (
-    "CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL)",
+    "CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL, digest TEXT NOT NULL)",
     "CREATE TABLE sitting (id INTEGER PRIMARY KEY, began TEXT NOT NULL, ended TEXT, "
-    "first INTEGER NOT NULL, way TEXT NOT NULL, end TEXT)",
+    "first INTEGER NOT NULL, way TEXT NOT NULL, end TEXT, digest TEXT NOT NULL)",
     "CREATE TABLE point (id INTEGER PRIMARY KEY, input REAL NOT NULL, value REAL, sd REAL, "
     "verdict TEXT NOT NULL, t REAL NOT NULL, held REAL NOT NULL, checkpoint TEXT, "
     "digest TEXT NOT NULL)",
     "CREATE TABLE trace (id INTEGER PRIMARY KEY REFERENCES point (id), t BLOB NOT NULL, "
     "y BLOB NOT NULL, digest TEXT NOT NULL)",
 )
+ABOUT = "SELECT name, value, digest FROM about"
+SITTINGS = "SELECT id, began, ended, first, way, end, digest FROM sitting ORDER BY id"
 POINTS = "SELECT id, input, value, sd, verdict, t, held, checkpoint, digest FROM point ORDER BY id"
 TRACES = "SELECT id, t, y, digest FROM trace ORDER BY id"
-SITTINGS = "SELECT began, ended, first, way, end FROM sitting ORDER BY id"
+INSERT_ABOUT = "INSERT OR IGNORE INTO about VALUES (?, ?, ?)"
+REPLACE_SITTING = "REPLACE INTO sitting VALUES (?, ?, ?, ?, ?, ?, ?)"
 INSERT_POINT = "INSERT INTO point VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
 INSERT_TRACE = "INSERT INTO trace VALUES (?, ?, ?, ?)"
 
@@ -134,17 +138,13 @@ class Sitting:
     end: str | None
 
 
-def point_row(point: Point) -> tuple[Any, ...]:
-    """A point as it is written."""
-    numbers = (_or_none(point.value), _or_none(point.sd))
-    state = None if point.checkpoint is None else json.dumps(point.checkpoint)
-    times = (float(point.t), float(point.held))
-    row = (point.index, float(point.input), *numbers, point.verdict, *times, state)
-    return (*row, digest(*row))
+def sealed(*content: object) -> tuple[Any, ...]:
+    """A row as it is written: its content, and a digest that tells whether it was altered."""
+    return (*content, _digest(content))
 
 
-def as_point(row: tuple[Any, ...]) -> Point:
-    """A point as it was written.
+def unsealed(row: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The content of a row as it was written.
 
     Raises
     ------
@@ -152,35 +152,40 @@ def as_point(row: tuple[Any, ...]) -> Point:
         If it was altered since.
     """
     *content, written = row
-    if digest(*content) != written:
-        raise ValueError(f"point {row[0]} was altered")
-    index, input, value, sd, verdict, t, held, state = content
+    if _digest(content) != written:
+        raise ValueError(f"row {row[0]!r:.40} was altered")
+    return tuple(content)
+
+
+def point_row(point: Point) -> tuple[Any, ...]:
+    """A point as it is written."""
+    output = _or_none(point.value), _or_none(point.sd)
+    times = _or_none(point.t), _or_none(point.held)
+    state = None if point.checkpoint is None else json.dumps(point.checkpoint)
+    return sealed(point.index, _or_none(point.input), *output, point.verdict, *times, state)
+
+
+def as_point(row: tuple[Any, ...]) -> Point:
+    """A point as it was written; raises ``ValueError`` if it was altered since."""
+    index, input, value, sd, verdict, t, held, state = unsealed(row)
     checkpoint = None if state is None else json.loads(state)
     return Point(index, input, _or_nan(value), _or_nan(sd), verdict, t, held, checkpoint)
 
 
+def trace_row(index: int, t: FloatArray, y: FloatArray) -> tuple[Any, ...]:
+    """A trace as it is written: little-endian float64."""
+    return sealed(index, *(np.asarray(values, dtype="<f8").tobytes() for values in (t, y)))
+
+
+def as_trace(row: tuple[Any, ...]) -> tuple[FloatArray, FloatArray]:
+    """A trace as it was written; raises ``ValueError`` if it was altered since."""
+    t, y = (np.frombuffer(item, dtype="<f8").astype(np.float64) for item in unsealed(row)[1:])
+    return t, y
+
+
 def as_sitting(row: tuple[Any, ...]) -> Sitting:
-    """A sitting as it was written."""
-    return Sitting(*row)
-
-
-def as_bytes(values: FloatArray) -> bytes:
-    """Numbers as they are kept: little-endian float64."""
-    return np.ascontiguousarray(values, dtype="<f8").tobytes()
-
-
-def as_array(content: bytes) -> FloatArray:
-    """Numbers as they were kept."""
-    return np.frombuffer(content, dtype="<f8").astype(np.float64)
-
-
-def digest(*content: object) -> str:
-    """What tells whether a row is as it was written."""
-    summary = hashlib.sha256()
-    for item in content:
-        data = item if isinstance(item, bytes) else repr(item).encode()
-        summary.update(len(data).to_bytes(8, "little") + data)
-    return summary.hexdigest()
+    """A sitting as it was written; raises ``ValueError`` if it was altered since."""
+    return Sitting(*unsealed(row)[1:])
 
 
 def reason(error: sqlite3.Error) -> str:
@@ -192,7 +197,7 @@ def reason(error: sqlite3.Error) -> str:
         ("SQLITE_LOCKED", "another process has it open; wait until that one has ended"),
         ("SQLITE_READONLY", "it is protected against writing"),
         ("SQLITE_CORRUPT", "it is damaged; restore a copy of it"),
-        ("SQLITE_NOTADB", "it is damaged; restore a copy of it"),
+        ("SQLITE_NOTADB", "it is not an experiment store, or damaged; run makes a new one"),
         ("SQLITE_CANTOPEN", "it, or the journal beside it, cannot be opened"),
         ("SQLITE_IOERR", f"the disk does not take or give it ({error})"),
     ):
@@ -239,8 +244,17 @@ def _settle_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def _digest(content: Iterable[object]) -> str:
+    summary = hashlib.sha256()
+    for item in content:
+        data = item if isinstance(item, bytes) else repr(item).encode()
+        summary.update(len(data).to_bytes(8, "little") + data)
+    return summary.hexdigest()
+
+
 def _or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    # SQLite keeps no negative zero, and what is read has to be what was sealed.
+    return float(value) + 0.0 if math.isfinite(value) else None
 
 
 def _or_nan(value: float | None) -> float:

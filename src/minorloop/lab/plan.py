@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,7 +40,7 @@ class Plan:
     Parameters
     ----------
     inputs : (N,) array_like
-        Levels of the input, in its unit.
+        Levels of the input, in its unit; NaN for a level that is chosen when its turn comes.
     longest : float or (N,) array_like
         Longest hold of each level, in seconds.
     shortest : float or (N,) array_like, optional
@@ -95,7 +96,7 @@ class Plan:
             "window": _positive("window", span),
             "tolerance": None if tolerance is None else _positive("tolerance", tolerance),
             "sample_interval": interval,
-            "input": Quantity.parse(input) if isinstance(input, str) else input,
+            "input": Quantity.parse(str(input)),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -103,6 +104,11 @@ class Plan:
 
     def __len__(self) -> int:
         return int(self.inputs.size)
+
+    @property
+    def open(self) -> bool:
+        """Whether there are levels that are chosen when their turn comes."""
+        return bool(np.isnan(self.inputs).any())
 
     def __str__(self) -> str:
         hours = float(self.longest.sum()) / 3600
@@ -145,7 +151,7 @@ class Plan:
             input = others[0]
         header = find_column(input, headers, source=path)
         wanted = [name for name in (header, hold, least) if name is not None]
-        columns = read_columns(path, wanted)
+        columns = read_columns(path, wanted, gaps=(header,))
         if least is not None:
             settings.setdefault("shortest", columns[least] * _seconds(least, path))
         return cls(columns[header], columns[hold] * _seconds(hold, path), input=header, **settings)
@@ -174,7 +180,7 @@ class Plan:
                 "window": self.window,
                 "tolerance": self.tolerance,
                 "sample_interval": self.sample_interval,
-                "inputs": self.inputs.tolist(),
+                "inputs": [None if math.isnan(u) else u for u in self.inputs.tolist()],
                 "longest": self.longest.tolist(),
                 "shortest": self.shortest.tolist(),
             }
@@ -190,8 +196,10 @@ class Plan:
             If the text is no plan.
         """
         try:
-            return cls(**json.loads(text))
-        except (TypeError, ValueError) as error:
+            fields = json.loads(text)
+            fields["inputs"] = [math.nan if u is None else u for u in fields["inputs"]]
+            return cls(**fields)
+        except (KeyError, TypeError, ValueError) as error:
             raise ParameterError(f"that is not a plan: {error}") from None
 
     def difference(self, other: Plan) -> str:
@@ -204,9 +212,10 @@ class Plan:
             return f"it has {len(self)} levels, not {len(other)}"
         for name, what in (("inputs", "level"), ("longest", "hold"), ("shortest", "shortest hold")):
             mine, theirs = getattr(self, name), getattr(other, name)
-            if (mine != theirs).any():
-                index = int(np.argmax(mine != theirs))
-                return f"its {what} {index} is {mine[index]:.12g}, not {theirs[index]:.12g}"
+            differs = (mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))
+            if differs.any():
+                index = int(np.argmax(differs))
+                return f"its {what} {index} is {mine[index]}, not {theirs[index]}"
         return ""
 
     def _check(self) -> None:
@@ -236,7 +245,7 @@ class Plan:
 
 def _levels(inputs: npt.ArrayLike) -> FloatArray:
     try:
-        levels = as_samples(inputs, name="inputs")
+        levels = as_samples(inputs, name="inputs", gaps=True)
     except SignalError as error:
         raise ParameterError(str(error)) from None
     if levels.ndim != 1 or not 0 < levels.size <= MAX_POINTS:
@@ -244,7 +253,7 @@ def _levels(inputs: npt.ArrayLike) -> FloatArray:
             f"inputs have shape {levels.shape}; a plan has (N,) levels of one input, "
             f"1 to {MAX_POINTS} of them"
         )
-    return levels
+    return levels + 0.0  # no negative zero, which some files cannot keep
 
 
 def _each(name: str, times: npt.ArrayLike, count: int) -> FloatArray:
@@ -275,7 +284,7 @@ def _time_column(name: str, headers: list[str]) -> str | None:
     """The header that means this time, whatever its unit."""
     wanted = split_header(name)[0]
     found = [header for header in headers if split_header(header)[0] == wanted]
-    return found[0] if found else None
+    return name if name in headers else next(iter(found), None)
 
 
 def _seconds(header: str, path: PathLike) -> float:

@@ -7,9 +7,10 @@ safe input; whoever calls ``run`` again with the same store goes on behind the l
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias, cast, runtime_checkable
@@ -29,6 +30,9 @@ Way: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 SPAN_SHARE = 0.002
 """A settled output moves by less than this share of the span seen so far in another hold."""
 _LOOKS = 2
+Choose: TypeAlias = Callable[[Sequence[Point]], float | None]
+"""From the points so far to the next level, or None where these are enough; the same points must
+give the same level, so that a run that is stopped goes on as it would have."""
 """Looks at the output in each window."""
 
 
@@ -78,6 +82,7 @@ def run(
     plan: Plan,
     store: Store,
     *,
+    choose: Choose | None = None,
     watch: Callable[[Moment], None] = lambda moment: None,
 ) -> Way:
     """Carry out what is left of a plan, and leave the actuator on its safe input.
@@ -90,6 +95,8 @@ def run(
         What to apply.
     store : Store
         Where the points go, open to write; it may hold the first of them already.
+    choose : callable, optional
+        Gives the levels that the plan leaves open, from the points so far.
     watch : callable
         Called with a ``Moment`` while a level is held, and when its point is in the store.
 
@@ -103,23 +110,27 @@ def run(
     Raises
     ------
     ParameterError
-        If the plan is in another unit than the actuator, or this has several channels.
+        If the plan is in another unit than the actuator, this has several channels, or there are
+        open levels and nothing that chooses them.
     LimitError
-        If a level is beyond the limits of the actuator; nothing is applied then.
+        If a level is beyond the limits of the actuator; it is not applied then.
     StoreError
         If the store belongs to another plan, or cannot be written; its points are kept.
     """
     check_plan(actuator, plan)
     store.check_same(plan)
+    if plan.open and choose is None:
+        raise ParameterError(
+            f"level {int(np.argmax(np.isnan(plan.inputs)))} of the plan is open and nothing "
+            "chooses it; give every level, or what chooses them"
+        )
     if store.finished:
         return "finished"
     with _left_safe(actuator):
         way = _take_up(actuator, store, watch)
         sitting = store.begin_sitting(way)
         try:
-            values = [point.value for point in store.points()]
-            for index in range(len(store), len(plan)):
-                values.append(_measure(actuator, plan, store, index, values, watch))
+            _carry_on(actuator, plan, store, choose, watch)
         except BaseException as error:
             with suppress(MinorloopError):
                 store.end_sitting(sitting, _reason(error))
@@ -149,7 +160,8 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
             f"the plan is for '{plan.input}' and the actuator takes '{channel}'; "
             f"give the levels in {channel.unit or 'pure numbers'}"
         )
-    for level in (plan.inputs.min(), plan.inputs.max()):
+    known = plan.inputs[np.isfinite(plan.inputs)]
+    for level in (known.min(), known.max()) if known.size else ():
         check_input(actuator.inputs, level)
 
 
@@ -172,16 +184,47 @@ def _take_up(actuator: Actuator, store: Store, watch: Callable[[Moment], None]) 
     return "replayed"
 
 
+def _carry_on(
+    actuator: Actuator,
+    plan: Plan,
+    store: Store,
+    choose: Choose | None,
+    watch: Callable[[Moment], None],
+) -> None:
+    """Measure level after level."""
+    points = store.points()
+    while not store.finished:
+        level = _level(actuator, plan, points, choose)
+        if level is None:
+            store.set_enough()
+        else:
+            points.append(_measure(actuator, plan, store, level, points, watch))
+
+
+def _level(
+    actuator: Actuator, plan: Plan, points: Sequence[Point], choose: Choose | None
+) -> float | None:
+    """What to hold next; None where the points are enough."""
+    level = float(plan.inputs[len(points)])
+    if choose is None or not math.isnan(level):
+        return level
+    chosen = choose(points)
+    if chosen is not None:
+        check_input(actuator.inputs, chosen)
+    return chosen
+
+
 def _measure(
     actuator: Actuator,
     plan: Plan,
     store: Store,
-    index: int,
-    values: list[float],
+    level: float,
+    points: Sequence[Point],
     watch: Callable[[Moment], None],
-) -> float:
+) -> Point:
     """Hold one level until it has settled, and put the point into the store."""
-    level, total = float(plan.inputs[index]), len(plan)
+    index, total = len(points), len(plan)
+    values = [point.value for point in points]
     looks: list[Record] = []
     held = 0.0
     for look in _looks(plan, index):
@@ -194,20 +237,19 @@ def _measure(
         if line is not None and line.is_below(tolerance):
             break
     end = judge(t, y, tolerance=tolerance, window=plan.window)
-    before = store.last()
     point = Point(
         index=index,
         input=level,
         value=end.value,
         sd=end.sd,
         verdict=end.verdict,
-        t=held + (0.0 if before is None else before.t),
+        t=held + (points[-1].t if points else 0.0),
         held=held,
         checkpoint=actuator.checkpoint() if isinstance(actuator, Restorable) else None,
     )
     store.add(point, t, y)
     watch(Moment(index, total, level, end.value, held, point))
-    return end.value
+    return point
 
 
 def _looks(plan: Plan, index: int) -> Iterator[float]:

@@ -26,11 +26,13 @@ TAIL = 0.7
 third is often nonlinear, and gone."""
 TIME_CONSTANTS = tuple(np.geomspace(1 / 20, 1 / 2.5, 7).tolist())
 """Time constants to choose from, as shares of the hold."""
-REACH = 0.35
-"""An extrapolation may go this share of what the fitted tail has moved; a decay reaches it
-when its time constant is 0.7 of the hold, and a ramp, which goes nowhere, exceeds it."""
-DOUBT = 0.1
+DOUBT = 0.3
 """Share of the way extrapolated that counts as uncertain, as decays need not be exponential."""
+TRUST = 0.1
+"""An end is trusted up to an uncertainty of this share of what the fitted tail has moved. As
+a third of that is the way extrapolated, a ramp, which goes nowhere, exceeds it."""
+FADING = 0.5
+"""Time constant, as a share of the hold, with which the slope at its end is taken to fade."""
 _FEWEST = 4
 _FEWEST_TAIL = 12
 _MOST = 2000
@@ -70,8 +72,8 @@ class Extrapolation:
     remaining : float
         How far it is from the end of the hold to there.
     trusted : bool
-        Whether the samples bear it out: it reaches no further than they allow, and is no less
-        certain than a single sample.
+        Whether the samples bear it out: it is no less certain than a single sample, or certain
+        to a tenth of what the fitted tail of the hold has moved.
     """
 
     value: float
@@ -92,10 +94,16 @@ class Settling:
     verdict : str
         ``settled``: the slope was below the tolerance, ``value`` is the end of the trend.
         ``extrapolated``: it was not, ``value`` is where the exponentials lead.
-        ``unsettled``: they lead nowhere; ``value`` is the end of the trend, and ``sd`` counts
-        the way that seems to remain.
+        ``unsettled``: they lead nowhere; ``value`` is the end of the trend.
+        Where ``value`` is the end of the trend, ``sd`` counts the way that seems to remain.
     slope, slope_sd : float
         Slope over the trailing window and its standard deviation, per second.
+
+    Notes
+    -----
+    A hold shows what is faster than itself. ``sd`` is honest where the hold is at least four
+    times the slowest time constant that matters; what fades more slowly than that, and an
+    output that is just about to turn, look more settled than they are.
     """
 
     value: float
@@ -135,8 +143,8 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
     x = times - times[-1]
     rows = np.column_stack([np.ones_like(x), x])
     fit = _least_squares(rows, values - values[-1])
-    sd, slope_sd = fit.sd * fit.spread
-    return Trend(float(fit.weights[0] + values[-1]), float(sd), float(fit.weights[1]), slope_sd)
+    (value, slope), (sd, slope_sd) = fit.weights.tolist(), (fit.sd * fit.spread).tolist()
+    return Trend(value + float(values[-1]), sd, slope, slope_sd)
 
 
 def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
@@ -175,9 +183,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     remaining = value - float(weight @ [fit.fitted[-1] for fit in fits])
     sd = math.sqrt(float(weight @ doubts) + (DOUBT * remaining) ** 2)
     moved = float(weight @ [np.ptp(fit.fitted) for fit in fits])
-    near = abs(remaining) <= REACH * moved + SURE * best.noise * best.spread[0]
-    sure = sd <= max(best.noise, DOUBT * moved)
-    return Extrapolation(value + last, sd, remaining, bool(near and sure))
+    return Extrapolation(value + last, sd, remaining, sd <= max(best.noise, TRUST * moved))
 
 
 def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float) -> Settling:
@@ -203,14 +209,16 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
         values = _measured(t, y)[1]
         value = float(values[-1]) if values.size else math.nan
         return Settling(value, math.nan, "unsettled", math.nan, math.nan)
-    slopes = (line.slope, line.slope_sd)
-    if line.is_below(tolerance):
-        return Settling(line.value, line.sd, "settled", *slopes)
     end = extrapolate(t, y)
-    if end is not None and end.trusted:
+    settled = line.is_below(tolerance)
+    slopes = (line.slope, line.slope_sd)
+    if end is not None and end.trusted and not settled:
         return Settling(end.value, end.sd, "extrapolated", *slopes)
-    way = 0.0 if end is None else end.value - line.value
-    return Settling(line.value, math.hypot(line.sd, way), "unsettled", *slopes)
+    way = FADING * float(np.ptp(t)) * abs(line.slope)
+    if end is not None:
+        way = max(way, abs(end.value - line.value))
+    sd = math.hypot(line.sd, way)
+    return Settling(line.value, sd, "settled" if settled else "unsettled", *slopes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -39,7 +40,11 @@ _PATIENCE = 1.0
 
 
 def is_store(path: PathLike) -> bool:
-    """Whether a file begins as an SQLite database does; false where it cannot be read."""
+    """Whether a file begins as an SQLite database does; false where it cannot be read.
+
+    Not for a store that this process has open: on most systems a process that closes a file
+    gives up every lock it has on it.
+    """
     with suppress(OSError, ValueError), open(path, "rb") as file:
         return file.read(len(rows.MAGIC)) == rows.MAGIC
     return False
@@ -58,9 +63,11 @@ class Store:
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
         self._connection = connection
-        with self._explained():
-            self.plan, self.setup = self._read_header()
-            self._count = self._check_points()
+        about = dict(rows.unsealed(row) for row in self._select(rows.ABOUT))
+        self.plan = Plan.from_json(about["plan"])
+        self.setup = Setup(**json.loads(about["setup"]))
+        self._check_points()
+        self.sittings()
 
     @classmethod
     def create(cls, path: PathLike, plan: Plan, setup: Setup) -> Store:
@@ -112,26 +119,20 @@ class Store:
             If there is no store, it is damaged, was written by a newer version, or another
             process has it open.
         """
-        file = Path(path)
-        if not file.is_file():
-            missing = "is not a regular file" if file.exists() else "does not exist"
-            raise StoreError(f"{file} {missing}; give the name of an experiment store")
-        if not os.access(file, os.R_OK) or (write and not os.access(file, os.W_OK)):
-            raise StoreError(f"{file} cannot be {'written' if write else 'read'}; check its rights")
-        if not is_store(file):
-            raise StoreError(f"{file} is not an experiment store; run makes one")
-        connection = None
-        try:
-            uri = f"{file.absolute().as_uri()}?mode=rw"
+        file = _existing(path)
+        if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
+            raise StoreError(f"{file} and its folder cannot both be written; check their rights")
+        # The file is never opened but by SQLite: closing another handle on it would give up the
+        # lock of a connection that this process may have already.
+        uri = f"{file.absolute().as_uri()}?mode=rw"
+        with _explained(file):
             connection = sqlite3.connect(uri, uri=True, timeout=_PATIENCE, isolation_level=None)
-            _prepare(connection, write)
-            return cls(file, connection)
-        except BaseException as error:
-            if connection is not None:
+            try:
+                _prepare(connection, write)
+                return cls(file, connection)
+            except BaseException:
                 connection.close()
-            if isinstance(error, sqlite3.Error):
-                raise StoreError(f"{file} cannot be used: {rows.reason(error)}") from None
-            raise
+                raise
 
     def close(self) -> None:
         """Let go of the file."""
@@ -149,12 +150,16 @@ class Store:
         self.close()
 
     def __len__(self) -> int:
-        return self._count
+        with _explained(self.path):
+            count: int = self._select("SELECT coalesce(max(id) + 1, 0) FROM point")[0][0]
+        return count
 
     @property
     def finished(self) -> bool:
-        """Whether every level of the plan has its point."""
-        return self._count == len(self.plan)
+        """Whether every level of the plan has its point, or what chooses levels has enough."""
+        with _explained(self.path):
+            enough = self._select("SELECT 1 FROM about WHERE name = 'enough'")
+        return bool(enough) or len(self) == len(self.plan)
 
     @property
     def outputs(self) -> tuple[Quantity, Quantity]:
@@ -180,14 +185,14 @@ class Store:
 
     def points(self) -> list[Point]:
         """The settled points, in the order in which they were taken."""
-        with self._explained():
+        with _explained(self.path):
             return [rows.as_point(row) for row in self._select(rows.POINTS)]
 
     def last(self) -> Point | None:
         """The point that settled last."""
-        with self._explained():
+        with _explained(self.path):
             found = self._select(f"{rows.POINTS} DESC LIMIT 1")
-        return rows.as_point(found[0]) if found else None
+            return rows.as_point(found[0]) if found else None
 
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Times and outputs of the whole hold of a point, (T,) each.
@@ -197,13 +202,11 @@ class Store:
         ParameterError
             If there is no such point.
         """
-        if not 0 <= index < self._count:
-            raise ParameterError(
-                f"there is no point {index}; {self.path} has points 0 to {self._count - 1}"
-            )
-        with self._explained():
-            t, y = self._select("SELECT t, y FROM trace WHERE id = ?", index)[0]
-        return rows.as_array(t), rows.as_array(y)
+        with _explained(self.path):
+            found = self._select(f"SELECT * FROM ({rows.TRACES}) WHERE id = ?", index)
+            if found:
+                return rows.as_trace(found[0])
+        raise ParameterError(f"there is no point {index}; {self.path} has the first {len(self)}")
 
     def record(self) -> Record:
         """The settled points as a record, ready to be identified.
@@ -236,37 +239,39 @@ class Store:
 
     def sittings(self) -> list[Sitting]:
         """Every time that somebody sat down to carry the plan on, and how that ended."""
-        with self._explained():
+        with _explained(self.path):
             return [rows.as_sitting(row) for row in self._select(rows.SITTINGS)]
 
     def origin(self) -> dict[str, Any] | None:
         """The state of the actuator before the first level, where it can tell."""
-        with self._explained():
-            found = self._select("SELECT value FROM about WHERE name = 'origin'")
-            return json.loads(found[0][0]) if found else None
+        with _explained(self.path):
+            found = self._select(f"{rows.ABOUT} WHERE name = 'origin'")
+            return json.loads(rows.unsealed(found[0])[1]) if found else None
 
     def set_origin(self, checkpoint: dict[str, Any]) -> None:
         """Keep the state of the actuator before the first level, once."""
         with self._transaction():
-            self._execute(
-                "INSERT OR IGNORE INTO about VALUES ('origin', ?)", json.dumps(checkpoint)
-            )
+            self._execute(rows.INSERT_ABOUT, *rows.sealed("origin", json.dumps(checkpoint)))
+
+    def set_enough(self) -> None:
+        """Note that the points are enough: the levels that are still open stay open."""
+        with self._transaction():
+            self._execute(rows.INSERT_ABOUT, *rows.sealed("enough", "true"))
 
     def begin_sitting(self, way: str) -> int:
         """Note that the run goes on from here, and in which way the actuator got here."""
+        number = len(self.sittings()) + 1
+        row = rows.sealed(number, _now(), None, len(self), way, None)
         with self._transaction():
-            cursor = self._execute(
-                "INSERT INTO sitting (began, first, way) VALUES (?, ?, ?)",
-                _now(),
-                self._count,
-                way,
-            )
-        return int(cursor.lastrowid or 0)
+            self._execute(rows.REPLACE_SITTING, *row)
+        return number
 
     def end_sitting(self, number: int, end: str) -> None:
         """Note how a sitting ended."""
+        sitting = self.sittings()[number - 1]
+        row = rows.sealed(number, sitting.began, _now(), sitting.first, sitting.way, end)
         with self._transaction():
-            self._execute("UPDATE sitting SET ended = ?, end = ? WHERE id = ?", _now(), end, number)
+            self._execute(rows.REPLACE_SITTING, *row)
 
     def add(self, point: Point, t: FloatArray, y: FloatArray) -> None:
         """Write a settled point and its trace, both or neither, before the run goes on.
@@ -274,59 +279,45 @@ class Store:
         Raises
         ------
         ParameterError
-            If it is not the next point of the plan.
+            If it is not the next point of the plan, or times and outputs differ in number.
         StoreError
             If it cannot be written; the store is as it was.
         """
-        if point.index != self._count or self.finished:
-            raise ParameterError(f"point {point.index} is not the next one, {self._count}")
-        trace = (rows.as_bytes(t), rows.as_bytes(y))
+        count = len(self)
+        if point.index != count or self.finished:
+            raise ParameterError(
+                f"point {point.index} cannot be added; {self.path} has {count} of "
+                f"{len(self.plan)} points"
+            )
+        if not self._is_level(count, point.input):
+            level = self.plan.inputs[count]
+            wanted = "open" if np.isnan(level) else level
+            raise ParameterError(f"point {count} was taken at {point.input}; its level is {wanted}")
+        if np.shape(t) != np.shape(y):
+            raise ParameterError(f"the trace has times {np.shape(t)} and outputs {np.shape(y)}")
         with self._transaction():
             self._execute(rows.INSERT_POINT, *rows.point_row(point))
-            self._execute(rows.INSERT_TRACE, point.index, *trace, rows.digest(point.index, *trace))
-        self._count += 1
+            self._execute(rows.INSERT_TRACE, *rows.trace_row(point.index, t, y))
 
-    def _read_header(self) -> tuple[Plan, Setup]:
-        about = dict(self._select("SELECT name, value FROM about"))
-        plan = Plan.from_json(about["plan"])
-        if rows.digest(about["plan"], about["setup"]) != about["digest"]:
-            raise ValueError("the plan was altered")
-        return plan, Setup(**json.loads(about["setup"]))
-
-    def _check_points(self) -> int:
-        """Count the points, after checking that they are all there and as they were written."""
-        count = 0
-        for row in self._connection.execute(rows.POINTS):
-            if row[0] != count or count >= len(self.plan) or row[1] != self.plan.inputs[count]:
+    def _check_points(self) -> None:
+        """Check that points and traces are all there, and as they were written."""
+        points = [rows.as_point(row) for row in self._connection.execute(rows.POINTS)]
+        for count, point in enumerate(points):
+            if point.index != count or not self._is_level(count, point.input):
                 raise ValueError(f"point {count} is missing or is not that of the plan")
-            rows.as_point(row)
-            count += 1
-        traces = 0
-        for index, t, y, digest in self._connection.execute(rows.TRACES):
-            if index != traces or rows.digest(index, t, y) != digest or len(t) != len(y):
-                raise ValueError(f"the trace of point {traces} is missing or was altered")
-            traces += 1
-        if traces != count:
-            raise ValueError(f"it has {count} points and {traces} traces")
-        return count
+        traces = [rows.unsealed(row)[0] for row in self._connection.execute(rows.TRACES)]
+        if traces != list(range(len(points))):
+            raise ValueError(f"it has {len(points)} points, and traces that do not belong to them")
+
+    def _is_level(self, index: int, level: float) -> bool:
+        planned = self.plan.inputs[index : index + 1]
+        return bool(np.isfinite(level) and (np.isnan(planned) | (planned == level)).any())
 
     def _select(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
         return self._connection.execute(statement, values).fetchall()
 
     def _execute(self, statement: str, *values: object) -> sqlite3.Cursor:
         return self._connection.execute(statement, values)
-
-    @contextmanager
-    def _explained(self) -> Iterator[None]:
-        """Say of a store that cannot be read why, in one sentence."""
-        try:
-            yield
-        except sqlite3.Error as error:
-            raise StoreError(f"{self.path} cannot be read: {rows.reason(error)}") from None
-        except RecordError:
-            raise
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise StoreError(f"{self.path} is damaged: {error}; restore a copy of it") from None
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -340,36 +331,61 @@ class Store:
                     self._connection.execute("ROLLBACK")
             if isinstance(error, sqlite3.Error):
                 raise StoreError(
-                    f"{self.path} cannot be written: {rows.reason(error)}; the {self._count} "
-                    "points in it are kept, and resume goes on from there"
+                    f"{self.path} cannot be written: {rows.reason(error)}; "
+                    "its points are kept, and resume goes on from there"
                 ) from None
             raise
 
 
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Say of a store that cannot be read why, in one sentence."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise StoreError(f"{path} cannot be used: {rows.reason(error)}") from None
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise StoreError(f"{path} is damaged: {error}; restore a copy of it") from None
+
+
+def _existing(path: PathLike) -> Path:
+    file = Path(path)
+    try:
+        regular = stat.S_ISREG(file.stat().st_mode)
+    except FileNotFoundError:
+        raise StoreError(f"{file} does not exist; give the name of an experiment store") from None
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{str(file)!r} cannot be opened: {error}") from None
+    if not regular:
+        raise StoreError(f"{file} is not a regular file; give the name of an experiment store")
+    return file
+
+
 def _prepare(connection: sqlite3.Connection, write: bool) -> None:
     """Take the store, alone where it is going to be written, and check the database."""
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application != APPLICATION:
+        raise sqlite3.DatabaseError("it is a database, but not an experiment store")
+    if version > VERSION:
+        raise sqlite3.DatabaseError(
+            f"it has format {version} and this minorloop reads {VERSION}; install a newer one"
+        )
     if write:
         # In this mode the lock that the first transaction takes is held until the end.
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
         connection.execute("BEGIN EXCLUSIVE")
         connection.execute("COMMIT")
-    (application,) = connection.execute("PRAGMA application_id").fetchone()
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
-    if application != APPLICATION:
-        raise sqlite3.DatabaseError("it is a database, but not an experiment store")
-    if version != VERSION:
-        raise sqlite3.DatabaseError(
-            f"it has format {version} and this version of minorloop reads {VERSION}"
-        )
+        connection.execute("PRAGMA synchronous = FULL")
+    else:
+        connection.execute("PRAGMA query_only = ON")
     (found,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
     if found != "ok":
         raise sqlite3.DatabaseError(f"it is damaged ({found}); restore a copy of it")
-    connection.execute("PRAGMA synchronous = FULL")
 
 
 def _write_header(scratch: Path, plan: Plan, setup: Setup) -> None:
-    texts = {"plan": plan.to_json(), "setup": setup.to_json(), "made": _now()}
-    texts["digest"] = rows.digest(texts["plan"], texts["setup"])
+    texts = {"plan": plan.to_json(), "setup": setup.to_json()}
     connection = sqlite3.connect(scratch, isolation_level=None)
     try:
         connection.execute(f"PRAGMA application_id = {APPLICATION}")
@@ -378,7 +394,7 @@ def _write_header(scratch: Path, plan: Plan, setup: Setup) -> None:
         connection.execute("BEGIN")
         for statement in rows.SCHEMA:
             connection.execute(statement)
-        connection.executemany("INSERT INTO about VALUES (?, ?)", texts.items())
+        connection.executemany(rows.INSERT_ABOUT, (rows.sealed(*text) for text in texts.items()))
         connection.execute("COMMIT")
     finally:
         connection.close()

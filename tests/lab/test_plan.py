@@ -1,0 +1,250 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop.lab import plan as plan_module
+from minorloop.lab.plan import FEWEST, Plan
+from minorloop.lab.records import Quantity
+
+LEVELS = st.lists(st.floats(-1e9, 1e9) | st.just(np.nan), min_size=1, max_size=8)
+NAMES = ["input", "voltage [V]", "p [bar] [kPa]", "[V]", " a  [ b ] ", ""]
+QUANTITIES = st.sampled_from([*NAMES, *map(Quantity, NAMES), *(Quantity(n, "m") for n in NAMES)])
+
+
+@st.composite
+def plans(draw):
+    """Any plan that is allowed."""
+    inputs = draw(LEVELS)
+    least = draw(st.floats(1e-3, 1e6))
+    longest = [least * draw(st.floats(1, 100)) for _ in inputs]
+    window = draw(st.none() | st.floats(0.1, 1).map(min(longest).__mul__))
+    return Plan(
+        inputs,
+        longest,
+        draw(st.none() | st.floats(1e-3, 1).map(min(longest).__mul__)),
+        window=window,
+        tolerance=draw(st.none() | st.floats(1e-12, 1e3)),
+        sample_interval=(window or min(longest) / 10) / draw(st.floats(4, 40)),
+        input=draw(QUANTITIES),
+    )
+
+
+class TestDefaults:
+    def test_times_that_are_not_given_follow_from_the_least_hold(self):
+        plan = Plan([0.0, 1.0, 0.5], [200.0, 100.0, 400.0])
+        np.testing.assert_array_equal(plan.shortest, [50.0, 25.0, 100.0])
+        assert plan.window == 10.0
+        assert plan.sample_interval == 0.5
+        assert plan.tolerance is None
+
+    def test_one_time_goes_for_all(self):
+        plan = Plan([0.0, 1.0], 100, 30)
+        np.testing.assert_array_equal(plan.longest, [100.0, 100.0])
+        np.testing.assert_array_equal(plan.shortest, [30.0, 30.0])
+
+    def test_slow_sampling_widens_the_window_as_far_as_the_hold_allows(self):
+        assert Plan([0.0], 100.0, sample_interval=2.0).window == 20.0
+        assert Plan([0.0], 100.0, sample_interval=20.0).window == 100.0
+
+    @given(plan=plans())
+    def test_every_plan_keeps_its_own_rules(self, plan):
+        assert (plan.shortest <= plan.longest).all()
+        assert plan.window <= plan.longest.min()
+        assert plan.window >= FEWEST * plan.sample_interval * (1 - 1e-9)
+        assert len(plan) == plan.inputs.size == plan.longest.size == plan.shortest.size
+        assert plan.open == np.isnan(plan.inputs).any()
+
+    def test_it_can_not_be_changed(self):
+        given_ = np.array([0.0, 1.0])
+        plan = Plan(given_, 10.0)
+        given_[0] = 5.0
+        assert plan.inputs[0] == 0.0
+        for values in (plan.inputs, plan.longest, plan.shortest):
+            with pytest.raises(ValueError, match="read-only"):
+                values[0] = 1.0
+
+    def test_says_what_it_is(self):
+        assert str(Plan([0.0, 1.0], 1800.0, input="u [V]")) == "2 levels of u [V], 1 h at most"
+
+
+class TestTexts:
+    @given(plan=plans())
+    def test_json_gives_the_same_plan_back(self, plan):
+        text = plan.to_json()
+        json.loads(text, parse_constant=pytest.fail)
+        again = Plan.from_json(text)
+        assert again.difference(plan) == plan.difference(again) == ""
+        assert again.to_json() == text
+
+    @given(plan=plans(), other=plans())
+    def test_plans_differ_where_their_texts_do(self, plan, other):
+        assert (plan.to_json() == other.to_json()) == (plan.difference(other) == "")
+        assert bool(plan.difference(other)) == bool(other.difference(plan))
+
+    @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(plan=plans())
+    def test_csv_gives_levels_and_holds_back_exactly(self, plan, tmp_path):
+        plan.to_csv(tmp_path / "plan.csv", force=True)
+        kept = {
+            "window": plan.window,
+            "tolerance": plan.tolerance,
+            "sample_interval": plan.sample_interval,
+        }
+        again = Plan.from_csv(tmp_path / "plan.csv", **kept)
+        assert again.difference(plan) == ""
+
+    def test_zero_has_one_sign(self):
+        assert Plan([-0.0], 10.0).to_json() == Plan([0.0], 10.0).to_json()
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "",
+            "null",
+            "[]",
+            "{}",
+            '"plan"',
+            '{"inputs": null}',
+            '{"inputs": [1.0]}',
+            '{"inputs": ["a"], "longest": [1.0]}',
+            '{"inputs": [1.0], "longest": [NaN]}',
+            '{"inputs": [1.0], "longest": [1.0], "colour": "blue"}',
+            '{"inputs": [1.0], "longest": [1.0], "window": "wide"}',
+        ],
+    )
+    def test_another_text_is_no_plan(self, text):
+        with pytest.raises(ParameterError, match="that is not a plan"):
+            Plan.from_json(text)
+
+    @pytest.mark.parametrize(
+        ("changed", "says"),
+        [
+            ({}, ""),
+            ({"input": "force [N]"}, "its input is u [V], not force [N]"),
+            ({"window": 2.0}, "its window is 1.0, not 2.0"),
+            ({"tolerance": 0.1}, "its tolerance is None, not 0.1"),
+            ({"sample_interval": 0.1}, "its sample interval is 0.05, not 0.1"),
+            ({"inputs": [0.0]}, "it has 2 levels, not 1"),
+            ({"inputs": [0.0, 1 + 1e-15]}, "its level 1 is 1.0, not 1.000000000000001"),
+            ({"inputs": [0.0, np.nan]}, "its level 1 is 1.0, not nan"),
+            ({"longest": 11.0, "shortest": 2.5, "window": 1.0}, "its hold 0 is 10.0, not 11.0"),
+            ({"shortest": [2.5, 3.0]}, "its shortest hold 1 is 2.5, not 3.0"),
+        ],
+    )
+    def test_a_difference_is_told_in_words(self, changed, says):
+        common = {"inputs": [0.0, 1.0], "longest": 10.0, "sample_interval": 0.05, "input": "u [V]"}
+        assert Plan(**common).difference(Plan(**{**common, **changed})) == says
+
+
+class TestFiles:
+    def _file(self, tmp_path, text):
+        (tmp_path / "plan.csv").write_text(text)
+        return tmp_path / "plan.csv"
+
+    @pytest.mark.parametrize(
+        ("header", "factor"),
+        [("hold", 1), ("hold [s]", 1), ("hold [ms]", 1e-3), ("hold [min]", 60), ("hold [h]", 3600)],
+    )
+    def test_holds_are_in_the_unit_of_their_column(self, tmp_path, header, factor):
+        plan = Plan.from_csv(self._file(tmp_path, f"{header},u [V]\n90,1\n120,-1\n"))
+        np.testing.assert_allclose(plan.longest, [90 * factor, 120 * factor], rtol=1e-15)
+        np.testing.assert_array_equal(plan.inputs, [1.0, -1.0])
+        assert plan.input == Quantity("u", "V")
+
+    def test_shortest_holds_have_a_column_of_their_own_or_are_given(self, tmp_path):
+        file = self._file(tmp_path, "u;hold [min];shortest hold [s]\n1;1;10\n2;1;20\n")
+        np.testing.assert_array_equal(Plan.from_csv(file).shortest, [10.0, 20.0])
+        np.testing.assert_array_equal(Plan.from_csv(file, shortest=5.0).shortest, [5.0, 5.0])
+
+    def test_an_empty_level_is_open(self, tmp_path):
+        plan = Plan.from_csv(self._file(tmp_path, "u,hold [s]\n1,10\n,10\nnan,10\n"))
+        np.testing.assert_array_equal(plan.inputs, [1.0, np.nan, np.nan])
+        assert plan.open
+
+    def test_an_input_that_is_called_hold(self, tmp_path):
+        plan = Plan([1.0, 2.0], 10.0, input="hold [V]")
+        plan.to_csv(tmp_path / "plan.csv")
+        assert Plan.from_csv(tmp_path / "plan.csv").difference(plan) == ""
+
+    def test_one_of_several_columns_is_named(self, tmp_path):
+        file = self._file(tmp_path, "u [V],note,hold [s]\n1,a,10\n")
+        assert Plan.from_csv(file, input="u").inputs.tolist() == [1.0]
+        with pytest.raises(RecordError, match=r"2 columns that could be the input \('u \[V\]', 'n"):
+            Plan.from_csv(file)
+
+    @pytest.mark.parametrize(
+        ("text", "says"),
+        [
+            ("", "is empty"),
+            ("hold [s],u\n", "has a header and no rows"),
+            ("u\n1\n", r"has no column 'hold \[s\]'; a plan says how long"),
+            ("hold [s]\n1\n", r"has 0 columns that could be the input \(none\)"),
+            ("u,hold [V]\n1,1\n", r"column 'hold \[V\]' of .* must be in one of s, ms"),
+            ("u,hold [s]\n1,\n", "is empty in row 2"),
+            ("u,hold [s]\n1,1\nx,1\n", "has the text 'x' in row 3"),
+            ("u,hold [s]\ninf,1\n", "has 'inf' in row 2"),
+        ],
+    )
+    def test_a_file_that_is_no_plan(self, tmp_path, text, says):
+        with pytest.raises(RecordError, match=says):
+            Plan.from_csv(self._file(tmp_path, text))
+
+    def test_numbers_out_of_range_in_a_file(self, tmp_path):
+        with pytest.raises(ParameterError, match="longest hold 1 is -1; give a positive"):
+            Plan.from_csv(self._file(tmp_path, "u,hold [s]\n1,1\n1,-1\n"))
+        with pytest.raises(RecordError, match="does not exist"):
+            Plan.from_csv(tmp_path / "none.csv")
+
+    def test_nothing_is_replaced_unless_by_force(self, tmp_path):
+        Plan([1.0], 10.0).to_csv(tmp_path / "plan.csv")
+        with pytest.raises(OutputError, match="exists already"):
+            Plan([2.0], 10.0).to_csv(tmp_path / "plan.csv")
+        Plan([2.0], 10.0).to_csv(tmp_path / "plan.csv", force=True)
+        assert Plan.from_csv(tmp_path / "plan.csv").inputs.tolist() == [2.0]
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("changed", "says"),
+        [
+            ({"inputs": []}, r"inputs have shape \(0,\); a plan has \(N,\) levels"),
+            ({"inputs": [[0.0, 1.0]]}, r"inputs have shape \(1, 2\)"),
+            ({"inputs": 1.0}, "inputs"),
+            ({"inputs": [0.0, np.inf]}, "inputs is inf at index 1"),
+            ({"inputs": ["a", "b"]}, "inputs is not an array of real numbers"),
+            ({"inputs": [1j, 2.0]}, "inputs"),
+            ({"longest": 0.0}, "longest hold 0 is 0; give a positive number of seconds"),
+            ({"longest": [10.0, np.nan]}, "longest hold 1 is nan"),
+            ({"longest": [10.0, 10.0, 10.0]}, "give one number of seconds, or one for each of 2"),
+            ({"longest": "long"}, "longest hold is 'long'"),
+            ({"longest": None}, "longest hold"),
+            ({"shortest": [-1.0, 1.0]}, "shortest hold 0 is -1"),
+            ({"shortest": [1.0, 10.5]}, "level 1 is held 10.5 s at least and 10 s at most"),
+            ({"window": 11.0}, "window is 11 s and a hold is 10 s; give a window that fits"),
+            ({"window": 0.0}, "window is 0.0; give a positive number"),
+            ({"window": 0.19, "sample_interval": 0.05}, "holds fewer than 4 samples"),
+            ({"sample_interval": 3.0}, "holds fewer than 4 samples 3 s apart"),
+            ({"sample_interval": 1e-9}, "more than 2000000 samples 1e-09 s apart; sample less"),
+            ({"sample_interval": -1.0}, "sample interval is -1.0"),
+            ({"sample_interval": "often"}, "sample interval is 'often'"),
+            ({"tolerance": 0.0}, "tolerance is 0.0; give a positive number"),
+            ({"tolerance": np.nan}, "tolerance is nan; give a finite number"),
+        ],
+    )
+    def test_says_what_is_wrong_and_what_to_do(self, changed, says):
+        with pytest.raises(ParameterError, match=says):
+            Plan(**{"inputs": [0.0, 1.0], "longest": 10.0, **changed})
+
+    def test_too_many_levels(self, monkeypatch):
+        monkeypatch.setattr(plan_module, "MAX_POINTS", 3)
+        Plan([0.0, 1.0, 2.0], 10.0)
+        with pytest.raises(ParameterError, match="1 to 3 of them"):
+            Plan([0.0, 1.0, 2.0, 3.0], 10.0)
+
+    def test_a_window_of_exactly_the_fewest_samples_will_do(self):
+        for interval in (0.05, 0.1, 0.3, 1 / 7):
+            assert Plan([0.0], 10.0, window=FEWEST * interval, sample_interval=interval)

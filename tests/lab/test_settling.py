@@ -1,0 +1,241 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.arrays import uniform_levels
+from minorloop.connect import connect
+from minorloop.identification.excitation import decaying_staircase
+from minorloop.lab.settling import Trend, extrapolate, judge, trend
+
+T = np.arange(1, 201) * 1.0
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def _noise(seed, count=T.size):
+    return np.random.default_rng(seed).normal(size=count)
+
+
+def _decay(tau, amplitude=1.0):
+    return amplitude * np.exp(-T / tau)
+
+
+def _judged(y, *, tolerance=1e-4, window=20.0):
+    return judge(T, y, tolerance=tolerance, window=window)
+
+
+class TestTrend:
+    @given(slope=st.floats(-1e3, 1e3), end=st.floats(-1e6, 1e6), window=st.floats(4, 200))
+    def test_a_line_is_found_exactly(self, slope, end, window):
+        line = trend(T, end + slope * (T - T[-1]), window)
+        size = 1 + abs(end) + 200 * abs(slope)
+        assert line.value == pytest.approx(end, abs=1e-11 * size)
+        assert line.slope == pytest.approx(slope, abs=1e-11 * size)
+        assert line.sd <= 1e-11 * size
+
+    def test_only_the_window_counts(self):
+        y = np.where(T < 180, 1e6, 3.0)
+        assert trend(T, y, 20.0).value == 3.0
+        assert trend(T, y, 21.0).value != 3.0
+
+    @pytest.mark.parametrize("likeness", [0.0, 0.5, 0.8])
+    def test_its_uncertainty_is_that_of_repeated_holds(self, likeness):
+        """Also where the noise of neighbours is alike, as behind a filter."""
+        chance = np.random.default_rng(0)
+        noise = chance.normal(size=(800, T.size))
+        for k in range(1, T.size):
+            noise[:, k] = likeness * noise[:, k - 1] + noise[:, k]
+        lines = [trend(T, y, 150.0) for y in noise]
+        told = np.median([line.slope_sd for line in lines])
+        assert 0.75 * told <= np.std([line.slope for line in lines]) <= 1.25 * told
+        told = np.median([line.sd for line in lines])
+        assert 0.75 * told <= np.std([line.value for line in lines]) <= 1.25 * told
+
+    def test_a_slope_has_to_be_known_to_be_small(self):
+        assert Trend(1.0, 0.1, 0.01, 0.02).is_below(0.05)
+        assert Trend(1.0, 0.1, -0.01, 0.02).is_below(0.05)
+        assert not Trend(1.0, 0.1, 0.0, 0.03).is_below(0.05)
+        assert not Trend(1.0, 0.1, -0.06, 0.0).is_below(0.05)
+
+    @pytest.mark.parametrize(
+        ("t", "y"),
+        [
+            ([], []),
+            ([1.0], [2.0]),
+            ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
+            (np.arange(9.0), np.full(9, np.nan)),
+            (np.arange(9.0), [*np.full(6, np.nan), 1.0, 2.0, 3.0]),
+            (np.ones(9), np.arange(9.0)),
+        ],
+    )
+    def test_too_little_has_no_trend_and_no_end(self, t, y):
+        assert trend(t, y, 100.0) is None
+        assert extrapolate(t, y) is None
+        end = judge(t, y, tolerance=1.0, window=100.0)
+        assert end.verdict == "unsettled"
+        assert np.isnan([end.sd, end.slope, end.slope_sd]).all()
+        measured = np.asarray(y)[np.isfinite(y)]
+        np.testing.assert_equal(end.value, measured[-1] if measured.size else np.nan)
+
+
+class TestExtrapolation:
+    @pytest.mark.parametrize("tau", [10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 80.0])
+    @pytest.mark.parametrize("goal", [0.0, -3.0, 1e4])
+    def test_a_decay_is_carried_to_its_end(self, tau, goal):
+        end = extrapolate(T, goal + _decay(tau))
+        assert end.trusted
+        assert abs(end.value - goal) <= 3 * end.sd <= 0.1
+        assert abs(end.value - goal) <= 0.4 * np.exp(-200 / tau) + 2e-5
+
+    def test_of_two_decays_that_fight_the_end_is_found_too(self):
+        end = extrapolate(T, 5.0 + _decay(25.0, -2.0) + _decay(60.0, 1.0))
+        assert end.trusted
+        assert end.value == pytest.approx(5.0, abs=0.01)
+        assert abs(end.value - 5.0) <= 3 * end.sd
+
+    @pytest.mark.parametrize(
+        "y",
+        [T / 200, np.sqrt(T / 200), np.log(T), _decay(200.0), np.cumsum(_noise(1)), np.sin(T / 30)],
+        ids=["ramp", "root", "logarithm", "too slow", "random walk", "swing"],
+    )
+    def test_what_does_not_fade_within_the_hold_is_not_trusted(self, y):
+        assert not extrapolate(T, y).trusted
+        end = _judged(y)
+        assert end.verdict == "unsettled"
+        assert end.value == trend(T, y, 20.0).value
+        assert end.sd >= 0.4 * 200 * abs(end.slope)
+
+    @given(
+        seed=SEEDS,
+        tau=st.floats(12, 80),
+        shift=st.floats(-1e3, 1e3),
+        scale=st.floats(1e-6, 1e6),
+        stretch=st.floats(1e-6, 1e6),
+    )
+    def test_units_do_not_matter(self, seed, tau, shift, scale, stretch):
+        y = _decay(tau) + 0.03 * _noise(seed)
+        one = extrapolate(T, y)
+        other = extrapolate(stretch * T, scale * (y + shift))
+        close = {"rel": 1e-6, "abs": 1e-8}
+        assert other.value / scale - shift == pytest.approx(one.value, **close)
+        assert other.sd / scale == pytest.approx(one.sd, **close)
+        assert other.remaining / scale == pytest.approx(one.remaining, **close)
+
+    @given(seed=SEEDS, tau=st.floats(12, 80))
+    def test_up_is_as_good_as_down(self, seed, tau):
+        y = _decay(tau) + 0.03 * _noise(seed)
+        up, down = extrapolate(T, y), extrapolate(T, -y)
+        assert up.value == pytest.approx(-down.value, abs=1e-12)
+        assert (up.sd, up.trusted) == (pytest.approx(down.sd), down.trusted)
+
+    def test_many_samples_say_the_same_as_their_means(self):
+        t = np.linspace(0, 200, 100_001)[1:]
+        end = extrapolate(t, np.exp(-t / 40) + 0.3 * _noise(2, t.size))
+        assert end.trusted
+        assert abs(end.value) <= 3 * end.sd <= 0.1
+
+
+class TestVerdict:
+    def test_flat_is_settled(self):
+        end = _judged(np.full(200, 7.0))
+        assert (end.verdict, end.value, end.sd, end.slope) == ("settled", 7.0, 0.0, 0.0)
+
+    def test_between_settled_and_not_lies_the_tolerance(self):
+        y = 2.0 + _decay(30.0)
+        line = trend(T, y, 20.0)
+        slope = abs(line.slope) + 2 * line.slope_sd
+        settled = _judged(y, tolerance=1.01 * slope)
+        assert settled.verdict == "settled"
+        assert settled.value == trend(T, y, 20.0).value
+        assert abs(settled.value - 2.0) <= 3 * settled.sd
+        extrapolated = _judged(y, tolerance=0.99 * slope)
+        assert extrapolated.verdict == "extrapolated"
+        assert extrapolated.value == extrapolate(T, y).value
+        assert abs(extrapolated.value - 2.0) < abs(settled.value - 2.0) / 2
+
+    @given(seed=SEEDS)
+    def test_what_was_not_measured_is_left_out(self, seed):
+        y = 1.0 + _decay(40.0) + 0.01 * _noise(seed)
+        gaps = np.random.default_rng(seed).random(200) < 0.3
+        kept = judge(T[~gaps], y[~gaps], tolerance=1e-4, window=20.0)
+        # The last of the gaps may be at the end, where the window begins then is the same.
+        assert judge(T, np.where(gaps, np.nan, y), tolerance=1e-4, window=20.0).value == kept.value
+
+    @given(data=st.data())
+    def test_there_is_a_verdict_on_anything(self, data):
+        count = data.draw(st.integers(0, 40))
+        steps = st.sampled_from([0.0, 1e-9, 0.1, 1.0, 1e6])
+        t = np.cumsum(data.draw(st.lists(steps, min_size=count, max_size=count)))
+        numbers = st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e100, 1e6, np.nan]) | st.floats(-1, 1)
+        y = np.array(data.draw(st.lists(numbers, min_size=count, max_size=count)))
+        end = judge(t, y, tolerance=data.draw(st.floats(1e-9, 1e9)), window=1.0)
+        assert end.verdict in ("settled", "extrapolated", "unsettled")
+        assert np.isfinite(end.value) == np.isfinite(y).any()
+        assert not end.sd < 0
+        if end.verdict != "unsettled":
+            assert np.isfinite(end.sd)
+
+
+class TestHonesty:
+    """|value - truth| is within three standard deviations, whatever the verdict."""
+
+    @pytest.mark.parametrize("tau", [20.0, 40.0, 65.0])
+    @pytest.mark.parametrize("noise", [0.001, 0.03, 0.3])
+    @pytest.mark.parametrize("tolerance", [1e-4, 5e-3])
+    def test_of_decays_in_noise(self, tau, noise, tolerance):
+        ends = [
+            _judged(_decay(tau) + noise * _noise(seed), tolerance=tolerance) for seed in range(100)
+        ]
+        assert np.mean([abs(end.value) <= 3 * end.sd for end in ends]) >= 0.95
+        # Nor is it bought with uncertainties that say nothing.
+        assert (
+            np.sqrt(np.mean([end.value**2 for end in ends]))
+            >= np.median([end.sd for end in ends]) / 10
+        )
+
+    @pytest.mark.parametrize(
+        ("address", "hold"),
+        [("ipmc", 100.0), ("ipmc", 200.0), ("fibre", 200.0), ("fibre", 300.0)],
+    )
+    def test_of_the_twins(self, address, hold):
+        chance = np.random.default_rng(0)
+        for share in (0.0005, 0.005, 0.02):
+            inside, verdicts, worst = [], set(), 0.0
+            for t, y, truth, span in _holds(address, hold):
+                for tolerance in (0.002 * span / hold, 0.04 * span / hold):
+                    noisy = y + share * span * chance.normal(size=y.size)
+                    end = judge(t, noisy, tolerance=tolerance, window=hold / 10)
+                    inside.append(abs(end.value - truth) <= 3 * end.sd)
+                    verdicts.add(end.verdict)
+                    worst = max(worst, end.sd / span)
+            assert len(inside) >= 88
+            assert np.mean(inside) >= 0.95
+            assert "extrapolated" in verdicts
+            assert share > 0.0005 or "settled" in verdicts
+            assert worst <= 0.015 + 2 * share  # nor is it bought with doubts that say nothing
+
+    @pytest.mark.parametrize(("address", "hold"), [("ipmc", 100.0), ("fibre", 200.0)])
+    def test_extrapolating_is_better_than_taking_the_last_sample(self, address, hold):
+        chance = np.random.default_rng(0)
+        last, extrapolated = [], []
+        for t, y, truth, span in _holds(address, hold):
+            noisy = y + 0.0005 * span * chance.normal(size=y.size)
+            last.append((noisy[-1] - truth) / span)
+            extrapolated.append((extrapolate(t, noisy).value - truth) / span)
+        assert np.std(last) >= 4 * np.sqrt(np.mean(np.square(extrapolated)))
+
+
+def _holds(address, hold):
+    """Holds of some specimens of a twin without noise: times, outputs, settled value, span."""
+    low, high = {"ipmc": (-1.2, 1.2), "fibre": (0.2, 0.65)}[address]
+    for specimen in range(4):
+        twin = connect(f"twin:{address}", specimen=specimen)
+        found = []
+        for level in decaying_staircase(uniform_levels(low, high, 4)):
+            record = twin.apply(level, hold, hold / 200)
+            state = twin.checkpoint()
+            truth = twin.apply(level, 6000.0, 6000.0).y[-1]
+            twin.restore(state)
+            found.append((hold / 200 + record.t - record.t[0], record.y, truth))
+        span = np.ptp([truth for _, _, truth in found])
+        yield from ((*each, span) for each in found)

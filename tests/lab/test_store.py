@@ -1,0 +1,621 @@
+import os
+import resource
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import OutputError, ParameterError, RecordError, StoreError
+from minorloop.lab import store as store_module
+from minorloop.lab.plan import Plan
+from minorloop.lab.store import Point, Setup, Store, is_store
+
+LEVELS = [0.0, 0.5, -0.25, np.nan, 1.0]
+PLAN = Plan(LEVELS, 40.0, input="voltage [V]")
+SETUP = Setup("twin:ipmc", "voltage [V]", "curvature [1/m]", specimen=3, options={"noise": 0.1})
+STATE = {"state": [0.1, 0.2, -1e-17], "samples": 40}
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch):
+    monkeypatch.setattr(store_module, "_PATIENCE", 0.01)
+
+
+def _point(index, /, **changed):
+    level = PLAN.inputs[index]
+    fields = {
+        "index": index,
+        "input": 0.75 if np.isnan(level) else float(level),
+        "value": np.sin(index),
+        "sd": 0.01,
+        "verdict": "settled",
+        "t": 40.0 * (index + 1),
+        "held": 40.0,
+        "checkpoint": STATE,
+    }
+    return Point(**{**fields, **changed})
+
+
+def _trace(index, samples=5):
+    t = np.arange(1, samples + 1) * 40.0 / samples
+    return t, np.cos(index + t)
+
+
+def _filled(path, points=3):
+    """A store in the middle of a run, closed."""
+    with Store.create(path, PLAN, SETUP) as store:
+        store.set_origin(STATE)
+        sitting = store.begin_sitting("fresh")
+        for index in range(points):
+            store.add(_point(index), *_trace(index))
+        store.end_sitting(sitting, "interrupted")
+    return path
+
+
+def _content(path, *, write=False):
+    """All that a store can tell, as text, so that NaN equals NaN."""
+    with Store.open(path, write=write) as store:
+        traces = [[part.tolist() for part in store.trace(k)] for k in range(len(store))]
+        told = (store.points(), store.sittings(), store.origin(), store.finished, store.last())
+        return repr((store.plan.to_json(), store.setup, traces, told, store.columns()))
+
+
+def _folder_is_clean(folder, *names):
+    return sorted(entry.name for entry in folder.iterdir()) == sorted(names)
+
+
+class TestKeeping:
+    def test_what_was_put_in_comes_out(self, tmp_path):
+        with Store.open(_filled(tmp_path / "a.sqlite")) as store:
+            assert store.plan.difference(PLAN) == ""
+            assert store.setup == SETUP
+            assert store.points() == [_point(k) for k in range(3)]
+            assert store.last() == _point(2)
+            assert store.origin() == STATE
+            assert len(store) == 3
+            assert not store.finished
+            for index in range(3):
+                for kept, given_ in zip(store.trace(index), _trace(index), strict=True):
+                    np.testing.assert_array_equal(kept, given_)
+            (sitting,) = store.sittings()
+            assert (sitting.first, sitting.way, sitting.end) == (0, "fresh", "interrupted")
+            assert sitting.began <= sitting.ended
+        assert _folder_is_clean(tmp_path, "a.sqlite")
+
+    @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+    @given(data=st.data())
+    def test_every_float_is_kept_to_the_last_bit(self, tmp_path, data):
+        numbers = st.floats(allow_infinity=False)
+        levels = data.draw(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=3))
+        plan = Plan(levels, 40.0)
+        path = tmp_path / f"{os.urandom(8).hex()}.sqlite"
+        added = []
+        with Store.create(path, plan, SETUP) as store:
+            for index, level in enumerate(levels):
+                state = data.draw(st.none() | st.dictionaries(st.text(), st.floats() | st.text()))
+                point = Point(
+                    index,
+                    level,
+                    data.draw(numbers),
+                    data.draw(numbers),
+                    "settled",
+                    40.0,
+                    40.0,
+                    state,
+                )
+                y = data.draw(st.lists(st.floats(), min_size=1, max_size=4))
+                store.add(point, np.arange(len(y)), np.array(y))
+                added.append((point, y))
+        with Store.open(path) as store:
+            for (point, y), kept in zip(added, store.points(), strict=True):
+                assert repr(kept).replace("-0.0", "0.0") == repr(point).replace("-0.0", "0.0")
+                np.testing.assert_array_equal(store.trace(point.index)[1], y)
+
+    def test_a_value_that_was_not_measured_stays_unmeasured(self, tmp_path):
+        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
+            store.add(_point(0, value=np.nan, sd=np.nan), np.arange(3), np.full(3, np.nan))
+            assert np.isnan(store.points()[0].value)
+            assert np.isnan(store.record().y).all()
+            assert np.isnan(store.trace(0)[1]).all()
+
+    def test_it_is_a_record_and_a_table(self, tmp_path):
+        with Store.open(_filled(tmp_path / "a")) as store:
+            record = store.record()
+            np.testing.assert_array_equal(record.u, LEVELS[:3])
+            np.testing.assert_array_equal(record.t, [40.0, 80.0, 120.0])
+            assert (str(record.input), str(record.output)) == ("voltage [V]", "curvature [1/m]")
+            columns = store.columns()
+        assert columns["index"] == [0, 1, 2]
+        assert columns["voltage [V]"] == LEVELS[:3]
+        assert {len(column) for column in columns.values()} == {3}
+        assert list(columns)[2:5] == ["curvature [1/m]", "sd [1/m]", "verdict"]
+
+    def test_an_output_named_as_the_input_keeps_its_own_column(self, tmp_path):
+        both = Setup("bench", "angle [rad]", "angle [rad]")
+        with Store.create(tmp_path / "a", PLAN, both) as store:
+            store.add(_point(0), *_trace(0))
+            assert store.columns()["angle [rad]"] == [0.0]
+            assert store.columns()["measured angle [rad]"] == [0.0]
+
+    def test_it_is_finished_with_the_last_level_or_when_it_is_enough(self, tmp_path):
+        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
+            for index in range(len(PLAN)):
+                assert not store.finished
+                store.add(_point(index), *_trace(index))
+            assert store.finished
+            with pytest.raises(ParameterError, match="has 5 of 5 points"):
+                store.add(_point(4, index=5), *_trace(5))
+        with Store.open(_filled(tmp_path / "b"), write=True) as store:
+            store.set_enough()
+            with pytest.raises(ParameterError, match="has 3 of 5 points"):
+                store.add(_point(3), *_trace(3))
+        with Store.open(tmp_path / "b") as store:
+            assert store.finished
+
+    def test_the_first_origin_stays(self, tmp_path):
+        with Store.open(_filled(tmp_path / "a"), write=True) as store:
+            store.set_origin({"state": "later"})
+            assert store.origin() == STATE
+
+    @pytest.mark.parametrize("name", ["a b?c#d%20e", "ä.sqlite", "file:x?mode=ro", ":memory:"])
+    def test_a_name_is_only_a_name(self, tmp_path, monkeypatch, name):
+        monkeypatch.chdir(tmp_path)
+        _filled(name)
+        assert is_store(name)
+        assert len(_content(name)) > 100
+        assert _folder_is_clean(tmp_path, name)
+
+
+class TestRefusals:
+    def test_only_the_next_point_of_the_plan_is_added(self, tmp_path):
+        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
+            for index in (1, 4, -1):
+                with pytest.raises(ParameterError, match=f"point {index} cannot be added"):
+                    store.add(_point(index, index=index), *_trace(0))
+            with pytest.raises(ParameterError, match=r"point 0 was taken at 0\.1; its level is 0"):
+                store.add(_point(0, input=0.1), *_trace(0))
+            with pytest.raises(ParameterError, match="point 0 was taken at nan"):
+                store.add(_point(0, input=np.nan), *_trace(0))
+            with pytest.raises(ParameterError, match=r"times \(5,\) and outputs \(4,\)"):
+                store.add(_point(0), _trace(0)[0], np.zeros(4))
+            assert len(store) == 0
+            for index in range(3):
+                store.add(_point(index), *_trace(index))
+            for level in (np.nan, np.inf):
+                with pytest.raises(ParameterError, match=f"point 3 was taken at {level}; .* open"):
+                    store.add(_point(3, input=level), *_trace(3))
+            for index in (3, -1):
+                with pytest.raises(ParameterError, match=f"no point {index}; .* the first 3"):
+                    store.trace(index)
+
+    def test_before_the_first_point_there_is_no_record(self, tmp_path):
+        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
+            with pytest.raises(RecordError, match="no settled point yet; resume the run first"):
+                store.record()
+            assert (store.last(), store.points(), store.origin()) == (None, [], None)
+
+    def test_another_run_is_refused(self, tmp_path):
+        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
+            store.check_same(Plan(LEVELS, 40.0, input="voltage [V]"), SETUP)
+            with pytest.raises(StoreError, match=r"another run: its level 1 is 0\.5, not 0\.4"):
+                store.check_same(Plan([0.0, 0.4, -0.25, 0, 1], 40.0, input="voltage [V]"))
+            other = Setup(SETUP.address, SETUP.input, SETUP.output, 4, 0, {"noise": 0.1})
+            with pytest.raises(StoreError, match="its specimen is 3, not 4"):
+                store.check_same(PLAN, other)
+
+    def test_nothing_is_replaced(self, tmp_path):
+        (tmp_path / "a").write_text("kept")
+        with pytest.raises(OutputError, match="exists already"):
+            Store.create(tmp_path / "a", PLAN, SETUP)
+        assert (tmp_path / "a").read_text() == "kept"
+        with pytest.raises(OutputError, match="does not exist; make it first"):
+            Store.create(tmp_path / "no" / "a", PLAN, SETUP)
+
+    def test_what_appears_meanwhile_is_not_replaced_either(self, tmp_path, monkeypatch):
+        def late(path, **_):
+            Path(path).write_text("kept")
+            return Path(path)
+
+        monkeypatch.setattr(store_module, "check_writable", late)
+        with pytest.raises(OutputError, match="exists already"):
+            Store.create(tmp_path / "a", PLAN, SETUP)
+        assert (tmp_path / "a").read_text() == "kept"
+        assert _folder_is_clean(tmp_path, "a")
+
+    @pytest.mark.parametrize("linked", [True, False])
+    def test_a_file_system_without_links_will_do(self, tmp_path, monkeypatch, linked):
+        def refuse(*_):
+            raise PermissionError(1, "Operation not permitted")
+
+        if not linked:
+            monkeypatch.setattr(os, "link", refuse)
+        _filled(tmp_path / "a")
+        assert _folder_is_clean(tmp_path, "a")
+
+    def test_a_setup_that_is_no_json_leaves_nothing_behind(self, tmp_path):
+        with pytest.raises(ParameterError, match="cannot be written as JSON"):
+            Store.create(tmp_path / "a", PLAN, Setup("a", "u", "y", options={"noise": {1, 2}}))
+        assert _folder_is_clean(tmp_path)
+
+    @pytest.mark.parametrize("write", [False, True])
+    @pytest.mark.parametrize(
+        ("content", "says"),
+        [
+            (b"", "not an experiment store"),
+            (b"u,y\n1,2\n", "not an experiment store"),
+            (b"SQLite format 3\0" + b"\xff" * 4096, "it is not an experiment store, or damaged"),
+            (bytes(5000), "it is not an experiment store, or damaged"),
+        ],
+    )
+    def test_a_file_that_is_no_store(self, tmp_path, content, says, write):
+        (tmp_path / "a").write_bytes(content)
+        with pytest.raises(StoreError, match=says):
+            Store.open(tmp_path / "a", write=write)
+        assert (tmp_path / "a").read_bytes() == content
+        assert _folder_is_clean(tmp_path, "a")
+
+    def test_a_database_of_somebody_else(self, tmp_path):
+        with sqlite3.connect(tmp_path / "a") as other:
+            other.execute("CREATE TABLE point (id INTEGER)")
+        other.close()
+        with pytest.raises(StoreError, match="a database, but not an experiment store"):
+            Store.open(tmp_path / "a")
+
+    @pytest.mark.parametrize(
+        ("path", "says"),
+        [
+            ("none", "does not exist; give the name"),
+            (".", "not a regular file"),
+            ("file/inside", "cannot be opened"),
+            ("x" * 300, "cannot be opened"),
+            ("a\0b", "cannot be opened"),
+        ],
+    )
+    def test_a_place_where_no_store_can_be(self, tmp_path, path, says):
+        (tmp_path / "file").touch()
+        with pytest.raises(StoreError, match=says):
+            Store.open(tmp_path / path)
+        assert not is_store(tmp_path / path)
+
+    def test_a_store_of_a_newer_version(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        newer = sqlite3.connect(path)
+        newer.execute(f"PRAGMA user_version = {store_module.VERSION + 1}")
+        newer.close()
+        with pytest.raises(StoreError, match="has format 2 and this minorloop reads 1; install a"):
+            Store.open(path)
+
+    def test_who_opens_to_read_does_not_write(self, tmp_path):
+        before = _filled(tmp_path / "a").read_bytes()
+        with Store.open(tmp_path / "a") as store:
+            with pytest.raises(StoreError, match="protected against writing; its points are kept"):
+                store.add(_point(3), *_trace(3))
+            with pytest.raises(StoreError, match="protected against writing"):
+                store.begin_sitting("restored")
+        assert (tmp_path / "a").read_bytes() == before
+
+    def test_a_closed_store_says_so(self, tmp_path):
+        with Store.create(tmp_path / "a", PLAN, SETUP) as store:
+            pass
+        with pytest.raises(StoreError, match="closed"):
+            store.points()
+        with pytest.raises(StoreError, match="closed"):
+            store.add(_point(0), *_trace(0))
+
+
+@contextmanager
+def _without_privileges(folder):
+    """Be nobody, for whom rights count; a superuser may write everywhere."""
+    if os.geteuid() != 0:
+        yield
+        return
+    for path in (folder, *folder.iterdir()):
+        os.chown(path, 65534, 65534)
+    os.setresuid(65534, 65534, 0)
+    try:
+        yield
+    finally:
+        os.setresuid(0, 0, 0)
+
+
+class TestRights:
+    @pytest.fixture
+    def folder(self):
+        """A folder that nobody can reach; those above a test's own are closed to others."""
+        with tempfile.TemporaryDirectory() as name:
+            yield Path(name)
+
+    def test_a_folder_closed_to_writing_gives_but_does_not_take(self, folder):
+        path = _filled(folder / "a")
+        expected = _content(path)
+        folder.chmod(0o555)
+        with _without_privileges(folder):
+            assert _content(path) == expected
+            with pytest.raises(StoreError, match="and its folder cannot both be written"):
+                Store.open(path, write=True)
+            with pytest.raises(OutputError, match="cannot be written to"):
+                Store.create(folder / "b", PLAN, SETUP)
+        folder.chmod(0o755)
+
+    def test_a_file_closed_to_writing_or_reading(self, folder):
+        path = _filled(folder / "a")
+        expected = _content(path)
+        path.chmod(0o444)
+        with _without_privileges(folder):
+            assert _content(path) == expected
+            with pytest.raises(StoreError, match="cannot both be written; check their rights"):
+                Store.open(path, write=True)
+        path.chmod(0)
+        with _without_privileges(folder), pytest.raises(StoreError, match="cannot be opened"):
+            Store.open(path)
+
+
+HOLD = """
+import sys
+from minorloop.lab import store
+store._PATIENCE = 0.01
+try:
+    with store.Store.open(sys.argv[1], write=sys.argv[2] == "write"):
+        print("opened", flush=True)
+        sys.stdin.readline()
+except store.StoreError as error:
+    print(error)
+"""
+
+
+@contextmanager
+def _other_process(path, how):
+    """Another process that opens a store and holds it; gives what it says of that."""
+    command = [sys.executable, "-c", HOLD, str(path), how]
+    with subprocess.Popen(command, stdin=-1, stdout=-1, text=True) as process:
+        try:
+            yield process.stdout.readline().strip()
+        finally:
+            process.communicate("\n")
+
+
+class TestOneAtATime:
+    def test_while_another_process_writes_nobody_else_gets_in(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with _other_process(path, "write") as says:
+            assert says == "opened"
+            for write in (False, True):
+                with pytest.raises(StoreError, match="another process has it open; wait"):
+                    Store.open(path, write=write)
+        assert "interrupted" in _content(path, write=True)
+
+    def test_a_process_that_looks_again_does_not_give_its_store_away(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.open(path, write=True) as store:
+            with pytest.raises(StoreError, match="another process has it open"):
+                Store.open(path)
+            with _other_process(path, "write") as says:
+                assert "another process has it open" in says
+            store.add(_point(3), *_trace(3))
+
+    def test_many_may_read(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.open(path), _other_process(path, "read") as says, Store.open(path):
+            assert says == "opened"
+
+
+class TestDamage:
+    """A damaged store is refused in one sentence, or tells exactly what it told before."""
+
+    @staticmethod
+    def _survives(path, expected, *, write=False):
+        try:
+            found = _content(path, write=write)
+        except StoreError:
+            return False
+        finally:
+            for leftover in path.parent.glob(f"{path.name}-*"):
+                leftover.unlink()
+        assert found == expected
+        return True
+
+    @pytest.mark.parametrize("write", [False, True])
+    @pytest.mark.parametrize("part", ["header", "schema", "rows"])
+    def test_a_single_bit(self, tmp_path, part, write):
+        path = _filled(tmp_path / "a")
+        expected, whole = _content(path), path.read_bytes()
+        chance = np.random.default_rng(write)
+        begin, end = {"header": (0, 100), "schema": (100, 4096), "rows": (4096, len(whole))}[part]
+        bits = np.arange(8 * begin, 8 * end)
+        harmless = []
+        for bit in chance.choice(bits, 250, replace=False):
+            damaged = bytearray(whole)
+            damaged[bit // 8] ^= 1 << bit % 8
+            path.write_bytes(damaged)
+            harmless.append(self._survives(path, expected, write=write))
+        assert not all(harmless)
+        assert any(harmless)  # what is not in use may be anything
+
+    def test_every_byte_of_a_point_and_its_trace_counts(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        expected, whole = _content(path), path.read_bytes()
+        value = np.array(np.sin(2), dtype=">f8").tobytes()
+        trace = _trace(2)[1].astype("<f8").tobytes()
+        for piece in (value, trace, b"interrupted", b"-1e-17", b"twin:ipmc", b"settled"):
+            begin = whole.rindex(piece)
+            for place in range(begin, begin + len(piece)):
+                damaged = bytearray(whole)
+                damaged[place] ^= 1
+                path.write_bytes(damaged)
+                assert not self._survives(path, expected)
+
+    def test_any_piece_overwritten(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        expected, whole = _content(path), path.read_bytes()
+        chance = np.random.default_rng(1)
+        for _ in range(150):
+            begin, length = int(chance.integers(len(whole))), int(chance.integers(1, 3000))
+            filling = chance.bytes(length) if chance.random() < 0.5 else bytes(length)
+            path.write_bytes((whole[:begin] + filling + whole[begin + length :])[: len(whole)])
+            self._survives(path, expected)
+
+    def test_a_piece_cut_off(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        expected, whole = _content(path), path.read_bytes()
+        for length in [*range(0, len(whole), 512), 1, 15, 99, 101, len(whole) - 1]:
+            path.write_bytes(whole[:length])
+            assert not self._survives(path, expected)
+
+    @pytest.mark.parametrize(
+        "statement",
+        [
+            "DELETE FROM point WHERE id = 1",
+            "DELETE FROM trace WHERE id = 2",
+            "DELETE FROM point WHERE id = 2",
+            "DELETE FROM about WHERE name = 'plan'",
+            "UPDATE point SET value = value * (1 + 1e-15) WHERE id = 1",
+            "UPDATE point SET id = 7 WHERE id = 2",
+            "UPDATE sitting SET way = 'replayed'",
+            "UPDATE about SET value = replace(value, '0.5', '0.6') WHERE name = 'plan'",
+            "UPDATE about SET value = replace(value, 'ipmc', 'fibre') WHERE name = 'setup'",
+            "UPDATE about SET name = 'enough' WHERE name = 'origin'",
+            "DROP TABLE sitting",
+        ],
+    )
+    def test_a_row_altered_by_hand(self, tmp_path, statement):
+        path = _filled(tmp_path / "a")
+        hand = sqlite3.connect(path, isolation_level=None)
+        hand.execute(statement)
+        hand.close()
+        with pytest.raises(StoreError, match=r"is damaged|cannot be used|cannot be read"):
+            Store.open(path)
+
+    def test_points_of_another_plan(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.create(tmp_path / "b", Plan([0.0], 40.0), SETUP):
+            pass
+        hand = sqlite3.connect(path, isolation_level=None)
+        hand.execute("ATTACH ? AS other", (str(tmp_path / "b"),))
+        hand.execute("REPLACE INTO about SELECT * FROM other.about WHERE name = 'plan'")
+        hand.close()
+        with pytest.raises(StoreError, match="point 1 is missing or is not that of the plan"):
+            Store.open(path)
+
+
+@contextmanager
+def _files_no_longer_than(size):
+    """What a full disk does to a file that grows."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+class TestFullDisk:
+    def test_a_point_that_does_not_fit_leaves_the_store_as_it_was(self, tmp_path):
+        path = _filled(tmp_path / "a")
+        with Store.open(path, write=True) as store:
+            (pages,) = store._connection.execute("PRAGMA page_count").fetchone()
+            store._connection.execute(f"PRAGMA max_page_count = {pages + 2}")
+            with pytest.raises(
+                StoreError, match="the disk is full; make room; its points are kept"
+            ):
+                store.add(_point(3), *_trace(3, samples=20_000))
+            assert len(store) == 3
+            store._connection.execute(f"PRAGMA max_page_count = {pages + 200}")
+            store.add(_point(3), *_trace(3, samples=20_000))
+        with Store.open(path) as store:
+            assert len(store) == 4
+            assert store.trace(3)[0].size == 20_000
+
+    @pytest.mark.parametrize("room", [0, 4096, 100_000])
+    def test_a_disk_that_takes_no_more(self, tmp_path, room):
+        path = _filled(tmp_path / "a")
+        with Store.open(path, write=True) as store:
+            with (
+                _files_no_longer_than(path.stat().st_size + room),
+                pytest.raises(StoreError, match=r"cannot be written: the disk .*; its points are"),
+            ):
+                store.add(_point(3), *_trace(3, samples=20_000))
+            assert len(store) == 3
+            store.add(_point(3), *_trace(3, samples=20_000))
+        assert len(_content(path)) > 20_000
+
+    @pytest.mark.parametrize("room", [0, 100, 4096, 10_000])
+    def test_no_store_is_begun_where_none_fits(self, tmp_path, room):
+        with (
+            _files_no_longer_than(room),
+            pytest.raises(StoreError, match="a cannot be made: the disk"),
+        ):
+            Store.create(tmp_path / "a", PLAN, SETUP)
+        assert _folder_is_clean(tmp_path)
+
+
+WRITE = """
+import sys
+import numpy as np
+from minorloop.lab.plan import Plan
+from minorloop.lab.store import Point, Setup, Store
+with Store.open(sys.argv[1], write=True) as store:
+    for k in range(len(store), len(store.plan)):
+        point = Point(k, float(k), 0.5 * k, 0.01, "settled", k + 1.0, 1.0, {"state": k})
+        store.add(point, np.arange(60_000.0), np.full(60_000, float(k)))
+        print(k, flush=True)
+"""
+
+CREATE = """
+import sys
+from pathlib import Path
+from minorloop.lab.plan import Plan
+from minorloop.lab.store import Setup, Store
+for k in range(10_000):
+    Store.create(Path(sys.argv[1]) / f"{k}.sqlite", Plan([0.5], 40.0), Setup("a", "u", "y")).close()
+    print(k, flush=True)
+"""
+
+
+def _killed_after(lines, code, path):
+    """SIGKILL a process that tells of its every step, as soon as it has told so many."""
+    command = [sys.executable, "-c", code, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        told = [process.stdout.readline() for _ in range(lines)]
+        process.kill()
+        told += process.stdout.readlines()
+    assert process.returncode == -signal.SIGKILL
+    return [int(line) for line in told]
+
+
+class TestKilled:
+    def test_every_point_that_was_told_of_is_there_and_no_half_of_another(self, tmp_path):
+        path = tmp_path / "a"
+        Store.create(path, Plan(np.arange(10_000.0), 40.0), SETUP).close()
+        settled = 0
+        for lines in (1, 2, 1, 3):
+            told = _killed_after(lines, WRITE, path)
+            assert told == list(range(settled, settled + len(told)))
+            copy = shutil.copytree(tmp_path, tmp_path.with_name(f"{tmp_path.name}-{settled}"))
+            for place, write in ((path, False), (copy / "a", True)):
+                with Store.open(place, write=write) as store:
+                    found = len(store)
+                    assert settled + len(told) <= found <= settled + len(told) + 1
+                    assert [p.checkpoint for p in store.points()] == [
+                        {"state": k} for k in range(found)
+                    ]
+                    for k in range(found):
+                        np.testing.assert_array_equal(store.trace(k)[1], np.full(60_000, float(k)))
+            settled = found
+
+    def test_a_store_that_can_be_seen_is_whole(self, tmp_path):
+        told = _killed_after(5, CREATE, tmp_path)
+        seen = sorted(int(path.stem) for path in tmp_path.glob("*.sqlite"))
+        assert seen[: len(told)] == told
+        assert len(seen) <= len(told) + 1
+        for k in seen:
+            with Store.open(tmp_path / f"{k}.sqlite", write=True) as store:
+                assert store.setup.address == "a"
