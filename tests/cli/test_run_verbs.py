@@ -138,3 +138,43 @@ def test_killed_again_and_again_it_ends_as_if_nothing_had_been(number, run):
     assert Path("points.csv").read_bytes() == Path("whole.csv").read_bytes()
     voltages = [float(row[1]) for row in _exported("points.csv")[1:]]
     np.testing.assert_array_equal(voltages, np.loadtxt("plan.csv", delimiter=",", skiprows=1)[:, 0])
+
+
+ADAPTIVE = "run --actuator twin:ipmc --plan adaptive --noise 0.05 --specimen 2 --hold 100"
+
+
+def test_an_adaptive_run_ends_with_a_score(run, answer):
+    status, out, _ = run(f"{ADAPTIVE} --holds 6 --store a.sqlite")
+    assert status == 0
+    assert "model from 6 holds; on 4 more, never fitted" in out
+    found = answer("runs show --store a.sqlite")
+    assert found["points"] == 10
+    assert found["finished"]
+    again = answer("resume --store a.sqlite")
+    assert again["way"] == "finished"
+    assert again["validation"]["holds"] == 4
+    assert again["validation"]["nrmse"] < 0.1
+
+
+def test_an_adaptive_run_is_resumed_with_the_same_levels(run, answer):
+    run(f"{ADAPTIVE} --holds 5 --store whole.sqlite")
+    _killed(f"{ADAPTIVE} --holds 5 --store a.sqlite", 4, 0.0)
+    run("resume --store a.sqlite")
+    for key in ("columns", "finished"):
+        one, other = (answer(f"runs show --store {name}.sqlite")[key] for name in ("whole", "a"))
+        assert one == other
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--holds 2", "holds is 2; give a budget of 3 to 1000"),
+        ("--holds 5 --hours 1", "one of them"),
+        ("--hours 0.01", "0.01 h are 0 holds of 100 s"),
+        ("--low -2", "voltage -2 V is beyond the limits"),
+        ("--levels 0", "0 bands; give a whole number"),
+    ],
+)
+def test_an_impossible_adaptive_run_is_refused(options, says, refused):
+    assert says in refused(f"{ADAPTIVE} {options} --store a.sqlite")
+    assert not Path("a.sqlite").exists()

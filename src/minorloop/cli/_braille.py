@@ -12,26 +12,29 @@ _BETWEEN = 24
 """Dots drawn from a point to the next."""
 
 
-def scatter(x: Sequence[float], y: Sequence[float], width: int, height: int) -> list[str]:
-    """Lines of text with the points joined in their order, and their range in y beside them.
+def scatter(
+    series: Sequence[tuple[Sequence[float], Sequence[float]]], width: int, height: int
+) -> list[str]:
+    """Lines of text with the points of each series joined in their order, and their ranges.
 
     Points that are not finite are left out.
     """
-    known = [(a, b) for a, b in zip(x, y, strict=True) if math.isfinite(a) and math.isfinite(b)]
-    if not known:
-        return []
-    xs, ys = zip(*known, strict=True)
-    across, down = 2 * width - 1, 4 * height - 1
-    cells = [[_BLANK] * width for _ in range(height)]
-    placed = [
-        (_place(a, min(xs), max(xs)) * across, (1 - _place(b, min(ys), max(ys))) * down)
-        for a, b in known
+    known = [
+        [(a, b) for a, b in zip(x, y, strict=True) if math.isfinite(a) and math.isfinite(b)]
+        for x, y in series
     ]
-    for (a, b), (c, d) in zip(placed, [*placed[1:], placed[-1]], strict=True):
-        for k in range(_BETWEEN):
-            share = k / _BETWEEN
-            column, row = round(a + share * (c - a)), round(b + share * (d - b))
-            cells[row // 4][column // 2] |= _DOTS[column % 2][row % 4]
+    points = [point for one in known for point in one]
+    if not points:
+        return []
+    xs, ys = zip(*points, strict=True)
+    cells = [[_BLANK] * width for _ in range(height)]
+    across, down = 2 * width - 1, 4 * height - 1
+    for one in known:
+        placed = [
+            (_place(a, min(xs), max(xs)) * across, (1 - _place(b, min(ys), max(ys))) * down)
+            for a, b in one
+        ]
+        _join(cells, placed)
     labels = {0: f"{max(ys):.4g}", height - 1: f"{min(ys):.4g}"}
     wide = max(map(len, labels.values()))
     rows = ["".join(map(chr, row)) for row in cells]
@@ -39,6 +42,15 @@ def scatter(x: Sequence[float], y: Sequence[float], width: int, height: int) -> 
     ends = f"{min(xs):.4g}", f"{max(xs):.4g}"
     gap = max(1, width - len(ends[0]) - len(ends[1]))
     return [*lines, f"{'':>{wide}} {ends[0]}{'':>{gap}}{ends[1]}"]
+
+
+def _join(cells: list[list[int]], placed: list[tuple[float, float]]) -> None:
+    """Set the dots of a line through the places."""
+    for (a, b), (c, d) in zip(placed, [*placed[1:], *placed[-1:]], strict=True):
+        for k in range(_BETWEEN):
+            share = k / _BETWEEN
+            column, row = round(a + share * (c - a)), round(b + share * (d - b))
+            cells[row // 4][column // 2] |= _DOTS[column % 2][row % 4]
 
 
 def _place(value: float, low: float, high: float) -> float:

@@ -6,26 +6,28 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from minorloop.cli._braille import scatter
 
 if TYPE_CHECKING:
+    from minorloop.identification.adaptive import Adaptive
     from minorloop.lab.run import Moment
     from minorloop.lab.store import Store
 
 _WIDTH, _HEIGHT = 48, 10
+_ENOUGH, _LOOP = 4, 20
 
 
 @contextmanager
-def watching(store: Store) -> Iterator[Callable[[Moment], None]]:
+def watching(store: Store, chooser: Adaptive | None = None) -> Iterator[Callable[[Moment], None]]:
     """Yield what ``lab.run.run`` tells its moments to.
 
     On a terminal: a bar, the time left and the loop. Elsewhere: one line a settled point, as a
     log of a run of hours should have. All on stderr.
     """
     if sys.stderr.isatty():
-        with _live(store) as show:
+        with _live(store, chooser) as show:
             yield show
         return
     units = [quantity.unit for quantity in store.outputs]
@@ -46,7 +48,7 @@ def _line(moment: Moment, input_unit: str, output_unit: str) -> str:
 
 
 @contextmanager
-def _live(store: Store) -> Iterator[Callable[[Moment], None]]:
+def _live(store: Store, chooser: Adaptive | None) -> Iterator[Callable[[Moment], None]]:
     from rich.console import Console, Group
     from rich.live import Live
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -57,7 +59,7 @@ def _live(store: Store) -> Iterator[Callable[[Moment], None]]:
     task = bar.add_task("measuring", total=len(store.plan), completed=len(store), left="")
     points = store.points()
     u, y = [point.input for point in points], [point.value for point in points]
-    clock = _Clock(store)
+    clock, shown = _Clock(store), [""]
 
     def show(moment: Moment) -> None:
         doing = f"{moment.input:.5g} {store.outputs[0].unit} for {moment.held:.0f} s"
@@ -66,7 +68,10 @@ def _live(store: Store) -> Iterator[Callable[[Moment], None]]:
             y.append(moment.point.value)
         left = clock.left(moment)
         bar.update(task, description=doing, completed=len(u), left=left)
-        live.update(Group(bar, Text(_drawn(store, u, y))))
+        if moment.point is not None or moment.index == len(u):
+            picture = _drawn(store, u, y) if chooser is None else _banded(store, chooser, u, y)
+            shown[:] = [picture]
+        live.update(Group(bar, Text(shown[0])))
 
     with Live(bar, console=Console(stderr=True), refresh_per_second=8) as live:
         yield show
@@ -105,5 +110,18 @@ def as_duration(seconds: float) -> str:
 
 def _drawn(store: Store, u: Sequence[float], y: Sequence[float]) -> str:
     x, output = store.outputs
-    picture: list[Any] = [f"{output} against {x}", *scatter(u, y, _WIDTH, _HEIGHT)]
-    return "\n".join(picture)
+    return "\n".join([f"{output} against {x}", *scatter([(u, y)], _WIDTH, _HEIGHT)])
+
+
+def _banded(store: Store, chooser: Adaptive, u: list[float], y: list[float]) -> str:
+    """The points, and both ends of the bands along the major loop."""
+    if len(u) < _ENOUGH:
+        return _drawn(store, u, y)
+    ends = [chooser.low, chooser.high]
+    rising = [chooser.low + (chooser.high - chooser.low) * k / _LOOP for k in range(_LOOP + 1)]
+    loop = [ends[0], *rising, *rising[::-1]]
+    shown = chooser.identification(u, y).predict(loop, bands=0.9)
+    x, output = store.outputs
+    band = f"90 % bands, {2 * float(shown.half_width.mean()):.3g} {output.unit} wide on average"
+    lines = [(u, y), (loop, shown.lower.tolist()), (loop, shown.upper.tolist())]
+    return "\n".join([f"{output} against {x}: {band}", *scatter(lines, _WIDTH, _HEIGHT)])

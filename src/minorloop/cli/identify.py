@@ -59,6 +59,16 @@ _Signed = Annotated[
     bool, typer.Option("--signed", help="Allow negative weights, for butterfly loops.")
 ]
 _Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")]
+_Prior = Annotated[
+    str,
+    typer.Option(
+        help="gaussian (a prior on the plane, with bands), none, or auto (where samples are few)."
+    ),
+]
+_Noise = Annotated[
+    float | None,
+    _common.number_option("Standard deviation of a measured output, where known; for the prior."),
+]
 _Rows = Annotated[
     str | None,
     typer.Option(
@@ -88,6 +98,8 @@ def run(
     slope: _Slope = False,
     signed: _Signed = False,
     smoothness: _Smoothness = "auto",
+    prior: _Prior = "auto",
+    noise: _Noise = None,
     start: _common.Start = "negative",
     rows: _Rows = None,
     holdout: _Holdout = 0.0,
@@ -107,6 +119,8 @@ def run(
         "slope": slope,
         "signed": signed,
         "smoothness": _number_or_auto("smoothness", smoothness, float),
+        "prior": prior,
+        "noise": noise,
         "lag": _number_or_auto("lag", lag, int),
         "start": start,
         "holdout": holdout,
@@ -218,11 +232,27 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         "condition": result.condition if known else None,
         "excited_fraction": result.excited_fraction,
         "smoothness": result.smoothness,
+        "prior": "none" if result.belief is None else "gaussian",
+        "band_sd": _band_sd(result),
+        "suspects": list(result.suspects),
         "kkt": result.kkt,
         "range": list(result.model.range),
         "seconds": seconds,
         "advice": list(result.advice),
     }
+
+
+def _banded(figures: dict[str, Any]) -> list[tuple[str, str]]:
+    if figures["band_sd"] is None:
+        return []
+    return [("standard deviation predicted", f"{figures['band_sd']:.3g}")]
+
+
+def _band_sd(result: Identification) -> float | None:
+    """Standard deviation of the outputs of the record, on average, as the prior has it."""
+    if result.belief is None:
+        return None
+    return float(result.predict(result.u, bands=0.9).sd.mean())
 
 
 def _print(done: _Done, figures: dict[str, Any]) -> None:
@@ -237,6 +267,7 @@ def _print(done: _Done, figures: dict[str, Any]) -> None:
         ("unknowns", f"{figures['unknowns']}"),
         ("rank", "not worked out (--rank)" if rank is None else f"{rank}"),
         ("cells excited", f"{figures['excited_fraction']:.0%}"),
+        *_banded(figures),
         ("optimality (KKT)", f"{figures['kkt']:.1e}"),
         ("time", f"{figures['seconds']:.2f} s"),
     ]

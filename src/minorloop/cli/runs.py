@@ -112,7 +112,7 @@ def _print(store: Store) -> None:
     points, (u, y) = store.points(), store.outputs
     if points:
         typer.echo(f"\n{y} against {u}")
-        for line in scatter([p.input for p in points], [p.value for p in points], 60, 14):
+        for line in scatter([([p.input for p in points], [p.value for p in points])], 60, 14):
             typer.echo(line)
 
 

@@ -15,13 +15,13 @@ from minorloop.errors import ParameterError
 
 NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
-STUDIES = ("ipmc", "fibre")
+STUDIES = ("ipmc", "fibre", "design")
 _MOST = 1000
 
 
 def run(
     name: Annotated[
-        str, typer.Argument(show_default=False, help=f"Which one: {' or '.join(STUDIES)}.")
+        str, typer.Argument(show_default=False, help=f"Which one: {', '.join(STUDIES)}.")
     ],
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report; a new or an empty one.")
@@ -32,7 +32,7 @@ def run(
     seed: Annotated[int, _common.whole_option("Seed of the first specimen, 0 or more.")] = 0,
     as_json: _common.Json = False,
 ) -> None:
-    """Reproduce a paper on simulated specimens, and compare what it claims."""
+    """Carry a whole experiment out on simulated specimens, and compare what is claimed."""
     if name not in STUDIES:
         raise ParameterError(f"there is no study {name!r}; give one of {', '.join(STUDIES)}")
     if not 1 <= specimens <= _MOST:
@@ -50,7 +50,7 @@ def run(
         work = partial(_figures_of, name)
         others = claims.for_each(work, specimens - 1, seed + 1, now) if specimens > 1 else []
         runs = [first.figures(), *others]
-        figures = claims.medians(runs)
+        figures = getattr(study, "gather", claims.medians)(runs)
     steps: list[Callable[[], None]] = [partial(_show, study, figures, specimens, seed, as_json)]
     if out is not None:
         steps.append(partial(_report, name, first, figures, runs, out, as_json))

@@ -15,7 +15,8 @@ cheaper, a few hundred steps where a penalty keeps the condition low.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 
@@ -109,12 +110,22 @@ def solve(
         The best one met, whether or not it satisfies the tolerance.
     """
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
-    if len(gram) > _THREADED:
+    with one_thread(len(gram)):
         return solver.run(solver.first_guess() if guess is None else guess)
-    # Threads of the linear algebra gain little on small matrices, and wait for each other,
-    # tens of times as long as the work takes, once anything else keeps a core busy.
+
+
+@contextmanager
+def one_thread(unknowns: int) -> Iterator[None]:
+    """Keep the linear algebra to one thread where there are few unknowns.
+
+    Threads gain little on small matrices, and wait for each other, tens of times as long as the
+    work takes, once anything else keeps a core busy.
+    """
+    if unknowns > _THREADED:
+        yield
+        return
     with _linear_algebra().limit(limits=1, user_api="blas"):
-        return solver.run(solver.first_guess() if guess is None else guess)
+        yield
 
 
 @cache

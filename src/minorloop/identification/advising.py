@@ -20,25 +20,35 @@ _OVERFIT = 2.0
 
 def advice(result: Identification) -> Iterator[str]:
     """Sentences, most important first; none where nothing is weak."""
+    yield from _suspects(result)
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)
 
 
+def _suspects(result: Identification) -> Iterator[str]:
+    for index in result.suspects:
+        yield (
+            f"sample {index} (input {result.u[index]:.6g}, output {result.y[index]:.6g}) lies far "
+            "outside the band that all others give, and was set aside; repeat it"
+        )
+
+
 def _excitation(result: Identification) -> Iterator[str]:
     excited, cells = int(np.count_nonzero(result.excited)), result.areas.form.cells
-    if excited < WELL_EXCITED * cells:
+    if excited < WELL_EXCITED * cells and result.belief is None:
         yield (
             f"the input excites {excited} of {cells} cells of the plane ({excited / cells:.0%}): "
             f"{_pattern(result)}; weights elsewhere are guesses. Measure a decaying staircase "
             "(minorloop plan decaying) or reversal curves, or use fewer levels"
         )
     if result.samples < result.unknowns:
-        remedy = (
-            "the rest is filled in by smoothness"
-            if result.smoothness
-            else "the rest is arbitrary: use fewer levels, or a positive smoothness"
-        )
+        if result.belief is not None:
+            remedy = "the rest is filled in by the prior, and the bands say how surely"
+        elif result.smoothness:
+            remedy = "the rest is filled in by smoothness"
+        else:
+            remedy = "the rest is arbitrary: use fewer levels, or the prior"
         yield f"{result.samples} samples for {result.unknowns} unknowns: {remedy}"
     low, high = result.model.levels[[0, -1]]
     beyond = int(np.count_nonzero((result.u < low) | (result.u > high)))

@@ -11,6 +11,7 @@ from minorloop.operators.drawing import clip_to_plane, draw_density
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from minorloop.identification.bands import Prediction
     from minorloop.identification.excitation import ExcitationReport
     from minorloop.identification.result import Identification
 
@@ -104,4 +105,24 @@ def draw_excitation(report: ExcitationReport) -> Any:
         title=f"{report.excited_fraction:.0%} of the cells excited",
         aspect="equal",
     )
+    return figure
+
+
+def draw_prediction(result: Prediction, *, input_label: str, output_label: str) -> Any:
+    """Outputs with bands, sample after sample, and against the input."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.2, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    sample = np.arange(result.y.size)
+    label = f"{result.probability:.0%} band"
+    left.fill_between(sample, result.lower, result.upper, color="C0", alpha=0.25, lw=0, label=label)
+    left.plot(sample, result.y, color="C0", lw=1.0, label="predicted")
+    spread = np.vstack([result.half_width, result.half_width])
+    right.errorbar(result.u, result.y, spread, fmt="o", ms=3, lw=0.8, color="C0", alpha=0.7)
+    left.set(xlabel="sample", ylabel=output_label)
+    right.set(xlabel=input_label)
+    left.legend(frameon=False)
+    for axes in (left, right):
+        axes.grid(alpha=0.25)
     return figure

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,21 +12,38 @@ from minorloop.arrays import (
     BoolArray,
     FloatArray,
     Levels,
+    as_finite,
     as_levels,
     as_samples,
     check_option,
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.areas import Areas, Form, check_bands
-from minorloop.identification.least_squares import Fit, Problem
+from minorloop.identification.least_squares import Fit, Problem, reproduces
 from minorloop.identification.levels import levels_for
+from minorloop.identification.prior import (
+    MOST_CORRELATED,
+    Belief,
+    PriorFit,
+    fit_marked,
+    fit_prior,
+    regressors,
+)
 from minorloop.identification.result import Identification
 from minorloop.operators.preisach import Diagonal, Relay, Start
+
+Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
 
 LONGEST_LAG = 20
 _LAG_BANDS = 15
 _FEWEST = 3
 _LARGEST = 1e150
+_EACH = 3
+"""Samples for each unknown from which on the data need no prior."""
+_MOST_CELLS = 2100
+_SURPRISING, _FAR = 2.2, 6.0
+"""Standard deviations from which a sample is looked at, and is set aside."""
+_FEWEST_EACH_SUSPECT = 8
 
 
 def identify(
@@ -39,6 +57,8 @@ def identify(
     slope: bool = False,
     signed: bool = False,
     smoothness: float | Literal["auto"] = "auto",
+    prior: Regularisation = "auto",
+    noise: float | None = None,
     lag: int | Literal["auto"] = 0,
     start: Start = "negative",
     offset: bool = True,
@@ -69,6 +89,14 @@ def identify(
         Strength of the penalty on differences between neighbouring cells, defined in
         `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` takes the one that
         best predicts contiguous segments held out of the fitted samples.
+    prior : {"auto", "gaussian", "none"}
+        Whether to fit with the prior of `minorloop.identification.prior`, which gives
+        predictive bands too. ``"auto"`` takes it where fewer than three samples were measured
+        for each unknown, unless a smoothness is given, the samples determine the plane and it
+        reproduces them to rounding, or there are more than 2,100 cells.
+    noise : float, optional
+        Standard deviation of a measured output, in its unit, where it is known; only the prior
+        uses it.
     lag : int or "auto"
         Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples.
     start : {"negative", "positive", "demagnetised"} or Memory
@@ -107,22 +135,122 @@ def identify(
     form = Form(grid, offset=bool(offset), slope=bool(slope), **options)
     record = (inputs, outputs, fitted, start, bool(signed))
     delay = _best_lag(form, record) if lag == "auto" else _as_lag(lag, inputs.size)
-    areas, fit = _fit(form, record, delay, smoothness)
+    check_option("prior", prior, ("auto", "gaussian", "none"))
+    sensor = _as_noise(noise)
+    if prior == "gaussian" and smoothness != "auto":
+        raise ParameterError(
+            f'smoothness is {smoothness!r} and prior is "gaussian"; give one of them'
+        )
+    found = _fitted(form, record, delay, smoothness, prior, sensor)
     return Identification(
-        model=form.model(fit.x),
+        model=form.model(found.x),
         lag=delay,
         start=start,
-        smoothness=fit.smoothness,
-        kkt=fit.kkt,
+        smoothness=found.smoothness,
+        kkt=found.kkt,
         u=inputs,
         y=outputs,
-        fitted=fitted,
+        fitted=found.fitted,
         held_out=held_out,
-        areas=areas,
+        areas=found.areas,
+        belief=found.belief,
+        suspects=found.suspects,
     )
 
 
 _Recorded = tuple[FloatArray, FloatArray, BoolArray, Start, bool]
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Unknowns, which samples they were fitted to, and which were set aside."""
+
+    x: FloatArray
+    kkt: float
+    areas: Areas
+    fitted: BoolArray
+    smoothness: float = 0.0
+    belief: Belief | None = None
+    suspects: tuple[int, ...] = ()
+
+
+def _fitted(
+    form: Form,
+    record: _Recorded,
+    lag: int,
+    smoothness: float | Literal["auto"],
+    prior: Regularisation,
+    noise: float | None,
+) -> _Found:
+    """Fit with the prior, or with smoothness."""
+    fitted = record[2]
+    samples = int(np.count_nonzero(fitted[lag:]))
+    few = samples < _EACH * form.unknowns and form.cells <= _MOST_CELLS
+    if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
+        if prior == "auto" and samples >= form.unknowns:
+            areas, fit = _fit(form, record, lag, 0.0)
+            if reproduces(areas, fit.x, record[1][lag:][fitted[lag:]]):
+                return _Found(fit.x, fit.kkt, areas, fitted)
+        return _fitted_with_prior(form, record, lag, noise)
+    areas, fit = _fit(form, record, lag, smoothness)
+    return _Found(fit.x, fit.kkt, areas, fitted, fit.smoothness)
+
+
+def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | None) -> _Found:
+    """Fit, and set aside one after the other what lies far from where the others put it."""
+    inputs, outputs, fitted, start, signed = record
+    heard = inputs[: inputs.size - lag]
+    suspects: list[int] = []
+    guess = None
+    while True:
+        measured = fitted[lag:]
+        count = int(np.count_nonzero(measured))
+        if count < _FEWEST:
+            raise SignalError(
+                f"a lag of {lag} leaves {count} measured samples; give a shorter lag or a longer "
+                "record"
+            )
+        areas = Areas(form, heard, measured, start)
+        marked = regressors(form, heard, measured, start) if count <= MOST_CORRELATED else None
+        y = outputs[lag:][measured]
+        found = fit_prior(areas, y, marked, signed=signed, noise=noise, guess=guess)
+        guess = found.belief.hyperparameters
+        suspect = _suspect(found, marked, y, signed, noise)
+        if suspect is None or len(suspects) >= count // _FEWEST_EACH_SUSPECT:
+            break
+        place = int(np.flatnonzero(measured)[suspect]) + lag
+        suspects.append(place)
+        fitted = fitted.copy()
+        fitted[place] = False
+    return _Found(found.x, found.kkt, areas, fitted, belief=found.belief, suspects=tuple(suspects))
+
+
+def _suspect(
+    found: PriorFit,
+    marked: tuple[FloatArray, FloatArray] | None,
+    y: FloatArray,
+    signed: bool,
+    noise: float | None,
+) -> int | None:
+    """The sample that lies far outside the band that a fit without it gives, if there is one."""
+    if found.surprises is None or marked is None or y.size < _FEWEST_EACH_SUSPECT:
+        return None
+    worst = int(np.argmax(np.abs(found.surprises)))
+    if abs(found.surprises[worst]) < _SURPRISING:
+        return None
+    others = np.arange(y.size) != worst
+    without = fit_marked(
+        found.belief.form,
+        y[others],
+        (marked[0][others], marked[1][others]),
+        signed=signed,
+        noise=noise,
+        guess=found.belief.hyperparameters,
+    )
+    row = marked[0][worst : worst + 1]
+    h, unit = without.belief.hyperparameters, without.belief.unit
+    allowed = np.hypot(without.belief.row_deviation(row)[0], h.noise * unit)
+    return worst if abs(float((row @ without.x)[0]) - y[worst]) > _FAR * allowed else None
 
 
 def _fit(
@@ -138,6 +266,15 @@ def _fit(
         )
     areas = Areas(form, inputs[:heard], measured, start)
     return areas, Problem(areas, outputs[lag:][measured], signed).fit(smoothness)
+
+
+def _as_noise(noise: float | None) -> float | None:
+    if noise is None:
+        return None
+    number = as_finite("noise", noise)
+    if number < 0:
+        raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
+    return number
 
 
 def _best_lag(form: Form, record: _Recorded) -> int:

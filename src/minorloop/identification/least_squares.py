@@ -76,10 +76,8 @@ class Problem:
         if self.areas.form.cells > _LARGE:
             return whole.solve(self.coarser().fit("auto").smoothness)
         plain = whole.solve(0.0)
-        left = np.abs(self.areas.forward(plain.x) - self.y).max()
         held = held_out_segments(self.y.size)
-        determined = self.y.size >= self.areas.form.unknowns
-        if (determined and left <= _ROUNDING * whole.unit) or not held.any():
+        if reproduces(self.areas, plain.x, self.y) or not held.any():
             return plain
         part = _System(self, np.where(held, 0.0, 1.0))
         best, least, since, guess = 0.0, np.inf, 0, plain.x
@@ -93,6 +91,12 @@ class Problem:
             if since == _PATIENCE:
                 break
         return whole.solve(best, guess) if best else plain
+
+
+def reproduces(areas: Areas, x: FloatArray, y: FloatArray) -> bool:
+    """Whether samples determine the unknowns, and these give the samples back to rounding."""
+    left = np.abs(areas.forward(x) - y).max()
+    return bool(y.size >= areas.form.unknowns and left <= _ROUNDING * (float(np.ptp(y)) or 1.0))
 
 
 def held_out_segments(samples: int) -> BoolArray:

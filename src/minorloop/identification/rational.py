@@ -22,6 +22,8 @@ _STILL = 1e-9
 _NEARLY = 1.05
 _EXACT = 1e-9
 _DAMPED = 1e-3
+_REFINED = 3
+_BEYOND = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +125,8 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
     for chosen in itertools.combinations_with_replacement(corners, poles):
         starts.append(np.poly(-np.array(chosen)) / np.prod(chosen))
     found = [_iterated(s, gains, bottom, zeros, poles) for bottom in starts]
+    found.sort(key=lambda pair: _distance(s, gains, *pair))
+    found += [_refined(s, gains, bottom, zeros) for _, bottom in found[:_REFINED] if bottom[0]]
     top, bottom = min(found, key=lambda pair: _distance(s, gains, *pair))
     powers = scale ** -np.arange(poles, -1, -1.0)
     return Linear(
@@ -149,9 +153,49 @@ def _iterated(
     return best
 
 
+def _refined(
+    s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int
+) -> tuple[FloatArray, FloatArray]:
+    """Numerator and denominator of the least distance near a denominator.
+
+    The iteration weights by the round before and stops short of that where the gains are those
+    of no rational function, as those of several amplitudes are not.
+    """
+    from scipy.optimize import least_squares
+
+    roots = np.roots(bottom)
+    real, upper = -roots[roots.imag == 0].real, roots[roots.imag > 0]
+    sizes = np.concatenate([real, np.abs(upper)])
+    damping = -upper.real / np.abs(upper)
+    reach = np.abs(s).min() / _BEYOND, np.abs(s).max() * _BEYOND
+    low = np.log(np.repeat([reach[0], _DAMPED], [sizes.size, damping.size]))
+    high = np.log(np.repeat([reach[1], 1.0], [sizes.size, damping.size]))
+
+    def both(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        size, damped = np.exp(x[: sizes.size]), np.exp(x[sizes.size :])
+        below = np.ones(1)
+        for rate in size[: real.size]:
+            below = np.convolve(below, [1 / rate, 1.0])
+        for natural, share in zip(size[real.size :], damped, strict=True):
+            below = np.convolve(below, [natural**-2, 2 * share / natural, 1.0])
+        return _numerator(s, gains, below, zeros), below
+
+    def misfit(x: FloatArray) -> FloatArray:
+        error = _misfit(s, gains, *both(x))
+        return np.concatenate([error.real, error.imag])
+
+    begin = np.clip(np.log(np.concatenate([sizes, damping])), low, high)
+    return both(least_squares(misfit, begin, bounds=(low, high)).x)
+
+
+def _misfit(
+    s: ComplexArray, gains: ComplexArray, top: FloatArray, bottom: FloatArray
+) -> ComplexArray:
+    return np.polyval(top, s) / np.polyval(bottom, s) / gains - 1
+
+
 def _distance(s: ComplexArray, gains: ComplexArray, top: FloatArray, bottom: FloatArray) -> float:
-    error = np.polyval(top, s) / np.polyval(bottom, s) / gains - 1
-    return float(np.sqrt(np.mean(np.abs(error) ** 2)))
+    return float(np.sqrt(np.mean(np.abs(_misfit(s, gains, top, bottom)) ** 2)))
 
 
 def _solve(

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, Samples
+from minorloop.errors import ParameterError
 from minorloop.identification import advising, diagnosis
 from minorloop.identification.areas import Areas
+from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
+from minorloop.identification.prior import Belief
+from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.preisach import Preisach, Start
 
 
@@ -38,6 +42,10 @@ class Identification:
         Samples that the model was fitted to, and those that it was not shown.
     areas : Areas
         Regressors of the fitted samples.
+    belief : Belief, optional
+        How sure the prior is of the unknowns; None where it was not used.
+    suspects : tuple of int
+        Samples that lie far outside the band that all others give, and were set aside.
     """
 
     model: Preisach
@@ -50,22 +58,71 @@ class Identification:
     fitted: BoolArray
     held_out: BoolArray
     areas: Areas
+    belief: Belief | None = None
+    suspects: tuple[int, ...] = ()
 
-    def predict(self, u: npt.ArrayLike) -> Samples:
+    @overload
+    def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
+
+    @overload
+    def predict(self, u: npt.ArrayLike, bands: float) -> Prediction: ...
+
+    def predict(self, u: npt.ArrayLike, bands: float | None = None) -> Samples | Prediction:
         """Outputs for an input that begins where the record began, lag included.
 
         Parameters
         ----------
         u : (T,) array_like
             Inputs, sampled as the record was.
+        bands : float, optional
+            Probability, such as 0.9, with which each output should lie within its band.
 
         Returns
         -------
-        (T,) array
+        (T,) array, or Prediction where bands are asked for
             Outputs. The first ``lag`` of them answer inputs from before the first, which is
             taken to have been there already.
+
+        Raises
+        ------
+        ParameterError
+            If bands are asked for and the model was identified without the prior, or they are
+            not between 0 and 1.
         """
-        return delayed(self.model.simulate(u, self.start), self.lag)
+        y = delayed(self.model.simulate(u, self.start), self.lag)
+        if bands is None:
+            return y
+        inputs = as_signal(u, name="u")
+        sd = delayed(self._belief.deviation(inputs, self.start), self.lag)
+        return Prediction(inputs, np.asarray(y), sd, as_probability(bands))
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: Start | None = None,
+        unreachable: Unreachable = "raise",
+    ) -> Inversion:
+        """Inputs for targets, with the standard deviation of what they will achieve.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Outputs wanted, in order.
+        start : start state, optional
+            Memory before the first; that of the record if not given.
+        unreachable : {"raise", "clip"}
+            As in `Preisach.invert`.
+
+        Returns
+        -------
+        Inversion
+            With ``sd`` where the prior was used.
+        """
+        begin = self.start if start is None else start
+        found = self.model.invert(targets, begin, unreachable)
+        if self.belief is None:
+            return found
+        return replace(found, sd=self.belief.deviation(found.u, begin))
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -95,6 +152,14 @@ class Identification:
         """Error of the best delayed polynomial, on the held-out samples where there are any."""
         scored = self.held_out if self.held_out.any() else self.fitted
         return polynomial_nrmse(self.u, self.y, self.fitted, scored)
+
+    @property
+    def _belief(self) -> Belief:
+        if self.belief is None:
+            raise ParameterError(
+                'this model has no bands; identify with prior="gaussian" (--prior gaussian)'
+            )
+        return self.belief
 
     @property
     def unknowns(self) -> int:

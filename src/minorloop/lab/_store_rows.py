@@ -54,6 +54,8 @@ class Setup:
         Seed of the noise.
     options : dict
         What else it takes to connect to it, such as ``noise``; ready for JSON.
+    design : dict, optional
+        What chooses the levels that the plan leaves open; ready for JSON.
     """
 
     address: str
@@ -62,6 +64,7 @@ class Setup:
     specimen: int | None = None
     seed: int = 0
     options: dict[str, Any] = field(default_factory=dict)
+    design: dict[str, Any] | None = None
 
     def to_json(self) -> str:
         """The setup as JSON; equal setups give equal text."""

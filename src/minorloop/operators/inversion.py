@@ -33,12 +33,15 @@ class Inversion:
         ``y - target``.
     reachable : (T,) array of bool
         Whether the target lies within what the model can reach.
+    sd : (T,) array, optional
+        Standard deviation of the output that the actuator will really have, where it is known.
     """
 
     u: FloatArray
     y: FloatArray
     residual: FloatArray
     reachable: BoolArray
+    sd: FloatArray | None = None
 
     @property
     def targets(self) -> FloatArray:
@@ -52,8 +55,12 @@ class Inversion:
 
     def __str__(self) -> str:
         lines = [f"{'target':>14} {'input':>14} {'output':>14} {'residual':>10}"]
+        if self.sd is not None:
+            lines[0] += f" {'sd':>10}"
         for row in range(min(self.u.size, _SHOWN)):
             mark = "" if self.reachable[row] else "  out of reach"
+            if self.sd is not None:
+                mark = f" {self.sd[row]:10.2g}{mark}"
             lines.append(
                 f"{self.targets[row]:14.6g} {self.u[row]:14.6g} {self.y[row]:14.6g} "
                 f"{self.residual[row]:10.2g}{mark}"

@@ -1,0 +1,91 @@
+"""Outputs with the bands in which they should lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+
+_SHOWN = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Outputs that inputs are expected to have, and how surely.
+
+    Parameters
+    ----------
+    u, y : (T,) arrays
+        Inputs and expected outputs.
+    sd : (T,) array
+        Standard deviation of the output that the actuator will really have: what the
+        measurements leave open, and what no Preisach model can follow. A sensor that looks at it
+        adds its own noise.
+    probability : float
+        With which each output should lie within its band.
+    """
+
+    u: FloatArray
+    y: FloatArray
+    sd: FloatArray
+    probability: float
+
+    @property
+    def half_width(self) -> FloatArray:
+        """(T,) half the width of the bands."""
+        from scipy.stats import norm
+
+        return np.asarray(norm.ppf((1 + self.probability) / 2) * self.sd)
+
+    @property
+    def lower(self) -> FloatArray:
+        """(T,) lower ends of the bands."""
+        return self.y - self.half_width
+
+    @property
+    def upper(self) -> FloatArray:
+        """(T,) upper ends of the bands."""
+        return self.y + self.half_width
+
+    def covers(self, y: FloatArray) -> float:
+        """Share of outputs (T,) that lie within their bands; NaN counts for nothing."""
+        known = np.isfinite(y)
+        inside = (y >= self.lower) & (y <= self.upper)
+        return float(np.mean(inside[known])) if known.any() else float("nan")
+
+    def __str__(self) -> str:
+        lines = [f"{'input':>14} {'output':>14} {'from':>14} {'to':>14}"]
+        lower, upper = self.lower, self.upper
+        for row in range(min(self.u.size, _SHOWN)):
+            lines.append(
+                f"{self.u[row]:14.6g} {self.y[row]:14.6g} {lower[row]:14.6g} {upper[row]:14.6g}"
+            )
+        if self.u.size > _SHOWN:
+            lines.append(f"... {self.u.size - _SHOWN} more")
+        mean = float(np.mean(self.sd))
+        lines.append(f"bands of {self.probability:.0%}, standard deviation {mean:.3g} on average")
+        return "\n".join(lines)
+
+    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
+        """Draw outputs with their bands, in order and against the input."""
+        from minorloop.identification.drawing import draw_prediction
+
+        return draw_prediction(self, input_label=input_label, output_label=output_label)
+
+
+def as_probability(bands: float) -> float:
+    """A probability, refused unless it lies between 0 and 1.
+
+    Raises
+    ------
+    ParameterError
+        If it does not.
+    """
+    number = as_finite("bands", bands)
+    if not 0 < number < 1:
+        raise ParameterError(f"bands is {bands}; give a probability between 0 and 1, such as 0.9")
+    return number

@@ -1,0 +1,289 @@
+"""Which input to measure next, so that the fewest holds tell the most.
+
+The best next input is the one that takes most off the variance of the outputs for inputs that
+may come, represented by random sequences. How much that is follows from the prior and from
+where was measured, not from what was measured; only the hyperparameters are learnt.
+
+References
+----------
+MacKay, Information-based objective functions for active data selection, Neural Computation 4,
+1992, section 4. Cohn, Neural network exploration using optimal experiment design, Neural
+Networks 9, 1996.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, as_levels
+from minorloop.errors import ParameterError
+from minorloop.identification import _prior_kernels as _kernels
+from minorloop.identification.active_set import one_thread
+from minorloop.identification.areas import Form
+from minorloop.identification.prior import Belief, Hyperparameters, believe, regressors
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Diagonal
+
+if TYPE_CHECKING:
+    from minorloop.identification.result import Identification
+
+CANDIDATES = 21
+"""Inputs to choose from, evenly over the allowed range."""
+SEQUENCES, LENGTH = 40, 8
+"""Random sequences, and inputs of each, whose outputs should become sure."""
+BEAM = 6
+"""First moves that are looked beyond."""
+MOST_HOLDS = 1000
+
+
+@dataclass(frozen=True)
+class NextInput:
+    """The input to measure next, and what it is expected to bring.
+
+    Parameters
+    ----------
+    u : float
+        The input.
+    sd : float
+        Standard deviation of outputs that may come, on average, as things stand.
+    sd_after : float
+        The same after this hold.
+    """
+
+    u: float
+    sd: float
+    sd_after: float
+
+    @property
+    def gain(self) -> float:
+        """Share of the standard deviation that this hold is expected to take off."""
+        return 1 - self.sd_after / self.sd
+
+
+def next_input(
+    identification: Identification,
+    memory: Memory,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    step: float = np.inf,
+) -> NextInput:
+    """The next best input to measure.
+
+    Parameters
+    ----------
+    identification : Identification
+        Of what was measured so far, with the prior.
+    memory : Memory
+        What the actuator remembers now; its last entry is the present input.
+    low, high : float, optional
+        Range allowed; that of the levels if not given.
+    step : float
+        Largest change from the present input that is allowed.
+
+    Returns
+    -------
+    NextInput
+
+    Raises
+    ------
+    ParameterError
+        If the model was identified without the prior, or no input is allowed.
+    """
+    if identification.belief is None:
+        raise ParameterError('next_input needs the prior; identify with prior="gaussian"')
+    candidates = _allowed(identification, memory, low, high, step)
+    with one_thread(identification.unknowns):
+        return _best(identification.belief, memory, candidates)
+
+
+def design(
+    levels: npt.ArrayLike,
+    holds: int | None = None,
+    *,
+    hours: float | None = None,
+    hold: float = 200.0,
+    low: float | None = None,
+    high: float | None = None,
+    step: float = np.inf,
+    least_gain: float = 0.0,
+    diagonal: Diagonal = "reversible",
+    hyperparameters: Hyperparameters | None = None,
+) -> FloatArray:
+    """Inputs to measure when nothing is known yet, the most telling ones first.
+
+    Parameters
+    ----------
+    levels : (L + 1,) array_like
+        Thresholds of the model that will be identified.
+    holds : int, optional
+        How many; give this or ``hours``.
+    hours : float, optional
+        Time to spend.
+    hold : float
+        Seconds for each, with ``hours``.
+    low, high, step
+        As in `next_input`; the first input is ``low``, from where all is known.
+    least_gain : float
+        Stop when the next hold is expected to take less than this share off the standard
+        deviation.
+    diagonal : {"uniform", "reversible"}
+        As in `Preisach`.
+    hyperparameters : Hyperparameters, optional
+        What is expected of the actuator.
+
+    Returns
+    -------
+    (n,) array
+
+    Raises
+    ------
+    ParameterError
+        If the budget is none, or an option is out of its range.
+    """
+    form = Form(as_levels(levels), diagonal=diagonal)
+    count = budget(holds, hours, hold)
+    if not 0 <= as_finite("least_gain", least_gain) < 1:
+        raise ParameterError(f"least_gain is {least_gain}; give a share from 0 to 1")
+    h = hyperparameters or Hyperparameters()
+    inputs = [float(form.levels[0]) if low is None else as_finite("low", low)]
+    with one_thread(form.unknowns):
+        return _sequence(form, h, inputs, count, (low, high, step), least_gain)
+
+
+def _sequence(
+    form: Form,
+    h: Hyperparameters,
+    inputs: list[float],
+    count: int,
+    allowed: tuple[float | None, float | None, float],
+    least_gain: float,
+) -> FloatArray:
+    while len(inputs) < count:
+        u = np.array(inputs)
+        marked = regressors(form, u, np.ones(u.size, dtype=np.bool_), "negative")
+        memory = Memory.after(inputs, low=form.levels[0], high=form.levels[-1])
+        found = _best(believe(form, h, marked), memory, _allowed(form, memory, *allowed))
+        if found.gain < least_gain:
+            break
+        inputs.append(found.u)
+    return np.array(inputs)
+
+
+def budget(holds: int | None, hours: float | None, hold: float) -> int:
+    """Number of holds that a budget allows.
+
+    Raises
+    ------
+    ParameterError
+        Unless just one of ``holds`` and ``hours`` is given, and allows 3 to 1000 holds.
+    """
+    if (holds is None) == (hours is None):
+        raise ParameterError("give a budget in holds or in hours, one of them")
+    if holds is not None:
+        count = _whole(holds)
+        said = f"holds is {holds!r}"
+    elif hours is not None:
+        seconds = as_finite("hold", hold)
+        if seconds <= 0:
+            raise ParameterError(f"hold is {hold:g} s; give a positive time")
+        count = int(as_finite("hours", hours) * 3600 / seconds)
+        said = f"{hours:g} h are {max(count, 0)} holds of {seconds:g} s"
+    if not 3 <= count <= MOST_HOLDS:
+        raise ParameterError(f"{said}; give a budget of 3 to {MOST_HOLDS} holds")
+    return count
+
+
+def _whole(holds: int) -> int:
+    whole = isinstance(holds, int | np.integer) and not isinstance(holds, bool)
+    return int(holds) if whole else 0
+
+
+def _allowed(
+    of: Identification | Form,
+    memory: Memory,
+    low: float | None,
+    high: float | None,
+    step: float,
+) -> FloatArray:
+    """Inputs to choose from."""
+    form = of if isinstance(of, Form) else of.areas.form
+    bottom, top = float(form.levels[0]), float(form.levels[-1])
+    least = bottom if low is None else max(as_finite("low", low), bottom)
+    most = top if high is None else min(as_finite("high", high), top)
+    if not step > 0:
+        raise ParameterError(f"step is {step:g}; give the largest change allowed, above 0")
+    least, most = max(least, memory.u - step), min(most, memory.u + step)
+    if not least < most:
+        raise ParameterError(
+            f"no input is allowed: from {memory.u:g} by at most {step:g}, within the levels "
+            f"[{bottom:g}, {top:g}]; widen the range or the step"
+        )
+    return np.linspace(least, most, CANDIDATES)
+
+
+def _best(belief: Belief, memory: Memory, candidates: FloatArray) -> NextInput:
+    """The first of the two moves that take most off the variance, by a beam."""
+    h, unit = belief.hyperparameters, belief.unit
+    own = (h.discrepancy**2 + h.noise**2) * unit**2
+    aim = _targets(belief)
+    total = float(np.sum(aim**2))
+    first = _rows(belief, memory, candidates) @ belief.factor
+    gains = _gains(aim, first, own)
+    best, value = candidates[0], -np.inf
+    for k in np.argsort(gains)[::-1][:BEAM]:
+        spent = first[k] / np.sqrt(first[k] @ first[k] + own)
+        after = Memory.after(
+            [*memory.extrema[1:], float(candidates[k])],
+            low=memory.extrema[0],
+            high=float(belief.form.levels[-1]),
+        )
+        second = _rows(belief, after, candidates) @ belief.factor
+        # What the first measurement takes off the covariance of everything else.
+        left = aim - np.outer(aim @ spent, spent)
+        rest = second - np.outer(second @ spent, spent)
+        both = gains[k] + float(_gains(left, rest, own).max())
+        if both > value:
+            best, value, here = candidates[k], both, float(gains[k])
+    count, missed = aim.shape[0], (h.discrepancy * unit) ** 2
+    return NextInput(
+        float(best),
+        float(np.sqrt(total / count + missed)),
+        float(np.sqrt(max(total - here, 0.0) / count + missed)),
+    )
+
+
+def _gains(aim: FloatArray, moves: FloatArray, own: float) -> FloatArray:
+    """Sum of variances that measuring each move takes off the aims."""
+    shared = np.einsum("sm,sm->m", *[aim @ moves.T] * 2)
+    return np.asarray(shared / (np.einsum("mk,mk->m", moves, moves) + own))
+
+
+def _targets(belief: Belief) -> FloatArray:
+    """Regressors of what may come, times the factor of the covariance; always the same."""
+    form = belief.form
+    rng = np.random.default_rng(0)
+    rows = []
+    for _ in range(SEQUENCES):
+        u = rng.uniform(form.levels[0], form.levels[-1], LENGTH)
+        rows.append(regressors(form, u, np.ones(LENGTH, dtype=np.bool_), "negative")[0])
+    return np.vstack(rows) @ belief.factor
+
+
+def _rows(belief: Belief, memory: Memory, candidates: FloatArray) -> FloatArray:
+    """(m, n) regressors after each candidate."""
+    form = belief.form
+    shares = np.empty((candidates.size, form.cells))
+    past = np.array(memory.extrema)
+    levels = np.asarray(form.levels, dtype=np.float64)
+    _kernels.look_ahead(levels, form.diagonal == "uniform", past, candidates, shares)
+    columns = [2 * shares - 1 if form.relay == "bipolar" else shares]
+    if form.offset:
+        columns.append(np.ones((candidates.size, 1)))
+    if form.slope:
+        columns.append(candidates[:, None])
+    return np.hstack(columns)

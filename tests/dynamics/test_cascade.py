@@ -1,0 +1,168 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import NotInvertibleError, ParameterError, SignalError, UnreachableError
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
+
+LEVELS = np.linspace(-1, 1, 5)
+PLANE = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(0.3, 1, (4, 4))), slope=0.5)
+LINE = Polynomial([0.0, 2.0], -50.0, 50.0)
+G = Linear.from_poles([-2.0, -0.5], [-1.0])
+ORDERS = pytest.mark.parametrize("first", ["operator", "linear"])
+INPUTS = st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=30)
+
+
+@given(INPUTS, st.floats(-1, 1))
+def test_operator_first_is_one_after_the_other(u, before):
+    t = 0.4 * np.arange(1, len(u) + 1)
+    w = PLANE.simulate([before, *u])
+    b, a, _ = signal.cont2discrete(([1.0, 1.0], [1.0, 2.5, 1.0]), 0.4)
+    # From rest at the settled value; the filter has the output when the next input is set.
+    y = w[0] + signal.lfilter(b[0], a, np.append(w[1:], 0.0) - w[0])[1:]
+    got = Cascade(PLANE, G).simulate(t, u, before=before)
+    np.testing.assert_allclose(got, y, atol=1e-6)
+
+
+@given(INPUTS, st.floats(-1, 1))
+def test_linear_first_is_one_after_the_other(u, before):
+    t = 0.4 * np.arange(1, len(u) + 1)
+    felt = G.simulate(t, u, before=before)
+    wanted = PLANE.simulate([before, *felt])[1:]
+    got = Cascade(PLANE, G, "linear").simulate(t, u, before=before)
+    np.testing.assert_allclose(got, wanted, atol=1e-12)
+
+
+def test_the_order_matters():
+    t = 0.2 * np.arange(1, 60)
+    u = np.where(t < 1, 1.0, -0.2)
+    y = [Cascade(PLANE, G, first).simulate(t, u, before=-1.0) for first in ("operator", "linear")]
+    assert np.abs(y[0] - y[1]).max() > 0.05 * np.ptp(PLANE.range)
+
+
+@ORDERS
+@given(u=INPUTS, before=st.floats(-1, 1), late=st.integers(0, 3))
+@settings(max_examples=30)
+def test_step_by_step_is_simulate(first, u, before, late):
+    system = Linear(G.numerator, G.denominator, delay=0.4 * late).discretise(0.4)
+    cascade = Cascade(PLANE, system, first)
+    state, y = cascade.begin(before), []
+    for value in u:
+        out, state = cascade.step(state, value)
+        y.append(out)
+    whole = cascade.simulate(0.4 * np.arange(1, len(u) + 1), u, before=before)
+    np.testing.assert_allclose(y, whole, atol=1e-9)
+
+
+@ORDERS
+def test_slow_inputs_leave_the_operator_alone(first):
+    t = np.linspace(0, 4e4, 4001)
+    u = np.sin(2 * np.pi * t / 2e4)
+    y = Cascade(PLANE, G, first).simulate(t, u, before=0.0, between="straight")
+    w = PLANE.simulate(np.append(0.0, u))[1:]
+    assert np.abs(y - w).max() < 5e-3 * np.ptp(PLANE.range)
+
+
+def swelling(reach, centre=0.0, seconds=30.0, interval=0.02):
+    t = np.arange(0, seconds, interval)
+    return t, centre + reach * np.minimum(t / 10, 1) * np.sin(0.7 * t)
+
+
+@ORDERS
+@pytest.mark.parametrize(
+    "operator",
+    [PLANE, LINE, PrandtlIshlinskii([0.0, 0.2, 0.6], [1.0, 0.4, 0.3])],
+    ids=["preisach", "line", "plays"],
+)
+def test_the_inverse_brings_the_output_to_the_filtered_target(first, operator):
+    system = Linear.lags(2.0, 0.5)
+    rest = float(operator.simulate([-1.0, 0.0])[-1])
+    start = operator.step("negative", -1.0)[1]
+    t, targets = swelling(0.4, rest)
+    found = Cascade(operator, system, first).invert(t, targets, start, before=0.0)
+    assert found.reachable.all()
+    smooth = np.convolve([found.filter_time, 1], [found.filter_time, 1])
+    late = rest + signal.lsim(([1.0], smooth), targets - rest, t)[1]
+    if first == "operator":
+        np.testing.assert_allclose(found.y, late, atol=2e-3)
+    assert found.rms < 0.06
+    np.testing.assert_allclose(found.residual, found.y - targets)
+
+
+def test_without_more_poles_than_zeros_there_is_no_filter():
+    lead = Linear([2.0, 1.0], [1.0, 1.0])
+    t, targets = swelling(1.0)
+    found = Cascade(LINE, lead).invert(t, targets, before=0.0)
+    assert found.filter_time == 0
+    np.testing.assert_allclose(found.y, targets, atol=1e-5)
+
+
+def test_a_shorter_filter_follows_closer():
+    t, targets = swelling(1.0)
+    errors = [
+        Cascade(LINE, G).invert(t, targets, before=0.0, filter_time=seconds).rms
+        for seconds in (0.8, 0.4, 0.2)
+    ]
+    assert errors[0] > 1.8 * errors[1] > 3.2 * errors[2]
+
+
+def test_dead_time_is_left_as_it_is():
+    system = Linear.lags(1.0, delay=0.5)
+    t, targets = swelling(1.0)
+    found = Cascade(LINE, system).invert(t, targets, before=0.0, filter_time=0.02)
+    np.testing.assert_allclose(found.y[26:], targets[:-26], atol=2e-3)
+
+
+def test_a_sampled_system_is_undone_by_its_continuous_counterpart():
+    t, targets = swelling(1.0)
+    plain = Cascade(LINE, G).invert(t, targets, before=0.0)
+    sampled = Cascade(LINE, G.discretise(0.1)).invert(t, targets, before=0.0)
+    np.testing.assert_allclose(sampled.u, plain.u, atol=1e-6)
+
+
+def test_targets_out_of_reach():
+    t, targets = swelling(1.5 * PLANE.range[1])
+    cascade = Cascade(PLANE, G)
+    with pytest.raises(UnreachableError, match="beyond what the model can reach"):
+        cascade.invert(t, targets, before=0.0)
+    found = cascade.invert(t, targets, before=0.0, unreachable="clip")
+    assert not found.reachable.all()
+    assert np.abs(found.u).max() <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("system", "why"),
+    [
+        (Linear.from_poles([-1.0, -2.0], [3.0]), "right half plane"),
+        (Linear.from_poles([-1.0, 2.0]), "unstable"),
+        (Linear([1.0, 0.0], [1.0, 1.0]), "right half plane or on its edge"),
+    ],
+)
+def test_refuses_to_undo_what_cannot_be_undone(system, why):
+    with pytest.raises(NotInvertibleError, match=why):
+        Cascade(LINE, system).invert([0, 1], [0, 0], before=0.0)
+
+
+def test_refuses_options():
+    with pytest.raises(ParameterError, match="'operator', 'linear'"):
+        Cascade(PLANE, G, "both")
+    with pytest.raises(ParameterError, match="give a positive time"):
+        Cascade(LINE, G).invert([0, 1], [0, 0], before=0.0, filter_time=0.0)
+    with pytest.raises(ParameterError, match="discretise it"):
+        Cascade(PLANE, G).begin(0.0)
+    with pytest.raises(SignalError, match="does not increase"):
+        Cascade(PLANE, G).simulate([0, 0], [0, 1])
+
+
+def test_prints_and_draws():
+    t, targets = swelling(1.0)
+    found = Cascade(LINE, G).invert(t, targets, before=0.0)
+    assert "filter time" in str(found)
+    assert "0 samples" in str(found)
+    assert len(found.plot().axes) == 2

@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.connect import connect
+from minorloop.dynamics.creep import Creep, fit_creep
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import NotInvertibleError, ParameterError, SignalError
+
+TIMES = st.lists(st.floats(0.2, 50), min_size=1, max_size=4)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def random_holds(seed, samples=60):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(0.1, 2.0, samples))
+    return t, np.repeat(rng.normal(size=samples // 6), 6)
+
+
+def lagged(t, x, tau, before):
+    """The signal through one lag: what is left of every hold since, summed."""
+    edges = np.concatenate([[2 * t[0] - t[1]], t])
+    since = np.exp((np.minimum(edges, t[:, None]) - t[:, None]) / tau)
+    return before * since[:, 0] + np.diff(since, axis=1) @ x
+
+
+@given(TIMES, SEEDS, st.floats(-1, 1))
+def test_a_sum_of_lags(times, seed, before):
+    t, x = random_holds(seed)
+    strengths = np.linspace(0.1, 0.4, len(times))
+    lags = np.array([lagged(t, x, tau, before) for tau in times])
+    model = Creep(times, strengths, gain=1.2, offset=0.5)
+    wanted = 0.5 + 1.2 * x + strengths @ lags
+    np.testing.assert_allclose(model.simulate(t, x, before=before), wanted, atol=1e-9)
+
+
+def test_a_lag_is_that_of_a_linear_system():
+    t, x = np.arange(1.0, 50), np.sin(np.arange(49.0))
+    wanted = Linear.lags(7.0).simulate(t, x, before=0.4)
+    got = Creep([7.0], [1.0], gain=0.0).simulate(t, x, before=0.4)
+    np.testing.assert_allclose(got, wanted, atol=1e-7)
+
+
+@given(TIMES, SEEDS, st.floats(-1, 1))
+def test_what_compensates_brings_every_sample_to_its_target(times, seed, before):
+    t, targets = random_holds(seed)
+    model = Creep(times, np.linspace(0.4, 0.1, len(times)), gain=0.8, offset=-0.3)
+    x = model.compensate(t, targets, before=before)
+    np.testing.assert_allclose(model.simulate(t, x, before=before), targets, atol=1e-9)
+
+
+def test_settles_at_the_dc_gain():
+    model = Creep([1.0, 10.0], [0.2, 0.3], gain=2.0, offset=1.0)
+    y = model.simulate([0.0, 1.0, 1e4], [0.0, 4.0, 4.0])
+    np.testing.assert_allclose([y[0], y[-1]], [1.0, 1.0 + 4.0 * model.dc_gain])
+
+
+@given(SEEDS)
+def test_fit_finds_the_output_and_the_settled_gain(seed):
+    """Time constants between those of the grid: the curve is found, not the constants."""
+    rng = np.random.default_rng(seed)
+    t, x = np.arange(1.0, 1201), np.repeat(rng.normal(size=6), 200)
+    truth = Creep(rng.uniform(5, 90, 2), rng.uniform(0.1, 0.5, 2), gain=3.0, offset=-2.0)
+    fit = fit_creep(t, x, truth.simulate(t, x))
+    assert fit.nrmse < 2e-3
+    assert fit.model.strengths.min() >= 0
+    assert abs(fit.model.dc_gain / truth.dc_gain - 1) < 0.02
+
+
+def test_fit_finds_constants_of_its_grid():
+    t, x = np.arange(1.0, 2001), np.repeat([0.0, 1.0, -0.5, 0.3], 500)
+    taus = np.geomspace(2, 499, 6)
+    truth = Creep(taus, [0, 0.3, 0, 0.2, 0.1, 0], gain=1.0, offset=0.2)
+    y = truth.simulate(t, x)
+    fit = fit_creep(t, x, y, shortest=2, longest=499)
+    np.testing.assert_allclose(fit.model.times, taus)
+    np.testing.assert_allclose(fit.model.strengths, truth.strengths, atol=1e-6)
+    np.testing.assert_allclose(fit.prediction, y, atol=1e-9)
+
+
+def test_noise_makes_no_strength_negative():
+    t, x = np.arange(1.0, 601), np.repeat([0.0, 1.0, 0.2], 200)
+    y = Creep([30.0], [0.2]).simulate(t, x) + np.random.default_rng(0).normal(0, 0.01, t.size)
+    fit = fit_creep(t, x, y)
+    assert fit.model.strengths.min() >= 0
+    assert abs(fit.model.dc_gain - 1.2) < 0.01
+    assert fit.nrmse < 0.012
+
+
+def test_the_slow_part_of_a_strip():
+    """Back-relaxation is creep against the step, a prompt gain beyond the settled one."""
+    strip = connect("twin:ipmc")
+    strip.apply(0.0, 10.0, 10.0)
+    record = strip.apply(1.0, 300.0, 1.0)
+    late = record.t - record.t[0] >= 20
+    model = fit_creep(record.t[late], record.u[late], -record.y[late], before=0.0).model
+    assert model.strengths.sum() > 1
+    assert model.gain < 0
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda: Creep([1.0, 2.0], [0.1]), "one strength for each time"),
+        (lambda: Creep([0.0], [0.1]), "positive seconds"),
+        (lambda: Creep([1.0], [-0.1]), "numbers >= 0"),
+        (lambda: Creep([1.0], [0.1], gain=np.nan), "finite"),
+        (lambda: fit_creep([0, 1, 2, 9], [0, 1, 1, 1], [0, 1, 1, 1], per_decade=0), "at least 1"),
+        (lambda: fit_creep([0, 1, 2], [0, 1, 1], [0, 1, 1]), "shortest <= longest"),
+    ],
+)
+def test_refuses_parameters(make, why):
+    with pytest.raises(ParameterError, match=why):
+        make()
+
+
+def test_refuses_what_cannot_be_used():
+    with pytest.raises(SignalError, match="record at least one step"):
+        fit_creep([0, 1, 2], [1, 1, 1], [0, 1, 2])
+    with pytest.raises(NotInvertibleError, match="prompt gain"):
+        Creep([1.0], [0.5], gain=0.0).compensate([0, 1], [0, 1], before=0.0)
+
+
+def test_prints_and_draws():
+    t, x = np.arange(1.0, 101), np.repeat([0.0, 1.0], 50)
+    fit = fit_creep(t, x, Creep([10.0], [0.2]).simulate(t, x))
+    assert "prompt gain" in str(fit)
+    assert len(fit.plot().axes) == 2

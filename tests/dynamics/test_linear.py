@@ -1,0 +1,222 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+
+LAGS = st.lists(st.floats(0.05, 20), min_size=1, max_size=4, unique_by=lambda x: round(x, 2))
+
+
+def with_zero(times, zero=-0.3, gain=2.0, delay=0.0):
+    """Lags with one zero, so that the numerator is no constant."""
+    return Linear.from_poles([-1 / x for x in times], [zero], dc_gain=gain, delay=delay)
+
+
+def ratio(system):
+    """Numerator and denominator as scipy likes them."""
+    return np.trim_zeros(system.numerator, "f"), system.denominator
+
+
+@given(LAGS, st.integers(0, 2**32 - 1))
+def test_straight_inputs_as_scipy_simulates_them(times, seed):
+    system, t = with_zero(times), np.linspace(0, 3 * max(times), 60)
+    u = np.random.default_rng(seed).normal(size=t.size)
+    got = system.simulate(t, u, between="straight")
+    _, wanted, _ = signal.lsim(ratio(system), u, t)
+    np.testing.assert_allclose(got, wanted, atol=1e-6 * np.abs(u).max())
+
+
+@given(LAGS, st.integers(0, 2**32 - 1))
+def test_held_inputs_as_the_difference_equation_filters_them(times, seed):
+    system, interval = with_zero(times), 0.3
+    u = np.random.default_rng(seed).normal(size=50)
+    t = interval * np.arange(1, u.size + 1)
+    top, bottom, _ = signal.cont2discrete(ratio(system), interval, method="zoh")
+    # The filter gives the output when the next input has been set, here it is read just before.
+    wanted = signal.lfilter(np.ravel(top), bottom, np.append(u, 0.0))[1:]
+    wanted += system.numerator[0] * (u - np.append(u[1:], 0.0))
+    for each in (system, system.discretise(interval)):
+        np.testing.assert_allclose(each.simulate(t, u), wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("between", ["straight", "held"])
+def test_uneven_samples_are_where_even_ones_pass(between):
+    """Thinned where the input does not bend, or does not change, the outputs stay."""
+    system, fine = with_zero([0.4, 2.0], delay=0.35), np.arange(161) * 0.05
+    u = np.interp(fine, [0, 1, 2.5, 4, 8], [0.0, 1.0, -1.0, 2.0, 0.5])
+    if between == "held":
+        u = np.where(fine <= 4.0, 1.0, -0.5)
+    thin = [0, 1, 20, 23, 50, 64, 80, 81, 90, 107, 160]
+    whole = system.simulate(fine, u, before=0.3, between=between)
+    part = system.simulate(fine[thin], u[thin], before=0.3, between=between)
+    np.testing.assert_allclose(part, whole[thin], atol=1e-7)
+
+
+@given(LAGS, st.floats(0, 3), st.floats(-5, 5))
+def test_rests_where_it_settled(times, delay, before):
+    system = with_zero(times, delay=delay)
+    t = np.linspace(0, 10, 23)
+    for between in ("held", "straight"):
+        y = system.simulate(t, np.full(t.size, before), before=before, between=between)
+        np.testing.assert_allclose(y, before * system.dc_gain, atol=1e-7 * (1 + abs(before)))
+
+
+def test_step_response_of_lags_in_closed_form():
+    slow, fast, delay = 5.0, 1.5, 0.7
+    t = np.linspace(-1, 40, 300)
+    since = np.maximum(t - delay, 0)
+    wanted = 1 - (slow * np.exp(-since / slow) - fast * np.exp(-since / fast)) / (slow - fast)
+    system = Linear.lags(slow, fast, delay=delay)
+    np.testing.assert_allclose(system.step_response(t), np.where(t > delay, wanted, 0), atol=1e-7)
+    sampled = system.discretise(0.1)
+    at = 0.1 * np.arange(400)
+    np.testing.assert_allclose(sampled.step_response(at), system.step_response(at), atol=1e-7)
+
+
+def test_a_feedthrough_answers_at_once():
+    lead = Linear([2.0, 1.0], [1.0, 1.0])
+    np.testing.assert_allclose(lead.step_response([0.0, 1.0]), [2.0, 1 + np.exp(-1)], atol=1e-7)
+    assert lead.relative_degree == 0
+    np.testing.assert_allclose(Linear([3.0], [1.0]).simulate([0, 1], [2, 4]), [6, 12])
+
+
+@given(LAGS, st.floats(0, 2))
+def test_response_is_that_of_scipy_and_the_dead_time(times, delay):
+    system, hertz = with_zero(times, delay=delay), np.geomspace(1e-3, 10, 7)
+    _, wanted = signal.freqs(*ratio(system), 2 * np.pi * hertz)
+    late = np.exp(-2j * np.pi * hertz * delay)
+    np.testing.assert_allclose(system.response(hertz), wanted * late, rtol=1e-9)
+
+
+def test_response_of_a_sampled_system_is_what_a_sine_comes_to():
+    sampled = with_zero([0.5, 2.0], delay=0.2).discretise(0.1)
+    count = np.arange(1, 1001)
+    sines = np.exp(2j * np.pi * (count - 1) / 40)
+    y = [sampled.simulate(0.1 * count, part) for part in (sines.real, sines.imag)]
+    # An output is read at the end of its interval, one sample after its input was set.
+    wanted = sampled.response(0.25) * np.exp(2j * np.pi * count / 40)
+    np.testing.assert_allclose((y[0] + 1j * y[1])[-40:], wanted[-40:], atol=1e-9)
+
+
+@given(LAGS, st.floats(0.02, 2.0), st.integers(0, 5))
+@settings(max_examples=25)
+def test_sampled_and_back(times, interval, late):
+    times = [x for x in times if x > interval / 4] or [interval]
+    times = [x for k, x in enumerate(sorted(times)) if k == 0 or x > 1.3 * sorted(times)[k - 1]]
+    system = with_zero(times, delay=late * interval)
+    sampled = system.discretise(interval)
+    np.testing.assert_allclose(sampled.dc_gain, system.dc_gain, rtol=1e-12)
+    again = sampled.continuous()
+    np.testing.assert_allclose(again.time_constants, system.time_constants, rtol=1e-4)
+    hertz = np.geomspace(0.01, 1, 5) / max(times)
+    np.testing.assert_allclose(again.response(hertz), system.response(hertz), rtol=1e-4)
+
+
+def test_complex_poles_survive_sampling():
+    system = Linear.from_poles([-0.2 + 1j, -0.2 - 1j, -3.0])
+    again = system.discretise(0.5).continuous()
+    np.testing.assert_allclose(np.sort(again.poles), np.sort(system.poles), rtol=1e-8)
+    assert again.order == 3
+    assert again.stable
+
+
+@given(LAGS, st.integers(0, 3), st.floats(-2, 2))
+def test_step_by_step_is_simulate(times, late, before):
+    interval = 0.25
+    sampled = with_zero(times, delay=late * interval).discretise(interval)
+    u = np.sin(np.arange(20.0))
+    state, y = sampled.settled(before), []
+    for value in u:
+        kept = state.copy()
+        out, after = sampled.step(state, value)
+        np.testing.assert_array_equal(state, kept)
+        state = after
+        y.append(out)
+    whole = sampled.simulate(interval * np.arange(1, 21), u, before=before)
+    np.testing.assert_allclose(y, whole, atol=1e-9)
+
+
+def test_normalised_has_dc_gain_one():
+    assert abs(with_zero([3.0, 0.4], gain=-7.3).normalised().dc_gain - 1) <= 1e-15
+    with pytest.raises(ParameterError, match="integrates"):
+        Linear([1.0], [1.0, 0.0]).normalised()
+    with pytest.raises(ParameterError, match="DC gain is 0"):
+        Linear([1.0, 0.0], [1.0, 1.0]).normalised()
+
+
+def test_time_constants_slowest_first_and_infinite_where_nothing_decays():
+    np.testing.assert_allclose(Linear.lags(1.0, 4.0).time_constants, [4.0, 1.0])
+    assert np.isinf(Linear([1.0], [1.0, 1.0, 0.0]).time_constants[0])
+    assert not Linear([1.0], [1.0, -1.0]).stable
+    assert not Linear([1.0], [1.0, -1.2], interval=1.0).stable
+    np.testing.assert_allclose(Linear([1.0], [1.0, -np.exp(-0.5)], 1.0).time_constants, [2.0])
+
+
+def test_equal_when_the_numbers_are():
+    assert Linear([2.0], [2.0, 4.0]) == Linear([0.0, 1.0], [1.0, 2.0])
+    assert Linear([1.0], [1.0, 2.0]) != Linear([1.0], [1.0, 2.0], delay=1.0)
+    assert Linear([1.0], [1.0, 2.0]) != "a system"
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda: Linear([1, 2, 3], [1, 2]), "no more zeros than poles"),
+        (lambda: Linear([1.0], [0.0, 1.0]), "leave it out"),
+        (lambda: Linear([np.nan], [1.0]), "finite coefficients"),
+        (lambda: Linear(["a"], [1.0]), "real numbers"),
+        (lambda: Linear([1.0], [1.0, 1.0], delay=-1), "dead time >= 0"),
+        (lambda: Linear([1.0], [1.0, 1.0], interval=0.0), "positive number of seconds"),
+        (lambda: Linear([1.0], [1.0, 0.5], interval=1.0, delay=0.5), "whole number"),
+        (lambda: Linear.lags(-1.0), "positive number of seconds"),
+        (lambda: Linear.from_poles([-1 + 1j]), "conjugate pairs"),
+        (lambda: Linear.lags(1.0, delay=0.5).discretise(1.0), "whole number"),
+        (lambda: Linear.lags(1.0).discretise(1.0).discretise(1.0), "sampled already"),
+        (lambda: Linear.lags(1.0).continuous(), "continuous already"),
+        (lambda: Linear([1.0], [1.0, 0.5], interval=1.0).continuous(), "negative real axis"),
+        (lambda: Linear.lags(1.0).settled(1.0), "discretise"),
+        (lambda: Linear([1.0], [1.0, 0.0]).simulate([0, 1], [1, 1], before=1.0), "never settles"),
+        (
+            lambda: Linear.lags(1.0).discretise(1.0).simulate([0, 1], [1, 1], between="straight"),
+            "holds its input",
+        ),
+        (lambda: Linear.lags(1.0).simulate([0, 1], [1, 1], between="bent"), "'held', 'straight'"),
+    ],
+)
+def test_refuses_what_makes_no_sense(make, why):
+    with pytest.raises(ParameterError, match=why):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("t", "u", "why"),
+    [
+        ([0, 1, 1], [0, 0, 0], "does not increase at index 2"),
+        ([0, 1], [0, 0, 0], "shape"),
+        ([0], [0], "at least 2"),
+        ([0, 1, 3], [0, 0, 0], "steps of 1 s"),
+    ],
+)
+def test_refuses_samples_that_do_not_fit(t, u, why):
+    with pytest.raises(SignalError, match=why):
+        Linear.lags(1.0).discretise(1.0).simulate(t, u)
+
+
+def test_prints_and_draws():
+    system = Linear.lags(4.0, 1.0, delay=1.0)
+    assert "4, 1" in str(system)
+    assert len(system.plot().axes) == 3
+    assert len(system.discretise(0.5).plot().axes) == 3
+
+
+@given(LAGS, st.integers(0, 8), st.sampled_from(["held", "straight"]), st.floats(-1, 1))
+def test_dead_time_shifts_the_output(times, late, between, before):
+    t = 0.2 * np.arange(30)
+    u = np.cos(t) if between == "straight" else np.sign(np.cos(t))
+    prompt = with_zero(times).simulate(t, u, before=before, between=between)
+    y = with_zero(times, delay=0.2 * late).simulate(t, u, before=before, between=between)
+    np.testing.assert_allclose(y[late + 1 :], prompt[1 : t.size - late], atol=1e-6)
+    np.testing.assert_allclose(y[:late], 2.0 * before, atol=1e-6)

@@ -1,0 +1,78 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from minorloop.dynamics.propagation import as_times, as_waveform, propagate, transitions
+from minorloop.errors import SignalError
+
+A = np.array([[-0.5, -1.0], [1.0, 0.0]])
+B = np.array([1.0, 0.3])
+
+
+def integrated(x, begin, end, length):
+    """The state after a stretch with a straight input, by Runge and Kutta."""
+
+    def slope(s, x):
+        return A @ x + B * (begin + (end - begin) * s / length)
+
+    return solve_ivp(slope, (0, length), x, rtol=1e-11, atol=1e-12).y[:, -1]
+
+
+@given(st.floats(0.01, 5), *[st.floats(-2, 2)] * 4)
+def test_a_stretch_is_what_integration_gives(length, x0, x1, begin, end):
+    phi, at_begin, at_end, _ = transitions(A, B, np.array([length]))
+    x = np.array([x0, x1])
+    got = phi[0] @ x + at_begin[0] * begin + at_end[0] * end
+    np.testing.assert_allclose(got, integrated(x, begin, end, length), atol=1e-7)
+
+
+def test_equal_lengths_share_a_transition():
+    steps = np.diff(0.1 * np.arange(1000) + 1e6)
+    assert transitions(A, B, np.full(5, 0.1))[0].shape == (1, 2, 2)
+    assert np.unique(steps).size > 1
+    phi, _, _, which = transitions(A, B, np.array([0.1, 3.0, 0.1, 1e-4]))
+    assert phi.shape[0] == 3
+    np.testing.assert_array_equal(which, [1, 2, 1, 0])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.13, 0.5, 40.0])
+@pytest.mark.parametrize("between", ["held", "straight"])
+def test_dead_time_that_is_no_whole_number_of_samples(delay, between):
+    """Against the same system on a grid so fine that it meets every edge."""
+    system = (A, B, np.array([0.2, 1.0]), 0.7)
+    coarse = np.array([0.0, 0.3, 0.7, 1.1, 2.0, 2.6, 3.5])
+    u = np.array([1.0, 1.0, -2.0, 0.5, 0.5, 3.0, 3.0])
+    fine = 0.01 * np.arange(-30, 351)
+
+    def at(s):
+        if between == "straight":
+            return np.where(s < 0, 0.4, np.interp(s, coarse, u))
+        first = np.minimum(np.searchsorted(coarse, s), u.size - 1)
+        return np.where(s < -0.3, 0.4, u[first])
+
+    phi, at_begin, at_end, _ = transitions(A, B, np.array([0.01]))
+    x = np.linalg.solve(A, -B * 0.4)
+    rest, y = x.copy(), [np.nan]
+    for begin, end in pairwise(fine):
+        left, right = at(begin - delay + 1e-9), at(end - delay - 1e-9)
+        x = phi[0] @ x + at_begin[0] * left + at_end[0] * right
+        y.append(system[2] @ x + 0.7 * right)
+    wanted = np.interp(coarse, fine, y)
+    got = propagate(system, rest, coarse, u, delay=delay, before=0.4, between=between)
+    first = 1 if between == "straight" else 0
+    np.testing.assert_allclose(got[first:], wanted[first:], atol=1e-6)
+
+
+def test_checks_at_the_door():
+    with pytest.raises(SignalError, match=r"index 2"):
+        as_times([0.0, 1.0, 0.5])
+    with pytest.raises(SignalError, match="at least 3"):
+        as_times([0.0, 1.0], fewest=3)
+    with pytest.raises(SignalError, match="targets has shape"):
+        as_waveform([0.0, 1.0], [1.0], name="targets")
+    with pytest.raises(SignalError, match="finite"):
+        as_waveform([0.0, 1.0], [1.0, np.nan])

@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.connect import connect
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
+from minorloop.dynamics.trajectory import Trajectory
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.arx import step_response
+from minorloop.lab.records import Record
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.preisach import Preisach
+
+UP, DOWN = Linear.lags(3.0, 1.0), Linear.lags(8.0)
+PLANE = Preisach(np.linspace(-1, 1, 5), np.tril(np.arange(1.0, 17).reshape(4, 4)))
+VOLTS = (0.40, 0.45, 0.50, 0.45, 0.40)
+
+
+class Measured:
+    """Gives the steady values that were measured, so that only the ways between are judged."""
+
+    def __init__(self, steady):
+        self.steady = np.array(steady)
+
+    def simulate(self, u, start):
+        assert len(u) == self.steady.size
+        return self.steady
+
+
+def holds(values, seconds, interval=0.5):
+    u = np.repeat(values, round(seconds / interval))
+    return interval * np.arange(1, u.size + 1), np.asarray(u, dtype=float)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=1, max_size=6))
+def test_settled_where_the_operator_says(values):
+    t, u = holds(values, 150)
+    ends = slice(299, None, 300)
+    for joining in ("settled", "superposed"):
+        y = Trajectory(PLANE, UP, DOWN).simulate(t, u, before=0.0, joining=joining)
+        wanted = PLANE.simulate([0.0, *values])[1:]
+        np.testing.assert_allclose(y[ends], wanted, atol=1e-6 * np.ptp(PLANE.range))
+
+
+@given(st.lists(st.floats(-1, 1), min_size=1, max_size=8), st.floats(1, 6))
+def test_superposed_steps_of_one_response_are_the_cascade(values, seconds):
+    t, u = holds(values, seconds)
+    joined = Trajectory(PLANE, UP).simulate(t, u, before=0.3, joining="superposed")
+    cascade = Cascade(PLANE, UP).simulate(t, u, before=0.3)
+    np.testing.assert_allclose(joined, cascade, atol=1e-5)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=1, max_size=6), st.floats(1, 6))
+def test_joined_at_what_the_output_has_come_to(values, seconds):
+    """Against the formula, written out sample by sample."""
+    t, u = holds(values, seconds)
+    steady = PLANE.simulate([0.2, *u])
+    rises = [each.step_response(t) for each in (DOWN, UP)]
+    now = since = target = None
+    wanted, y, last = [], steady[0], 0.2
+    for k, value in enumerate(u):
+        if value != last:
+            now, since, target, last = y, k, steady[k + 1], value
+        if target is not None:
+            y = now + (target - now) * rises[int(target >= now)][k - since]
+        wanted.append(y)
+    got = Trajectory(PLANE, UP, DOWN).simulate(t, u, before=0.2)
+    np.testing.assert_allclose(got, wanted, atol=1e-5)
+
+
+def test_each_direction_has_its_response():
+    line = Polynomial([0.0, 2.0], -1.0, 1.0)
+    t, u = holds([0.0, 1.0, 0.0], 100)
+    y = Trajectory(line, UP, DOWN).simulate(t, u) / 2
+    since = 0.5 * np.arange(1, 201)
+    np.testing.assert_allclose(y[200:400], UP.step_response(since), atol=1e-9)
+    np.testing.assert_allclose(y[400:], 1 - DOWN.step_response(since), atol=1e-5)
+    one = Trajectory(line, UP).simulate(t, u) / 2
+    np.testing.assert_allclose(one[400:], 1 - UP.step_response(since), atol=1e-6)
+
+
+def test_a_constant_input_stays_at_rest():
+    t, u = holds([0.4], 5)
+    np.testing.assert_array_equal(Trajectory(PLANE, UP).simulate(t, u), PLANE.simulate([0.4])[0])
+
+
+@pytest.mark.parametrize("specimen", [None, 0])
+def test_two_responses_follow_the_fibre_better_than_one(specimen):
+    fibre = connect("twin:fibre", specimen=specimen)
+    fibre.apply(0.2, 300.0, 300.0)
+    records = [fibre.apply(v, 600.0 if k == 0 else 300.0, 1.0) for k, v in enumerate(VOLTS)]
+    ends = [record.y[-1] for record in records]
+    up, down = (Record.joined(records[k : k + 2]) for k in (0, 2))
+    rising = step_response(up.t, up.u, up.y).rising.model
+    falling = step_response(down.t, down.u, down.y).falling.model
+    model = Measured(ends)
+    whole = Record.joined(records)
+    late = whole.t > records[0].t[-1]
+    errors = []
+    for second in (None, falling):
+        y = Trajectory(model, rising, second).simulate(whole.t, whole.u)
+        errors.append(np.sqrt(np.mean((y - whole.y)[late] ** 2)) / np.ptp(whole.y[late]))
+    assert errors[1] <= 0.025
+    assert errors[1] <= 0.75 * errors[0]
+
+
+@pytest.mark.parametrize(
+    "response", [Linear.lags(2.0, dc_gain=1.1), Linear([-1.0], [1.0, -1.0]), Linear([1], [1, 0])]
+)
+def test_refuses_responses_that_do_not_come_to_one(response):
+    with pytest.raises(ParameterError, match="give a stable one with DC gain 1"):
+        Trajectory(PLANE, UP, response)
+
+
+def test_refuses_signals_and_options():
+    with pytest.raises(SignalError, match="does not increase"):
+        Trajectory(PLANE, UP).simulate([0, 0], [0, 1])
+    with pytest.raises(ParameterError, match="'settled', 'superposed'"):
+        Trajectory(PLANE, UP).simulate([0, 1], [0, 1], joining="glued")

@@ -1,0 +1,179 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from minorloop.connect import connect
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.arx import arx, chosen, step_response
+from minorloop.identification.linear_fit import Candidate
+from minorloop.identification.output_error import Coefficients, Structure
+from minorloop.lab.records import Record
+
+LAGS = Linear.lags(27.0, 6.0)
+
+
+def step(plant=LAGS, noise=0.0, seed=0, rest=300, hold=600, gain=1.0, interval=1.0):
+    """A step from 0.40 to 0.45, as an actuator records it."""
+    t = interval * np.arange(1.0, rest + hold + 1)
+    u = np.where(t <= rest * interval, 0.40, 0.45)
+    y = gain * plant.simulate(t, u, before=0.40)
+    return t, u, y + np.random.default_rng(seed).normal(0, noise * gain * 0.05, t.size)
+
+
+def farthest(fit, wanted):
+    """Relative error of the worst found time constant."""
+    return float(np.abs(fit.model.time_constants[:, None] / wanted - 1).min(axis=0).max())
+
+
+@pytest.mark.parametrize("times", [(27.0,), (27.0, 6.0), (50.0, 12.0, 3.0)])
+@pytest.mark.parametrize("late", [0, 2])
+def test_a_known_plant_is_found_exactly(times, late):
+    fit = arx(*step(Linear.lags(*times, delay=late), gain=220.0))
+    assert farthest(fit, times) <= 1e-4
+    assert fit.model.order == len(times)
+    assert abs(fit.model.dc_gain - 1) <= 1e-9
+    assert fit.model.delay == late
+    np.testing.assert_allclose(fit.gain, 220.0, rtol=1e-6)
+    np.testing.assert_allclose(fit.continuous.time_constants, times, rtol=1e-4)
+
+
+@given(st.floats(10, 80), st.floats(2.5, 8), st.booleans())
+@settings(max_examples=6)
+def test_any_two_lags_are_found(slow, apart, zero):
+    poles = [-1 / slow, -apart / slow]
+    plant = Linear.from_poles(poles, [-1.7 / slow] if zero else [])
+    fit = arx(*step(plant, rest=100, hold=round(6 * slow)))
+    assert farthest(fit, [slow, slow / apart]) <= 1e-3
+    assert abs(fit.model.dc_gain - 1) <= 1e-9
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Noise of a two-thousandth of the step."""
+    return [arx(*step(noise=5e-4, seed=seed)) for seed in range(8)]
+
+
+def test_a_known_plant_is_found_within_five_percent_despite_noise(noisy):
+    assert max(farthest(fit, [27.0, 6.0]) for fit in noisy) <= 0.05
+    assert max(abs(fit.model.dc_gain - 1) for fit in noisy) <= 1e-9
+    t = np.arange(0.0, 300)
+    errors = [fit.model.step_response(t) - LAGS.step_response(t) for fit in noisy]
+    assert np.abs(errors).max() <= 1e-3
+
+
+def test_noise_is_not_taken_for_dynamics(noisy):
+    """Up to eight coefficients are there to be had; four are enough."""
+    assert all(fit.candidate.structure.parameters <= 4 for fit in noisy)
+
+
+def test_deviations_are_those_over_many_records():
+    fits = [arx(*step(noise=1e-3, seed=seed), highest_order=2) for seed in range(30)]
+    fits = [fit for fit in fits if fit.model.order == 2]
+    spread = np.std([fit.model.time_constants for fit in fits], axis=0)
+    told = np.mean([fit.time_constant_deviations for fit in fits], axis=0)
+    np.testing.assert_allclose(told, spread, rtol=0.5)
+
+
+def test_a_second_record_chooses():
+    second = step(noise=5e-4, seed=99, gain=2.0)
+    fit = arx(*step(noise=5e-4), second=second)
+    assert fit.free_run_nrmse < 1e-3
+    best = min(one.free_run for one in fit.candidates)
+    assert fit.candidate.free_run <= 1.05 * best + 1e-5
+    assert farthest(fit, [27.0, 6.0]) <= 0.05
+
+
+def test_oscillation_is_found_where_there_is_one():
+    plant = Linear.from_poles([-0.1 + 0.4j, -0.1 - 0.4j])
+    fit = arx(*step(plant, hold=200))
+    assert fit.candidate.kind == "oscillatory"
+    np.testing.assert_allclose(np.sort(fit.continuous.poles), np.sort(plant.poles), rtol=1e-5)
+
+
+def test_a_reading_at_the_beginning_is_one_sample_of_dead_time():
+    t, u, y = step()
+    fit = arx(t, np.append(u[1:], u[-1]), y, reading="begin")
+    np.testing.assert_allclose(fit.model.time_constants, [27.0, 6.0], rtol=1e-5)
+    assert fit.model.delay == 0
+
+
+def candidate(kind, free_run, bic, na=1):
+    found = Coefficients(np.zeros(na), np.ones(1), 1)
+    return Candidate(Structure(na, 1, 1), found, kind, bic, free_run, free_run)
+
+
+@pytest.mark.parametrize(
+    ("oscillation", "taken"), [(0.0098, "plain"), (0.0090, "oscillatory"), (0.02, "plain")]
+)
+def test_oscillation_must_pay(oscillation, taken):
+    pair = [candidate("plain", 0.01, 0.0), candidate("oscillatory", oscillation, -100.0)]
+    assert chosen(pair).kind == taken
+
+
+def test_the_criterion_decides_among_those_that_simulate_alike():
+    alike = [candidate("plain", 0.0100, 5.0, 3), candidate("plain", 0.0103, 1.0, 2)]
+    worse = candidate("plain", 0.02, -50.0)
+    assert chosen([*alike, worse]) is alike[1]
+
+
+@pytest.fixture(scope="module")
+def holds():
+    """A fibre, conditioned at its lowest voltage, then taken up and down."""
+    fibre = connect("twin:fibre")
+    fibre.apply(0.2, 300.0, 300.0)
+    volts = (0.40, 0.45, 0.50, 0.45)
+    return [fibre.apply(v, 600.0 if k == 0 else 300.0, 1.0) for k, v in enumerate(volts)]
+
+
+def joined(records):
+    record = Record.joined(records)
+    return record.t, record.u, record.y
+
+
+def test_the_step_of_a_fibre_runs_free_on_the_next_one(holds):
+    fit = arx(*joined(holds[:2]))
+    t, _, y = joined(holds[1:3])
+    since = t[300:] - t[299]
+    share = (y[300:] - y[299]) / (y[-1] - y[299])
+    error = np.sqrt(np.mean((fit.model.step_response(since) - share) ** 2))
+    assert error <= 0.02
+    assert fit.nrmse <= 1e-3
+    assert abs(fit.model.dc_gain - 1) <= 1e-9
+    # The creep of the fibre has 90 s, and its diffusion 10 s.
+    assert farthest(fit, [90.0, 10.0]) <= 0.1
+
+
+def test_rising_and_falling_apart(holds):
+    both = step_response(*joined(holds))
+    t63 = [np.argmax(model.step_response(np.arange(300.0)) >= 0.63) for model in both.models]
+    assert 20 <= t63[0] <= 30
+    assert 30 <= t63[1] <= 45
+    assert both.rising.stretches[0].y[-1] == pytest.approx(1, abs=0.05)
+    only_up = step_response(*joined(holds[:3]))
+    assert only_up.falling is None
+    assert only_up.models[0] is only_up.models[1]
+
+
+def test_refuses_what_it_cannot_fit():
+    t, u, y = step()
+    with pytest.raises(SignalError, match="lower highest_order"):
+        arx(t[290:310], u[290:310], y[290:310])
+    with pytest.raises(SignalError, match="nothing to identify"):
+        arx(t, u, np.ones(t.size))
+    with pytest.raises(SignalError, match="no step moves the output"):
+        step_response(t, u, np.ones(t.size))
+    with pytest.raises(ParameterError, match="give both at one interval"):
+        arx(t, u, y, second=(2 * t, u, y))
+    with pytest.raises(SignalError, match="no stable difference equation"):
+        arx(t, u, np.where(t < 301, 0.0, 1.02 ** np.minimum(t - 300, 600)))
+
+
+@pytest.mark.parametrize(
+    "options", [{"highest_order": 0}, {"highest_order": 5}, {"longest_dead_time": -1},
+                {"highest_order": True}, {"longest_dead_time": 1.5}],
+)  # fmt: skip
+def test_refuses_options_out_of_range(options):
+    with pytest.raises(ParameterError, match="give a whole number"):
+        arx(*step(), **options)

@@ -1,0 +1,78 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.arx import arx, step_response
+from minorloop.identification.linear_fit import StepResponse
+
+PLANT = Linear.lags(27.0, 6.0)
+
+
+def record(noise=1e-3, seed=0, hold=300):
+    t = np.arange(1.0, 101 + hold)
+    u = np.where(t <= 100, 0.0, 1.0)
+    return t, u, PLANT.simulate(t, u) + np.random.default_rng(seed).normal(0, noise, t.size)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return arx(*record(), second=record(seed=7))
+
+
+def test_the_band_of_the_step_response_is_that_over_many_records():
+    t = np.array([5.0, 20.0, 60.0, 150.0])
+    fits = [arx(*record(seed=seed), highest_order=2, longest_dead_time=0) for seed in range(40)]
+    spread = np.std([one.model.step_response(t) for one in fits], axis=0)
+    told = np.mean([one.step_deviation(t) for one in fits], axis=0)
+    np.testing.assert_allclose(told, spread, rtol=0.5)
+    errors = np.array([one.model.step_response(t) for one in fits]) - PLANT.step_response(t)
+    assert np.mean(np.abs(errors) <= 2 * told) >= 0.85
+
+
+def test_the_band_begins_and_ends_at_nothing(fit):
+    """The step response is 0 at first and comes to 1, both by definition."""
+    spread = fit.step_deviation([-1.0, 0.0, 30.0, 5000.0])
+    np.testing.assert_allclose(spread[[0, 1, 3]], 0, atol=1e-9)
+    assert spread[2] > 1e-5
+    with pytest.raises(SignalError, match="does not increase"):
+        fit.step_deviation([1.0, 0.0])
+
+
+def test_what_it_says(fit):
+    assert fit.free_run_nrmse == fit.candidate.free_run
+    assert fit.time_constant_deviations.shape == (fit.model.order,)
+    assert fit.advice == ()
+    text = str(fit)
+    for words in ("time constants [s]", "gain of the record", "taken", "±"):
+        assert words in text
+    assert len(fit.plot().axes) == 2
+
+
+def test_advice():
+    alone = arx(*record())
+    assert any("give a second one to judge by" in text for text in alone.advice)
+    short = arx(*record(noise=0.0, hold=30))
+    assert any("hold three times as long" in text for text in short.advice)
+    wrong = replace(alone, candidate=replace(alone.candidate, nrmse=0.1))
+    assert any("not linear over these steps" in text for text in wrong.advice)
+    turning = replace(alone, model=Linear([0.0, 1.5], [1.0, 0.5], interval=1.0))
+    assert turning.continuous is None
+    assert any("sample faster" in text for text in turning.advice)
+
+
+def test_both_directions():
+    t = np.arange(1.0, 901)
+    u = np.repeat([0.0, 1.0, 0.0], 300)
+    both = step_response(t, u, PLANT.simulate(t, u))
+    assert both.models == (both.rising.model, both.falling.model)
+    assert str(both).count("time constants [s]") == 2
+    assert len(both.plot().axes) == 1
+    only = StepResponse(both.rising, None)
+    assert "no such step" in str(only)
+    assert only.models == (both.rising.model, both.rising.model)
+    assert len(only.plot().axes) == 1
+    with pytest.raises(ParameterError, match="at least one direction"):
+        _ = StepResponse(None, None).models

@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import signal
+
+from minorloop.identification.output_error import (
+    Coefficients,
+    Stretch,
+    Structure,
+    correlation_time,
+    cost,
+    covariance,
+    equation_error,
+    jacobian,
+    output_error,
+    residuals,
+)
+
+RNG = np.random.default_rng(4)
+A, B = np.poly([0.9, 0.6])[1:], np.array([0.3, -0.1])
+TRUTH = Coefficients(A, B, 2)
+FORM = Structure(2, 2, 2)
+
+
+def stretch(noise=0.0, seed=0, samples=300, u=None):
+    rng = np.random.default_rng(seed)
+    u = rng.normal(size=samples) if u is None else u
+    return Stretch(u, TRUTH.simulate(u) + rng.normal(0, noise, u.size))
+
+
+def test_simulation_is_the_difference_equation():
+    u = RNG.normal(size=20)
+    y = np.zeros(20)
+    for k in range(20):
+        y[k] -= sum(A[i] * y[k - 1 - i] for i in range(2) if k - 1 - i >= 0)
+        y[k] += sum(B[i] * u[k - 2 - i] for i in range(2) if k - 2 - i >= 0)
+    np.testing.assert_allclose(TRUTH.simulate(u), y, atol=1e-12)
+    np.testing.assert_allclose(TRUTH.dc_gain, 0.2 / 0.04)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_sensitivities_are_the_derivatives(seed):
+    u, h = np.random.default_rng(seed).normal(size=40), 1e-6
+    columns = TRUTH.sensitivities(u)
+    for k in range(4):
+        bump = np.where(np.arange(4) == k, h, 0.0)
+        up, down = (
+            Coefficients(A + way * bump[:2], B + way * bump[2:], 2).simulate(u) for way in (1, -1)
+        )
+        np.testing.assert_allclose(columns[:, k], (up - down) / (2 * h), atol=1e-5)
+
+
+def test_jacobian_and_residuals_leave_out_the_mean():
+    one = Stretch(stretch().u, stretch().y + 7.0)
+    np.testing.assert_allclose(residuals([one], TRUTH)[0], 0, atol=1e-12)
+    assert cost([one], TRUTH) < 1e-20
+    np.testing.assert_allclose(jacobian([one, one], TRUTH).mean(axis=0), 0, atol=1e-12)
+    assert jacobian([one, one], TRUTH).shape == (600, 4)
+
+
+@pytest.mark.parametrize("fit", [equation_error, output_error])
+def test_both_find_the_truth_without_noise(fit):
+    found = fit([stretch(), stretch(seed=1)], FORM)
+    np.testing.assert_allclose(found.a, A, atol=1e-9)
+    np.testing.assert_allclose(found.b, B, atol=1e-9)
+
+
+def test_output_error_has_no_bias_where_equation_error_has():
+    """Noise on the output: least squares on the equation pulls the poles inwards."""
+    errors = {equation_error: [], output_error: []}
+    for seed in range(12):
+        record = [stretch(0.2, seed, 1000)]
+        for fit, kept in errors.items():
+            kept.append(fit(record, FORM).a - A)
+    biased, unbiased = (np.abs(np.mean(kept, axis=0)).max() for kept in errors.values())
+    assert biased > 0.2
+    assert unbiased < 0.02
+
+
+def test_refinement_ends_at_a_minimum():
+    record = [stretch(0.1)]
+    found = output_error(record, FORM)
+    gradient = jacobian(record, found).T @ np.concatenate(residuals(record, found))
+    scale = np.linalg.norm(jacobian(record, found), axis=0) * np.sqrt(cost(record, found))
+    assert np.abs(gradient / scale).max() < 1e-4
+
+
+def test_stable_even_for_an_output_that_grows():
+    t = np.arange(60.0)
+    found = output_error([Stretch(np.ones(60), 1.05**t)], Structure(2, 1, 1))
+    assert found is None or found.stable
+
+
+def test_covariance_is_the_spread_over_many_records():
+    u = np.random.default_rng(0).normal(size=400)
+    found = [output_error([stretch(0.05, seed, u=u)], FORM) for seed in range(80)]
+    spread = np.std([np.append(one.a, one.b) for one in found], axis=0)
+    told = np.mean(
+        [
+            np.sqrt(np.diag(covariance([stretch(0.05, seed, u=u)], found[seed])))
+            for seed in range(20)
+        ],
+        axis=0,
+    )
+    np.testing.assert_allclose(told, spread, rtol=0.35)
+
+
+def test_correlation_time_of_white_and_coloured_errors():
+    white = RNG.normal(size=20000)
+    coloured = signal.lfilter([1.0], [1.0, -0.8], white)
+    assert correlation_time([white]) < 1.3
+    np.testing.assert_allclose(correlation_time([coloured]), (1 + 0.8) / (1 - 0.8), rtol=0.25)
+    assert correlation_time([np.zeros(10)]) == 1.0

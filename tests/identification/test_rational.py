@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.rational import fit_response
+
+HERTZ = np.geomspace(0.005, 2, 12)
+CORNERS = st.floats(np.log(0.008), np.log(1.2)).map(lambda x: -2 * np.pi * float(np.exp(x)))
+
+
+def relative(model, gains):
+    return float(np.sqrt(np.mean(np.abs(model.response(HERTZ) / gains - 1) ** 2)))
+
+
+@given(st.lists(CORNERS, min_size=1, max_size=3), st.lists(CORNERS, max_size=3))
+@settings(max_examples=10)
+def test_the_response_of_a_rational_function_is_found(poles, zeros):
+    truth = Linear.from_poles(poles, zeros[: len(poles) - 1])
+    fit = fit_response(HERTZ, truth.response(HERTZ))
+    assert fit.error < 1e-5
+    assert abs(fit.model.dc_gain - 1) <= 1e-12
+    assert fit.model.stable
+
+
+def test_poles_and_zeros_are_found():
+    truth = Linear.from_poles([-0.2, -3.0, -0.5 + 2j, -0.5 - 2j], [-0.1, -1.0])
+    fit = fit_response(HERTZ, truth.response(HERTZ), order=4, zeros=2)
+    np.testing.assert_allclose(np.sort(fit.model.poles), np.sort(truth.poles), rtol=1e-4)
+    np.testing.assert_allclose(np.sort(fit.model.zeros), np.sort(truth.zeros), rtol=1e-4)
+
+
+def test_noise_is_fitted_no_worse_than_by_the_truth():
+    truth, rng = Linear.from_poles([-0.1, -3.0], [-0.07]), np.random.default_rng(0)
+    clean = np.tile(truth.response(HERTZ), (3, 1))
+    gains = clean * (1 + 0.02 * (rng.normal(size=clean.shape) + 1j * rng.normal(size=clean.shape)))
+    fit = fit_response(HERTZ, gains)
+    assert fit.error <= relative(truth, gains)
+    np.testing.assert_allclose(fit.model.response(HERTZ), clean[0], rtol=0.05)
+
+
+def irrational(swing=0.05):
+    """Gains of a diffusion, at two amplitudes: no rational function has them."""
+    s = 2j * np.pi * HERTZ
+    gains = 1 / (1 + np.sqrt(s / 4))
+    return np.array([gains * (1 + swing * 1j * HERTZ), gains])
+
+
+def test_more_poles_fit_no_worse():
+    errors = fit_response(HERTZ, irrational()).errors
+    assert list(errors) == [1, 2, 3, 4]
+    assert all(errors[n + 1] <= errors[n] for n in (1, 2, 3))
+
+
+def test_no_other_sum_of_two_lags_is_nearer():
+    """Against a search over gains and corners from many places."""
+    gains = irrational()
+    s = 2j * np.pi * HERTZ
+
+    def misfit(x):
+        shares = np.array([x[2], 1 - x[2]])
+        model = sum(c / (np.exp(tau) * s + 1) for c, tau in zip(shares, x[:2], strict=True))
+        error = (model / gains - 1).ravel()
+        return np.concatenate([error.real, error.imag])
+
+    rng = np.random.default_rng(0)
+    costs = [least_squares(misfit, rng.normal(0, 2, 3)).cost for _ in range(10)]
+    found = fit_response(HERTZ, gains, order=2)
+    assert found.error <= 1.001 * np.sqrt(2 * min(costs) / gains.size)
+
+
+def test_stays_stable_where_the_gains_are_not():
+    fit = fit_response(HERTZ, np.conj(Linear.lags(1.0).response(HERTZ)))
+    assert fit.model.stable
+    assert abs(fit.model.dc_gain - 1) <= 1e-12
+
+
+def test_the_least_order_that_is_enough_is_taken():
+    fit = fit_response(HERTZ, Linear.lags(2.0).response(HERTZ))
+    assert fit.model.order == 1
+    few = fit_response([0.1, 1.0], Linear.lags(2.0).response([0.1, 1.0]))
+    assert list(few.errors) == [1]
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"order": 5}, "1 to 4"),
+        ({"order": "best"}, '"auto"'),
+        ({"order": 2, "zeros": 3}, "0 to the number of poles, 2"),
+        ({"zeros": -1}, "0 to the number of poles"),
+    ],
+)
+def test_refuses_orders_out_of_range(options, why):
+    with pytest.raises(ParameterError, match=why):
+        fit_response(HERTZ, np.ones(HERTZ.size), **options)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "gains", "why"),
+    [
+        ([1.0, 2.0], [1.0], "shape"),
+        ([0.0, 2.0], [1.0, 1.0], "positive"),
+        ([1.0, 2.0], [1.0, 0.0], "leave its frequency out"),
+        ([1.0, 2.0], [1.0, np.nan], "leave its frequency out"),
+    ],
+)
+def test_refuses_gains_that_cannot_be_used(hertz, gains, why):
+    with pytest.raises(SignalError, match=why):
+        fit_response(hertz, gains)
+
+
+def test_refuses_too_few_frequencies():
+    with pytest.raises(SignalError, match="2 frequencies for 3 poles"):
+        fit_response([1.0, 2.0], [1.0, 0.5], order=3)
+
+
+def test_prints_and_draws():
+    fit = fit_response(HERTZ, Linear.lags(2.0).response(HERTZ))
+    assert "relative error" in str(fit)
+    assert len(fit.plot().axes) == 2

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.steps import as_sampled, steps_in, whole
+
+VALUES = (0.2, 0.7, 0.7, 0.4)
+LAG = Linear.lags(4.0)
+
+
+def record(values=VALUES, samples=80, gain=3.0, offset=1.0):
+    t = 0.5 * np.arange(1, samples * len(values) + 1)
+    u = np.repeat(values, samples)
+    return t, u, offset + gain * LAG.simulate(t, u, before=values[0])
+
+
+def test_each_reading_means_the_same():
+    """Read at the end of the interval, or when the input is set: one sample apart."""
+    t, u, y = record()
+    end = as_sampled((t, u, y), "end")
+    begin = as_sampled((t, np.append(u[1:], u[-1]), y), "begin")
+    np.testing.assert_array_equal(end.u, begin.u)
+    assert end.interval == 0.5
+    np.testing.assert_array_equal(end.changes, [79, 239])
+
+
+def test_the_whole_record_begins_at_rest():
+    stretch = whole(as_sampled(record(), "end"))
+    assert stretch.u[0] == 0
+    np.testing.assert_allclose(stretch.y[: np.argmax(stretch.u > 0) + 1], 0, atol=1e-12)
+    np.testing.assert_allclose(np.ptp(stretch.y), 1.5, rtol=1e-4)
+
+
+def test_steps_are_scaled_to_one():
+    up, down = steps_in(as_sampled(record(), "end"))
+    assert up.rising
+    assert not down.rising
+    for step in (up, down):
+        first = int(np.argmax(step.stretch.u))
+        since = 0.5 * np.arange(step.stretch.u.size - first)
+        np.testing.assert_allclose(step.stretch.y[first:], LAG.step_response(since), atol=2e-4)
+        np.testing.assert_allclose(step.stretch.y[:first], 0, atol=1e-4)
+
+
+def test_rising_is_said_of_the_output():
+    up, down = steps_in(as_sampled(record(gain=-3.0), "end"))
+    assert not up.rising
+    assert down.rising
+
+
+def test_a_step_without_response_is_left_out():
+    t, u, y = record()
+    y[160:] = y[159]
+    assert len(steps_in(as_sampled((t, u, y), "end"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda t, u, y: (t, 0 * u, y), "include the hold before"),
+        (lambda t, u, y: (np.where(t > 20, t + 0.1, t), u, y), "sample evenly"),
+        (lambda t, u, y: (t, u, y[:-1]), "y has shape"),
+        (lambda t, u, y: (t, u, np.where(t > 20, np.nan, y)), "finite"),
+    ],
+)
+def test_refuses_records_that_say_nothing(change, why):
+    with pytest.raises(SignalError, match=why):
+        as_sampled(change(*record()), "end")
+
+
+def test_refuses_another_reading():
+    with pytest.raises(ParameterError, match="'end', 'begin'"):
+        as_sampled(record(), "middle")
