@@ -20,10 +20,11 @@ demo: setup ## identify, invert and drive a simulated actuator; the result is in
 	rm -rf demo
 	$(BIN)/minorloop demo --out demo
 
-studies: setup ## reproduce the papers on 20 simulated specimens each; the reports are in studies/
+studies: setup ## the papers and the design study on 20 and 10 simulated specimens; reports in studies/
 	rm -rf studies
 	$(BIN)/minorloop study ipmc --specimens 20 --out studies/ipmc
 	$(BIN)/minorloop study fibre --specimens 20 --out studies/fibre
+	$(BIN)/minorloop study design --specimens 10 --out studies/design
 
 test: setup ## run the tests
 	$(BIN)/python -m pytest

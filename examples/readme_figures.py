@@ -6,6 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from minorloop.operators.drawing import draw_density
+from minorloop.studies import design
+from minorloop.studies.claims import for_each
+from minorloop.studies.design_report import draw_curves
 from minorloop.studies.positioning import Positioning, run_positioning
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"
@@ -38,6 +41,12 @@ def draw(result: Positioning) -> Figure:
     return figure
 
 
+def figures_of(seed: int) -> dict[str, object]:
+    return design.run_study(seed).figures()
+
+
 if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     draw(run_positioning(0)).savefig(FOLDER / "positioning.png", dpi=100)
+    runs = for_each(figures_of, 10, 0, print)
+    draw_curves(runs).savefig(FOLDER / "design.png", dpi=100)

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.arrays import as_levels, uniform_levels
-from minorloop.errors import ParameterError
+from minorloop.arrays import as_levels, as_samples, uniform_levels
+from minorloop.errors import ParameterError, SignalError
 from minorloop.operators.preisach import Preisach
 
 
@@ -58,3 +58,10 @@ def test_extreme_units_keep_the_memory_whole(scale):
     plain = Preisach(np.linspace(-1, 1, 6), weights).simulate(u)
     scaled = Preisach(np.linspace(-1, 1, 6) * scale, weights).simulate(u * scale)
     np.testing.assert_allclose(scaled, plain, atol=1e-12 * np.ptp(plain))
+
+
+def test_what_is_masked_was_not_measured():
+    masked = np.ma.array([1.0, 1e6, 3.0], mask=[False, True, False])
+    np.testing.assert_array_equal(as_samples(masked, name="y", gaps=True), [1.0, np.nan, 3.0])
+    with pytest.raises(SignalError, match="y is nan at index 1"):
+        as_samples(masked, name="y")

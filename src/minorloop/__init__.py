@@ -32,10 +32,13 @@ if TYPE_CHECKING:
     )
     from minorloop.identification import Identification, excitation, identify
     from minorloop.identification.arx import arx, step_response
+    from minorloop.identification.bands import Prediction
+    from minorloop.identification.design import NextInput, design, next_input
     from minorloop.identification.frequency import Preamble, describing_function, frequency_response
     from minorloop.identification.rational import fit_response
     from minorloop.identification.recursive import Recursive
     from minorloop.identification.representability import representability
+    from minorloop.lab.actuator import Actuator, Channel
     from minorloop.lab.curvature import curvature_from_displacement, displacement_from_curvature
     from minorloop.lab.plan import Plan
     from minorloop.lab.records import Record
@@ -55,7 +58,9 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Actuator",
     "Cascade",
+    "Channel",
     "Creep",
     "GeneralisedPrandtlIshlinskii",
     "Identification",
@@ -66,6 +71,7 @@ __all__ = [
     "MinorloopError",
     "MissingExtraError",
     "ModelFileError",
+    "NextInput",
     "NotInvertibleError",
     "OutputError",
     "ParameterError",
@@ -73,6 +79,7 @@ __all__ = [
     "Polynomial",
     "PrandtlIshlinskii",
     "Preamble",
+    "Prediction",
     "Preisach",
     "Record",
     "RecordError",
@@ -91,6 +98,7 @@ __all__ = [
     "curvature_from_displacement",
     "densities",
     "describing_function",
+    "design",
     "displacement_from_curvature",
     "excitation",
     "fit_creep",
@@ -98,6 +106,7 @@ __all__ = [
     "frequency_response",
     "identify",
     "load",
+    "next_input",
     "representability",
     "run",
     "save",
@@ -105,6 +114,9 @@ __all__ = [
 ]
 
 _HOMES = {
+    "minorloop.lab.actuator": ("Actuator", "Channel"),
+    "minorloop.identification.bands": ("Prediction",),
+    "minorloop.identification.design": ("NextInput", "design", "next_input"),
     "minorloop.dynamics.cascade": ("Cascade",),
     "minorloop.dynamics.creep": (
         "Creep",

@@ -46,6 +46,8 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
     SignalError
         If the values are not numbers, have another shape, or are not finite.
     """
+    if isinstance(values, np.ma.MaskedArray):  # what is masked was not measured
+        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         samples = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

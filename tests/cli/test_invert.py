@@ -126,3 +126,12 @@ def test_options_that_cannot_be_used(options, says, refused):
 def test_targets_have_no_gaps(cell, refused):
     Path("gap.csv").write_text(f"length,other\n1,2\n{cell},3\n")
     assert "in row 3" in refused("invert model.json gap.csv --target length")
+
+
+def test_a_column_in_another_unit_is_refused(run, refused):
+    Path("other.csv").write_text("length [mm]\n0.0003\n")
+    assert "is in mm and the model in um; give the column in um" in refused(
+        "invert model.json other.csv --target length"
+    )
+    Path("plain.csv").write_text("length\n0.3\n")
+    assert run("invert model.json plain.csv --target length")[0] == 0

@@ -117,6 +117,7 @@ def test_help_imports_nothing_heavy():
 def test_a_unit_that_the_terminal_cannot_show_is_no_failure():
     found = modelfile.read("model.json")
     modelfile.save(found.model, "model.json", output="length [µm]", force=True)
+    Path("targets.csv").write_text("length\n0.3\n1.5\n-2.0\n")
     command = [*PROGRAM, "invert", "model.json", "targets.csv", "--target", "length"]
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)

@@ -69,7 +69,7 @@ def test_a_finished_run_is_not_repeated(run, answer):
     ("line", "says"),
     [
         (f"{RUN} --store good.csv", "good.csv exists already"),
-        (f"{RUN} --store plan.csv", "plan.csv is read here"),
+        (f"{RUN} --store plan.csv", "plan.csv exists already"),
         (f"{RUN} --store no/runs.sqlite", "the folder no does not exist"),
         (f"{RUN.replace('plan.csv', 'good.csv')} --store a", "has no column 'hold [s]'"),
         (f"{RUN.replace('ipmc', 'moon')} --store a", "nothing at address 'twin:moon'"),
@@ -92,7 +92,19 @@ def test_refuses_in_one_line(line, says, refused):
 def test_a_store_knows_its_columns(run, refused):
     run(f"{RUN} --store runs.sqlite")
     assert "leave --input and --output out" in refused("identify runs.sqlite --input voltage")
-    assert "exists already" in refused(f"{RUN} --store runs.sqlite")
+    assert "resume --store runs.sqlite goes on" in refused(f"{RUN} --store runs.sqlite")
+
+
+def test_a_damaged_store_does_not_hide_the_others(run, answer):
+    run(f"{RUN} --store runs.sqlite")
+    content = bytearray(Path("runs.sqlite").read_bytes())
+    content[len(content) // 2 : len(content) // 2 + 400] = bytes(400)
+    Path("bad.sqlite").write_bytes(content)
+    out = run("runs list --store .")[1]
+    assert "11 of 11" in out
+    assert "bad.sqlite" in out
+    found = answer("runs list --store .")
+    assert len(found["runs"]) == len(found["unusable"]) == 1
 
 
 def _start(line):

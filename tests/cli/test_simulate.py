@@ -110,3 +110,16 @@ def test_options_that_cannot_be_used(options, says, refused):
     before = {path: path.read_bytes() for path in Path().iterdir()}
     assert says in refused(f"{SIMULATE} {options}")
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
+def test_a_column_in_another_unit_is_refused(refused):
+    Path("other.csv").write_text("voltage [mV]\n300\n")
+    assert "is in mV and the model in V" in refused("simulate model.json other.csv --input voltage")
+
+
+def test_inputs_beyond_the_levels_are_said(run):
+    Path("far.csv").write_text("voltage [V]\n0.5\n100\n-1000\n")
+    status, _, err = run("simulate model.json far.csv --input voltage")
+    assert status == 0
+    assert "2 inputs lie beyond the levels of the model [-1, 1]" in err
+    assert err.count("\n") == 1

@@ -14,7 +14,7 @@ from minorloop.operators.preisach import Preisach
 LEVELS = np.linspace(-1, 1, 5)
 PLANE = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(0.3, 1, (4, 4))), slope=0.5)
 LINE = Polynomial([0.0, 2.0], -50.0, 50.0)
-G = Linear.from_poles([-2.0, -0.5], [-1.0])
+G = Linear.from_poles([-2.0, -0.5], [-1.0], dc_gain=1.5)
 ORDERS = pytest.mark.parametrize("first", ["operator", "linear"])
 INPUTS = st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=30)
 
@@ -23,9 +23,9 @@ INPUTS = st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=30)
 def test_operator_first_is_one_after_the_other(u, before):
     t = 0.4 * np.arange(1, len(u) + 1)
     w = PLANE.simulate([before, *u])
-    b, a, _ = signal.cont2discrete(([1.0, 1.0], [1.0, 2.5, 1.0]), 0.4)
+    b, a, _ = signal.cont2discrete(([1.5, 1.5], [1.0, 2.5, 1.0]), 0.4)
     # From rest at the settled value; the filter has the output when the next input is set.
-    y = w[0] + signal.lfilter(b[0], a, np.append(w[1:], 0.0) - w[0])[1:]
+    y = 1.5 * w[0] + signal.lfilter(b[0], a, np.append(w[1:], 0.0) - w[0])[1:]
     got = Cascade(PLANE, G).simulate(t, u, before=before)
     np.testing.assert_allclose(got, y, atol=1e-6)
 
@@ -34,7 +34,7 @@ def test_operator_first_is_one_after_the_other(u, before):
 def test_linear_first_is_one_after_the_other(u, before):
     t = 0.4 * np.arange(1, len(u) + 1)
     felt = G.simulate(t, u, before=before)
-    wanted = PLANE.simulate([before, *felt])[1:]
+    wanted = PLANE.simulate([1.5 * before, *felt])[1:]
     got = Cascade(PLANE, G, "linear").simulate(t, u, before=before)
     np.testing.assert_allclose(got, wanted, atol=1e-12)
 
@@ -61,10 +61,21 @@ def test_step_by_step_is_simulate(first, u, before, late):
 
 
 @ORDERS
+@pytest.mark.parametrize("before", [-0.8, 0.6])
+def test_rests_where_it_settled(first, before):
+    cascade, t = Cascade(PLANE, G, first), np.arange(20.0)
+    y = cascade.simulate(t, np.full(t.size, before), before=before)
+    wanted = PLANE.simulate([1.5 * before]) if first == "linear" else 1.5 * PLANE.simulate([before])
+    np.testing.assert_allclose(y, wanted[0], atol=1e-9)
+    found = Cascade(LINE, G, first).invert(t, np.full(t.size, 3 * before), before=before)
+    np.testing.assert_allclose(found.u, before, atol=1e-9)
+
+
+@ORDERS
 def test_slow_inputs_leave_the_operator_alone(first):
     t = np.linspace(0, 4e4, 4001)
     u = np.sin(2 * np.pi * t / 2e4)
-    y = Cascade(PLANE, G, first).simulate(t, u, before=0.0, between="straight")
+    y = Cascade(PLANE, G.normalised(), first).simulate(t, u, before=0.0, between="straight")
     w = PLANE.simulate(np.append(0.0, u))[1:]
     assert np.abs(y - w).max() < 5e-3 * np.ptp(PLANE.range)
 

@@ -40,7 +40,7 @@ def test_a_known_plant_is_found_exactly(times, late):
 
 
 @given(st.floats(10, 80), st.floats(2.5, 8), st.booleans())
-@settings(max_examples=6)
+@settings(max_examples=4)
 def test_any_two_lags_are_found(slow, apart, zero):
     poles = [-1 / slow, -apart / slow]
     plant = Linear.from_poles(poles, [-1.7 / slow] if zero else [])
@@ -52,7 +52,7 @@ def test_any_two_lags_are_found(slow, apart, zero):
 @pytest.fixture(scope="module")
 def noisy():
     """Noise of a two-thousandth of the step."""
-    return [arx(*step(noise=5e-4, seed=seed)) for seed in range(8)]
+    return [arx(*step(noise=5e-4, seed=seed)) for seed in range(5)]
 
 
 def test_a_known_plant_is_found_within_five_percent_despite_noise(noisy):
@@ -69,7 +69,8 @@ def test_noise_is_not_taken_for_dynamics(noisy):
 
 
 def test_deviations_are_those_over_many_records():
-    fits = [arx(*step(noise=1e-3, seed=seed), highest_order=2) for seed in range(30)]
+    few = {"highest_order": 2, "longest_dead_time": 0}
+    fits = [arx(*step(noise=1e-3, seed=seed), **few) for seed in range(30)]
     fits = [fit for fit in fits if fit.model.order == 2]
     spread = np.std([fit.model.time_constants for fit in fits], axis=0)
     told = np.mean([fit.time_constant_deviations for fit in fits], axis=0)

@@ -229,3 +229,34 @@ def test_reversal_curves_of_magnets(shared_data, name, field, moment, limit):
     seen = np.isfinite(y)
     error = (found.model.simulate(u, "positive") - y)[seen]
     assert np.sqrt(np.mean(error**2)) <= limit * np.ptp(y[seen])
+
+
+def test_noise_alone_is_not_taken_for_hysteresis():
+    rng = np.random.default_rng(0)
+    u, y = rng.normal(size=(2, 800))
+    advice = " ".join(identify(u, y, levels=8, holdout=0.3).advice)
+    assert "does nearly as well" in advice or "does better" in advice
+
+
+def test_an_output_that_falls_is_said_to():
+    u, y = a_record(400)
+    assert "turn the sign of the output" in " ".join(identify(u, -y, levels=10).advice)
+    assert "turn the sign" not in " ".join(identify(u, y, levels=10).advice)
+
+
+def test_a_smaller_range_at_the_end_is_no_overfitting():
+    """The same noise over a smaller range is a larger share of it, and no worse."""
+    rng = np.random.default_rng(1)
+    t = np.arange(3000)
+    u = np.where(t < 2100, 5.0, 0.25) * np.sin(t / 20)
+    model = Preisach(np.linspace(-5, 5, 21), np.tril(np.ones((20, 20))))
+    y = model.simulate(u) + rng.normal(0, 0.5, t.size)
+    found = identify(u, y, levels=20, holdout=0.3)
+    assert found.holdout_nrmse > 2 * found.nrmse
+    assert "more than twice" not in " ".join(found.advice)
+
+
+def test_outputs_too_small_to_square_are_refused():
+    u, y = a_record(50)
+    with pytest.raises(SignalError, match=r"the output changes by .* only; scale it"):
+        identify(u, y * 1e-170)

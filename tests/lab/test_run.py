@@ -22,7 +22,7 @@ class Bench:
     """An instrument: a first-order lag that cannot be checkpointed, and notes what it is told."""
 
     inputs = (Channel("voltage", "V", -2.0, 2.0),)
-    outputs = (Channel("length", "um"),)
+    outputs = (Channel("curvature", "1/m"),)
     tick = 0.1
 
     def __init__(self, fails_after=None):
@@ -37,7 +37,7 @@ class Bench:
         y = u + (self.state - u) * np.exp(-t / 2.0)
         self.state, began = float(y[-1]), self.clock
         self.clock += duration
-        return Record(began + t, np.full(t.size, u), y, "voltage [V]", "length [um]")
+        return Record(began + t, np.full(t.size, u), y, "voltage [V]", "curvature [1/m]")
 
     def exchange(self, u):
         return self.apply(u, self.tick, self.tick).y[-1]
@@ -94,7 +94,7 @@ def test_a_hold_that_never_settles_is_a_verdict_and_the_run_goes_on(tmp_path):
     class Drifting(Bench):
         def apply(self, u, duration, sample_interval):
             record = super().apply(u, duration, sample_interval)
-            return Record(record.t, record.u, record.t * 1.0, "voltage [V]", "length [um]")
+            return Record(record.t, record.u, record.t * 1.0, "voltage [V]", "curvature [1/m]")
 
     with Store.create(tmp_path / "drift.sqlite", PLAN, SETUP) as store:
         run(Drifting(), PLAN, store)
@@ -106,7 +106,7 @@ def test_an_output_that_is_not_measured_is_a_verdict_too(tmp_path):
     class Blind(Bench):
         def apply(self, u, duration, sample_interval):
             record = super().apply(u, duration, sample_interval)
-            return Record(record.t, record.u, record.y * np.nan, "voltage [V]", "length [um]")
+            return Record(record.t, record.u, record.y * np.nan, "voltage [V]", "curvature [1/m]")
 
     with Store.create(tmp_path / "blind.sqlite", PLAN, SETUP) as store:
         run(Blind(), PLAN, store)
@@ -326,3 +326,13 @@ def test_a_run_with_chosen_levels_goes_on_exactly_where_it_was(tmp_path, twin):
             break
     else:
         raise AssertionError("the run never ended")
+
+
+def test_a_store_of_another_actuator_is_refused(store):
+    fibre = connect("twin:fibre")
+    plan = Plan([0.2, 0.5], 40.0, input="voltage [V]")
+    with (
+        Store.create(store.path.with_name("other.sqlite"), plan, SETUP) as other,
+        pytest.raises(StoreError, match=r"the actuator has .* 'length change \[um\]'"),
+    ):
+        run(fibre, plan, other)

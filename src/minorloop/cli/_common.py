@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minorloop.errors import MinorloopError, OutputError, ParameterError
+from minorloop.errors import MinorloopError, OutputError, ParameterError, RecordError
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -120,10 +120,17 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
         yield lambda stage: progress.update(task, description=stage)
 
 
-def read_column(file: Path, column: str) -> FloatArray:
-    """One column of a CSV file, without gaps."""
-    from minorloop.lab.columns import read_columns
+def read_column(file: Path, column: str, unit: str = "") -> FloatArray:
+    """One column of a CSV file, without gaps, refused if its header names another unit."""
+    from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 
+    header = find_column(column, read_headers(file), source=file)
+    found = split_header(header)[1]
+    if found and unit and found != unit:
+        raise RecordError(
+            f"column '{header}' of {file} is in {found} and the model in {unit}; "
+            f"give the column in {unit}"
+        )
     return read_columns(file, [column])[column]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from minorloop.cli._braille import scatter
@@ -34,7 +34,8 @@ def watching(store: Store, chooser: Adaptive | None = None) -> Iterator[Callable
 
     def log(moment: Moment) -> None:
         if moment.point is not None:
-            print(_line(moment, *units), file=sys.stderr, flush=True)
+            with suppress(OSError):  # whoever reads the log may go away; the run does not
+                print(_line(moment, *units), file=sys.stderr, flush=True)
 
     yield log
 
@@ -85,18 +86,18 @@ class _Clock:
         self._began = time.monotonic()
         self._held = 0.0
         self._shares: list[float] = []
+        self._said = ""
 
     def left(self, moment: Moment) -> str:
         if moment.point is None:
-            return ""
+            return self._said
         self._held += moment.held
         self._shares.append(moment.held / float(self._longest[moment.index]))
         share = sum(self._shares) / len(self._shares)
         to_hold = share * float(self._longest[moment.index + 1 :].sum())
         seconds = (time.monotonic() - self._began) * to_hold / self._held
-        if seconds < 1:
-            return ""
-        return f"{as_duration(seconds)} left"
+        self._said = "" if seconds < 1 else f"{as_duration(seconds)} left"
+        return self._said
 
 
 def as_duration(seconds: float) -> str:

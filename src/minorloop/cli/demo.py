@@ -40,8 +40,7 @@ def run(
         result = run_positioning(seed, noise, progress=now)
     steps: list[Callable[[], None]] = [partial(_show, result, as_json)]
     if out is not None:
-        steps.insert(0, partial(_save, result, out))
-        steps.append(partial(_report, result, out, as_json))
+        steps[:0] = [partial(_save, result, out), partial(_report, result, out, as_json)]
     _common.do_all(steps)
 
 

@@ -127,10 +127,11 @@ def run(
     }
     done = _identified(file, input, output, rows, options)
     steps: list[Callable[[], None]] = [partial(_show, done, rank, as_json)]
+    # Files first: whoever reads what is printed may go away.
+    if report is not None:
+        steps.insert(0, partial(_report, done, report, force, as_json))
     if save is not None:
         steps.insert(0, partial(_save, done, save, force, as_json))
-    if report is not None:
-        steps.append(partial(_report, done, report, force, as_json))
     _common.do_all(steps)
 
 

@@ -38,7 +38,7 @@ def run(
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
-        targets = _common.read_column(file, target)
+        targets = _common.read_column(file, target, known.output.unit)
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, targets, start, clip)
         if save is not None:

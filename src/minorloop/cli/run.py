@@ -12,6 +12,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._watch import as_duration, watching
+from minorloop.errors import StoreError
 
 if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
@@ -93,6 +94,11 @@ def run(
 
     plant = connect(actuator, specimen=specimen, noise=noise, seed=seed)
     adaptive = plan == "adaptive"
+    if store.exists():
+        raise StoreError(
+            f"{store} exists already; minorloop resume --store {store} goes on with a run, "
+            "or give another name"
+        )
     _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
     settings: dict[str, Any] = {"tolerance": tolerance, "sample_interval": interval}
     if shortest is not None:

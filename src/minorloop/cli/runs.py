@@ -61,12 +61,17 @@ def _list(place: Path, as_json: bool) -> None:
     files = sorted(filter(is_store, place.iterdir())) if place.is_dir() else [place]
     if not files:
         raise StoreError(f"there is no experiment store in {place}; run makes one")
-    found = []
+    found, damaged = [], []
     for file in files:
-        with Store.open(file) as opened:
-            found.append(summary(opened))
+        try:
+            with Store.open(file) as opened:
+                found.append(summary(opened))
+        except StoreError as error:
+            if len(files) == 1:
+                raise
+            damaged.append(str(error))
     if as_json:
-        _common.print_json({"runs": found})
+        _common.print_json({"runs": found, "unusable": damaged})
         return
     rows = [
         (
@@ -79,6 +84,8 @@ def _list(place: Path, as_json: bool) -> None:
         for figures in found
     ]
     _common.print_table(("store", "actuator", "specimen", "points", ""), rows)
+    for sentence in damaged:
+        typer.echo(sentence)
 
 
 def _show(file: Path, as_json: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +10,11 @@ from minorloop.cli import _common
 
 NAME = "simulate"
 EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predicted.csv"
+
+
+if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
+    from minorloop.modelfile import ModelFile
 
 
 def run(
@@ -28,7 +33,7 @@ def run(
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
-        u = _common.read_column(file, input)
+        u = _common.read_column(file, input, known.input.unit)
         now(f"simulating {u.size} samples")
         y = delayed(known.model.simulate(u, start), known.lag)  # type: ignore[arg-type]
         if save is not None:
@@ -36,6 +41,7 @@ def run(
             output = str(known.output)
             header = output if known.output != known.input else f"predicted {output}"
             _common.write_csv(save, {str(known.input): u, header: y}, force=force)
+    _warn_beyond(known, u)
     if as_json:
         outputs = {} if save is not None else {"y": y}
         _common.print_json({"samples": y.size, "least": y.min(), "greatest": y.max(), **outputs})
@@ -46,3 +52,17 @@ def run(
         typer.echo(f"written to {save}")
     else:
         typer.echo("nothing was written; --save FILE writes inputs and outputs")
+
+
+def _warn_beyond(known: ModelFile, u: FloatArray) -> None:
+    """Say on stderr where relays are saturated, which looks like any other answer."""
+    levels = getattr(known.model, "levels", None)
+    if levels is None:
+        return
+    beyond = int(((u < levels[0]) | (u > levels[-1])).sum())
+    if beyond:
+        typer.echo(
+            f"note: {beyond} inputs lie beyond the levels of the model "
+            f"[{levels[0]:g}, {levels[-1]:g}], where its relays are saturated",
+            err=True,
+        )

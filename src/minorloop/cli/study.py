@@ -53,7 +53,7 @@ def run(
         figures = getattr(study, "gather", claims.medians)(runs)
     steps: list[Callable[[], None]] = [partial(_show, study, figures, specimens, seed, as_json)]
     if out is not None:
-        steps.append(partial(_report, name, first, figures, runs, out, as_json))
+        steps.insert(0, partial(_report, name, first, figures, runs, out, as_json))
     _common.do_all(steps)
 
 
@@ -70,6 +70,8 @@ def _show(study: Any, figures: Mapping[str, Any], specimens: int, seed: int, as_
     claims = import_module("minorloop.studies.claims")
     table = claims.claim_table(study.CLAIMS, figures)
     title = f"{study.TITLE}: {specimens} simulated specimen{'s' if specimens > 1 else ''}"
+    if specimens == 1:
+        title += "; bounds are for the median of many (--specimens 20)"
     _common.print_table(table.columns, table.rows, title)
 
 

@@ -16,6 +16,9 @@ WELL_EXCITED = 0.5
 """Share of the cells below which a record is said not to identify the plane."""
 MANY_SAMPLES = 4
 _OVERFIT = 2.0
+_HARDLY = 0.8
+_AGAINST = -0.5
+_ROUNDING = 1e-9
 
 
 def advice(result: Identification) -> Iterator[str]:
@@ -36,10 +39,15 @@ def _suspects(result: Identification) -> Iterator[str]:
 
 def _excitation(result: Identification) -> Iterator[str]:
     excited, cells = int(np.count_nonzero(result.excited)), result.areas.form.cells
-    if excited < WELL_EXCITED * cells and result.belief is None:
+    if excited < WELL_EXCITED * cells:
+        elsewhere = (
+            "weights elsewhere are guesses"
+            if result.belief is None
+            else "weights elsewhere are what the prior expects, as surely as the bands say"
+        )
         yield (
             f"the input excites {excited} of {cells} cells of the plane ({excited / cells:.0%}): "
-            f"{_pattern(result)}; weights elsewhere are guesses. Measure a decaying staircase "
+            f"{_pattern(result)}; {elsewhere}. Measure a decaying staircase "
             "(minorloop plan decaying) or reversal curves, or use fewer levels"
         )
     if result.samples < result.unknowns:
@@ -74,22 +82,47 @@ def _pattern(result: Identification) -> str:
 def _accuracy(result: Identification) -> Iterator[str]:
     held, base = result.holdout_nrmse, result.baseline_nrmse
     score = result.nrmse if held is None else held
+    span = float(np.ptp(result.y[result.fitted])) or 1.0
     if held is None:
         yield (
             "no data were held out, so nothing here says how the model does on an input it has "
             "not seen; pass holdout=0.3 (--holdout 0.3)"
         )
-    elif held > _OVERFIT * max(result.nrmse, 1e-6):
+    elif _rmse_held_out(result) > _OVERFIT * max(result.rmse, _ROUNDING * span):
         yield (
-            f"error on held-out data ({held:.2%}) is more than twice that on fitted data "
-            f"({result.nrmse:.2%}): fit inputs more like those you mean to apply, or fewer levels"
+            f"error on held-out data ({_rmse_held_out(result) / span:.2%} of the fitted range) is "
+            f"more than twice that on fitted data ({result.nrmse:.2%}): fit inputs more like those "
+            "you mean to apply, or fewer levels"
         )
-    if score > base:
+    if _falls(result):
+        yield (
+            "the output falls as the input rises, and weights that are not negative cannot follow "
+            "that: turn the sign of the output, or let them be negative with signed=True (--signed)"
+        )
+    elif score > base and score > _ROUNDING:
         yield (
             f"a polynomial of the delayed input does better ({base:.2%} against {score:.2%}): "
             'the hysteresis here is weak or rate-dependent; try lag="auto" and slope=True '
-            "(--lag auto --slope)"
+            "(--lag auto --slope), and for loops like butterflies signed=True (--signed)"
         )
+    elif score > _HARDLY * base and score > _ROUNDING:
+        yield (
+            f"a polynomial of the delayed input does nearly as well ({base:.2%} against "
+            f"{score:.2%}): there is little hysteresis in this record, or it is lost in noise"
+        )
+
+
+def _rmse_held_out(result: Identification) -> float:
+    residual = (result.prediction - result.y)[result.held_out]
+    return float(np.sqrt(np.mean(residual**2)))
+
+
+def _falls(result: Identification) -> bool:
+    """Whether the output goes against the input, and the weights may not."""
+    weights = result.model.weights
+    u, y = result.u[result.fitted], result.y[result.fitted]
+    against = float(np.corrcoef(u, y)[0, 1]) < _AGAINST if np.ptp(u) > 0 else False
+    return against and bool((weights >= 0).all())
 
 
 def _numerics(result: Identification) -> Iterator[str]:
@@ -100,4 +133,7 @@ def _numerics(result: Identification) -> Iterator[str]:
             "a positive smoothness"
         )
     if not result.model.monotone:
-        yield "the model is not monotone and cannot be inverted; signed=False gives one that can"
+        yield (
+            "the model is not monotone and cannot be inverted; if the output falls as the input "
+            "rises, turn its sign, otherwise signed=False gives one that can"
+        )

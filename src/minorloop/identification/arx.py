@@ -11,6 +11,7 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import output_error
+from minorloop.identification.active_set import one_thread
 from minorloop.identification.linear_fit import Candidate, Kind, LinearFit, StepResponse
 from minorloop.identification.output_error import Coefficients, Stretch, Structure
 from minorloop.identification.steps import (
@@ -161,7 +162,8 @@ def _identified(
         )
     if max(float(np.ptp(one.y)) for one in stretches) == 0:
         raise SignalError("the output never changes; there is nothing to identify")
-    tried = [_candidate(stretches, second, form) for form in forms]
+    with one_thread(forms[-1].parameters):
+        tried = [_candidate(stretches, second, form) for form in forms]
     candidates = [one for one in tried if one is not None]
     if not candidates:
         raise SignalError(

@@ -36,6 +36,8 @@ def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: Boo
     """
     centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
     x = (u - centre) / half
+    # Beyond the inputs that it was fitted to, a polynomial goes anywhere.
+    x = np.clip(x, x[train].min(), x[train].max())
     least, predicted = np.inf, np.zeros(0)
     for delay in DELAYS:
         if delay >= u.size:

@@ -319,6 +319,10 @@ def _as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArr
         largest = np.abs(values).max()
         if largest > _LARGEST:
             raise SignalError(f"the {name} reaches {largest:g}; scale it to below {_LARGEST:g}")
+        if 0 < np.ptp(values) < 1 / _LARGEST:
+            raise SignalError(
+                f"the {name} changes by {np.ptp(values):g} only; scale it to above {1 / _LARGEST:g}"
+            )
         if np.ptp(values) == 0:
             raise SignalError(
                 f"the {name} is {values[0]:g} throughout; a constant identifies nothing"

@@ -16,10 +16,11 @@ from minorloop.errors import ParameterError, SignalError
 ComplexArray = npt.NDArray[np.complex128]
 
 HIGHEST_ORDER = 4
-_ROUNDS = 40
+_ROUNDS = 20
 _CORNERS = 4
 _STILL = 1e-9
-_NEARLY = 1.05
+_WORTH = 0.5
+_DECAYS = 0.1
 _EXACT = 1e-9
 _DAMPED = 1e-3
 _REFINED = 3
@@ -80,10 +81,12 @@ def fit_response(
     measured : (F,) or (A, F) complex array_like
         Gains at these frequencies; the rows of several amplitudes are fitted together.
     order : int or "auto"
-        Number of poles, 1 to 4; ``"auto"`` takes the least whose error is within 5 % of the
-        best.
+        Number of poles, 1 to 4; ``"auto"`` takes the one of the least Bayesian information
+        criterion (Schwarz, Estimating the dimension of a model, 1978).
     zeros : int, optional
-        Number of zeros, at most ``order``; one less than poles if not given.
+        Number of zeros, at most ``order``; if not given, the criterion decides among up to one
+        less than poles. Poles that hardly decay and zeros in the right half plane must then
+        halve the error, or are taken for noise.
 
     Returns
     -------
@@ -100,7 +103,8 @@ def fit_response(
     -----
     With N = 1 + n_1 s + ... and D = 1 + d_1 s + ..., the sum of abs(N - G D)^2 / abs(G D')^2 is
     minimised over and over, D' being the D of the round before, whose unstable roots are
-    mirrored. The weights make the errors relative.
+    mirrored. The weights make the errors relative. From the best of several beginnings, poles
+    are then moved to the least relative error itself, within a decade of the frequencies.
 
     References
     ----------
@@ -109,14 +113,35 @@ def fit_response(
     """
     hertz, gains = _as_response(frequencies, measured)
     orders = _orders(order, zeros, np.unique(hertz).size)
-    fits = {n: _fit(hertz, gains, n, n - 1 if zeros is None else zeros) for n in orders}
-    errors = {n: _relative_error(model, hertz, gains) for n, model in fits.items()}
-    enough = _NEARLY * min(errors.values()) + _EXACT
-    best = next(n for n in orders if errors[n] <= enough)
-    return RationalFit(fits[best], hertz, gains, errors)
+    forms = [(n, m) for n in orders for m in (range(n) if zeros is None else (zeros,))]
+    tried = {form: _fit(hertz, gains, *form) for form in forms}
+    fits = {form: model for form, model in tried.items() if model is not None}
+    if not fits:
+        raise SignalError("the response cannot be fitted; are its gains of one system?")
+    errors = {form: _relative_error(model, hertz, gains) for form, model in fits.items()}
+    plain = [form for form, model in fits.items() if not _odd(model)]
+    least = min((errors[form] for form in plain), default=np.inf)
+    kept = [form for form in fits if form in plain or errors[form] < _WORTH * least]
+    count = 2 * gains.size
+
+    def criterion(form: tuple[int, int]) -> float:
+        squares = errors[form] ** 2 + _EXACT**2
+        return count * float(np.log(squares)) + sum(form) * float(np.log(count))
+
+    best = min(kept, key=criterion)
+    of_order = {
+        n: min((errors[form] for form in fits if form[0] == n), default=np.inf) for n in orders
+    }
+    return RationalFit(fits[best], hertz, gains, of_order)
 
 
-def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Linear:
+def _odd(model: Linear) -> bool:
+    """Whether a pole hardly decays, or a zero lies in the right half plane."""
+    poles, zeros = model.poles, model.zeros
+    return bool((-poles.real < _DECAYS * np.abs(poles)).any() or (zeros.real >= 0).any())
+
+
+def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Linear | None:
     """The best of what the iteration comes to from poles spread over the frequencies."""
     scale = float(2 * np.pi * np.exp(np.mean(np.log(hertz))))
     s = np.asarray(2j * np.pi * hertz / scale, dtype=np.complex128)
@@ -129,6 +154,8 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
     found += [_refined(s, gains, bottom, zeros) for _, bottom in found[:_REFINED] if bottom[0]]
     top, bottom = min(found, key=lambda pair: _distance(s, gains, *pair))
     powers = scale ** -np.arange(poles, -1, -1.0)
+    if bottom[0] == 0:  # it has lost a pole, and is what fewer poles give
+        return None
     return Linear(
         (top * powers[-top.size :]) / powers[0], (bottom * powers) / powers[0]
     ).normalised()

@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol, TypeAlias, cast, runtime_checkable
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MinorloopError, ParameterError
+from minorloop.errors import MinorloopError, ParameterError, StoreError
 from minorloop.lab.actuator import Actuator, check_input
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
@@ -119,6 +119,12 @@ def run(
     """
     check_plan(actuator, plan)
     store.check_same(plan)
+    channels = str(actuator.inputs[0]), str(actuator.outputs[0])
+    if channels != (store.setup.input, store.setup.output):
+        raise StoreError(
+            f"{store.path} is about '{store.setup.input}' and '{store.setup.output}' and the "
+            f"actuator has '{channels[0]}' and '{channels[1]}'; give the store of this actuator"
+        )
     if plan.open and choose is None:
         raise ParameterError(
             f"level {int(np.argmax(np.isnan(plan.inputs)))} of the plan is open and nothing "

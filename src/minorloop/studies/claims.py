@@ -83,6 +83,11 @@ def claim_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
     return Table(columns, [claim.row(figures) for claim in claims])
 
 
+def specimens(runs: Sequence[Mapping[str, Any]]) -> str:
+    """How many there are, in words."""
+    return f"{len(runs)} simulated specimen{'s' if len(runs) > 1 else ''}"
+
+
 def medians(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Figure by figure, the median over specimens; the least where the key ends in ``_min``.
 

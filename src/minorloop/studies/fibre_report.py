@@ -10,7 +10,7 @@ import numpy as np
 
 from minorloop.operators.drawing import draw_density
 from minorloop.report import Picture, Report, Table
-from minorloop.studies.claims import claim_table
+from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.drawing import COLOURS, MINUTE, draw_specimens, new_figure
 from minorloop.studies.fibre import CLAIMS, MARKER_LEVELS, TITLE, marker_diagrams, unit_step
 from minorloop.studies.fibre_steady import HIGH, LOW, VALIDATION
@@ -43,7 +43,8 @@ def study_report(
     steady, joined = figures["steady"]["curves_nrmse"], figures["trajectory"]["updown_nrmse"]
     report = Report(
         TITLE,
-        f"The experiments of Sohn and colleagues on {len(runs)} simulated fibres: seven settled "
+        f"The experiments of Sohn and colleagues on {specimens(runs)}; figures are drawn for "
+        f"that of seed {study.seed}. Seven settled "
         f"lengths predicted within {steady:.2%} rms of full scale, and the way between them within "
         f"{joined:.1%} once rising and falling steps have a response each.",
     )

@@ -218,6 +218,7 @@ class IpmcStudy:
                 "floor": found.floor,
                 **{f"{name}_nrmse": value for name, value in self.repetition.nrmse.items()},
             },
+            "sensing": {"peak_to_peak_mv": float(np.ptp(self.sensing.y))},
             "seconds": self.seconds,
         }
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from minorloop.identification.frequency import decibels
 from minorloop.report import Picture, Report
-from minorloop.studies.claims import claim_table
+from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.drawing import COLOURS, HOUR, draw_specimens, new_figure
 from minorloop.studies.ipmc import CLAIMS, TITLE
 from minorloop.studies.positioning_report import (
@@ -44,9 +44,9 @@ def study_report(
     ratio = figures["positioning"]["rms_ratio_median"]
     report = Report(
         TITLE,
-        f"The experiments of Chen, Tan and Shahinpoor (2005) on {len(runs)} simulated specimens: "
-        f"positioning with the inverse of a Preisach model errs {ratio:.1f} times less than with "
-        "that of a quadratic, the gains of two amplitudes fall together behind the operator, and "
+        f"The experiments of Chen, Tan and Shahinpoor (2005) on {specimens(runs)}; figures are "
+        f"drawn for that of seed {study.seed}. Positioning with the inverse of a Preisach model "
+        f"errs {ratio:.1f} times less than with that of a quadratic, the gains of two amplitudes fall together behind the operator, and "
         "a strip that fades is followed.",
     )
     _add_overview(report, study, figures, runs)
