@@ -10,6 +10,7 @@ from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import excitation, identify
 from minorloop.identification.frequency import (
+    FrequencyResponse,
     Preamble,
     describing_function,
     frequency_response,
@@ -115,6 +116,15 @@ def test_behind_the_true_operator_the_gain_forgets_the_amplitude():
     assert before > 10 * after
     fit = found.fit(order=2, zeros=1)
     np.testing.assert_allclose(fit.model.response(FREQUENCIES), wanted, rtol=5e-3)
+
+
+def test_phases_are_compared_across_half_a_turn():
+    gains = np.exp(1j * np.radians([[179.0], [-179.0]]))
+    nothing = np.zeros((2, 1))
+    found = FrequencyResponse(
+        np.ones(1), np.array([0.4, 0.8]), 0.0, gains, gains.conj(), nothing, nothing
+    )
+    np.testing.assert_allclose(found.phase_spread(), [2.0, 2.0])
 
 
 def test_slowly_the_plant_is_its_describing_function():

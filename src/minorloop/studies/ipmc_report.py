@@ -46,7 +46,8 @@ def study_report(
         TITLE,
         f"The experiments of Chen, Tan and Shahinpoor (2005) on {specimens(runs)}; figures are "
         f"drawn for that of seed {study.seed}. Positioning with the inverse of a Preisach model "
-        f"errs {ratio:.1f} times less than with that of a quadratic, the gains of two amplitudes fall together behind the operator, and "
+        f"errs {ratio:.1f} times less than with that of a quadratic, the gains of two amplitudes "
+        "fall together behind the operator, and "
         "a strip that fades is followed.",
     )
     _add_overview(report, study, figures, runs)
