@@ -67,19 +67,19 @@ class SimulatedActuator(ABC):
         drift: float,
         substeps: int,
     ) -> None:
-        self.specimen = None if specimen is None else _whole("specimen", specimen)
+        self.specimen = None if specimen is None else whole_number("specimen", specimen)
         self.noise = as_finite("noise", noise)
-        self.seed = _whole("seed", seed)
-        self.tick = _positive("tick", tick)
+        self.seed = whole_number("seed", seed)
+        self.tick = positive("tick", tick)
         self.drift = as_finite("drift", drift)
-        self.substeps = _whole("substeps", substeps)
+        self.substeps = whole_number("substeps", substeps)
         if self.noise < 0:
             raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
         if self.drift <= -1:
             raise ParameterError(f"drift is {drift} per hour; give more than -1, a gain stays one")
         if self.substeps < 1:
             raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
-        self._parameters = _spread(parameters, self.specimen)
+        self._parameters = spread(parameters, self.specimen)
         self.reset()
 
     @property
@@ -120,7 +120,7 @@ class SimulatedActuator(ABC):
             If a time is not positive, or there would be more than twenty million samples.
         """
         value = float(check_input(self.inputs, u)[0])
-        ends = _sample_times(duration, sample_interval)
+        ends = sample_times(duration, sample_interval)
         began = self._clock
         y = self._sensed(self._hold(value, ends))
         return self._record(began + ends, np.full(ends.size, value), y)
@@ -254,7 +254,7 @@ class SimulatedActuator(ABC):
         self._input, self._held = float(u[-1]), 0.0
         gaps = np.diff(t)
         parts = np.maximum(np.ceil(gaps / self._first_step - 1e-9), 1)
-        _check_count(float(parts.sum()) * self.substeps, MAX_STEPS, "steps")
+        check_count(float(parts.sum()) * self.substeps, MAX_STEPS, "steps")
         last = np.cumsum(parts).astype(np.int64) - 1
         h = np.repeat(gaps / parts, parts.astype(np.int64))
         inside = t[0] + np.cumsum(h)
@@ -279,7 +279,7 @@ class SimulatedActuator(ABC):
         turns = math.ceil(math.log(self._longest_step / self._first_step, self._growth))
         early = np.cumsum(self._first_step * self._growth ** np.arange(turns))
         low, high = ((time - early[-1]) / self._longest_step for time in (since, until))
-        _check_count((high - low) * self.substeps, MAX_STEPS, "steps")
+        check_count((high - low) * self.substeps, MAX_STEPS, "steps")
         late = early[-1] + self._longest_step * np.arange(max(math.floor(low), 1), max(high, 1))
         grid = np.concatenate([early, late])
         return grid[(grid > since) & (grid < until)]
@@ -289,13 +289,13 @@ class SimulatedActuator(ABC):
         began, self._samples = self._samples, self._samples + y.size
         if self.noise == 0:
             return y
-        return y + self.noise * _gaussian(self.seed, began, y.size)
+        return y + self.noise * gaussian(self.seed, began, y.size)
 
     def _record(self, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:
         return Record(t, u, y, str(self.inputs[0]), str(self.outputs[0]))
 
 
-def _gaussian(seed: int, first: int, count: int) -> FloatArray:
+def gaussian(seed: int, first: int, count: int) -> FloatArray:
     """Standard normal numbers (count,) that depend on the seed and the sample number alone."""
     pairs = np.random.Philox(key=seed)
     pairs.advance(first // 2)  # one turn of the counter is four words, two samples
@@ -305,7 +305,7 @@ def _gaussian(seed: int, first: int, count: int) -> FloatArray:
     return np.asarray(radius * np.cos(2 * np.pi * ((words[:, 1] >> np.uint64(11)) * 2.0**-53)))
 
 
-def _spread(parameters: dict[str, float], specimen: int | None) -> dict[str, float]:
+def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, float]:
     if specimen is None:
         return dict(parameters)
     factors = np.random.default_rng(specimen).uniform(1 - SPREAD, 1 + SPREAD, len(parameters))
@@ -315,13 +315,13 @@ def _spread(parameters: dict[str, float], specimen: int | None) -> dict[str, flo
     }
 
 
-def _sample_times(duration: float, sample_interval: float) -> FloatArray:
+def sample_times(duration: float, sample_interval: float) -> FloatArray:
     """Times of the samples of a hold from its beginning, the last at its end."""
     length, interval = (
-        _positive("duration", duration),
-        _positive("sample_interval", sample_interval),
+        positive("duration", duration),
+        positive("sample_interval", sample_interval),
     )
-    _check_count(length / interval, MAX_SAMPLES, "samples")
+    check_count(length / interval, MAX_SAMPLES, "samples")
     whole = round(length / interval)
     if whole < 1 or abs(whole * interval - length) > 1e-9 * length:
         whole = math.ceil(length / interval)
@@ -343,21 +343,21 @@ def as_waveform(t: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatAr
     return times, values
 
 
-def _positive(name: str, value: float) -> float:
+def positive(name: str, value: float) -> float:
     number = as_finite(name, value)
     if number <= 0:
         raise ParameterError(f"{name} is {value}; give a positive number of seconds")
     return number
 
 
-def _whole(name: str, value: int) -> int:
+def whole_number(name: str, value: int) -> int:
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not 0 <= value < 2**64:
         raise ParameterError(f"{name} is {value!r}; give a whole number from 0 to 2^64 - 1")
     return int(value)
 
 
-def _check_count(count: float, most: int, what: str) -> None:
+def check_count(count: float, most: int, what: str) -> None:
     if not count <= most:
         raise ParameterError(
             f"that takes {count:.3g} {what}, more than {most:.3g}; shorten it or sample less often"

@@ -1,0 +1,187 @@
+"""What surrounds a wire, and how it changes with time: ambient, convection, load.
+
+The operator of the head knows none of it; a study sets it to disturb the head.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+
+ATMOSPHERE = 101_325.0
+"""Pressure at which the convection of a gas is given, in Pa."""
+
+# Film coefficient in W/(m^2 K) of a 0.2 mm wire, and how it grows with the pressure. The
+# exponents are those of Morgan, The overall convective heat transfer from smooth circular
+# cylinders, 1975: Nu ~ Ra^0.148 in still gas (Ra ~ p^2), Nu ~ Re^0.384 in a stream. Liquids
+# do not thin out; a sleeve hides them.
+_MEDIA = {
+    "air": (75.0, 0.296),
+    "forced gas": (150.0, 0.384),
+    "flooded": (2000.0, 0.0),
+    "flooded, sleeved": (100.0, 0.0),
+}
+MOST_LOAD = 4e-3
+"""Largest torque on a joint, in N m: the preload of the weakest spring still holds it."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """How a quantity goes with the clock of the twin: it may change once, and swing from then on.
+
+    Parameters
+    ----------
+    start : float
+        Value before the time ``at``.
+    end : float, optional
+        Value after the change; ``start`` without it.
+    at : float
+        When the change begins, in seconds.
+    duration : float
+        How long it takes, in seconds, straight from ``start`` to ``end``; 0 is a step.
+    amplitude : float
+        Of a sine added from ``at`` on.
+    period : float
+        Of that sine, in seconds.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite, the duration is negative or the period not positive.
+
+    Examples
+    --------
+    >>> Course(20.0, 30.0, at=60.0, duration=10.0)(65.0)
+    25.0
+    """
+
+    start: float
+    end: float | None = None
+    at: float = 0.0
+    duration: float = 0.0
+    amplitude: float = 0.0
+    period: float = 1.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            value = self.start if value is None else as_finite(field.name, value)
+            object.__setattr__(self, field.name, value)
+        if self.duration < 0:
+            raise ParameterError(f"duration is {self.duration}; give at least 0 s")
+        if self.period <= 0:
+            raise ParameterError(f"period is {self.period}; give a positive number of seconds")
+
+    def __call__(self, t: float) -> float:
+        """Value at a time in seconds."""
+        from minorloop.twins import _kernels
+
+        return float(_kernels.course(self.numbers, float(t)))
+
+    @property
+    def numbers(self) -> FloatArray:
+        """The six parameters, as the compiled loops read them."""
+        return np.array([getattr(self, field.name) for field in fields(self)], dtype=np.float64)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Values that it never leaves."""
+        _, end, *_ = self.numbers.tolist()
+        swing = abs(self.amplitude)
+        return min(self.start, end - swing), max(self.start, end + swing)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Ambient, convection and load around a wire or a head.
+
+    Parameters
+    ----------
+    ambient : float or Course
+        Temperature far from the wire, in degrees Celsius, from -50 to 100.
+    convection : float or Course
+        Film coefficient in W/(m^2 K), positive; ``convection`` gives it for a medium.
+    load : float, Course, or one of them for each axis
+        Torque of the flow against the wire, in N m, up to 4 mN m either way; one alone acts
+        on every axis.
+
+    Raises
+    ------
+    ParameterError
+        If a value is, or could come to be, out of its range.
+    """
+
+    ambient: float | Course = 20.0
+    convection: float | Course = 75.0
+    load: float | Course | tuple[float | Course, ...] = 0.0
+
+    def __post_init__(self) -> None:
+        _check("ambient", self.ambient, -50.0, 100.0, "degrees Celsius")
+        _check("convection", self.convection, 1.0, 20_000.0, "W/(m^2 K)")
+        for load in self.load if isinstance(self.load, tuple) else (self.load,):
+            _check("load", load, -MOST_LOAD, MOST_LOAD, "N m")
+
+    def courses(self) -> FloatArray:
+        """Ambient and convection as the compiled loops read them, (2, 6)."""
+        return np.array([_as_course(each).numbers for each in (self.ambient, self.convection)])
+
+    def loads(self, axes: int) -> FloatArray:
+        """Load of each axis as the compiled loops read it, (axes, 6).
+
+        Raises
+        ------
+        ParameterError
+            If there are loads for another number of axes.
+        """
+        each = self.load if isinstance(self.load, tuple) else (self.load,) * axes
+        if len(each) != axes:
+            raise ParameterError(f"there are {len(each)} loads; give one, or {axes}, one an axis")
+        return np.array([_as_course(load).numbers for load in each])
+
+
+def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:
+    """Film coefficient of a 0.2 mm wire in a medium.
+
+    Parameters
+    ----------
+    medium : str
+        ``air`` (still), ``forced gas``, ``flooded``, or ``flooded, sleeved``: a wire in a
+        sleeve that keeps the liquid off.
+    pressure : float
+        Of the medium, in Pa, from 1 kPa to 10 MPa; gases cool better when they are dense.
+
+    Returns
+    -------
+    float
+        In W/(m^2 K).
+
+    Raises
+    ------
+    ParameterError
+        If there is no such medium, or the pressure is out of its range.
+    """
+    if medium not in _MEDIA:
+        known = ", ".join(f"'{name}'" for name in _MEDIA)
+        raise ParameterError(f"medium is {medium!r}; give one of {known}")
+    if not 1e3 <= as_finite("pressure", pressure) <= 1e7:
+        raise ParameterError(f"pressure is {pressure} Pa; give 1e3 to 1e7 Pa")
+    film, power = _MEDIA[medium]
+    return float(film * math.pow(pressure / ATMOSPHERE, power))
+
+
+def _as_course(value: float | Course) -> Course:
+    return value if isinstance(value, Course) else Course(value)
+
+
+def _check(name: str, value: float | Course, low: float, high: float, unit: str) -> None:
+    if not isinstance(value, Course):
+        as_finite(name, value)
+    least, most = _as_course(value).bounds
+    if least < low or most > high:
+        reach = f"{least:g}" if least == most else f"{least:g} to {most:g}"
+        raise ParameterError(f"{name} is {reach} {unit}; it must stay in [{low:g}, {high:g}]")
