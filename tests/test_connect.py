@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from minorloop.connect import TWINS, connect
@@ -9,9 +10,10 @@ from minorloop.lab.actuator import Actuator
 def test_every_twin_stands_behind_the_door(name):
     twin = connect(f"twin:{name}")
     assert isinstance(twin, Actuator)
-    record = twin.apply(twin.inputs[0].low, 1.0, 0.5)
-    assert str(record.input) == str(twin.inputs[0])
-    assert str(record.output) == str(twin.outputs[0])
+    lowest = np.array([channel.low for channel in twin.inputs])
+    record = twin.apply(lowest if lowest.size > 1 else lowest[0], 1.0, 0.5)
+    assert [str(q) for q in record.inputs] == [str(c) for c in twin.inputs]
+    assert [str(q) for q in record.outputs] == [str(c) for c in twin.outputs]
 
 
 def test_options_reach_the_twin():
@@ -21,7 +23,7 @@ def test_options_reach_the_twin():
     assert noisy[0] == noisy[1] != noisy[2]
 
 
-@pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "visa:GPIB0", "twin:"])
+@pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "visa:GPIB0", "twin:", "visa:head"])
 def test_an_unknown_address_is_told_what_exists(address):
     with pytest.raises(ParameterError, match="what exists is 'twin:ipmc', 'twin:fibre'"):
         connect(address)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Actuator
 
-TWINS = ("ipmc", "fibre")
+TWINS = ("ipmc", "fibre", "wire", "head", "catheter")
 
 
 def connect(
@@ -16,11 +18,12 @@ def connect(
     Parameters
     ----------
     address : str
-        ``twin:ipmc`` or ``twin:fibre``, simulated actuators.
+        A simulated actuator: ``twin:ipmc``, ``twin:fibre``, ``twin:wire``, ``twin:head`` or
+        ``twin:catheter``.
     specimen : int, optional
         Seed of the specimen; nominal parameters without it.
     noise : float
-        Standard deviation of the sensor, in the unit of the output.
+        Standard deviation of the sensor, in the unit of each output.
     seed : int
         Seed of the noise.
 
@@ -33,13 +36,10 @@ def connect(
     ParameterError
         If there is nothing at the address, or an option is out of its range.
     """
-    if address == "twin:ipmc":
-        from minorloop.twins.ipmc import Ipmc
-
-        return Ipmc(specimen, noise, seed)
-    if address == "twin:fibre":
-        from minorloop.twins.fibre import Fibre
-
-        return Fibre(specimen, noise, seed)
+    room, _, name = address.partition(":")
+    if room == "twin" and name in TWINS:
+        kind = getattr(import_module(f"minorloop.twins.{name}"), name.capitalize())
+        twin: Actuator = kind(specimen, noise, seed)
+        return twin
     known = ", ".join(f"'twin:{name}'" for name in TWINS)
     raise ParameterError(f"there is nothing at address {address!r}; what exists is {known}")

@@ -140,10 +140,7 @@ def course(c, t):
     start, end, at, duration, amplitude, period = c
     if t < at:
         return start
-    if t >= at + duration:
-        value = end
-    else:
-        value = start + (end - start) * (t - at) / duration
+    value = end if t >= at + duration else start + (end - start) * (t - at) / duration
     if amplitude != 0.0:
         value += amplitude * math.sin(2.0 * math.pi * (t - at) / period)
     return value
@@ -347,4 +344,63 @@ def head_run(
             recall(past, mark, clock + began - delay, out[n])
         else:
             head_angles(state, axes, cross, out[n])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def catheter_step(axis, drive, stretch, rate, h):
+    """March one axis of the catheter through a step; nothing is returned.
+
+    ``axis`` is the motor's rate, its position, the tip's position, and the way it slides (-1,
+    0 where it sticks, 1). ``drive`` is acceleration, breakaway, sliding, relaxation, and the
+    two ends of the travel; breakaway and sliding are the lags at which friction lets go and
+    holds on, and ``stretch`` multiplies them.
+    """
+    most = drive[0] * h
+    before = axis[0]
+    axis[0] += min(max(rate - before, -most), most)
+    axis[1] += 0.5 * h * (before + axis[0])
+    if axis[1] <= drive[4] or axis[1] >= drive[5]:
+        axis[1] = min(max(axis[1], drive[4]), drive[5])
+        axis[0] = 0.0
+    lag = axis[1] - axis[2]
+    if axis[3] == 0.0 and abs(lag) > stretch * drive[1]:
+        axis[3] = 1.0 if lag > 0.0 else -1.0
+    if axis[3] != 0.0:
+        pace = h / drive[3]
+        goal = axis[1] - axis[3] * stretch * drive[2]
+        moved = pace * (goal - axis[2]) / (1.0 + pace)
+        if moved * axis[3] > 0.0:
+            axis[2] += moved
+        else:
+            axis[3] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def catheter_run(state, drives, growth, clock, ends, first, u, pace, delay, past, mark):
+    """Advance and roll of the catheter under rates straight between samples.
+
+    As ``head_run``; ``drives`` (2, 6) are those of ``catheter_step``, and ``growth`` is how
+    much friction grows per millimetre of catheter in the pipe.
+    """
+    out = np.empty((ends.size, 2))
+    began = 0.0
+    for n in range(ends.size):
+        gap = ends[n] - began
+        steps = int(max(math.ceil(gap / pace[0] - 1e-9), 1) * pace[1])
+        h = gap / steps
+        for k in range(1, steps + 1):
+            stretch = 1.0 + growth * state[0, 2]
+            for a in range(2):
+                before = first[a] if n == 0 else u[n - 1, a]
+                rate = before + (u[n, a] - before) * k / steps
+                catheter_step(state[a], drives[a], stretch, rate, h)
+            if delay > 0.0:
+                now = clock + began + k * h
+                remember(past, mark, now, state[:, 2], 0.25 * pace[0] / pace[1])
+        began = ends[n]
+        if delay > 0.0:
+            recall(past, mark, clock + began - delay, out[n])
+        else:
+            out[n] = state[:, 2]
     return out

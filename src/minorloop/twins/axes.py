@@ -263,7 +263,8 @@ class SimulatedAxes(ABC):
 
     def _truth(self) -> dict[str, FloatArray]:
         """The log of the hidden state: ``t`` (N,), and (N, channels) of each name. For scoring."""
-        log = np.array(self._log).reshape(len(self._log), 1 + len(self._truth_names), -1)
+        shape = (len(self._log), 1 + len(self._truth_names), len(self.outputs))
+        log = np.array(self._log).reshape(shape)
         named = {name: log[:, 1 + k] for k, name in enumerate(self._truth_names)}
         return {"t": log[:, 0, 0], **named}
 
@@ -292,7 +293,7 @@ class SimulatedAxes(ABC):
     def _delayed_now(self) -> FloatArray:
         """Output as it is seen now, the state left as it is."""
         kept = self._state.copy(), self._past.copy(), self._mark.copy()
-        y = self._run(np.zeros(1), self._input, self._input.reshape(1, -1).copy())[0]
+        y: FloatArray = self._run(np.zeros(1), self._input, self._input.reshape(1, -1).copy())[0]
         self._state, self._past, self._mark = kept
         return y
 

@@ -306,6 +306,7 @@ def gaussian(seed: int, first: int, count: int) -> FloatArray:
 
 
 def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, float]:
+    """The parameters of a specimen, each within +-10 % of nominal; nominal without one."""
     if specimen is None:
         return dict(parameters)
     factors = np.random.default_rng(specimen).uniform(1 - SPREAD, 1 + SPREAD, len(parameters))
@@ -344,6 +345,7 @@ def as_waveform(t: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatAr
 
 
 def positive(name: str, value: float) -> float:
+    """Give a time in seconds as a float, refused unless it is positive."""
     number = as_finite(name, value)
     if number <= 0:
         raise ParameterError(f"{name} is {value}; give a positive number of seconds")
@@ -351,6 +353,7 @@ def positive(name: str, value: float) -> float:
 
 
 def whole_number(name: str, value: int) -> int:
+    """Give a number that can seed a generator, refused unless it is whole and in range."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not 0 <= value < 2**64:
         raise ParameterError(f"{name} is {value!r}; give a whole number from 0 to 2^64 - 1")
@@ -358,6 +361,7 @@ def whole_number(name: str, value: int) -> int:
 
 
 def check_count(count: float, most: int, what: str) -> None:
+    """Refuse to begin what would take too many samples or steps."""
     if not count <= most:
         raise ParameterError(
             f"that takes {count:.3g} {what}, more than {most:.3g}; shorten it or sample less often"

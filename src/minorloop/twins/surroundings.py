@@ -93,7 +93,9 @@ class Course:
         """Values that it never leaves."""
         _, end, *_ = self.numbers.tolist()
         swing = abs(self.amplitude)
-        return min(self.start, end - swing), max(self.start, end + swing)
+        swung = (self.start, end) if self.duration > 0 else (end,)
+        low = min(self.start, *(value - swing for value in swung))
+        return low, max(self.start, *(value + swing for value in swung))
 
 
 @dataclass(frozen=True)
