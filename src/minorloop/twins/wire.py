@@ -20,7 +20,7 @@ import numpy as np
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel
-from minorloop.twins import _kernels
+from minorloop.twins import _wire_kernels as _kernels
 from minorloop.twins.axes import SimulatedAxes
 from minorloop.twins.sensor import Fault
 from minorloop.twins.surroundings import Surroundings
@@ -88,7 +88,7 @@ class HeatedWires(SimulatedAxes):
         raise NotImplementedError
 
     def _coupling(self) -> FloatArray:
-        """How the axes act on each other, (5,); see ``_kernels.head_run``."""
+        """How the axes act on each other, (5,); see ``_wire_kernels.head_run``."""
         raise NotImplementedError
 
     def _at_rest(self) -> FloatArray:
