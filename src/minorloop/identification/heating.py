@@ -1,0 +1,345 @@
+"""Identification of a heated wire: what its heating power does, and how late.
+
+A current heats a wire, the heat lags, and the temperature drives the hysteresis. So the input
+of the operator is the heating power, the square of the current, and the lag comes before it.
+The latent heat of the transformation makes the lag longer exactly while the wire moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, Levels, as_finite, as_levels, as_samples
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.fit import identify
+from minorloop.identification.levels import adaptive_levels
+from minorloop.identification.result import Identification
+from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
+from minorloop.operators.tracker import Tracker
+
+_LONGEST_STEP = 0.1
+_SOLVES = 2
+_HALVINGS = 40
+_NEAR = 0.01
+_FLOOR = 0.15
+_LAGS = (0.3, 60.0)
+
+
+@dataclass(frozen=True, eq=False)
+class HeatedState:
+    """What a heated wire remembers: the power it feels, and the memory of its operator.
+
+    Parameters
+    ----------
+    power : float
+        Effective power: the steady one that would keep the wire as warm as it is, in A^2.
+    angle : float
+        Output of the operator, in the unit of its output.
+    tracker : Tracker
+        Memory of the operator; it is copied and never pushed.
+    """
+
+    power: float
+    angle: float
+    tracker: Tracker
+
+
+@dataclass(frozen=True, eq=False)
+class HeatedWire:
+    """An operator on the heating power, with the lag of the heat before it.
+
+    tau dw/dt + q dy/dt = p - w, y = Gamma[w], with the power p, the effective power w, the lag
+    tau and the latent heat q of a unit of output.
+
+    Parameters
+    ----------
+    operator : Preisach
+        From effective power in A^2 to angle in degrees; monotone.
+    lag : float
+        tau in seconds, of a wire that does not move; positive.
+    latent : float
+        q in A^2 s per degree; not negative.
+
+    Raises
+    ------
+    ParameterError
+        If the lag is not positive or the latent heat negative.
+
+    References
+    ----------
+    Boudjabi, Ferreira and Krupa, Proc. IEEE IROS 2003, section 4: a heating lag and a Preisach
+    operator in series.
+    """
+
+    operator: Preisach
+    lag: float
+    latent: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("lag", "latent"):
+            object.__setattr__(self, name, as_finite(name, getattr(self, name)))
+        if self.lag <= 0:
+            raise ParameterError(f"lag is {self.lag}; give a positive number of seconds")
+        if self.latent < 0:
+            raise ParameterError(f"latent is {self.latent}; give at least 0 A^2 s per degree")
+
+    def begin(self, power: float = 0.0, start: Start = "negative") -> HeatedState:
+        """State of a wire that has settled under a power."""
+        tracker = self.operator.track(start)
+        return HeatedState(as_finite("power", power), tracker.push(power), tracker)
+
+    def found(self, power: float, angle: float) -> HeatedState:
+        """State of a wire that was found settled under a power, at an angle.
+
+        Which past led there is not known; the one taken is a rise to some power and a return.
+        Where none gives the angle to within 1 % of the range, the effective power is what gives
+        it from cold.
+
+        Parameters
+        ----------
+        power : float
+            In A^2.
+        angle : float
+            In degrees; beyond the range of the operator it counts as the nearer end.
+        """
+        cold = self.begin()
+        least, top = self.begin(power), float(self.operator.levels[-1])
+        most = self.moved(self.moved(cold, top), power)
+        near = _NEAR * float(np.ptp(self.operator.range))
+        if abs(angle - least.angle) <= near:
+            return least
+        if not least.angle < angle <= most.angle + near:
+            return self.moved(cold, cold.tracker.aim(angle))
+        low, high = power, top
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            state = self.moved(self.moved(cold, middle), power)
+            low, high = (middle, high) if state.angle < angle else (low, middle)
+        return state
+
+    def step(
+        self,
+        state: HeatedState,
+        power: float,
+        interval: float,
+        *,
+        ambient: float = 0.0,
+        cooling: float = 1.0,
+    ) -> HeatedState:
+        """State after a power was held for an interval; the old state is left as it was.
+
+        tau dw/dt + q dy/dt = p - c (w - a) with the changes of the surroundings a and c.
+
+        Parameters
+        ----------
+        state : HeatedState
+            Before.
+        power : float
+            In A^2.
+        interval : float
+            In seconds, short against the lag.
+        ambient : float
+            a: effective power of a wire that is not heated, in A^2; above 0 where it is warmer
+            than when the wire was identified.
+        cooling : float
+            c: convection over that when the wire was identified.
+        """
+        gap = interval * (power - cooling * (state.power - ambient))
+        if gap == 0.0:
+            return state
+        stiff = self.lag + cooling * interval
+        change = gap / stiff
+        if self.latent > 0:
+            for _ in range(_SOLVES):
+                moved = state.tracker.peek(state.power + change) - state.angle
+                change = gap / (stiff + self.latent * moved / change)
+        return self.moved(state, state.power + change)
+
+    def moved(self, state: HeatedState, power: float) -> HeatedState:
+        """State when the effective power has gone straight to a value."""
+        tracker = state.tracker.copy()
+        return HeatedState(power, tracker.push(power), tracker)
+
+    def simulate(
+        self, t: npt.ArrayLike, current: npt.ArrayLike, start: Start = "negative"
+    ) -> FloatArray:
+        """Angles for a sampled current, held from each sample to the next.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Increasing times in seconds.
+        current : (T,) array_like
+            In A; the wire has settled under the first.
+        start : start state of the operator
+
+        Returns
+        -------
+        (T,) array
+
+        Raises
+        ------
+        SignalError
+            If shapes differ or times do not increase.
+        """
+        times, power = _waveform(t, current)
+        state = self.begin(float(power[0]), start)
+        angles = np.empty_like(times)
+        angles[0] = state.angle
+        for k, gap in enumerate(np.diff(times).tolist()):
+            parts = max(int(np.ceil(gap / _LONGEST_STEP - 1e-9)), 1)
+            for _ in range(parts):
+                state = self.step(state, float(power[k]), gap / parts)
+            angles[k + 1] = state.angle
+        return angles
+
+
+@dataclass(frozen=True, eq=False)
+class HeatedIdentification:
+    """A heated wire as it was identified.
+
+    Parameters
+    ----------
+    model : HeatedWire
+        The result.
+    steady : Identification
+        Fit of the operator to the settled holds.
+    step_rms : float
+        Root-mean-square error of the simulated step that the lag was fitted to, in degrees.
+    """
+
+    model: HeatedWire
+    steady: Identification
+    step_rms: float
+
+    def __str__(self) -> str:
+        low, high = self.model.operator.range
+        rows = [
+            ("angles [deg]", f"{low:.4g} to {high:.4g}"),
+            ("bands", f"{self.model.operator.bands}"),
+            ("lag [s]", f"{self.model.lag:.4g}"),
+            ("latent [A^2 s/deg]", f"{self.model.latent:.4g}"),
+            ("step, rms [deg]", f"{self.step_rms:.3g}"),
+        ]
+        return "\n".join(f"{name:<24} {value}" for name, value in rows)
+
+    def plot(self) -> Any:
+        """Draw the operator; gives the matplotlib figure."""
+        return self.model.operator.plot(input_label="power [A^2]", output_label="angle [deg]")
+
+
+def moving_levels(current: npt.ArrayLike, angle: npt.ArrayLike, bands: int) -> Levels:
+    """Currents that crowd where the wire moves, to measure reversal curves on.
+
+    Parameters
+    ----------
+    current : (T,) array_like
+        Settled holds of a first loop over the whole range, in A.
+    angle : (T,) array_like
+        Settled angles.
+    bands : int
+        L.
+
+    Returns
+    -------
+    (L + 1,) array
+        In A. Most of them lie between where the wire begins to move and where it has turned as
+        far as it goes, on the way up or on the way down.
+    """
+    i, y = as_samples(current, name="current"), as_samples(angle, name="angle")
+    return as_levels(np.sqrt(adaptive_levels(i**2, y, bands, floor=_FLOOR)))
+
+
+def identify_heating(
+    current: npt.ArrayLike,
+    angle: npt.ArrayLike,
+    *,
+    step: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
+    levels: npt.ArrayLike,
+    relay: Relay = "unipolar",
+    diagonal: Diagonal = "uniform",
+    start: Start = "negative",
+) -> HeatedIdentification:
+    """Identify a heated wire from settled holds and one transient.
+
+    Parameters
+    ----------
+    current : (T,) array_like
+        Settled holds in A, such as `excitation.reversal_curves` of ``levels``.
+    angle : (T,) array_like
+        Settled angles in degrees; NaN where none was measured.
+    step : tuple of t, current, angle, each (N,) array_like
+        A record of a step, in s, A and degrees, that begins settled and cold; a step up and
+        down again tells the lag from the latent heat better.
+    levels : (L + 1,) array_like
+        Thresholds in A; their squares are those of the operator.
+    relay, diagonal, start
+        As in `Preisach`.
+
+    Returns
+    -------
+    HeatedIdentification
+
+    Raises
+    ------
+    SignalError
+        If the records cannot be used.
+    ParameterError
+        If an option is out of its range.
+    """
+    currents, grid = as_samples(current, name="current"), as_levels(levels)
+    if currents.min() < 0 or grid[0] < 0:
+        raise SignalError(
+            "a current or a level is negative; heating does not tell the sign, so give its size"
+        )
+    steady = identify(
+        currents**2,
+        angle,
+        levels=grid**2,
+        relay=relay,
+        diagonal=diagonal,
+        start=start,
+        smoothness=0.0,
+    )
+    t, u = _waveform(step[0], np.asarray(step[1]))
+    y = as_samples(step[2], name="angle of the step")
+    if y.shape != t.shape:
+        raise SignalError(f"the step has {t.size} times and {y.size} angles; give as many")
+    model, rms = _fit_lag(steady.model, t, np.sqrt(u), y)
+    return HeatedIdentification(model, steady, rms)
+
+
+def _fit_lag(
+    operator: Preisach, t: FloatArray, current: FloatArray, y: FloatArray
+) -> tuple[HeatedWire, float]:
+    """Lag and latent heat that follow a transient best, and the error that remains."""
+    from scipy.optimize import least_squares
+
+    power = float(operator.levels[-1])
+    per_degree = power / float(np.ptp(operator.range))
+
+    def wire(x: FloatArray) -> HeatedWire:
+        return HeatedWire(operator, float(np.exp(x[0])), float(x[1]) * per_degree)
+
+    def error(x: FloatArray) -> FloatArray:
+        return wire(x).simulate(t, current) - y
+
+    bounds = ([np.log(_LAGS[0]), 0.0], [np.log(_LAGS[1]), _LAGS[1]])
+    found = least_squares(error, [np.log(4.0), 2.0], bounds=bounds, diff_step=1e-3, max_nfev=25)
+    return wire(found.x), float(np.sqrt(np.mean(found.fun**2)))
+
+
+def _waveform(t: npt.ArrayLike, current: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Times, and powers."""
+    times, currents = as_samples(t, name="t"), as_samples(current, name="current")
+    if times.ndim != 1 or times.shape != currents.shape or times.size < 2:
+        raise SignalError(
+            f"t has shape {times.shape} and current {currents.shape}; give (T,) of both"
+        )
+    if not (np.diff(times) > 0).all():
+        raise SignalError("t does not increase; give strictly increasing times")
+    return times, currents**2
