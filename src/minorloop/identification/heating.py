@@ -329,7 +329,7 @@ def _fit_lag(
         return wire(x).simulate(t, current) - y
 
     bounds = ([np.log(_LAGS[0]), 0.0], [np.log(_LAGS[1]), _LAGS[1]])
-    found = least_squares(error, [np.log(4.0), 2.0], bounds=bounds, diff_step=1e-3, max_nfev=25)
+    found = least_squares(error, [np.log(4.0), 2.0], bounds=bounds, diff_step=[1e-3, 1e-3], max_nfev=25)
     return wire(found.x), float(np.sqrt(np.mean(found.fun**2)))
 
 
