@@ -75,6 +75,8 @@ class AdaptiveState:
         Effective power when it began to be, in A^2.
     learnt : float
         Effective power of the last sample that was learnt from, in A^2.
+    applied : float
+        Current in A that is on.
     """
 
     observer: ObserverState
@@ -82,11 +84,7 @@ class AdaptiveState:
     still: float
     anchor: float
     learnt: float
-
-    @property
-    def applied(self) -> float:
-        """Current in A that is on."""
-        return self.observer.applied
+    applied: float
 
     @property
     def estimate(self) -> Estimate:
@@ -163,21 +161,22 @@ class AdaptiveControl:
             identified=wire,
             ambient=observer.estimate.ambient,
         )
-        return AdaptiveState(observer, belief, 0.0, wire.power, wire.power)
+        return AdaptiveState(observer, belief, 0.0, wire.power, wire.power, current)
 
     def step(
         self, state: AdaptiveState, reference: float, measurement: float
     ) -> tuple[float, AdaptiveState]:
         """Current for the next interval, and the state after it."""
         belief = self._followed(state.belief, state.applied)
-        current, observer = belief.control.step(state.observer, reference, measurement)
+        before = replace(state.observer, applied=state.applied)
+        current, observer = belief.control.step(before, reference, measurement)
         power = observer.estimate.wire.power
         near = abs(reference - measurement) < _STILL_DEGREES
         span = width(self.control.wire)
         if not (near and abs(power - state.anchor) < _STILL_POWER * span):
-            return current, AdaptiveState(observer, belief, 0.0, power, state.learnt)
+            return current, AdaptiveState(observer, belief, 0.0, power, state.learnt, current)
         still = state.still + self.interval
-        new = AdaptiveState(observer, belief, still, state.anchor, state.learnt)
+        new = AdaptiveState(observer, belief, still, state.anchor, state.learnt, current)
         if still < self.settling or abs(power - state.learnt) < _MOVED * span:
             return current, new
         return current, self._learnt(new, reference)
