@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from minorloop.arrays import as_finite
 from minorloop.errors import ParameterError
-from minorloop.identification.heating import HeatedState, HeatedWire
+from minorloop.identification.heating import SMALLEST_CHANGE, HeatedState, HeatedWire
 
 INTERVAL = 0.04
 """Time between two steps in seconds, 25 Hz."""
@@ -163,6 +163,6 @@ def heating(
         most = abs(reference - state.angle) / steepest
         change = min(max(change, -most), most)
     slope = 0.0
-    if change != 0.0 and wire.latent > 0:
+    if abs(change) > SMALLEST_CHANGE and wire.latent > 0:
         slope = (state.tracker.peek(state.power + change) - state.angle) / change
     return state.power - ambient + (wire.lag + wire.latent * slope) * change / response

@@ -25,6 +25,9 @@ CONTROLLERS = ("observer", "feedforward", "pi", "internal_model", "adaptive")
 """Names that `head_control` knows; the first is what it takes without a name."""
 
 
+_LARGEST = 1e6
+
+
 @dataclass(frozen=True, eq=False)
 class HeadState:
     """What the control of a head remembers: a state for each axis."""
@@ -81,7 +84,7 @@ class HeadControl:
         count = len(self.axes)
         angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
         currents = np.zeros(count) if current is None else _numbers(current, count)
-        own = self._undo @ np.where(np.isfinite(angles), angles, 0.0)
+        own = self._undo @ np.where(np.abs(angles) < _LARGEST, angles, 0.0)
         pairs = zip(self.axes, own.tolist(), currents.tolist(), strict=True)
         return HeadState(tuple(axis.begin(angle, on) for axis, angle, on in pairs))
 
@@ -131,7 +134,7 @@ class HeadControl:
         ``instead`` are the wires' angles that stand in, in what the other axes see of them,
         for those that are not sound or not numbers.
         """
-        known = np.isfinite(seen)
+        known = np.abs(seen) < _LARGEST
         filled = np.where(known & sound, seen, instead + self._mixing @ instead)
         return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
 

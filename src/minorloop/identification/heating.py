@@ -7,6 +7,7 @@ The latent heat of the transformation makes the lag longer exactly while the wir
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,8 @@ from minorloop.identification.result import Identification
 from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
 from minorloop.operators.tracker import Tracker
 
+SMALLEST_CHANGE = 1e-15
+"""Change of the effective power in A^2 below which nothing happens: slopes would be noise."""
 _LONGEST_STEP = 0.1
 _SOLVES = 2
 _HALVINGS = 40
@@ -149,10 +152,10 @@ class HeatedWire:
             c: convection over that when the wire was identified.
         """
         gap = interval * (power - cooling * (state.power - ambient))
-        if gap == 0.0:
-            return state
         stiff = self.lag + cooling * interval
         change = gap / stiff
+        if abs(change) < SMALLEST_CHANGE:
+            return state
         if self.latent > 0:
             for _ in range(_SOLVES):
                 moved = state.tracker.peek(state.power + change) - state.angle
@@ -313,6 +316,37 @@ def identify_heating(
     return HeatedIdentification(model, steady, rms)
 
 
+def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
+    """What the sensor of each axis sees of a degree of every other.
+
+    Parameters
+    ----------
+    records : sequence of (axes, T) array_like
+        One for each axis: readings of all sensors while that axis alone moved, in degrees.
+
+    Returns
+    -------
+    (axes, axes) array
+        Entry [i, j] of sensor i and axis j; 1 on the diagonal.
+
+    Raises
+    ------
+    SignalError
+        If there is not one record for each axis, or its axis did not move.
+    """
+    readings = [as_samples(record, name=f"record {j}") for j, record in enumerate(records)]
+    coupling = np.eye(len(readings))
+    for j, y in enumerate(readings):
+        if y.ndim != 2 or len(y) != len(readings):
+            raise SignalError(
+                f"record {j} has shape {y.shape}; give ({len(readings)}, T), one for each axis"
+            )
+        if not y[j].any():
+            raise SignalError(f"axis {j} does not move in record {j}; record it while it does")
+        coupling[:, j] = y @ y[j] / (y[j] @ y[j])
+    return coupling
+
+
 def _fit_lag(
     operator: Preisach, t: FloatArray, current: FloatArray, y: FloatArray
 ) -> tuple[HeatedWire, float]:
@@ -329,7 +363,9 @@ def _fit_lag(
         return wire(x).simulate(t, current) - y
 
     bounds = ([np.log(_LAGS[0]), 0.0], [np.log(_LAGS[1]), _LAGS[1]])
-    found = least_squares(error, [np.log(4.0), 2.0], bounds=bounds, diff_step=[1e-3, 1e-3], max_nfev=25)
+    found = least_squares(
+        error, [np.log(4.0), 2.0], bounds=bounds, diff_step=[1e-3, 1e-3], max_nfev=25
+    )
     return wire(found.x), float(np.sqrt(np.mean(found.fun**2)))
 
 
