@@ -25,6 +25,7 @@ _MOST_MISS = 5.0
 _DECORRELATION = 0.5
 _MEMORY = 6.0
 _LIKELY = (15.0, 0.7)
+_SELDOM_BOTH = (5.0, 0.07)
 _ITERATIONS = 4
 
 
@@ -142,7 +143,8 @@ class Hypotheses:
     def _prior(self) -> FloatArray:
         """Mild weights: either ambient or convection is off by much, seldom both."""
         cold, windy = np.abs(self.ambient) * self.rise, np.abs(np.log(self.cooling))
-        return np.asarray(np.exp(-cold / _LIKELY[0] - windy / _LIKELY[1]))
+        both = np.minimum(cold / _SELDOM_BOTH[0], windy / _SELDOM_BOTH[1])
+        return np.asarray(np.exp(-cold / _LIKELY[0] - windy / _LIKELY[1] - both))
 
     @cached_property
     def _low(self) -> float:

@@ -29,6 +29,7 @@ _STILL_SECONDS = 3.0
 _PATIENCE = 2.3
 _DEADLINE = 9.5
 _CLEAR = 0.9
+_UNSURE = 0.2
 _WORSE = 12.0
 _POOR = 6.0
 
@@ -206,7 +207,8 @@ class ReachWatch(Loop):
         stands = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
         weight = self._hypotheses.weights(trial.bank)
         final = self._hypotheses.final(trial.bank, angle, self.highest)
-        short = final < reference - self.tolerance
+        # What is foretold of the way that is left may be wrong by a share of it.
+        short = final + _UNSURE * np.maximum(final - angle, 0.0) < reference - self.tolerance
         if not stands and float(weight[short].sum()) < self.certainty:
             return None
         reason, clear = self._reason(trial, np.where(short, weight, 0.0), angle)
