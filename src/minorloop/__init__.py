@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from minorloop.connect import connect
+    from minorloop.control.head import HeadControl, head_control
+    from minorloop.control.limits import WireLimits
+    from minorloop.control.planning import Planner
     from minorloop.dynamics.cascade import Cascade
     from minorloop.dynamics.creep import Creep, fit_creep
     from minorloop.dynamics.linear import Linear
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
     from minorloop.identification.bands import Prediction
     from minorloop.identification.design import NextInput, design, next_input
     from minorloop.identification.frequency import Preamble, describing_function, frequency_response
+    from minorloop.identification.heating import HeatedWire, identify_heating, moving_levels
     from minorloop.identification.rational import fit_response
     from minorloop.identification.recursive import Recursive
     from minorloop.identification.representability import representability
@@ -63,6 +67,8 @@ __all__ = [
     "Channel",
     "Creep",
     "GeneralisedPrandtlIshlinskii",
+    "HeadControl",
+    "HeatedWire",
     "Identification",
     "Inversion",
     "LimitError",
@@ -76,6 +82,7 @@ __all__ = [
     "OutputError",
     "ParameterError",
     "Plan",
+    "Planner",
     "Polynomial",
     "PrandtlIshlinskii",
     "Preamble",
@@ -92,6 +99,7 @@ __all__ = [
     "Tracker",
     "Trajectory",
     "UnreachableError",
+    "WireLimits",
     "__version__",
     "arx",
     "connect",
@@ -104,8 +112,11 @@ __all__ = [
     "fit_creep",
     "fit_response",
     "frequency_response",
+    "head_control",
     "identify",
+    "identify_heating",
     "load",
+    "moving_levels",
     "next_input",
     "representability",
     "run",
@@ -115,7 +126,11 @@ __all__ = [
 
 _HOMES = {
     "minorloop.lab.actuator": ("Actuator", "Channel"),
+    "minorloop.control.head": ("HeadControl", "head_control"),
+    "minorloop.control.limits": ("WireLimits",),
+    "minorloop.control.planning": ("Planner",),
     "minorloop.identification.bands": ("Prediction",),
+    "minorloop.identification.heating": ("HeatedWire", "identify_heating", "moving_levels"),
     "minorloop.identification.design": ("NextInput", "design", "next_input"),
     "minorloop.dynamics.cascade": ("Cascade",),
     "minorloop.dynamics.creep": (

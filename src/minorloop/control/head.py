@@ -120,7 +120,7 @@ class HeadControl:
         standing = np.array([axis.reference for axis in state.axes])
         sound = np.array([not axis.fault for axis in state.axes])
         readings = self._own(seen, believed, sound)
-        targets = self._own(wanted, standing, np.ones(count, dtype=np.bool_))
+        targets = self._own_targets(wanted, standing)
         current, states = np.empty(count), []
         for k, axis in enumerate(self.axes):
             pair = float(targets[k]), float(readings[k])
@@ -137,6 +137,18 @@ class HeadControl:
         known = np.abs(seen) < _LARGEST
         filled = np.where(known & sound, seen, instead + self._mixing @ instead)
         return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
+
+    def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
+        """Angles (axes,) that the wires are to take; NaN where none is wanted.
+
+        A wire that the other axes would have beyond its stroke stops at its end, and the others
+        make up for that.
+        """
+        known = np.abs(wanted) < _LARGEST
+        filled = np.where(known, wanted, instead + self._mixing @ instead)
+        ends = np.array([axis.observer.wire.operator.range for axis in self.axes])
+        own = np.clip(self._undo @ filled, ends[:, 0], ends[:, 1])
+        return np.where(known, wanted - self._mixing @ own, np.nan)
 
     @cached_property
     def _mixing(self) -> FloatArray:

@@ -29,7 +29,7 @@ _ENOUGH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PlannedPowers:
     """A sequence of powers, and what it gives.
 
     Parameters
@@ -154,7 +154,7 @@ class Planner:
 
     def feedforward(
         self, targets: npt.ArrayLike, start: HeatedState | None = None, *, ahead: int = 0
-    ) -> Plan:
+    ) -> PlannedPowers:
         """Powers by the inverse of the operator and of the heating lag, target by target.
 
         Parameters
@@ -170,7 +170,7 @@ class Planner:
         power = self._inverse(wanted, state, ahead)
         return self._plan(power, wanted, state)
 
-    def plan(self, targets: npt.ArrayLike, start: HeatedState | None = None) -> Plan:
+    def plan(self, targets: npt.ArrayLike, start: HeatedState | None = None) -> PlannedPowers:
         """Powers that cost the least that was found, never more than inverse feedforward.
 
         Parameters
@@ -192,7 +192,7 @@ class Planner:
         best = min(tries, key=lambda plan: plan.cost)
         return replace(best, feedforward_cost=tries[0].cost)
 
-    def improve(self, plan: Plan, start: HeatedState | None = None) -> Plan:
+    def improve(self, plan: PlannedPowers, start: HeatedState | None = None) -> PlannedPowers:
         """The plan after one damped Gauss-Newton step on all its powers; never a worse one."""
         state = self._start(start)
         power = self._improved(plan.power, plan.targets, state, float(plan.power[0]))
@@ -200,7 +200,7 @@ class Planner:
         better = new if new.cost < plan.cost else plan
         return replace(better, feedforward_cost=plan.feedforward_cost)
 
-    def _receding(self, first: Plan, start: HeatedState) -> Plan:
+    def _receding(self, first: PlannedPowers, start: HeatedState) -> PlannedPowers:
         """Improve the powers of a horizon, keep the first of them, move on."""
         power, state = first.power.copy(), start
         before = state.power
@@ -286,11 +286,11 @@ class Planner:
         )
         return out
 
-    def _plan(self, power: FloatArray, wanted: FloatArray, state: HeatedState) -> Plan:
+    def _plan(self, power: FloatArray, wanted: FloatArray, state: HeatedState) -> PlannedPowers:
         y = self._angles(power[None], state)[0]
         changes = self._differences(power, state.power)
         cost = float(((y - wanted) ** 2).sum() + (changes**2).sum())
-        return Plan(power, y, wanted, cost, cost, self.interval)
+        return PlannedPowers(power, y, wanted, cost, cost, self.interval)
 
     def _differences(self, power: FloatArray, before: float) -> FloatArray:
         return np.asarray(self._weight * np.diff(power, prepend=before) / self.highest**2)
