@@ -17,6 +17,8 @@ NAMES = {
     *("Actuator", "Channel", "Prediction", "NextInput", "next_input", "design"),
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),
     *("fit_response", "Recursive", "representability", "Plan", "Store", "Setup", "run"),
+    *("HeatedWire", "identify_heating", "moving_levels"),
+    *("head_control", "HeadControl", "WireLimits", "Planner"),
     *("Record", "curvature_from_displacement", "displacement_from_curvature"),
     *("save", "load", "connect", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
