@@ -407,13 +407,11 @@ class Camera:
         rows, columns = (n // kernels.CELL for n in radiance.shape)
         cells = np.empty((rows, columns), dtype=np.float32)
         kernels.shrink(radiance, np.float32(most), cells)
-        near: npt.NDArray[np.float32] = ndimage.gaussian_filter(
-            cells, 1.5, mode="constant", truncate=3.0
-        )
+        near = ndimage.gaussian_filter(cells, 1.5, mode="constant", truncate=3.0)
         far = ndimage.uniform_filter(
             ndimage.uniform_filter(cells, 19, mode="constant"), 19, mode="constant"
         )
-        veil = self.sensor.veil_near * near + self.sensor.veil_far * far
+        veil = (self.sensor.veil_near * near + self.sensor.veil_far * far).astype(np.float32)
         # Cells have their middle between the nodes.
         padded = np.pad(veil, 1, mode="edge")
         nodes: npt.NDArray[np.float32] = 0.25 * (
