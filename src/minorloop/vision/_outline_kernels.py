@@ -14,6 +14,8 @@ SPACING = 0.5
 SAMPLES = 64
 _BANDS = (0.55, 0.4, 0.3, 0.25)
 _HARMONICS = 5
+_RINGS = (1.0, 0.7, 1.35)
+OUT = 17
 
 
 @njit(cache=True, nogil=True)
@@ -40,16 +42,36 @@ def _profiles(image, x, y, out):
 
 
 @njit(cache=True, nogil=True)
+def _middle(values, count):
+    """Median of the first numbers of values, which are sorted in place."""
+    for a in range(1, count):
+        value, b = values[a], a
+        while b > 0 and values[b - 1] > value:
+            values[b] = values[b - 1]
+            b -= 1
+        values[b] = value
+    return 0.5 * (values[(count - 1) // 2] + values[count // 2])
+
+
+@njit(cache=True, nogil=True)
 def _rises(profiles, sign, out):
-    """Rise of each profile over two texels, outwards for sign 1, into out."""
+    """Rise over two texels, outwards for sign 1, that half of the images share, into out.
+
+    ``profiles`` is (K, RAYS, SAMPLES). What moves from image to image, as reflections and
+    shadows do, leaves no rise.
+    """
+    values = np.empty(profiles.shape[0])
     for n in range(RAYS):
         for k in range(SAMPLES):
             out[n, k] = -1e9
-            if 2 <= k < SAMPLES - 2:
-                rise = profiles[n, k + 1] + profiles[n, k + 2]
-                rise -= profiles[n, k - 1] + profiles[n, k - 2]
-                if np.isfinite(rise):
-                    out[n, k] = 0.5 * sign * rise
+            if not 2 <= k < SAMPLES - 2:
+                continue
+            for m in range(values.size):
+                ray = profiles[m, n]
+                values[m] = 0.5 * sign * (ray[k + 1] + ray[k + 2] - ray[k - 1] - ray[k - 2])
+            middle = _middle(values, values.size)
+            if np.isfinite(middle):
+                out[n, k] = middle
 
 
 @njit(cache=True, nogil=True)
@@ -178,19 +200,19 @@ def _half_level(profiles, n, edge, inside, outside):
 
 
 @njit(cache=True, nogil=True)
-def outline(image, x, y, sign, least, most, out):
+def outline(images, x, y, sign, least, most, out):
     """Fit a round outline near (x, y) and describe it.
 
-    ``image`` is logarithmic, ``sign`` 1 for dark and -1 for bright, ``least`` and ``most`` bound
-    the radius in texels. ``out`` (10,) takes x, y, radius, relative size of the second harmonic,
-    relative scatter of the edges, share of rays whose edge is on the outline, and contrasts at
-    10, 25 and 50 % of the rays, and the level inside.
+    ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark and -1 for bright,
+    ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what ``describe``
+    says; NaN where there is none.
     """
-    profiles, rises = np.empty((RAYS, SAMPLES)), np.empty((RAYS, SAMPLES))
+    profiles, rises = np.empty((images.shape[0], RAYS, SAMPLES)), np.empty((RAYS, SAMPLES))
     edges, form = np.empty(RAYS), np.empty(RAYS)
     fit = np.zeros(_HARMONICS)
     for turn in range(4):
-        _profiles(image, x, y, profiles)
+        for m in range(images.shape[0]):
+            _profiles(images[m], x, y, profiles[m])
         _rises(profiles, sign, rises)
         if turn < 2:
             fit[:] = 0.0
@@ -207,78 +229,100 @@ def outline(image, x, y, sign, least, most, out):
         reach = np.sqrt(fit[1] ** 2 + fit[2] ** 2)
         shrink = min(1.0, 6.0 / max(reach, 1e-9))
         x, y = x + shrink * fit[1], y + shrink * fit[2]
-    _describe(image, x, y, sign, fit, out)
+    describe(images, x, y, sign, fit[0], fit[3], fit[4], out)
 
 
 @njit(cache=True, nogil=True)
-def _describe(image, x, y, sign, fit, out):
-    """Refine an outline at half level and say how good it is."""
-    profiles, edges = np.empty((RAYS, SAMPLES)), np.empty(RAYS)
-    _profiles(image, x, y, profiles)
-    fit[1] = fit[2] = 0.0
-    contrast, level = np.empty(RAYS), np.empty(RAYS)
+def _rim(profiles, sign, fit, out):
+    """Rises at the outline, into out (12 to 15): the share of rays on which half of the images
+    have one, on which all have one, on which half have one of the other sign, and how much more
+    there is at the outline than inside and outside of it.
+    """
+    count = profiles.shape[0]
+    values, sums = np.empty(count), np.zeros(3)
+    half, every, other, seen = 0, 0, 0, 0
     for n in range(RAYS):
-        near = max(_form(fit, n), 1.0)
-        inside, outside = _levels(profiles, n, near)
-        contrast[n] = sign * (outside - inside)
-        level[n] = inside
-        edges[n] = np.nan
-        if np.isfinite(contrast[n]) and contrast[n] > 0.05:
-            edges[n] = _half_level(profiles, n, near, inside, outside)
-    fit, count = _harmonics(edges, fit)
-    if count == 0:
-        out[:] = np.nan
-        return
+        form = max(_form(fit, n), 1.0)
+        unseen = False
+        for part in range(3):
+            r = form * _RINGS[part]
+            k0 = int(np.rint((r - FIRST) / SPACING))
+            for m in range(count):
+                best, worst = -1e9, 1e9
+                for k in range(max(k0 - 2, 2), min(k0 + 3, SAMPLES - 2)):
+                    ray = profiles[m, n]
+                    rise = 0.5 * sign * (ray[k + 1] + ray[k + 2] - ray[k - 1] - ray[k - 2])
+                    best, worst = max(best, rise), min(worst, rise)
+                values[m] = best
+                if part == 0 and best < -worst:
+                    values[m] = worst
+            middle = _middle(values, count)
+            if not (np.isfinite(middle) and abs(middle) < 1e6):
+                unseen = True
+                break
+            sums[part] += min(abs(middle), 0.5)
+            if part == 0:
+                seen += 1
+                half += middle > 0.1
+                other += middle < -0.1
+                every += values[0] > 0.1
+        if unseen:
+            continue
+    seen = max(seen, 1)
+    out[12], out[13], out[14] = half / seen, every / seen, other / seen
+    out[15] = (sums[0] - max(sums[1], sums[2])) / seen
+
+
+@njit(cache=True, nogil=True)
+def describe(images, x, y, sign, radius, c, s, out):
+    """Refine an outline, radius + c cos 2a + s sin 2a, at half level and say how good it is.
+
+    ``out`` (OUT,) takes x, y, radius, c, s, the relative scatter of the edges, the share of rays
+    whose edge is on the outline, the contrast at 10, 25 and 50 % of the rays, the contrast of
+    the means, and the mean level inside; NaN where fewer than half of the rays are seen. A ray
+    has an edge where half of the images have one.
+    """
+    count = images.shape[0]
+    profiles, edges = np.empty((count, RAYS, SAMPLES)), np.empty(RAYS)
+    for m in range(count):
+        _profiles(images[m], x, y, profiles[m])
+    fit = np.array([radius, 0.0, 0.0, c, s])
+    contrast, level = np.empty(RAYS), np.empty(RAYS)
+    contrasts, levels, found = np.empty(count), np.empty(count), np.empty(count)
+    for n in range(RAYS):
+        near, held = max(_form(fit, n), 1.0), 0
+        for m in range(count):
+            inside, outside = _levels(profiles[m], n, near)
+            contrasts[m], levels[m] = sign * (outside - inside), inside
+            if contrasts[m] > 0.05:
+                edge = _half_level(profiles[m], n, near, inside, outside)
+                if np.isfinite(edge):
+                    found[held] = edge
+                    held += 1
+        contrast[n] = _middle(contrasts, count)
+        level[n] = _middle(levels, count)
+        edges[n] = _middle(found, held) if 2 * held >= count and held > 0 else np.nan
+    fit, _ = _harmonics(edges, fit)
     seen, good, scatter = 0, 0, 0.0
     for n in range(RAYS):
         if not np.isfinite(contrast[n]):
             continue
         seen += 1
+        off = 0.3
         if np.isfinite(edges[n]):
-            off = abs(edges[n] - _form(fit, n)) / fit[0]
-            scatter += min(off, 0.3)
-            if off < 0.1:
-                good += 1
-        else:
-            scatter += 0.3
-    if seen < 24:
+            off = min(abs(edges[n] - _form(fit, n)) / fit[0], 0.3)
+        scatter += off
+        if off < 0.1:
+            good += 1
+    if seen < RAYS // 2:
         out[:] = np.nan
         return
     known = np.sort(contrast[np.isfinite(contrast)])
-    out[0], out[1] = x + fit[1], y + fit[2]
-    out[2] = fit[0]
-    out[3] = np.sqrt(fit[3] ** 2 + fit[4] ** 2) / fit[0]
-    out[4] = scatter / seen
-    out[5] = good / RAYS
-    out[6], out[7] = known[int(0.1 * seen)], known[int(0.25 * seen)]
-    out[8] = known[int(0.5 * seen)]
-    out[9] = np.median(level[np.isfinite(contrast)])
-
-
-@njit(cache=True, nogil=True)
-def disc_levels(image, x, y, radius, out):
-    """Into out (4,): mean and deviation within 0.7 radius, mean and deviation of a ring outside."""
-    sums = np.zeros((2, 3))
-    reach = 1.6 * radius
-    for i in range(int(y - reach), int(y + reach) + 2):
-        for j in range(int(x - reach), int(x + reach) + 2):
-            if not (0 <= i < image.shape[0] and 0 <= j < image.shape[1]):
-                continue
-            value = image[i, j]
-            if not np.isfinite(value):
-                continue
-            off = np.sqrt((j - x) ** 2 + (i - y) ** 2) / radius
-            if off <= 0.7:
-                part = 0
-            elif 1.25 <= off <= 1.6:
-                part = 1
-            else:
-                continue
-            sums[part, 0] += 1.0
-            sums[part, 1] += value
-            sums[part, 2] += value * value
-    for part in range(2):
-        count = max(sums[part, 0], 1.0)
-        mean = sums[part, 1] / count
-        out[2 * part] = mean
-        out[2 * part + 1] = np.sqrt(max(sums[part, 2] / count - mean * mean, 0.0))
+    out[0], out[1], out[2] = x + fit[1], y + fit[2], fit[0]
+    out[3], out[4] = fit[3], fit[4]
+    out[5], out[6] = scatter / seen, good / seen
+    out[7], out[8], out[9] = known[int(0.1 * seen)], known[int(0.25 * seen)], known[seen // 2]
+    out[10] = np.mean(known)
+    out[11] = np.mean(level[np.isfinite(contrast)])
+    _rim(profiles, sign, fit, out)
+    out[16] = known[int(0.9 * seen)]
