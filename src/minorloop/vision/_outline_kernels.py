@@ -54,8 +54,15 @@ def _middle(values, count):
 
 
 @njit(cache=True, nogil=True)
+def _rise(ray, k, sign):
+    """Rise of a ray about sample k over two texels; either way counts for sign 0."""
+    rise = 0.5 * (ray[k + 1] + ray[k + 2] - ray[k - 1] - ray[k - 2])
+    return abs(rise) if sign == 0.0 else sign * rise
+
+
+@njit(cache=True, nogil=True)
 def _rises(profiles, sign, out):
-    """Rise over two texels, outwards for sign 1, that half of the images share, into out.
+    """Rise over two texels that half of the images share, into out (RAYS, SAMPLES).
 
     ``profiles`` is (K, RAYS, SAMPLES). What moves from image to image, as reflections and
     shadows do, leaves no rise.
@@ -68,7 +75,7 @@ def _rises(profiles, sign, out):
                 continue
             for m in range(values.size):
                 ray = profiles[m, n]
-                values[m] = 0.5 * sign * (ray[k + 1] + ray[k + 2] - ray[k - 1] - ray[k - 2])
+                values[m] = _rise(ray, k, sign)
             middle = _middle(values, values.size)
             if np.isfinite(middle):
                 out[n, k] = middle
@@ -203,7 +210,7 @@ def _half_level(profiles, n, edge, inside, outside):
 def outline(images, x, y, sign, least, most, out):
     """Fit a round outline near (x, y) and describe it.
 
-    ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark and -1 for bright,
+    ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark, -1 for bright and 0 for either,
     ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what ``describe``
     says; NaN where there is none.
     """
@@ -250,8 +257,7 @@ def _rim(profiles, sign, fit, out):
             for m in range(count):
                 best, worst = -1e9, 1e9
                 for k in range(max(k0 - 2, 2), min(k0 + 3, SAMPLES - 2)):
-                    ray = profiles[m, n]
-                    rise = 0.5 * sign * (ray[k + 1] + ray[k + 2] - ray[k - 1] - ray[k - 2])
+                    rise = _rise(profiles[m, n], k, sign)
                     best, worst = max(best, rise), min(worst, rise)
                 values[m] = best
                 if part == 0 and best < -worst:
@@ -294,6 +300,8 @@ def describe(images, x, y, sign, radius, c, s, out):
         for m in range(count):
             inside, outside = _levels(profiles[m], n, near)
             contrasts[m], levels[m] = sign * (outside - inside), inside
+            if sign == 0.0:
+                contrasts[m] = abs(outside - inside)
             if contrasts[m] > 0.05:
                 edge = _half_level(profiles[m], n, near, inside, outside)
                 if np.isfinite(edge):
