@@ -193,7 +193,8 @@ def _half_level(profiles, n, edge, inside, outside):
     half = 0.5 * (np.exp(inside) + np.exp(outside))
     upwards = outside > inside
     best, at = 1e9, np.nan
-    for k in range(SAMPLES - 1):
+    first = max(int((0.7 * edge - FIRST) / SPACING) - 1, 0)
+    for k in range(first, min(int((1.3 * edge - FIRST) / SPACING) + 2, SAMPLES - 1)):
         a, b = np.exp(profiles[n, k]), np.exp(profiles[n, k + 1])
         if not (np.isfinite(a) and np.isfinite(b)):
             continue
