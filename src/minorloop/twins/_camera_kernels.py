@@ -436,6 +436,25 @@ def drag(radiance, du, dv, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
+def nudge(radiance, du, dv, out):
+    """As ``drag`` for a way of a pixel or so: by the second derivatives."""
+    rows, columns = radiance.shape
+    a, b, c = _F(du * du / 24.0), _F(dv * dv / 24.0), _F(du * dv / 48.0)
+    here = _ONE - _F(2.0) * (a + b)
+    for v in range(rows):
+        up, line, down = radiance[max(v - 1, 0)], radiance[v], radiance[min(v + 1, rows - 1)]
+        target = out[v]
+        target[0], target[columns - 1] = line[0], line[columns - 1]
+        for u in range(1, columns - 1):
+            target[u] = (
+                here * line[u]
+                + a * (line[u - 1] + line[u + 1])
+                + b * (up[u] + down[u])
+                + c * (up[u - 1] + down[u + 1] - up[u + 1] - down[u - 1])
+            )
+
+
+@njit(cache=True, nogil=True, fastmath=True)
 def _variances(fields, row, line):
     """Variance of the blur along one row of pixels."""
     i, share = row // CELL, _F(row % CELL) / _F(CELL)

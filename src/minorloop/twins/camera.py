@@ -33,6 +33,7 @@ NEAREST, FARTHEST = 4e-3, 60e-3
 _FOCUS_RATE = 250.0  # of 1/distance, in 1/m per second
 _FULL_SCALE = 100.0  # grey levels at radiance 1, 10 ms and gain 1
 _NOISE_BANK = 1 << 20
+_NUDGE = 2.5  # pixels
 _KINDS = {"pit": 0.0, "hole": 1.0, "white": 2.0}
 
 Bytes = npt.NDArray[np.uint8]
@@ -359,8 +360,10 @@ class Camera:
         """The image after motion and defocus."""
         du, dv = self._smear()
         if max(abs(du), abs(dv)) > 0.3:
-            kernels.drag(image, du, dv, self._spare)
-            image[:] = self._spare
+            move = kernels.nudge if max(abs(du), abs(dv)) < _NUDGE else kernels.drag
+            move(image, du, dv, self._spare)
+            image, self._spare = self._spare, image
+            self._image = image
         kernels.blur(image, fields, self._spare)
         return image
 

@@ -211,8 +211,8 @@ def _half_level(profiles, n, edge, inside, outside):
 def outline(images, x, y, sign, least, most, out):
     """Fit a round outline near (x, y) and describe it.
 
-    ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark, -1 for bright and 0 for either,
-    ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what ``describe``
+    ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark, -1 for bright and 0 for
+    either, ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what ``describe``
     says; NaN where there is none.
     """
     profiles, rises = np.empty((images.shape[0], RAYS, SAMPLES)), np.empty((RAYS, SAMPLES))
@@ -242,9 +242,11 @@ def outline(images, x, y, sign, least, most, out):
 
 @njit(cache=True, nogil=True)
 def _rim(profiles, sign, fit, out):
-    """Rises at the outline, into out (12 to 15): the share of rays on which half of the images
-    have one, on which all have one, on which half have one of the other sign, and how much more
-    there is at the outline than inside and outside of it.
+    """Describe the rises at an outline, into out (12 to 15).
+
+    These are the share of rays on which half of the images have one, on which all have one, on
+    which half have one of the other sign, and how much more there is at the outline than inside
+    and outside of it.
     """
     count = profiles.shape[0]
     values, sums = np.empty(count), np.zeros(3)

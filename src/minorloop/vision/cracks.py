@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -171,8 +172,8 @@ def _course(
         lengths.append(np.full(here.size, np.hypot(dy, dx)))
     pair = (np.concatenate(starts), np.concatenate(ends))
     size = (i.size, i.size)
-    near = sparse.csr_matrix((np.concatenate(lengths), pair), shape=size)
-    cheap = sparse.csr_matrix((np.concatenate(prices), pair), shape=size)
+    near: Any = sparse.csr_array((np.concatenate(lengths), pair), shape=size)
+    cheap: Any = sparse.csr_array((np.concatenate(prices), pair), shape=size)
     first = int(np.argmax(_reached(near, int(np.argmax(ridge[i, j])))))
     last = int(np.argmax(_reached(near, first)))
     _, before = csgraph.dijkstra(cheap, directed=False, indices=first, return_predecessors=True)
@@ -182,7 +183,7 @@ def _course(
     return np.stack([i[way], j[way]], axis=1)
 
 
-def _reached(graph: sparse.csr_matrix, start: int) -> FloatArray:
+def _reached(graph: Any, start: int) -> FloatArray:
     """Distance of each texel from one of them; -1 where there is no way."""
     far: FloatArray = csgraph.dijkstra(graph, directed=False, indices=start)
     return np.where(np.isfinite(far), far, -1.0)

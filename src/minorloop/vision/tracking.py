@@ -261,7 +261,7 @@ class Tracker:
         j0 = int(np.clip(2 * round(rough[0]) - 3, 0, max(area.shape[1] - self._cells - 6, 0)))
         n = self._cells + 6
         fine = _best(np.ascontiguousarray(area[i0 : i0 + n, j0 : j0 + n]), template)
-        return fine + np.array([j0, i0, 0.0])
+        return np.asarray(fine + np.array([j0, i0, 0.0]))
 
     def _far(
         self, state: TrackState, image: Image, expected: FloatArray, pan: float, tilt: float

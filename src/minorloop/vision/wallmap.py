@@ -118,7 +118,9 @@ def lay_flat(looks: Sequence[Look], eye: Eye) -> WallMap | None:
     if seen.sum() < _BLOCK**2:
         return None
     light = np.maximum(irradiance(eye, window, middle.pan, middle.tilt), _LEAST_LIGHT)
-    alone, full, dark = [], [], []
+    alone: list[Image32] = []
+    full: list[Image32] = []
+    dark: list[Image32] = []
     for look, flat in zip(looks, flats, strict=True):
         flat[~seen] = np.nan
         if not any(look.lights):
