@@ -1,0 +1,68 @@
+"""Compiled loops of the eyes: arrays in, arrays filled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_NEAR = 1e-4  # square of 10 mm
+
+
+@njit(cache=True, nogil=True)
+def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
+    """Lay an image flat, bilinearly; NaN where it does not show the wall.
+
+    ``rotation`` (3, 3) and ``position`` (3,) of the camera in the pipe, ``lens`` (focal length,
+    u, v, k1, k2) in pixels, ``least`` pixels for each metre.
+    """
+    rows, columns = flat.shape
+    focal, u0, v0, k1, k2 = lens
+    # Radii beyond which the polynomial of the lens may fold back into the image.
+    limit = 1.1 * max(max(u0, image.shape[1] - u0), 0.0) ** 2
+    limit = (limit + 1.1 * max(v0, image.shape[0] - v0) ** 2) / focal**2
+    for j in range(columns):
+        angle = phi + j * step / radius
+        nx, ny = np.cos(angle), np.sin(angle)
+        x, y = radius * nx - position[0], radius * ny - position[1]
+        cx = rotation[0, 0] * x + rotation[1, 0] * y
+        cy = rotation[0, 1] * x + rotation[1, 1] * y
+        cz = rotation[0, 2] * x + rotation[1, 2] * y
+        out = x * nx + y * ny
+        for i in range(rows):
+            along = z + i * step - position[2]
+            flat[i, j] = np.nan
+            depth = cz + rotation[2, 2] * along
+            if depth <= 1e-4:
+                continue
+            if focal * out < least * (x * x + y * y + along * along):
+                continue
+            a = (cx + rotation[2, 0] * along) / depth
+            b = (cy + rotation[2, 1] * along) / depth
+            square = a * a + b * b
+            if square > 1.5 * limit:
+                continue
+            scale = focal * (1.0 + square * (k1 + square * k2))
+            u, v = u0 + scale * a, v0 + scale * b
+            if u < 0.0 or v < 0.0 or u >= image.shape[1] - 1 or v >= image.shape[0] - 1:
+                continue
+            p, q = int(u), int(v)
+            su, sv = u - p, v - q
+            upper = (1.0 - su) * image[q, p] + su * image[q, p + 1]
+            lower = (1.0 - su) * image[q + 1, p] + su * image[q + 1, p + 1]
+            flat[i, j] = (1.0 - sv) * upper + sv * lower
+
+
+@njit(cache=True, nogil=True)
+def irradiance(light, phi, z, step, radius, leds):
+    """Cosine over squared distance of LEDs (N, 3) in the pipe, into light (N, rows, columns)."""
+    for j in range(light.shape[2]):
+        angle = phi + j * step / radius
+        nx, ny = np.cos(angle), np.sin(angle)
+        for k in range(light.shape[0]):
+            x, y = leds[k, 0] - radius * nx, leds[k, 1] - radius * ny
+            face = -(x * nx + y * ny)
+            flat = x * x + y * y
+            for i in range(light.shape[1]):
+                along = leds[k, 2] - z - i * step
+                square = flat + along * along
+                light[k, i, j] = _NEAR * face / (square * np.sqrt(square))

@@ -1,0 +1,339 @@
+"""Compiled loops that fit round outlines to unrolled images: arrays in, numbers out.
+
+A polar profile has ``RAYS`` rays; samples lie every ``SPACING`` texels from ``FIRST``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+RAYS = 48
+FIRST = 2.0
+SPACING = 0.5
+SAMPLES = 64
+_BANDS = (0.55, 0.4, 0.3, 0.25)
+_HARMONICS = 5
+_RINGS = (1.0, 0.7, 1.35)
+OUT = 17
+
+
+@njit(cache=True, nogil=True)
+def bilinear(image, x, y):
+    """Image at column x and row y; NaN outside."""
+    if not (x >= 0.0 and y >= 0.0 and x < image.shape[1] - 1 and y < image.shape[0] - 1):
+        return np.nan
+    j, i = int(x), int(y)
+    s, t = x - j, y - i
+    upper = (1.0 - s) * image[i, j] + s * image[i, j + 1]
+    lower = (1.0 - s) * image[i + 1, j] + s * image[i + 1, j + 1]
+    return (1.0 - t) * upper + t * lower
+
+
+@njit(cache=True, nogil=True)
+def _profiles(image, x, y, out):
+    """Sample rays from (x, y) into out (RAYS, SAMPLES)."""
+    for n in range(RAYS):
+        angle = 2.0 * np.pi * n / RAYS
+        c, s = np.cos(angle), np.sin(angle)
+        for k in range(SAMPLES):
+            r = FIRST + SPACING * k
+            out[n, k] = bilinear(image, x + r * c, y + r * s)
+
+
+@njit(cache=True, nogil=True)
+def _middle(values, count):
+    """Median of the first numbers of values, which are sorted in place."""
+    for a in range(1, count):
+        value, b = values[a], a
+        while b > 0 and values[b - 1] > value:
+            values[b] = values[b - 1]
+            b -= 1
+        values[b] = value
+    return 0.5 * (values[(count - 1) // 2] + values[count // 2])
+
+
+@njit(cache=True, nogil=True)
+def _rise(ray, k, sign):
+    """Rise of a ray about sample k over two texels; either way counts for sign 0."""
+    rise = 0.5 * (ray[k + 1] + ray[k + 2] - ray[k - 1] - ray[k - 2])
+    return abs(rise) if sign == 0.0 else sign * rise
+
+
+@njit(cache=True, nogil=True)
+def _rises(profiles, sign, out):
+    """Rise over two texels that half of the images share, into out (RAYS, SAMPLES).
+
+    ``profiles`` is (K, RAYS, SAMPLES). What moves from image to image, as reflections and
+    shadows do, leaves no rise.
+    """
+    values = np.empty(profiles.shape[0])
+    for n in range(RAYS):
+        for k in range(SAMPLES):
+            out[n, k] = -1e9
+            if not 2 <= k < SAMPLES - 2:
+                continue
+            for m in range(values.size):
+                ray = profiles[m, n]
+                values[m] = _rise(ray, k, sign)
+            middle = _middle(values, values.size)
+            if np.isfinite(middle):
+                out[n, k] = middle
+
+
+@njit(cache=True, nogil=True)
+def _common_radius(rises, least, most, cap):
+    """Radius at which most rays rise together."""
+    best, at = -1e9, 0.5 * (least + most)
+    for k in range(2, SAMPLES - 2):
+        r = FIRST + SPACING * k
+        if r < least or r > most:
+            continue
+        total = 0.0
+        for n in range(RAYS):
+            total += min(max(rises[n, k], 0.0), cap)
+        if total > best:
+            best, at = total, r
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _edges(rises, form, band, edges):
+    """Steepest radius of each ray within a band about the form (RAYS,), into edges; NaN if none."""
+    for n in range(RAYS):
+        edges[n] = np.nan
+        best, at = 0.02, -1
+        for k in range(2, SAMPLES - 2):
+            r = FIRST + SPACING * k
+            if abs(r - form[n]) <= band * form[n] and rises[n, k] > best:
+                best, at = rises[n, k], k
+        if at >= 0:
+            a, b, c = rises[n, at - 1], rises[n, at], rises[n, at + 1]
+            shift = 0.0
+            if a > -1e8 and c > -1e8 and a + c < 2.0 * b:
+                shift = 0.5 * (a - c) / (a - 2.0 * b + c)
+            edges[n] = FIRST + SPACING * (at + shift)
+
+
+@njit(cache=True, nogil=True)
+def _harmonics(edges, start):
+    """Robust fit of 1, cos, sin, cos 2, sin 2 to the edges (Tukey's weights)."""
+    fit = start.copy()
+    for _ in range(5):
+        scale = 0.0
+        count = 0
+        for n in range(RAYS):
+            if np.isfinite(edges[n]):
+                count += 1
+        if count < 12:
+            return fit, 0
+        residuals = np.empty(count)
+        m = 0
+        for n in range(RAYS):
+            if np.isfinite(edges[n]):
+                residuals[m] = abs(edges[n] - _form(fit, n))
+                m += 1
+        scale = max(1.48 * np.median(residuals), 0.25)
+        normal, right = np.zeros((_HARMONICS, _HARMONICS)), np.zeros(_HARMONICS)
+        for n in range(RAYS):
+            if not np.isfinite(edges[n]):
+                continue
+            off = (edges[n] - _form(fit, n)) / (4.7 * scale)
+            if abs(off) >= 1.0:
+                continue
+            weight = (1.0 - off * off) ** 2
+            angle = 2.0 * np.pi * n / RAYS
+            basis = np.array(
+                [1.0, np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)]
+            )
+            for a in range(_HARMONICS):
+                right[a] += weight * basis[a] * edges[n]
+                for b in range(_HARMONICS):
+                    normal[a, b] += weight * basis[a] * basis[b]
+        for a in range(_HARMONICS):
+            normal[a, a] += 1e-3
+            right[a] += 1e-3 * fit[a]
+        for a in range(3, _HARMONICS):
+            normal[a, a] += 4.0
+        fit = np.linalg.solve(normal, right)
+    return fit, count
+
+
+@njit(cache=True, nogil=True)
+def _form(fit, n):
+    """Radius of the fitted outline on ray n."""
+    angle = 2.0 * np.pi * n / RAYS
+    out = fit[0] + fit[1] * np.cos(angle) + fit[2] * np.sin(angle)
+    return out + fit[3] * np.cos(2 * angle) + fit[4] * np.sin(2 * angle)
+
+
+@njit(cache=True, nogil=True)
+def _levels(profiles, n, edge):
+    """Mean within 0.35 to 0.75 and from 1.2 to 1.5 of the edge of one ray."""
+    inside, outside, count_in, count_out = 0.0, 0.0, 0, 0
+    for k in range(SAMPLES):
+        ratio = (FIRST + SPACING * k) / edge
+        value = profiles[n, k]
+        if not np.isfinite(value):
+            continue
+        if 0.35 <= ratio <= 0.75:
+            inside += value
+            count_in += 1
+        elif 1.2 <= ratio <= 1.5:
+            outside += value
+            count_out += 1
+    if count_in == 0 or count_out == 0:
+        return np.nan, np.nan
+    return inside / count_in, outside / count_out
+
+
+@njit(cache=True, nogil=True)
+def _half_level(profiles, n, edge, inside, outside):
+    """Radius near the edge where the linear level is half way from inside to outside."""
+    half = 0.5 * (np.exp(inside) + np.exp(outside))
+    upwards = outside > inside
+    best, at = 1e9, np.nan
+    first = max(int((0.7 * edge - FIRST) / SPACING) - 1, 0)
+    for k in range(first, min(int((1.3 * edge - FIRST) / SPACING) + 2, SAMPLES - 1)):
+        a, b = np.exp(profiles[n, k]), np.exp(profiles[n, k + 1])
+        if not (np.isfinite(a) and np.isfinite(b)):
+            continue
+        if (upwards and a <= half < b) or (not upwards and a >= half > b):
+            r = FIRST + SPACING * (k + (half - a) / (b - a))
+            if abs(r - edge) < best:
+                best, at = abs(r - edge), r
+    if best > 0.3 * edge:
+        return np.nan
+    return at
+
+
+@njit(cache=True, nogil=True)
+def outline(images, x, y, sign, least, most, out):
+    """Fit a round outline near (x, y) and describe it.
+
+    ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark, -1 for bright and 0 for
+    either, ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what ``describe``
+    says; NaN where there is none.
+    """
+    profiles, rises = np.empty((images.shape[0], RAYS, SAMPLES)), np.empty((RAYS, SAMPLES))
+    edges, form = np.empty(RAYS), np.empty(RAYS)
+    fit = np.zeros(_HARMONICS)
+    for turn in range(4):
+        for m in range(images.shape[0]):
+            _profiles(images[m], x, y, profiles[m])
+        _rises(profiles, sign, rises)
+        if turn < 2:
+            fit[:] = 0.0
+            fit[0] = _common_radius(rises, least, most, 0.6)
+        else:
+            fit[1] = fit[2] = 0.0
+        for n in range(RAYS):
+            form[n] = max(_form(fit, n), 1.0)
+        _edges(rises, form, _BANDS[turn], edges)
+        fit, count = _harmonics(edges, fit)
+        if count == 0 or not 0.3 * least < fit[0] < 2.0 * most:
+            out[:] = np.nan
+            return
+        reach = np.sqrt(fit[1] ** 2 + fit[2] ** 2)
+        shrink = min(1.0, 6.0 / max(reach, 1e-9))
+        x, y = x + shrink * fit[1], y + shrink * fit[2]
+    describe(images, x, y, sign, fit[0], fit[3], fit[4], out)
+
+
+@njit(cache=True, nogil=True)
+def _rim(profiles, sign, fit, out):
+    """Describe the rises at an outline, into out (12 to 15).
+
+    These are the share of rays on which half of the images have one, on which all have one, on
+    which half have one of the other sign, and how much more there is at the outline than inside
+    and outside of it.
+    """
+    count = profiles.shape[0]
+    values, sums = np.empty(count), np.zeros(3)
+    half, every, other, seen = 0, 0, 0, 0
+    for n in range(RAYS):
+        form = max(_form(fit, n), 1.0)
+        unseen = False
+        for part in range(3):
+            r = form * _RINGS[part]
+            k0 = int(np.rint((r - FIRST) / SPACING))
+            for m in range(count):
+                best, worst = -1e9, 1e9
+                for k in range(max(k0 - 2, 2), min(k0 + 3, SAMPLES - 2)):
+                    rise = _rise(profiles[m, n], k, sign)
+                    best, worst = max(best, rise), min(worst, rise)
+                values[m] = best
+                if part == 0 and best < -worst:
+                    values[m] = worst
+            middle = _middle(values, count)
+            if not (np.isfinite(middle) and abs(middle) < 1e6):
+                unseen = True
+                break
+            sums[part] += min(abs(middle), 0.5)
+            if part == 0:
+                seen += 1
+                half += middle > 0.1
+                other += middle < -0.1
+                every += values[0] > 0.1
+        if unseen:
+            continue
+    seen = max(seen, 1)
+    out[12], out[13], out[14] = half / seen, every / seen, other / seen
+    out[15] = (sums[0] - max(sums[1], sums[2])) / seen
+
+
+@njit(cache=True, nogil=True)
+def describe(images, x, y, sign, radius, c, s, out):
+    """Refine an outline, radius + c cos 2a + s sin 2a, at half level and say how good it is.
+
+    ``out`` (OUT,) takes x, y, radius, c, s, the relative scatter of the edges, the share of rays
+    whose edge is on the outline, the contrast at 10, 25 and 50 % of the rays, the contrast of
+    the means, and the mean level inside; NaN where fewer than half of the rays are seen. A ray
+    has an edge where half of the images have one.
+    """
+    count = images.shape[0]
+    profiles, edges = np.empty((count, RAYS, SAMPLES)), np.empty(RAYS)
+    for m in range(count):
+        _profiles(images[m], x, y, profiles[m])
+    fit = np.array([radius, 0.0, 0.0, c, s])
+    contrast, level = np.empty(RAYS), np.empty(RAYS)
+    contrasts, levels, found = np.empty(count), np.empty(count), np.empty(count)
+    for n in range(RAYS):
+        near, held = max(_form(fit, n), 1.0), 0
+        for m in range(count):
+            inside, outside = _levels(profiles[m], n, near)
+            contrasts[m], levels[m] = sign * (outside - inside), inside
+            if sign == 0.0:
+                contrasts[m] = abs(outside - inside)
+            if contrasts[m] > 0.05:
+                edge = _half_level(profiles[m], n, near, inside, outside)
+                if np.isfinite(edge):
+                    found[held] = edge
+                    held += 1
+        contrast[n] = _middle(contrasts, count)
+        level[n] = _middle(levels, count)
+        edges[n] = _middle(found, held) if 2 * held >= count and held > 0 else np.nan
+    fit, _ = _harmonics(edges, fit)
+    seen, good, scatter = 0, 0, 0.0
+    for n in range(RAYS):
+        if not np.isfinite(contrast[n]):
+            continue
+        seen += 1
+        off = 0.3
+        if np.isfinite(edges[n]):
+            off = min(abs(edges[n] - _form(fit, n)) / fit[0], 0.3)
+        scatter += off
+        if off < 0.1:
+            good += 1
+    if seen < RAYS // 2:
+        out[:] = np.nan
+        return
+    known = np.sort(contrast[np.isfinite(contrast)])
+    out[0], out[1], out[2] = x + fit[1], y + fit[2], fit[0]
+    out[3], out[4] = fit[3], fit[4]
+    out[5], out[6] = scatter / seen, good / seen
+    out[7], out[8], out[9] = known[int(0.1 * seen)], known[int(0.25 * seen)], known[seen // 2]
+    out[10] = np.mean(known)
+    out[11] = np.mean(level[np.isfinite(contrast)])
+    _rim(profiles, sign, fit, out)
+    out[16] = known[int(0.9 * seen)]

@@ -1,0 +1,102 @@
+"""Compiled loops that look for a patch of the wall: arrays in, arrays filled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_LEAST_SEEN = 0.7
+
+
+@njit(cache=True, nogil=True)
+def shrink(fine, coarse):
+    """Means of 2 by 2 texels; NaN where one of them is."""
+    for i in range(coarse.shape[0]):
+        for j in range(coarse.shape[1]):
+            coarse[i, j] = 0.25 * (
+                fine[2 * i, 2 * j]
+                + fine[2 * i + 1, 2 * j]
+                + fine[2 * i, 2 * j + 1]
+                + fine[2 * i + 1, 2 * j + 1]
+            )
+
+
+@njit(cache=True, nogil=True)
+def levels(flat, out):
+    """Logarithm of grey levels, so that light becomes a sum; NaN stays."""
+    for i in range(flat.shape[0]):
+        for j in range(flat.shape[1]):
+            out[i, j] = np.log(flat[i, j] + np.float32(4.0))
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _sums(area, seen, template, i, j, out):
+    """Sums over one place: texels seen, a, a a, t, t t, a t; what is not seen counts as 0."""
+    count, a, aa = np.float32(0), np.float32(0), np.float32(0)
+    t, tt, at = np.float32(0), np.float32(0), np.float32(0)
+    for k in range(template.shape[0]):
+        row, known, model = area[i + k], seen[i + k], template[k]
+        for m in range(template.shape[1]):
+            value, weight, form = row[j + m], known[j + m], model[m]
+            count += weight
+            a += value
+            aa += value * value
+            t += weight * form
+            tt += weight * form * form
+            at += value * form
+    out[0], out[1], out[2], out[3], out[4], out[5] = count, a, aa, t, tt, at
+
+
+@njit(cache=True, nogil=True)
+def correlate(area, template, scores):
+    """Normalised correlation of a template (n, m) with each place of an area, into scores.
+
+    What is NaN in the area is left out of both; -1 where less than 70 % is seen, or where
+    nothing varies.
+    """
+    known = np.zeros(area.shape, np.float32)
+    filled = np.zeros(area.shape, np.float32)
+    total, count = 0.0, 0
+    for i in range(area.shape[0]):
+        for j in range(area.shape[1]):
+            if np.isfinite(area[i, j]):
+                total += area[i, j]
+                count += 1
+    middle = np.float32(total / max(count, 1))
+    for i in range(area.shape[0]):
+        for j in range(area.shape[1]):
+            if np.isfinite(area[i, j]):
+                known[i, j] = 1.0
+                filled[i, j] = area[i, j] - middle
+    sums = np.empty(6)
+    whole = template.shape[0] * template.shape[1]
+    for i in range(scores.shape[0]):
+        for j in range(scores.shape[1]):
+            _sums(filled, known, template, i, j, sums)
+            scores[i, j] = -1.0
+            n = sums[0]
+            if n < _LEAST_SEEN * whole:
+                continue
+            va = sums[2] - sums[1] * sums[1] / n
+            vt = sums[4] - sums[3] * sums[3] / n
+            if va > 1e-3 * n * 0.01 and vt > 1e-6 * n:
+                scores[i, j] = (sums[5] - sums[1] * sums[3] / n) / np.sqrt(va * vt)
+
+
+@njit(cache=True, nogil=True)
+def peak(scores, out):
+    """Into out (3,): column, row and height of the highest score, by a parabola each way."""
+    best, i0, j0 = -2.0, 0, 0
+    for i in range(scores.shape[0]):
+        for j in range(scores.shape[1]):
+            if scores[i, j] > best:
+                best, i0, j0 = scores[i, j], i, j
+    out[0], out[1], out[2] = j0, i0, best
+    if 0 < j0 < scores.shape[1] - 1:
+        a, c = scores[i0, j0 - 1], scores[i0, j0 + 1]
+        if a > -1.0 and c > -1.0 and a + c < 2.0 * best:
+            out[0] += 0.5 * (a - c) / (a - 2.0 * best + c)
+    if 0 < i0 < scores.shape[0] - 1:
+        a, c = scores[i0 - 1, j0], scores[i0 + 1, j0]
+        if a > -1.0 and c > -1.0 and a + c < 2.0 * best:
+            out[1] += 0.5 * (a - c) / (a - 2.0 * best + c)
