@@ -1,0 +1,370 @@
+"""Rays, cylinders, pinholes and rotations: pure functions that twins and eyes share.
+
+Two frames are used throughout. In the camera's, x points right, y down and z along the optical
+axis. In the pipe's, z is the axis of the pipe, and a point of the wall is (phi, z), at
+``(R cos phi, R sin phi, z)``. The head turns about a pivot: first the tilt about the x axis of
+the camera, then the pan about the y axis of the base, so R = Ry(pan) Rx(tilt). Positive pan looks
+right and positive tilt looks up; both are zero along the pipe. Lengths are in metres, angles in
+radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+
+_NEWTON_STEPS = 40
+
+
+def rotation_x(angle: float) -> FloatArray:
+    """(3, 3) rotation about x, in radians."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def rotation_y(angle: float) -> FloatArray:
+    """(3, 3) rotation about y, in radians."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def rotation_z(angle: float) -> FloatArray:
+    """(3, 3) rotation about z, in radians."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def pan_tilt(pan: float, tilt: float) -> FloatArray:
+    """(3, 3) rotation Ry(pan) Rx(tilt) that takes directions from the camera to the base."""
+    return rotation_y(pan) @ rotation_x(tilt)
+
+
+def pan_tilt_of(axis: npt.ArrayLike) -> tuple[float, float]:
+    """Pan and tilt, in radians, that turn the optical axis to a (3,) direction in the base."""
+    x, y, z = np.asarray(axis, dtype=np.float64)
+    return float(np.arctan2(x, z)), float(np.arctan2(-y, np.hypot(x, z)))
+
+
+def body_rates(tilt: float) -> FloatArray:
+    """(3, 2) matrix from the rates of pan and tilt to the angular velocity in the camera.
+
+    The columns are those of pan and of tilt; from R^T dR of R = Ry(pan) Rx(tilt).
+    """
+    return np.array([[0.0, 1.0], [np.cos(tilt), 0.0], [-np.sin(tilt), 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a camera is in the pipe and how it is turned.
+
+    Parameters
+    ----------
+    rotation : (3, 3) array
+        Takes directions from the camera to the pipe.
+    position : (3,) array
+        The centre of the lens in the pipe, in metres.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+
+    def to_pipe(self, points: npt.ArrayLike) -> FloatArray:
+        """Points (..., 3) in the camera, as points in the pipe."""
+        moved: FloatArray = np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position
+        return moved
+
+    def to_camera(self, points: npt.ArrayLike) -> FloatArray:
+        """Points (..., 3) in the pipe, as points in the camera."""
+        moved: FloatArray = (np.asarray(points, dtype=np.float64) - self.position) @ self.rotation
+        return moved
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How the head sits in the pipe.
+
+    Parameters
+    ----------
+    lever : float
+        From the pivot to the lens along the optical axis, in metres.
+    offset : (float, float)
+        The pivot off the axis of the pipe, along x and y of the pipe, in metres.
+    roll : float
+        Of the base about the axis of the pipe, in radians.
+    advance : float
+        Position of the pivot along the pipe, in metres.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite.
+    """
+
+    lever: float = 8e-3
+    offset: tuple[float, float] = (0.0, 0.0)
+    roll: float = 0.0
+    advance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in (
+            ("lever", self.lever),
+            ("offset along x", self.offset[0]),
+            ("offset along y", self.offset[1]),
+            ("roll", self.roll),
+            ("advance", self.advance),
+        ):
+            as_finite(name, value)
+
+    def pose(self, pan: float, tilt: float) -> Pose:
+        """Where the lens is with the head at a pan and a tilt, in radians."""
+        rotation = rotation_z(self.roll) @ pan_tilt(pan, tilt)
+        pivot = np.array([self.offset[0], self.offset[1], self.advance])
+        return Pose(rotation, pivot + self.lever * rotation[:, 2])
+
+    def aim(self, point: npt.ArrayLike) -> tuple[float, float]:
+        """Pan and tilt, in radians, that centre a (3,) point of the pipe in the image.
+
+        The lens moves along the line from the pivot, so the lever does not matter.
+        """
+        pivot = np.array([self.offset[0], self.offset[1], self.advance])
+        return pan_tilt_of((np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(self.roll))
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera with radial distortion.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the image, in pixels; the centre of the first pixel is (0, 0).
+    focal : float
+        Focal length in pixels.
+    centre : (float, float)
+        Principal point (u, v), in pixels.
+    k1, k2 : float
+        Radial distortion: x_d = x (1 + k1 r^2 + k2 r^4).
+
+    Raises
+    ------
+    ParameterError
+        If a size or the focal length is not positive, or the distortion folds the image.
+
+    References
+    ----------
+    Brown, Close-range camera calibration, 1971.
+    """
+
+    width: int = 640
+    height: int = 480
+    focal: float = 520.0
+    centre: tuple[float, float] = (319.5, 239.5)
+    k1: float = 0.0
+    k2: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1 or not self.focal > 0:
+            raise ParameterError(
+                f"a camera of {self.width} by {self.height} pixels and focal length "
+                f"{self.focal}; give positive numbers"
+            )
+        edge = self._corner_radius()
+        radii = np.linspace(0.0, 1.05 * edge, 64)
+        slope = 1 + 3 * self.k1 * radii**2 + 5 * self.k2 * radii**4
+        reach = edge * (1 + self.k1 * edge**2 + self.k2 * edge**4)
+        if not (np.isfinite(slope).all() and slope.min() > 0 and reach > 0):
+            raise ParameterError(
+                f"distortion k1 {self.k1}, k2 {self.k2} folds the image; give smaller numbers"
+            )
+
+    def distort(self, points: npt.ArrayLike) -> FloatArray:
+        """Normalised coordinates (..., 2) as the lens moves them."""
+        plain = np.asarray(points, dtype=np.float64)
+        square = (plain**2).sum(axis=-1, keepdims=True)
+        moved: FloatArray = plain * (1 + square * (self.k1 + square * self.k2))
+        return moved
+
+    def undistort(self, points: npt.ArrayLike) -> FloatArray:
+        """Inverse of ``distort``, by Newton's method on the radius."""
+        moved = np.asarray(points, dtype=np.float64)
+        reach = np.sqrt((moved**2).sum(axis=-1, keepdims=True))
+        radius = reach.copy()
+        for _ in range(_NEWTON_STEPS):
+            square = radius**2
+            error = radius * (1 + square * (self.k1 + square * self.k2)) - reach
+            slope = 1 + square * (3 * self.k1 + 5 * self.k2 * square)
+            step = error / np.maximum(slope, 0.1)
+            radius = radius - step
+            if np.abs(step).max(initial=0.0) < 1e-15:
+                break
+        ratio = np.divide(radius, reach, out=np.ones_like(reach), where=reach > 1e-12)
+        plain: FloatArray = moved * ratio
+        return plain
+
+    def project(self, points: npt.ArrayLike) -> FloatArray:
+        """Pixels (..., 2) of points (..., 3) in the camera; NaN behind it."""
+        x = np.asarray(points, dtype=np.float64)
+        depth = np.where(x[..., 2:] > 0, x[..., 2:], np.nan)
+        return self.pixels(x[..., :2] / depth)
+
+    def pixels(self, points: npt.ArrayLike) -> FloatArray:
+        """Pixels (..., 2) of normalised coordinates (..., 2)."""
+        moved: FloatArray = self.focal * self.distort(points) + np.asarray(self.centre)
+        return moved
+
+    def normalised(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Normalised coordinates (..., 2), without distortion, of pixels (..., 2)."""
+        seen = np.asarray(pixels, dtype=np.float64)
+        return self.undistort((seen - np.asarray(self.centre)) / self.focal)
+
+    def rays(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Directions (..., 3) in the camera, with z = 1, of pixels (..., 2)."""
+        plain = self.normalised(pixels)
+        return np.concatenate([plain, np.ones_like(plain[..., :1])], axis=-1)
+
+    def project_jacobian(self, point: npt.ArrayLike) -> FloatArray:
+        """(2, 3) derivative of ``project`` at one (3,) point in front of the camera."""
+        x, y, z = np.asarray(point, dtype=np.float64)
+        a, b = x / z, y / z
+        square = a * a + b * b
+        scale = 1 + square * (self.k1 + square * self.k2)
+        slope = 2 * self.k1 + 4 * self.k2 * square
+        plain = np.array([a, b])
+        distorted = scale * np.eye(2) + slope * np.outer(plain, plain)
+        perspective = np.array([[1 / z, 0.0, -a / z], [0.0, 1 / z, -b / z]])
+        jacobian: FloatArray = self.focal * distorted @ perspective
+        return jacobian
+
+    def scaled(self, factor: float) -> Pinhole:
+        """The same camera with pixels ``1 / factor`` times as large."""
+        u, v = self.centre
+        return Pinhole(
+            round(self.width * factor),
+            round(self.height * factor),
+            self.focal * factor,
+            ((u + 0.5) * factor - 0.5, (v + 0.5) * factor - 0.5),
+            self.k1,
+            self.k2,
+        )
+
+    def _corner_radius(self) -> float:
+        """Radius, in normalised distorted coordinates, of the farthest corner."""
+        u, v = self.centre
+        across = max(abs(u), abs(self.width - 1 - u)) / self.focal
+        down = max(abs(v), abs(self.height - 1 - v)) / self.focal
+        return float(np.hypot(across, down))
+
+
+def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -> FloatArray:
+    """Where rays from inside a pipe meet its wall.
+
+    Parameters
+    ----------
+    origin : (3,) array_like
+        Where the rays start, inside the pipe.
+    directions : (..., 3) array_like
+        In the pipe; they need not have length 1.
+    radius : float
+        Of the pipe, in metres.
+
+    Returns
+    -------
+    (..., 3) array
+        phi in (-pi, pi], z in metres, and the length along the ray in units of the direction;
+        infinite along the axis.
+
+    Raises
+    ------
+    ParameterError
+        If the origin is not inside the pipe.
+
+    Notes
+    -----
+    The positive root of a s^2 + 2 b s + c = 0 with the components across the axis.
+    """
+    x0, y0, z0 = np.asarray(origin, dtype=np.float64)
+    inside = x0 * x0 + y0 * y0 - radius**2
+    if not inside < 0:
+        raise ParameterError(
+            f"the camera is {np.hypot(x0, y0):.4g} m off the axis of a pipe of radius "
+            f"{radius:.4g} m; it must be inside"
+        )
+    d = np.asarray(directions, dtype=np.float64)
+    a = d[..., 0] ** 2 + d[..., 1] ** 2
+    b = x0 * d[..., 0] + y0 * d[..., 1]
+    # The form without a in the denominator stays accurate along the axis.
+    denominator = b + np.sqrt(b * b - a * inside)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = np.where(denominator > 0, -inside / denominator, np.inf)
+        phi = np.arctan2(y0 + length * d[..., 1], x0 + length * d[..., 0])
+        z = np.where(d[..., 2] == 0, z0, z0 + length * d[..., 2])
+    return np.stack([phi, z, length], axis=-1)
+
+
+def meet_wall_jacobian(
+    origin: npt.ArrayLike, direction: npt.ArrayLike, radius: float
+) -> FloatArray:
+    """(2, 3) derivative of (phi, z) of ``meet_wall`` with respect to one (3,) direction.
+
+    The wall point moves by s (I - d n^T / (n . d)) along the wall, n its normal.
+    """
+    d = np.asarray(direction, dtype=np.float64)
+    phi, _, length = meet_wall(origin, d, radius)
+    normal = np.array([np.cos(phi), np.sin(phi), 0.0])
+    shift = length * (np.eye(3) - np.outer(d, normal) / (normal @ d))
+    around = np.array([-np.sin(phi), np.cos(phi), 0.0]) / radius
+    return np.stack([around @ shift, shift[2]])
+
+
+def wall_point(phi: npt.ArrayLike, z: npt.ArrayLike, radius: float) -> FloatArray:
+    """Points (..., 3) of the wall at phi in radians and z in metres."""
+    angle, along = np.broadcast_arrays(
+        np.asarray(phi, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    )
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), along], axis=-1)
+
+
+def wrapped(angle: npt.ArrayLike) -> FloatArray:
+    """Angles brought into [-pi, pi)."""
+    turned: FloatArray = (np.asarray(angle, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
+    return turned
+
+
+def cone_half_angle(lever: float, nose: float, radius: float, eccentricity: float = 0.0) -> float:
+    """Largest deflection, in radians, before the nose of the head touches the wall.
+
+    Parameters
+    ----------
+    lever : float
+        From the pivot to the front face, in metres.
+    nose : float
+        Radius of the front face, in metres.
+    radius : float
+        Of the pipe, in metres.
+    eccentricity : float
+        Of the pivot, towards the wall, in metres.
+
+    Notes
+    -----
+    The rim of the face is lever sin(a) + nose cos(a) off the axis; that must not pass
+    radius - eccentricity. A quarter turn is the most that is given.
+
+    Raises
+    ------
+    ParameterError
+        If the head does not fit even when it is straight.
+    """
+    room = radius - eccentricity
+    if not 0 < nose < room:
+        raise ParameterError(
+            f"a nose of radius {nose:.4g} m has {room:.4g} m of room; the head does not fit"
+        )
+    reach = float(np.hypot(lever, nose))
+    if room >= reach:
+        return float(np.pi / 2)
+    return float(np.arcsin(room / reach) - np.arctan2(nose, lever))
