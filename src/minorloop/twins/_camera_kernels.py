@@ -1,0 +1,524 @@
+"""Compiled loops of the camera: arrays in, arrays out.
+
+Rays meet the wall exactly at nodes every ``CELL`` pixels; ``fields`` (F, V, U) float32 holds what
+varies smoothly there, and a row of pixels lies on straight lines between them:
+
+0 phi, 1 z, 2 width of a pixel on the wall, 3 variance of the blur in square pixels,
+4 light by way of the other walls, 5 and 6 slopes of the ray into the wall around and along,
+and then six for each LED that is on: irradiance along the normal, around and along the pipe,
+slopes around and along at which the wall mirrors the LED, weight of that reflection.
+
+Lengths are in metres; irradiance is that at 10 mm, squarely, for 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+CELL = 8
+COMMON = 7
+PER_LED = 6
+
+_F = np.float32
+_ZERO, _HALF, _ONE = _F(0.0), _F(0.5), _F(1.0)
+_NEAR = 1e-4  # square of 10 mm
+_FARTHEST = 0.15
+
+
+@njit(cache=True, nogil=True)
+def fill_nodes(rays, rotations, positions, radius, leds, strengths, lobe, optics, fields):
+    """Meet the wall at the nodes.
+
+    ``rays`` (V, U, 3) in the camera, ``rotations`` (V, 3, 3) and ``positions`` (V, 3) of each row
+    of nodes, ``leds`` (N, 3) in the camera, ``optics`` (focal length in pixels, aperture, distance
+    in focus, least variance).
+    """
+    focal, aperture, focus, sharpest = optics
+    for i in range(rays.shape[0]):
+        turn, lens = rotations[i], positions[i]
+        inside = lens[0] ** 2 + lens[1] ** 2 - radius**2
+        sources = np.empty((leds.shape[0], 3))
+        for k in range(leds.shape[0]):
+            for a in range(3):
+                sources[k, a] = lens[a]
+                for b in range(3):
+                    sources[k, a] += turn[a, b] * leds[k, b]
+        for j in range(rays.shape[1]):
+            x, y, one = rays[i, j]
+            norm = np.sqrt(x * x + y * y + one * one)
+            dx = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * one) / norm
+            dy = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * one) / norm
+            dz = (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * one) / norm
+            flat, along = dx * dx + dy * dy, lens[0] * dx + lens[1] * dy
+            length = min(
+                -inside / (along + np.sqrt(along * along - flat * inside) + 1e-9), _FARTHEST
+            )
+            wx, wy, wz = lens[0] + length * dx, lens[1] + length * dy, lens[2] + length * dz
+            away = max(np.sqrt(wx * wx + wy * wy), 1e-4)
+            nx, ny = -wx / away, -wy / away
+            tx, ty = ny, -nx
+            facing = max(-(dx * nx + dy * ny), 0.03)
+            depth = length / norm
+            circle = focal * aperture * abs(1.0 / depth - 1.0 / focus)
+            fields[0, i, j] = np.arctan2(wy, wx)
+            fields[1, i, j] = wz
+            fields[2, i, j] = length / focal / facing**0.5
+            fields[3, i, j] = sharpest + circle * circle / 16.0
+            around = 0.0
+            fields[5, i, j] = (dx * tx + dy * ty) / facing
+            fields[6, i, j] = dz / facing
+            for k in range(leds.shape[0]):
+                lx, ly, lz = sources[k, 0] - wx, sources[k, 1] - wy, sources[k, 2] - wz
+                far = np.sqrt(lx * lx + ly * ly + lz * lz)
+                lx, ly, lz = lx / far, ly / far, lz / far
+                ahead = -(lx * turn[0, 2] + ly * turn[1, 2] + lz * turn[2, 2])
+                power = strengths[k] * max(ahead, 0.0) ** lobe * _NEAR / far**2
+                hx, hy, hz = lx - dx, ly - dy, lz - dz
+                up = max(hx * nx + hy * ny, 0.05)
+                p, q = (hx * tx + hy * ty) / up, hz / up
+                face = lx * nx + ly * ny
+                around += power * far**2 / (far**2 + radius**2)
+                first = COMMON + PER_LED * k
+                fields[first, i, j] = power * max(face, 0.0)
+                fields[first + 1, i, j] = power * (lx * tx + ly * ty)
+                fields[first + 2, i, j] = power * lz
+                fields[first + 3, i, j] = p
+                fields[first + 4, i, j] = q
+                square = min((1.0 + p * p + q * q) ** 2, 20.0)
+                lit = min(max(face * 20.0, 0.0), 1.0)
+                fields[first + 5, i, j] = power * lit * square / (4.0 * facing)
+            fields[4, i, j] = around
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _unwrap(fields, i, j):
+    """Nodes of phi round a cell, without a jump: upper left and right, lower left and right."""
+    turn = _F(2 * np.pi)
+    a, b = fields[0, i, j], fields[0, i, j + 1]
+    c, d = fields[0, i + 1, j], fields[0, i + 1, j + 1]
+    b += turn * np.rint((a - b) / turn)
+    c += turn * np.rint((a - c) / turn)
+    d += turn * np.rint((a - d) / turn)
+    return a, b, c, d
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _rows_between(fields, row, edge, lines):
+    """Fields along a row of pixels, into lines (F, W), all but phi; edge (U,) is spare room."""
+    i, share = row // CELL, _F(row % CELL) / _F(CELL)
+    part = _ONE / _F(CELL)
+    for f in range(1, fields.shape[0]):
+        upper, lower, line = fields[f, i], fields[f, i + 1], lines[f]
+        for j in range(edge.size):
+            edge[j] = upper[j] + share * (lower[j] - upper[j])
+        for j in range(edge.size - 1):
+            left, slope = edge[j], (edge[j + 1] - edge[j]) * part
+            for k in range(CELL):
+                line[j * CELL + k] = left + slope * _F(k)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _look_up(fields, row, lines, texels, shapes, size, look):
+    """Albedo, slopes and gloss along a row, into look (4, W)."""
+    top = shapes.shape[0] - 1
+    i0, share = row // CELL, _F(row % CELL) / _F(CELL)
+    albedo, slope_around, slope_along, gloss = look[0], look[1], look[2], look[3]
+    z = lines[1]
+    for cell in range(fields.shape[2] - 1):
+        start = cell * CELL
+        wide = lines[2, start + CELL // 2] / size[0]
+        level = 0
+        while level < top and wide > _F(1.5):
+            wide *= _HALF
+            level += 1
+        first, rows, columns = shapes[level, 0], shapes[level, 1], shapes[level, 2]
+        scale = _ONE / _F(1 << level)
+        middle = _HALF - _HALF * scale  # texels of a coarser level sit between those below
+        along, turn, last = scale / size[1], _F(columns), _F(rows - 1)
+        a, b, c, d = _unwrap(fields, i0, cell)
+        a, b = a + share * (c - a), b + share * (d - b)
+        x0, xs = a * scale / size[2], (b - a) * scale / size[2] / _F(CELL)
+        x0 += (_ONE - np.floor(x0 / turn)) * turn - middle
+        for k in range(CELL):
+            u = np.uint64(start + k)
+            # Within a cell phi may pass pi, by less than a turn either way.
+            x = x0 + xs * _F(k)
+            x = x - turn if x >= turn else x
+            x = x - turn if x >= turn else x
+            y = min(max(z[u] * along - middle, _ZERO), last)
+            j, i = np.int64(x), np.int64(y)
+            sx, sy = x - _F(j), y - _F(i)
+            here = np.uint64(first + i * (columns + 1) + j)
+            below = here + np.uint64(columns + 1)
+            pa, pb = texels[here], texels[here + np.uint64(1)]
+            pc, pd = texels[below], texels[below + np.uint64(1)]
+            wd = sx * sy
+            wb, wc = sx - wd, sy - wd
+            wa = _ONE - sx - wc
+            albedo[u] = wa * pa[0] + wb * pb[0] + wc * pc[0] + wd * pd[0]
+            slope_around[u] = wa * pa[1] + wb * pb[1] + wc * pc[1] + wd * pd[1]
+            slope_along[u] = wa * pa[2] + wb * pb[2] + wc * pc[2] + wd * pd[2]
+            gloss[u] = wa * pa[3] + wb * pb[3] + wc * pc[3] + wd * pd[3]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _shade(lines, look, metal, spare, out):
+    """Radiance along a row; short loops, as the compiler makes vectors of those."""
+    around, along = _ONE / metal[2], _ONE / metal[3]
+    peak, ambient = metal[1] * around * along / _F(np.pi), metal[4]
+    albedo, a, b, gloss, others = look[0], look[1], look[2], look[3], lines[4]
+    for u in range(out.size):
+        albedo[u] *= metal[0]
+    for u in range(out.size):
+        out[u] = ambient * albedo[u] * others[u]
+    for u in range(out.size):
+        albedo[u] /= np.sqrt(_ONE + a[u] * a[u] + b[u] * b[u])
+    for k in range((lines.shape[0] - COMMON) // PER_LED):
+        first = COMMON + PER_LED * k
+        en, ea, ez = lines[first], lines[first + 1], lines[first + 2]
+        p, q, weight = lines[first + 3], lines[first + 4], lines[first + 5]
+        for u in range(out.size):
+            spare[u] = max(en[u] - a[u] * ea[u] - b[u] * ez[u], _ZERO)
+        for u in range(out.size):
+            out[u] += albedo[u] * spare[u]
+        for u in range(out.size):
+            s, t = (p[u] + a[u]) * around, (q[u] + b[u]) * along
+            spare[u] = _ONE + s * s + t * t
+        for u in range(out.size):
+            out[u] += peak * gloss[u] * weight[u] / (spare[u] * spare[u])
+
+
+@njit(cache=True, nogil=True)
+def shade(fields, texels, shapes, size, metal, radiance):
+    """Radiance (V, U) of the wall without its bores and cracks.
+
+    ``size`` is (texel around, texel along, angle of a texel), ``metal`` (diffuse, specular,
+    roughness around, roughness along, ambient), all float32.
+    """
+    lines = np.empty((fields.shape[0], radiance.shape[1]), np.float32)
+    look = np.empty((4, radiance.shape[1]), np.float32)
+    edge = np.empty(fields.shape[2], np.float32)
+    spare = np.empty(radiance.shape[1], np.float32)
+    for row in range(radiance.shape[0]):
+        _rows_between(fields, row, edge, lines)
+        _look_up(fields, row, lines, texels, shapes, size, look)
+        _shade(lines, look, metal, spare, radiance[row])
+
+
+@njit(cache=True, nogil=True)
+def _place_at(fields, v, u, slope):
+    """Phi and z of one pixel; their slopes over u and v, into slope (2, 2)."""
+    i, j = v // CELL, u // CELL
+    sv, su = (v % CELL) / CELL, (u % CELL) / CELL
+    a, b, c, d = _unwrap(fields, i, j)
+    phi = (1 - sv) * ((1 - su) * a + su * b) + sv * ((1 - su) * c + su * d)
+    slope[0, 0] = ((1 - sv) * (b - a) + sv * (d - c)) / CELL
+    slope[0, 1] = ((1 - su) * (c - a) + su * (d - b)) / CELL
+    a, b = fields[1, i, j], fields[1, i, j + 1]
+    c, d = fields[1, i + 1, j], fields[1, i + 1, j + 1]
+    slope[1, 0] = ((1 - sv) * (b - a) + sv * (d - c)) / CELL
+    slope[1, 1] = ((1 - su) * (c - a) + su * (d - b)) / CELL
+    return phi, (1 - sv) * ((1 - su) * a + su * b) + sv * ((1 - su) * c + su * d)
+
+
+@njit(cache=True, nogil=True)
+def _light_at(fields, v, u, out):
+    """The other fields at one pixel, into out (F,)."""
+    i, j = v // CELL, u // CELL
+    sv, su = (v % CELL) / CELL, (u % CELL) / CELL
+    for f in range(2, fields.shape[0]):
+        a, b = fields[f, i, j], fields[f, i, j + 1]
+        c, d = fields[f, i + 1, j], fields[f, i + 1, j + 1]
+        out[f] = (1 - sv) * ((1 - su) * a + su * b) + sv * ((1 - su) * c + su * d)
+
+
+@njit(cache=True, nogil=True)
+def _pixel_size(radius, slope, x, y, off):
+    """Width of a pixel on the wall in the direction (x, y), of length off."""
+    step_u = (radius * slope[0, 0] * x + slope[1, 0] * y) / off
+    step_v = (radius * slope[0, 1] * x + slope[1, 1] * y) / off
+    return np.sqrt(step_u * step_u + step_v * step_v) + 1e-12
+
+
+@njit(cache=True, nogil=True)
+def _turned(angle):
+    """An angle brought within half a turn of 0."""
+    return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
+
+
+@njit(cache=True, nogil=True)
+def _tilted(now, a, b, albedo, metal):
+    """Radiance of metal with slopes a and b."""
+    out = metal[0] * metal[4] * albedo * now[4]
+    for first in range(COMMON, now.size, PER_LED):
+        face = max(now[first] - a * now[first + 1] - b * now[first + 2], 0.0)
+        s, t = (now[first + 3] + a) / metal[2], (now[first + 4] + b) / metal[3]
+        wide = 1.0 + s * s + t * t
+        out += metal[0] * albedo * face / np.sqrt(1.0 + a * a + b * b)
+        out += metal[1] / (np.pi * metal[2] * metal[3]) * now[first + 5] / (wide * wide)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _in_bore(now, x, y, mouth, depth, lining, kind, brightness, metal):
+    """Radiance of what is seen through a mouth at (x, y) from its centre."""
+    if kind == 2:
+        light = metal[4] * now[4]
+        for first in range(COMMON, now.size, PER_LED):
+            light += now[first]
+        return metal[0] * brightness * light
+    wx, wy = now[5], now[6]
+    speed = wx * wx + wy * wy + 1e-12
+    part = x * wx + y * wy
+    reach = (-part + np.sqrt(max(part * part + speed * (mouth**2 - x * x - y * y), 0.0))) / speed
+    down = min(reach, depth)
+    px, py = x + down * wx, y + down * wy
+    at_side = reach < depth
+    out = 0.0
+    for first in range(COMMON, now.size, PER_LED):
+        face = now[first]
+        if face <= 0.0:
+            continue
+        lx, ly = px + down * now[first + 1] / face, py + down * now[first + 2] / face
+        edge = (mouth - np.sqrt(lx * lx + ly * ly)) / (0.04 * mouth)
+        lit = min(max(0.5 + edge, 0.0), 1.0)
+        if at_side:
+            cosine = max(-(px * now[first + 1] + py * now[first + 2]) / mouth, 0.0)
+            out += lining * lit * cosine
+        else:
+            out += brightness * lit * face
+    if at_side:
+        out += 0.3 * lining * metal[4] * now[4] * np.exp(-down / mouth)
+    else:
+        out += brightness * 0.3 * metal[4] * now[4]
+    return metal[0] * out
+
+
+@njit(cache=True, nogil=True)
+def add_bore(fields, radius, bore, box, metal, radiance):
+    """Lay a bore over the image, its edges weighted by how much of a pixel they cover.
+
+    ``bore`` is (phi, z, radius of the mouth, depth to the floor or to the exit, kind: 0 pit or
+    1 hole or 2 deposit, brightness, chamfer, slope of the chamfer, lining, light from behind),
+    ``box`` the pixels (first row, end, first column, end) that may see it.
+    """
+    phi0, z0, mouth, depth, kind, brightness, chamfer, incline, lining, behind = bore
+    now, slope = np.empty(fields.shape[0]), np.empty((2, 2))
+    for v in range(box[0], box[1]):
+        for u in range(box[2], box[3]):
+            phi, z = _place_at(fields, v, u, slope)
+            x, y = radius * _turned(phi - phi0), z - z0
+            off = np.sqrt(x * x + y * y) + 1e-12
+            pixel = _pixel_size(radius, slope, x, y, off)
+            outer = min(max(0.5 + (mouth + chamfer - off) / pixel, 0.0), 1.0)
+            if outer == 0.0:
+                continue
+            _light_at(fields, v, u, now)
+            inner = min(max(0.5 + (mouth - off) / pixel, 0.0), 1.0)
+            value = (1.0 - outer) * radiance[v, u]
+            if outer > inner:
+                a, b = incline * x / off, incline * y / off
+                value += (outer - inner) * _tilted(now, a, b, 1.0, metal)
+            if inner > 0.0:
+                value += inner * (
+                    _in_bore(now, x, y, mouth, depth, lining, kind, brightness, metal) + behind
+                )
+            radiance[v, u] = value
+
+
+@njit(cache=True, nogil=True)
+def add_crack(fields, radius, corners, albedo, box, metal, radiance):
+    """Lay a crack over the image; ``corners`` is (N, 3): phi, z, half the width."""
+    now, slope = np.empty(fields.shape[0]), np.empty((2, 2))
+    middle_z = 0.5 * (corners[:, 1].min() + corners[:, 1].max())
+    middle_phi = 0.5 * (corners[:, 0].min() + corners[:, 0].max())
+    high = middle_z - corners[:, 1].min() + 4e-4
+    wide = radius * (middle_phi - corners[:, 0].min()) + 4e-4
+    for v in range(box[0], box[1]):
+        for u in range(box[2], box[3]):
+            phi, z = _place_at(fields, v, u, slope)
+            turn = _turned(phi - middle_phi)
+            if abs(radius * turn) > wide or abs(z - middle_z) > high:
+                continue
+            most = 0.0
+            for n in range(corners.shape[0] - 1):
+                x, y = radius * (turn + middle_phi - corners[n, 0]), z - corners[n, 1]
+                ax = radius * (corners[n + 1, 0] - corners[n, 0])
+                ay = corners[n + 1, 1] - corners[n, 1]
+                along, cross = x * ax + y * ay, x * ay - y * ax
+                square = ax * ax + ay * ay
+                if cross * cross > square * 4e-7 or along < -4e-4 * square**0.5:
+                    continue
+                share = min(max(along / square, 0.0), 1.0)
+                x, y = x - share * ax, y - share * ay
+                off = np.sqrt(x * x + y * y) + 1e-12
+                half = corners[n, 2] + share * (corners[n + 1, 2] - corners[n, 2])
+                if off > half + 4e-4:
+                    continue
+                pixel = _pixel_size(radius, slope, x, y, off)
+                near = min(max(0.5 + (half - off) / pixel, 0.0), 1.0)
+                far = min(max(0.5 + (-half - off) / pixel, 0.0), 1.0)
+                most = max(most, near - far)
+            if most > 0.0:
+                _light_at(fields, v, u, now)
+                light = metal[4] * now[4]
+                for first in range(COMMON, now.size, PER_LED):
+                    light += now[first]
+                dark = metal[0] * albedo * light
+                radiance[v, u] = (1.0 - most) * radiance[v, u] + most * dark
+
+
+@njit(cache=True, nogil=True)
+def add_water(fields, radius, height, rays, rotations, positions, leds, strengths, lobe, radiance):
+    """Lay the surface of the water over what is below it: dull, with a mirrored spot an LED."""
+    slope, d, way = np.empty((2, 2)), np.empty(3), np.empty(3)
+    for v in range(radiance.shape[0]):
+        i = v // CELL
+        turn, lens = rotations[i], positions[i]
+        for u in range(radiance.shape[1]):
+            phi, _ = _place_at(fields, v, u, slope)
+            if radius * np.sin(phi) <= height:
+                continue
+            su, sv, j = (u % CELL) / CELL, (v % CELL) / CELL, u // CELL
+            d[:] = 0.0
+            for a in range(3):
+                for b in range(3):
+                    ray = (1 - sv) * ((1 - su) * rays[i, j, b] + su * rays[i, j + 1, b])
+                    ray += sv * ((1 - su) * rays[i + 1, j, b] + su * rays[i + 1, j + 1, b])
+                    d[a] += turn[a, b] * ray
+            d /= np.sqrt((d * d).sum())
+            length = min((height - lens[1]) / max(d[1], 1e-6), _FARTHEST)
+            value = 0.0
+            for k in range(leds.shape[0]):
+                far, ahead = 0.0, 0.0
+                for a in range(3):
+                    way[a] = lens[a] - (lens[a] + length * d[a])
+                    for b in range(3):
+                        way[a] += turn[a, b] * leds[k, b]
+                    far += way[a] * way[a]
+                way /= np.sqrt(far)
+                for a in range(3):
+                    ahead -= way[a] * turn[a, 2]
+                power = strengths[k] * max(ahead, 0.0) ** lobe * _NEAR / far
+                face = max(-way[1], 0.0)
+                half = way - d
+                up = max(-half[1], 0.05)
+                square = (half[0] ** 2 + half[2] ** 2) / (up * up * 0.05**2)
+                fresnel = 0.02 + 0.98 * (1.0 - min(d[1], 1.0)) ** 5
+                value += power * (0.06 * face + fresnel * 8.0 / (1.0 + square) ** 2)
+            radiance[v, u] = value
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def drag(radiance, du, dv, out):
+    """Average along the way (du, dv) in pixels that the image moves while the shutter is open."""
+    rows, columns = radiance.shape
+    taps = int(np.ceil(max(abs(du), abs(dv)))) + 1
+    out[:] = _ZERO
+    weight = _ONE / _F(taps)
+    for n in range(taps):
+        at = (n + 0.5) / taps - 0.5
+        x, y = at * du, at * dv
+        j, i = int(np.floor(x)), int(np.floor(y))
+        sx, sy = _F(x - j), _F(y - i)
+        for v in range(rows):
+            a = radiance[min(max(v + i, 0), rows - 1)]
+            b = radiance[min(max(v + i + 1, 0), rows - 1)]
+            for u in range(max(-j, 0), min(columns - 1 - j, columns)):
+                top = a[u + j] + sx * (a[u + j + 1] - a[u + j])
+                low = b[u + j] + sx * (b[u + j + 1] - b[u + j])
+                out[v, u] += weight * (top + sy * (low - top))
+            for u in range(max(-j, 0)):
+                out[v, u] += weight * a[0]
+            for u in range(min(columns - 1 - j, columns), columns):
+                out[v, u] += weight * a[columns - 1]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _variances(fields, row, line):
+    """Variance of the blur along one row of pixels."""
+    i, share = row // CELL, _F(row % CELL) / _F(CELL)
+    for j in range(fields.shape[2] - 1):
+        left = fields[3, i, j] + share * (fields[3, i + 1, j] - fields[3, i, j])
+        right = fields[3, i, j + 1] + share * (fields[3, i + 1, j + 1] - fields[3, i, j + 1])
+        slope = (right - left) / _F(CELL)
+        for k in range(CELL):
+            line[j * CELL + k] = left + slope * _F(k)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def blur(image, fields, spare):
+    """Blur in place by the variance in ``fields``: three taps, then again twice as far apart.
+
+    A pass with taps ``a, 1 - 2 a, a`` at distance d adds variance 2 a d^2; 0.3 is the most for a.
+    """
+    rows, columns = image.shape
+    most = _ZERO
+    for i in range(fields.shape[1]):
+        for j in range(fields.shape[2]):
+            most = max(most, fields[3, i, j])
+    line = np.empty(columns, np.float32)
+    gap, done = 1, _ZERO
+    while done < most and gap <= 8:
+        unit = _F(2 * gap * gap)
+        for v in range(rows):
+            _variances(fields, v, line)
+            source, target = image[v], spare[v]
+            for u in range(columns):
+                a = min(max((line[u] - done) / unit, _ZERO), _F(0.3))
+                line[u] = a
+            for u in range(gap):
+                target[u] = source[u]
+                target[columns - 1 - u] = source[columns - 1 - u]
+            for u in range(gap, columns - gap):
+                target[u] = source[u] + line[u] * (
+                    source[u - gap] + source[u + gap] - source[u] - source[u]
+                )
+        for v in range(rows):
+            _variances(fields, v, line)
+            up, here = spare[max(v - gap, 0)], spare[v]
+            down, target = spare[min(v + gap, rows - 1)], image[v]
+            for u in range(columns):
+                a = min(max((line[u] - done) / unit, _ZERO), _F(0.3))
+                target[u] = here[u] + a * (up[u] + down[u] - here[u] - here[u])
+        done += _F(0.3) * unit
+        gap *= 2
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def shrink(image, most, small):
+    """Means of cells, each pixel counted up to ``most``."""
+    for i in range(small.shape[0]):
+        for j in range(small.shape[1]):
+            total = _ZERO
+            for v in range(i * CELL, (i + 1) * CELL):
+                for u in range(j * CELL, (j + 1) * CELL):
+                    total += min(image[v, u], most)
+            small[i, j] = total / _F(CELL * CELL)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def expose(image, veil, dirt, scale, noise, starts, read, shot, out):
+    """Turn radiance into grey levels with noise.
+
+    ``veil`` (V, U) glare at nodes, ``dirt`` (H, W) what the lens lets through, ``noise`` (M,)
+    standard normal numbers of which each row takes a run from ``starts`` (H,), ``read`` standard
+    deviation in grey levels, ``shot`` variance per grey level.
+    """
+    columns = image.shape[1]
+    square = read * read
+    glare = np.empty(columns, np.float32)
+    for v in range(image.shape[0]):
+        i, share = v // CELL, _F(v % CELL) / _F(CELL)
+        for j in range(veil.shape[1] - 1):
+            left = veil[i, j] + share * (veil[i + 1, j] - veil[i, j])
+            right = veil[i, j + 1] + share * (veil[i + 1, j + 1] - veil[i, j + 1])
+            slope = (right - left) / _F(CELL)
+            for k in range(CELL):
+                glare[j * CELL + k] = left + slope * _F(k)
+        random = noise[starts[v] : starts[v] + columns]
+        for u in range(columns):
+            level = scale * dirt[v, u] * (image[v, u] + glare[u])
+            level += random[u] * np.sqrt(square + shot * level)
+            out[v, u] = np.uint8(min(max(level + _HALF, _ZERO), _F(255.0)))
