@@ -95,16 +95,17 @@ def wall_sum(table, steps, origins, axes, starts, spots, radius, half, step, k0,
 
 
 @njit(cache=True, nogil=True)
-def floors(squares, down, turns, depths, out):
-    """Sum over modes of i k_z a^2 exp(2 i k_z d): (D, K, F) for depths that step evenly.
-
-    ``squares`` are (K, F, M), ``down`` k_z (F, M), ``turns`` exp(2 i k_z step) (F, M).
-    """
+def floors(squares, first, turns, out):
+    """Add sums over modes (D, K, F) of squares (K, F, M) times ``first`` (F, M) turned D times."""
+    modes = squares.shape[2]
+    term = np.empty(modes, dtype=np.complex128)
     for b in range(squares.shape[0]):
         for f in range(squares.shape[1]):
-            for m in range(squares.shape[2]):
-                k = down[f, m]
-                term = 2j * k * squares[b, f, m] * np.exp(2j * k * depths[0])
-                for d in range(depths.size):
-                    out[d, b, f] += term
-                    term *= turns[f, m]
+            for m in range(modes):
+                term[m] = squares[b, f, m] * first[f, m]
+            for d in range(out.shape[0]):
+                total = 0j
+                for m in range(modes):
+                    total += term[m]
+                    term[m] *= turns[f, m]
+                out[d, b, f] += total

@@ -18,7 +18,7 @@ from minorloop.inspection.pitmodel import PitModel
 from minorloop.inspection.spectra import FAR, Spectra
 
 CENTRE = np.array([0.0, 0.0, 0.0, 0.6e-3, 1.0, 0.0, 0.0, 0.0])
-PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.03e-3])
+PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.04e-3])
 """Means and standard deviations of the unknowns before the scan, as in ``pitmodel.NAMES``."""
 _LOW = np.array([-4e-4, -4e-4, -0.4, 0.03e-3, 0.0, -0.2, -0.2, -1.5e-4])
 _HIGH = np.array([4e-4, 4e-4, 0.4, 1.4e-3, 2.0, 0.2, 0.2, 1.5e-4])
@@ -85,10 +85,12 @@ class JointFit:
         """Costs (D,) over evenly spaced depths, the other unknowns as they are."""
         x, y, size, _, gain, u, v, dish = unknowns
         pressure = self.model.mouth(x, y, size)
-        hole = self.model.plain - self.model.missing(pressure, size)
+        missing = self.model.missing(pressure, size)
         squares = self.model.squares(pressure, size, (u, v), dish)
         floors = self.model.floors(squares, size, depths)
-        return np.array([self.cost_of(hole + gain * floor) for floor in floors])
+        return np.array(
+            [self.cost_of(self.model.with_pit(missing, gain * floor)) for floor in floors]
+        )
 
     def cost_of(self, model: ComplexArray) -> float:
         """Cost of echoes (K, F) with the best shifts, without the prior."""
@@ -178,13 +180,14 @@ class JointFit:
         self, theta: FloatArray, model: ComplexArray, centre: FloatArray, prior: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Normal matrix and right side, the shift of each trace eliminated."""
-        scale = (np.sqrt(self._weights) / self.spectra.noise)[:, None]
-        turned = self.pulse * self._turn() * scale
-        left = self.spectra.heard * scale - model * turned
-        slopes = self.model.slopes(theta, _STEPS) * turned  # (P, K, F)
-        shifting = 2j * self._k * model * turned
+        near = self.model.near
+        scale = (np.sqrt(self._weights) / self.spectra.noise)[near, None]
+        turned = self.pulse * self._turn()[near] * scale
+        left = self.spectra.heard[near] * scale - model[near] * turned
+        slopes = self.model.slopes(theta, _STEPS) * turned  # (P, N, F)
+        shifting = 2j * self._k * model[near] * turned
         power = (np.abs(shifting) ** 2).sum(axis=1) + 1 / _SLIP**2
-        along = (np.conj(shifting) * slopes).real.sum(axis=2)  # (P, K)
+        along = (np.conj(shifting) * slopes).real.sum(axis=2)  # (P, N)
         rest = (np.conj(shifting) * left).real.sum(axis=1)
         flat = np.concatenate([slopes.real, slopes.imag], axis=2).reshape(len(_STEPS), -1)
         normal = flat @ flat.T - (along / power) @ along.T

@@ -102,6 +102,9 @@ class PitModel:
             self._origins, self._axes, self._starts, self.spots[:, :2].copy(), self.ear.radius
         )
         k = self.sound.wavenumbers
+        # Farther traces hear nothing of the pit.
+        hears = self.radius * 1.15 + self.sound.reach / 2
+        self.near = np.flatnonzero(np.linalg.norm(self.off(), axis=1) < hears)
         self._disc = unit_disc(round(_STEEPEST * float(k[-1]) * self.radius * 1.15, 0))
 
     def off(self) -> FloatArray:
@@ -110,7 +113,7 @@ class PitModel:
         return np.stack([self.ear.radius * around, self.spots[:, 1] - self.centre[1]], axis=1)
 
     def mouth(self, around: float, along: float, size: float) -> ComplexArray:
-        """Pressure (K, F, Q) on the mouth."""
+        """Pressure (N, F, Q) on the mouth, of the N beams near it."""
         a = self.radius * np.exp(size)
         x = around + a * self._disc.places[:, 0]
         z = self.centre[1] + along + a * self._disc.places[:, 1]
@@ -118,10 +121,11 @@ class PitModel:
         points = np.stack(
             [self.ear.radius * np.cos(phi), self.ear.radius * np.sin(phi), z], axis=1
         )
-        return self.sound.at(self._origins, self._axes, self._starts, points)
+        near = self.near
+        return self.sound.at(self._origins[near], self._axes[near], self._starts[near], points)
 
     def missing(self, pressure: ComplexArray, size: float) -> ComplexArray:
-        """What the wall does not send back (K, F) because of the mouth."""
+        """What the wall does not send back (N, F) because of the mouth."""
         area = (self.radius * np.exp(size)) ** 2 * self._disc.weights
         gone: ComplexArray = 2j * self.sound.wavenumbers * ((pressure * pressure) @ area)
         return gone
@@ -129,7 +133,7 @@ class PitModel:
     def squares(
         self, pressure: ComplexArray, size: float, tilt: tuple[float, float], dish: float
     ) -> ComplexArray:
-        """Squares (K, F, M) of the amplitudes of the modes, the shape of the floor in them."""
+        """Squares (N, F, M) of the amplitudes of the modes, the shape of the floor in them."""
         a = self.radius * np.exp(size)
         x, y = a * self._disc.places.T
         shape = tilt[0] * x + tilt[1] * y + dish * (1 - 2 * (x * x + y * y) / a**2)
@@ -146,29 +150,42 @@ class PitModel:
         return down
 
     def floors(self, squares: ComplexArray, size: float, depths: FloatArray) -> ComplexArray:
-        """Echoes (D, K, F) of a floor at evenly spaced depths, ringing of the steel included."""
+        """Echoes (D, N, F) of a floor at evenly spaced depths, ringing of the steel included."""
         down = self.down(size)
         step = float(depths[1] - depths[0]) if len(depths) > 1 else 0.0
         out = np.zeros((len(depths), *squares.shape[:2]), dtype=np.complex128)
-        kernels.floors(squares, down, np.exp(2j * down * step), depths, out)
+        first = 2j * down * np.exp(2j * down * float(depths[0]))
+        kernels.floors(squares, first, np.exp(2j * down * step), out)
         return out * np.array([self._ringing(float(depth)) for depth in depths])[:, None, :]
+
+    def with_pit(self, missing: ComplexArray, floor: ComplexArray) -> ComplexArray:
+        """Echoes (K, F) of the wall without its part over the mouth, and with a floor."""
+        whole = self.plain.copy()
+        whole[self.near] += floor - missing
+        return whole
 
     def echo(self, unknowns: FloatArray) -> ComplexArray:
         """Echoes (K, F) for the unknowns in the order of ``NAMES``."""
+        return self.with_pit(*self._parts(unknowns))
+
+    def _parts(self, unknowns: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         x, y, size, depth, gain, u, v, dish = unknowns
         pressure = self.mouth(x, y, size)
         floor = self._floor(self.squares(pressure, size, (u, v), dish), size, depth)
-        return self.plain - self.missing(pressure, size) + gain * floor
+        return self.missing(pressure, size), gain * floor
 
     def slopes(self, unknowns: FloatArray, steps: FloatArray) -> ComplexArray:
-        """Derivatives (8, K, F) of ``echo`` by differences, reusing what does not change."""
+        """Derivatives (8, N, F) of the near echoes by differences, reusing what stays."""
         x, y, size, depth, gain, u, v, dish = unknowns
         pressure = self.mouth(x, y, size)
         squares = self.squares(pressure, size, (u, v), dish)
         floor = self._floor(squares, size, depth)
-        here = self.plain - self.missing(pressure, size) + gain * floor
+        missing = self.missing(pressure, size)
         moves = np.diag(steps)
-        columns = [(self.echo(unknowns + moves[n]) - here) / steps[n] for n in range(3)]
+        columns = []
+        for n in range(3):
+            less, more = self._parts(unknowns + moves[n])
+            columns.append((more - less - gain * floor + missing) / steps[n])
         deeper = self._floor(squares, size, depth + steps[3])
         columns += [gain * (deeper - floor) / steps[3], floor]
         for n in range(5, 8):

@@ -24,6 +24,7 @@ _FEWEST_INSIDE = 3
 _STARTS = 2
 _NOTICED = 0.05
 _OPEN, _UNEVEN, _UNSURE = 0.1, 0.6, 0.88
+_DISHES = (0.03e-3, 0.05e-3, 0.065e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
 
 
@@ -158,9 +159,11 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
     best = fit.solve(first.unknowns)
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
-    best = _better(fit, best, _starts(fit, flat, float(best.unknowns[3])))
+    taken = float(best.unknowns[3])
+    best = _better(fit, best, _dips(fit, flat, taken) + _dished(fit, flat, _DISHES[:2], 1))
     if best.unknowns[4] < _UNSURE:
-        best = _better(fit, best, _tilted(fit, best.unknowns))
+        starts = _tilted(fit, best.unknowns) + _dished(fit, flat, _DISHES, 2 * _STARTS)
+        best = _better(fit, best, starts)
     fit.refine_pulse(best.unknowns)
     return fit.solve(best.unknowns)
 
@@ -174,17 +177,40 @@ def _better(fit: JointFit, best: Solution, starts: list[FloatArray]) -> Solution
     return min(best, fit.solve(other.unknowns), key=lambda solution: solution.cost)
 
 
-def _starts(fit: JointFit, flat: FloatArray, taken: float) -> list[FloatArray]:
+def _dips(fit: JointFit, flat: FloatArray, taken: float) -> list[FloatArray]:
     """Starts at the lowest dips over the depth, other than the one taken."""
     costs = fit.sweep(flat, DEPTHS)
-    dips = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
-    dips = dips[(np.abs(DEPTHS[dips] - taken) > 0.015e-3) & (costs[dips] < 1.4 * costs.min())]
-    starts = []
-    for n in dips[np.argsort(costs[dips])][:_STARTS]:
+    dips = [
+        n for n in _lowest(costs) if abs(DEPTHS[n] - taken) > 0.015e-3 and costs[n] < 1.4 * costs.min()
+    ]
+    return [_at_depth(flat, DEPTHS[n]) for n in dips[:_STARTS]]
+
+
+def _lowest(costs: FloatArray) -> list[int]:
+    """Where costs dip, the lowest first."""
+    padded = np.pad(costs, 1, constant_values=np.inf)
+    dips = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
+    return [int(n) for n in dips[np.argsort(costs[dips])]]
+
+
+def _at_depth(unknowns: FloatArray, depth: float) -> FloatArray:
+    moved = unknowns.copy()
+    moved[3] = depth
+    return moved
+
+
+def _dished(
+    fit: JointFit, flat: FloatArray, dishes: tuple[float, ...], most: int
+) -> list[FloatArray]:
+    """The best starts with a floor that is deeper in its middle."""
+    found = []
+    for dish in dishes:
         begun = flat.copy()
-        begun[3] = DEPTHS[n]
-        starts.append(begun)
-    return starts
+        begun[7] = dish
+        costs = fit.sweep(begun, DEPTHS)
+        found += [(float(costs[n]), _at_depth(begun, DEPTHS[n])) for n in _lowest(costs)[:2]]
+    found.sort(key=lambda pair: pair[0])
+    return [begun for _, begun in found[:most]]
 
 
 def _tilted(fit: JointFit, unknowns: FloatArray) -> list[FloatArray]:
