@@ -21,7 +21,7 @@ DEAD_TIME = 2.5e-6
 """How long the disc rings after its pulse, in seconds: nothing is read before."""
 MOST_OFF = 0.3e-3
 """How far off its target the spot of a shot may be, in metres."""
-_LEAST_SNR = 5.0
+_LEAST_SNR = 4.0
 _CLIPPED = 0.985
 
 
@@ -150,7 +150,7 @@ def find_echoes(
     Returns
     -------
     tuple of Echo
-        Empty where nothing stands out of the noise by 5 standard deviations.
+        Empty where nothing stands out of the noise by 4 standard deviations.
 
     Raises
     ------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +25,7 @@ _FEWEST_INSIDE = 3
 _STARTS = 2
 _NOTICED = 0.05
 _OPEN, _UNEVEN, _UNSURE = 0.1, 0.6, 0.88
-_DISHES = (0.03e-3, 0.05e-3, 0.065e-3)
+_DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
 
 
@@ -46,6 +47,8 @@ class PitDepth:
         Standard deviations, in metres.
     gain : float
         Echo of the floor over that of a flat one.
+    tilt : (float, float)
+        Slopes of the floor around and along the pipe.
     dish : float
         How much deeper the middle of the floor is than its mean, in metres.
     bursts : int
@@ -61,6 +64,7 @@ class PitDepth:
     diameter_sd: float = np.nan
     depth_sd: float = np.nan
     gain: float = np.nan
+    tilt: tuple[float, float] = (0.0, 0.0)
     dish: float = np.nan
     bursts: int = 0
 
@@ -160,9 +164,9 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     taken = float(best.unknowns[3])
-    best = _better(fit, best, _dips(fit, flat, taken) + _dished(fit, flat, _DISHES[:2], 1))
+    best = _better(fit, best, _dips(fit, flat, taken) + _shaped(fit, flat, (0.0,), _DISHES[1:], 1))
     if best.unknowns[4] < _UNSURE:
-        starts = _tilted(fit, best.unknowns) + _dished(fit, flat, _DISHES, 2 * _STARTS)
+        starts = _shaped(fit, flat, _SLOPES, _DISHES, 2 * _STARTS)
         best = _better(fit, best, starts)
     fit.refine_pulse(best.unknowns)
     return fit.solve(best.unknowns)
@@ -199,40 +203,28 @@ def _at_depth(unknowns: FloatArray, depth: float) -> FloatArray:
     return moved
 
 
-def _dished(
-    fit: JointFit, flat: FloatArray, dishes: tuple[float, ...], most: int
+def _shaped(
+    fit: JointFit,
+    flat: FloatArray,
+    slopes: tuple[float, ...],
+    dishes: tuple[float, ...],
+    most: int,
 ) -> list[FloatArray]:
-    """The best starts with a floor that is deeper in its middle."""
+    """The best starts with a floor that is tilted, and deeper in its middle."""
     found = []
-    for dish in dishes:
+    for u, v, dish in product(slopes, slopes, dishes):
         begun = flat.copy()
-        begun[7] = dish
+        begun[5:] = u, v, dish
         costs = fit.sweep(begun, DEPTHS)
         found += [(float(costs[n]), _at_depth(begun, DEPTHS[n])) for n in _lowest(costs)[:2]]
     found.sort(key=lambda pair: pair[0])
     return [begun for _, begun in found[:most]]
 
 
-def _tilted(fit: JointFit, unknowns: FloatArray) -> list[FloatArray]:
-    """The two best starts on a grid of tilts, each at its best depth near the one found."""
-    near = unknowns[3] + np.arange(-0.06e-3, 0.0601e-3, 0.006e-3)
-    near = near[near > 0.04e-3]
-    found = []
-    for u in _SLOPES:
-        for v in _SLOPES:
-            begun = unknowns.copy()
-            begun[4:] = [1.0, u, v, 0.0]
-            costs = fit.sweep(begun, near)
-            begun[3] = near[np.argmin(costs)]
-            found.append((float(costs.min()), begun))
-    found.sort(key=lambda pair: pair[0])
-    return [begun for _, begun in found[:2]]
-
-
 def _judged(fit: JointFit, best: Solution) -> PitDepth:
     """The verdict on a fit, with what of it can be told."""
     ear, centre = fit.model.ear, fit.model.centre
-    x, y, size, depth, gain, _, _, dish = best.unknowns
+    x, y, size, depth, gain, u, v, dish = best.unknowns
     sd = np.sqrt(np.diag(best.covariance))
     mouth = 2 * fit.model.radius * np.exp(size)
     count = len(fit.spectra.heard)
@@ -250,6 +242,7 @@ def _judged(fit: JointFit, best: Solution) -> PitDepth:
         diameter_sd=size_sd,
         depth_sd=depth_sd if told else np.nan,
         gain=float(gain),
+        tilt=(float(u), float(v)),
         dish=float(dish),
         bursts=count,
     )
@@ -267,7 +260,7 @@ def _verdict(best: Solution, raw_sd: float, plain: float, hole: float) -> tuple[
     gain = best.unknowns[4]
     if plain < (1 + _NOTICED) * best.cost:
         return "no pit", np.nan
-    if gain < _OPEN or hole < (1 + _NOTICED) * best.cost:
+    if gain < _OPEN or hole < 1.02 * best.cost + 10:
         return "through-hole", np.nan
     if gain < _UNEVEN:
         return "uneven floor", 0.1e-3
