@@ -18,8 +18,8 @@ from minorloop.inspection.field import ComplexArray, Ear, SoundField, sound_fiel
 
 NAMES = ("around", "along", "size", "depth", "gain", "tilt around", "tilt along", "dish")
 """Of the unknowns: metres off the first guess, ln(radius / guess), metres, 1, slopes, metres."""
-_RADII, _ANGLES = 10, 32
-_STEEPEST = 0.5
+_RADII, _ANGLES = 9, 28
+_STEEPEST = 0.44
 _BACK = 0.12 * 0.7
 """Echo of the outer face of the wall over that of the wall: transmission both ways, and loss."""
 

@@ -23,6 +23,7 @@ FEWEST = 16
 MEASURED = "measured"
 _FEWEST_INSIDE = 3
 _STARTS = 2
+_SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _NOTICED = 0.05
 _OPEN, _UNEVEN, _UNSURE = 0.1, 0.6, 0.88
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
@@ -164,7 +165,8 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     taken = float(best.unknowns[3])
-    best = _better(fit, best, _dips(fit, flat, taken) + _shaped(fit, flat, (0.0,), _DISHES[1:], 1))
+    slips = [_at_depth(flat, taken + slip) for slip in (-_SLIP, _SLIP) if taken + slip > 0.04e-3]
+    best = _better(fit, best, slips + _dips(fit, flat, taken) + _shaped(fit, flat, (0.0,), _DISHES[1:], 1))
     if best.unknowns[4] < _UNSURE:
         starts = _shaped(fit, flat, _SLOPES, _DISHES, 2 * _STARTS)
         best = _better(fit, best, starts)
@@ -185,7 +187,7 @@ def _dips(fit: JointFit, flat: FloatArray, taken: float) -> list[FloatArray]:
     """Starts at the lowest dips over the depth, other than the one taken."""
     costs = fit.sweep(flat, DEPTHS)
     dips = [
-        n for n in _lowest(costs) if abs(DEPTHS[n] - taken) > 0.015e-3 and costs[n] < 1.4 * costs.min()
+        n for n in _lowest(costs) if abs(DEPTHS[n] - taken) > 0.045e-3 and costs[n] < 1.4 * costs.min()
     ]
     return [_at_depth(flat, DEPTHS[n]) for n in dips[:_STARTS]]
 
