@@ -57,8 +57,9 @@ class Pulse:
         width = self.bandwidth * self.frequency / 2 / np.sqrt(2 * np.log(2))
         reach = int(4 / (2 * np.pi * width) / interval)
         t = interval * np.arange(-reach, reach + 1)
-        shape: FloatArray = np.exp(-0.5 * (2 * np.pi * width * t) ** 2)
-        return shape * np.cos(2 * np.pi * self.frequency * t)
+        envelope = np.exp(-0.5 * (2 * np.pi * width * t) ** 2)
+        shape: FloatArray = envelope * np.cos(2 * np.pi * self.frequency * t)
+        return shape
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""One map of depth from the image and the echoes: the picture gives the outline, sound the floor."""
+"""One map of depth from the image and the echoes: outline from the picture, floor from sound."""
 
 from __future__ import annotations
 
@@ -132,9 +132,7 @@ def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | Non
     """
     off = np.linalg.norm(patch.off(pit.phi, pit.z), axis=-1)
     rim = np.sqrt(
-        np.nan_to_num(pit.place_sd) ** 2
-        + (np.nan_to_num(pit.diameter_sd) / 2) ** 2
-        + _LEAST_RIM**2
+        np.nan_to_num(pit.place_sd) ** 2 + (np.nan_to_num(pit.diameter_sd) / 2) ** 2 + _LEAST_RIM**2
     )
     mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
     disc: FloatArray = ndtr((mouth / 2 - off) / rim)
@@ -226,9 +224,9 @@ def _ties(
     if shade.shape != inside.shape:
         raise SignalError(f"the image has shape {shade.shape}; the patch has {inside.shape}")
     shade = np.nan_to_num(shade)
-    number = np.full(mask.size, -1)
-    number[mask] = np.arange(mask.sum())
-    number = number.reshape(inside.shape)
+    flat = np.full(mask.size, -1)
+    flat[mask] = np.arange(mask.sum())
+    number = flat.reshape(inside.shape)
     ties = np.zeros((int(mask.sum()), int(mask.sum())))
     for axis in (0, 1):
         a, b = np.moveaxis(number, axis, 0)[:-1], np.moveaxis(number, axis, 0)[1:]

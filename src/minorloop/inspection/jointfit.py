@@ -81,6 +81,12 @@ class JointFit:
             self.shift[far] = self._shifts(self.pulse * plain, far)
         self._weights = np.ones(len(self.spectra.heard))
 
+    @property
+    def usual_cost(self) -> float:
+        """Cost where nothing but noise is left."""
+        count = self.spectra.heard.size
+        return float(4 * self.scale * np.log1p(1 / (4 * self.scale)) * count)
+
     def sweep(self, unknowns: FloatArray, depths: FloatArray) -> FloatArray:
         """Costs (D,) over evenly spaced depths, the other unknowns as they are."""
         x, y, size, _, gain, u, v, dish = unknowns
@@ -142,7 +148,7 @@ class JointFit:
         self.cost_of(model)
         normal, _ = self._normal(theta, model, centre, prior)
         misfit = float(np.median(self._misfit(model)))
-        return Solution(theta, np.linalg.inv(normal), cost, misfit)
+        return Solution(theta, np.linalg.inv(normal).astype(np.float64), cost, misfit)
 
     def refine_pulse(self, unknowns: FloatArray) -> None:
         """Estimate the pulse again from all traces, as the fit explains them."""

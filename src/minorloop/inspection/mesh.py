@@ -86,9 +86,7 @@ def mesh_of(wall: WallMap, *, exaggeration: float = 1.0) -> Any:
     )
 
 
-def save_mesh(
-    wall: WallMap, path: str | os.PathLike[str], *, exaggeration: float = 1.0
-) -> Path:
+def save_mesh(wall: WallMap, path: str | os.PathLike[str], *, exaggeration: float = 1.0) -> Path:
     """Write the wall as PLY or glTF, by the suffix of the path; units are metres.
 
     Parameters

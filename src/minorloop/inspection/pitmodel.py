@@ -118,9 +118,7 @@ class PitModel:
         x = around + a * self._disc.places[:, 0]
         z = self.centre[1] + along + a * self._disc.places[:, 1]
         phi = self.centre[0] + x / self.ear.radius
-        points = np.stack(
-            [self.ear.radius * np.cos(phi), self.ear.radius * np.sin(phi), z], axis=1
-        )
+        points = np.stack([self.ear.radius * np.cos(phi), self.ear.radius * np.sin(phi), z], axis=1)
         near = self.near
         return self.sound.at(self._origins[near], self._axes[near], self._starts[near], points)
 
@@ -156,7 +154,9 @@ class PitModel:
         out = np.zeros((len(depths), *squares.shape[:2]), dtype=np.complex128)
         first = 2j * down * np.exp(2j * down * float(depths[0]))
         kernels.floors(squares, first, np.exp(2j * down * step), out)
-        return out * np.array([self._ringing(float(depth)) for depth in depths])[:, None, :]
+        ringing = np.array([self._ringing(float(depth)) for depth in depths])
+        echoes: ComplexArray = out * ringing[:, None, :]
+        return echoes
 
     def with_pit(self, missing: ComplexArray, floor: ComplexArray) -> ComplexArray:
         """Echoes (K, F) of the wall without its part over the mouth, and with a floor."""
@@ -209,7 +209,7 @@ class PitModel:
 
 def _times(left: ComplexArray, right: npt.NDArray[np.float32]) -> ComplexArray:
     """Complex (K, F, Q) times real (Q, M), in single precision."""
-    scale = float(np.abs(left).max()) or 1.0
+    scale = complex(float(np.abs(left).max()) or 1.0)
     flat = left.reshape(-1, left.shape[-1]) / scale
     real = flat.real.astype(np.float32) @ right
     imaginary = flat.imag.astype(np.float32) @ right

@@ -25,6 +25,7 @@ _FEWEST_INSIDE = 3
 _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _NOTICED = 0.05
+_STRANGE = 1.2
 _OPEN, _UNEVEN, _UNSURE = 0.1, 0.6, 0.88
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
@@ -165,11 +166,15 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     taken = float(best.unknowns[3])
-    slips = [_at_depth(flat, taken + slip) for slip in (-_SLIP, _SLIP) if taken + slip > 0.04e-3]
-    best = _better(fit, best, slips + _dips(fit, flat, taken) + _shaped(fit, flat, (0.0,), _DISHES[1:], 1))
-    if best.unknowns[4] < _UNSURE:
-        starts = _shaped(fit, flat, _SLOPES, _DISHES, 2 * _STARTS)
-        best = _better(fit, best, starts)
+    starts = [_at_depth(flat, taken + slip) for slip in (-_SLIP, _SLIP) if taken + slip > 0.04e-3]
+    starts += _dips(fit, flat, taken)
+    starts += _shaped(fit, flat, (0.0,), _DISHES[1:], DEPTHS)[:1]
+    best = _better(fit, best, starts)
+    gain = best.unknowns[4]
+    if gain < _UNSURE or best.cost > _STRANGE * fit.usual_cost:
+        near = DEPTHS[np.abs(DEPTHS - best.unknowns[3]) < 0.125e-3]
+        depths = near if gain > 0.5 else DEPTHS
+        best = _better(fit, best, _shaped(fit, flat, _SLOPES, _DISHES, depths)[: 2 * _STARTS])
     fit.refine_pulse(best.unknowns)
     return fit.solve(best.unknowns)
 
@@ -187,7 +192,9 @@ def _dips(fit: JointFit, flat: FloatArray, taken: float) -> list[FloatArray]:
     """Starts at the lowest dips over the depth, other than the one taken."""
     costs = fit.sweep(flat, DEPTHS)
     dips = [
-        n for n in _lowest(costs) if abs(DEPTHS[n] - taken) > 0.045e-3 and costs[n] < 1.4 * costs.min()
+        n
+        for n in _lowest(costs)
+        if abs(DEPTHS[n] - taken) > 0.045e-3 and costs[n] < 1.4 * costs.min()
     ]
     return [_at_depth(flat, DEPTHS[n]) for n in dips[:_STARTS]]
 
@@ -210,17 +217,17 @@ def _shaped(
     flat: FloatArray,
     slopes: tuple[float, ...],
     dishes: tuple[float, ...],
-    most: int,
+    depths: FloatArray,
 ) -> list[FloatArray]:
-    """The best starts with a floor that is tilted, and deeper in its middle."""
+    """Starts with a floor that is tilted, and deeper in its middle, the best first."""
     found = []
     for u, v, dish in product(slopes, slopes, dishes):
         begun = flat.copy()
         begun[5:] = u, v, dish
-        costs = fit.sweep(begun, DEPTHS)
-        found += [(float(costs[n]), _at_depth(begun, DEPTHS[n])) for n in _lowest(costs)[:2]]
+        costs = fit.sweep(begun, depths)
+        found += [(float(costs[n]), _at_depth(begun, depths[n])) for n in _lowest(costs)[:2]]
     found.sort(key=lambda pair: pair[0])
-    return [begun for _, begun in found[:most]]
+    return [begun for _, begun in found]
 
 
 def _judged(fit: JointFit, best: Solution) -> PitDepth:

@@ -81,7 +81,7 @@ def _first(burst: Burst, expected: float) -> float:
 def _robust(design: FloatArray, values: FloatArray) -> FloatArray:
     """Least absolute deviations by reweighting."""
     weights = np.ones(len(values))
-    solution = np.zeros(design.shape[1])
+    solution: FloatArray = np.zeros(design.shape[1])
     for _ in range(12):
         root = np.sqrt(weights)
         solution = np.linalg.lstsq(design * root[:, None], values * root, rcond=1e-6)[0]

@@ -99,7 +99,7 @@ def _times(
     left: npt.NDArray[np.complex128], right: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.complex128]:
     """Complex times real matrix, in single precision: the scale of ``left`` is taken out first."""
-    scale = float(np.abs(left).max()) or 1.0
+    scale = complex(float(np.abs(left).max()) or 1.0)
     flat = (left / scale).astype(np.complex64)
     real, imaginary = np.ascontiguousarray(flat.real), np.ascontiguousarray(flat.imag)
     product: npt.NDArray[np.complex128] = scale * (real @ right + 1j * (imaginary @ right))

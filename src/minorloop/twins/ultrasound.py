@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite
+from minorloop.arrays import FloatArray, IntArray, as_finite
 from minorloop.errors import LimitError, ParameterError
 from minorloop.geometry import Mount, Probe, meet_wall, wall_point, wrapped
 from minorloop.lab.actuator import Shot
@@ -40,6 +40,7 @@ _STEPS = 4096  # of the converter, from -FULL_SCALE to FULL_SCALE
 _SETTINGS = {"frequency": 10e6, "bandwidth": 0.6, "skew": 0.0, "steel": _STEEL, "loss": 0.75}
 
 Spectrum = npt.NDArray[np.complex128]
+Features = tuple[FloatArray, FloatArray, FloatArray, IntArray, FloatArray]
 
 
 class Ultrasound:
@@ -235,18 +236,19 @@ class Ultrasound:
         self,
         origin: FloatArray,
         axis: FloatArray,
-        features: tuple[FloatArray, ...],
+        features: Features,
         surface: tuple[FloatArray, FloatArray, float],
         water: float,
     ) -> tuple[Spectrum, Spectrum]:
         """Integral (F,) over the wall, and what the grains under it add."""
         texture, grains, rough = surface
+        bores, dents, corners, starts, depths = features
         out = np.zeros(len(self._k), dtype=np.complex128)
         extra = np.zeros_like(out)
         kernels.echo_of_wall(
             self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
-            self._pipe.radius, self._reach, _FACET, water, *features, texture, grains, _CELL,
-            rough, self._stand, out, extra,
+            self._pipe.radius, self._reach, _FACET, water, bores, dents, corners, starts, depths,
+            texture, grains, _CELL, rough, self._stand, out, extra,
         )  # fmt: skip
         return out, extra
 
@@ -372,7 +374,7 @@ def _surface(
     return texture, grains, roughness
 
 
-def _features(pipe: Pipe) -> tuple[FloatArray, ...]:
+def _features(pipe: Pipe) -> Features:
     """What is on the wall, as arrays for the kernels."""
     bores = [(b.phi, b.z, b.diameter / 2, b.chamfer, b.chamfer_slope) for b in pipe.bores]
     dents = [(d.phi, d.z, d.size, d.height) for d in pipe.dents]
@@ -387,7 +389,7 @@ def _features(pipe: Pipe) -> tuple[FloatArray, ...]:
         np.array(bores, dtype=np.float64).reshape(-1, 5),
         np.array(dents, dtype=np.float64).reshape(-1, 4),
         np.array(corners, dtype=np.float64).reshape(-1, 3),
-        starts.astype(np.float64).astype(np.int64),
+        starts.astype(np.int64),
         depths,
     )
 
