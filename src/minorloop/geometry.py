@@ -136,6 +136,75 @@ class Mount:
 
 
 @dataclass(frozen=True)
+class Probe:
+    """An ultrasonic disc on the head, whose beam goes through the pivot and on to the wall.
+
+    Parameters
+    ----------
+    squint : float
+        Angle of the beam off the optical axis, towards the x axis of the camera, in radians.
+    face : float
+        From the pivot to the face of the disc along the beam, in metres.
+    aperture : float
+        Diameter of the disc, in metres.
+    focus : float
+        Focal length of its lens in water, in metres; infinite without a lens.
+
+    Raises
+    ------
+    ParameterError
+        If the squint is not between 0 and a right angle, or a length not positive.
+
+    Notes
+    -----
+    The default squint of 65 degrees meets the wall squarely at a pan of 25 degrees, which leaves
+    5 degrees of a head that reaches 30 to scan with. The default face leaves 8 mm of water.
+    """
+
+    squint: float = float(np.radians(65.0))
+    face: float = 2e-3
+    aperture: float = 5e-3
+    focus: float = 8e-3
+
+    def __post_init__(self) -> None:
+        if not 0 < self.squint < np.pi / 2:
+            raise ParameterError(f"squint {self.squint} rad; give an angle between 0 and pi/2")
+        if not (self.face > 0 and self.aperture > 0 and self.focus > 0):
+            raise ParameterError(
+                f"a probe with its face at {self.face} m, aperture {self.aperture} m and focus "
+                f"{self.focus} m; give positive lengths"
+            )
+
+    def beam(self, mount: Mount, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
+        """Centre (3,) of the face and direction (3,) of the beam, in the pipe."""
+        local = np.array([np.sin(self.squint), 0.0, np.cos(self.squint)])
+        along = mount.pose(pan, tilt).rotation @ local
+        pivot = np.array([mount.offset[0], mount.offset[1], mount.advance])
+        return pivot + self.face * along, along
+
+    def aim(self, mount: Mount, point: npt.ArrayLike) -> tuple[float, float]:
+        """Pan and tilt, in radians, that send the beam to a (3,) point of the pipe.
+
+        Raises
+        ------
+        ParameterError
+            If no pan and tilt does; turn the roll of the mount towards the point then.
+        """
+        pivot = np.array([mount.offset[0], mount.offset[1], mount.advance])
+        way = (np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(mount.roll)
+        x, y, z = way / np.linalg.norm(way)
+        low = -y / np.cos(self.squint)
+        if abs(low) > 1:
+            raise ParameterError(
+                f"no tilt sends the beam {np.degrees(np.arcsin(y)):.3g} degrees off the plane of "
+                "the pan; turn the roll of the mount towards the point"
+            )
+        tilt = float(np.arcsin(low))
+        own = np.arctan2(np.sin(self.squint), np.cos(self.squint) * np.cos(tilt))
+        return float(np.arctan2(x, z) - own), tilt
+
+
+@dataclass(frozen=True)
 class Pinhole:
     """A camera with radial distortion.
 

@@ -1,0 +1,111 @@
+"""Compiled loops of the sound field in front of a disc: arrays in, arrays out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def rayleigh(off, along, rings, areas, lags, cosines, k0, dk, count):
+    """Field (N, M, F) without exp(i k along): exp(i k (r - lag)) / r over rings of the disc.
+
+    ``cosines`` are of angles spread evenly over half a turn; ``areas`` are of a whole ring.
+    """
+    table = np.zeros((off.size, along.size, count), dtype=np.complex128)
+    share = 1.0 / cosines.size
+    for i in range(off.size):
+        for j in range(along.size):
+            for n in range(rings.size):
+                fixed = along[j] ** 2 + off[i] ** 2 + rings[n] ** 2
+                for q in range(cosines.size):
+                    r = np.sqrt(fixed - 2 * off[i] * rings[n] * cosines[q])
+                    way = r - lags[n] - along[j]
+                    phase = share * areas[n] / (2 * np.pi * r) * np.exp(1j * k0 * way)
+                    turn = np.exp(1j * dk * way)
+                    for f in range(count):
+                        table[i, j, f] += phase
+                        phase *= turn
+    return table
+
+
+@njit(cache=True, nogil=True)
+def field_at(table, steps, origins, axes, starts, points, k0, dk, out):
+    """Field (K, F, N) at points (N, 3) of K beams; phases count from ``starts`` (K,)."""
+    for b in range(origins.shape[0]):
+        for q in range(points.shape[0]):
+            x, y, z = (
+                points[q, 0] - origins[b, 0],
+                points[q, 1] - origins[b, 1],
+                points[q, 2] - origins[b, 2],
+            )
+            along = x * axes[b, 0] + y * axes[b, 1] + z * axes[b, 2]
+            off = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+            u, v = off / steps[0], (along - steps[1]) / steps[2]
+            i, j = int(u), int(np.floor(v))
+            if i >= table.shape[0] - 1 or j < 0 or j >= table.shape[1] - 1:
+                out[b, :, q] = 0.0
+                continue
+            s, t = u - i, v - j
+            w00, w01, w10, w11 = (1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t
+            way = along - starts[b]
+            phase, turn = np.exp(1j * k0 * way), np.exp(1j * dk * way)
+            for f in range(out.shape[1]):
+                field = (
+                    w00 * table[i, j, f]
+                    + w01 * table[i, j + 1, f]
+                    + w10 * table[i + 1, j, f]
+                    + w11 * table[i + 1, j + 1, f]
+                )
+                out[b, f, q] = field * phase
+                phase *= turn
+
+
+@njit(cache=True, nogil=True)
+def wall_sum(table, steps, origins, axes, starts, spots, radius, half, step, k0, dk, out):
+    """Sum of p^2 dS (K, F) over facets of a plain wall about the spots (K, 2) phi, z."""
+    reach = int(np.ceil(half / step))
+    for b in range(origins.shape[0]):
+        for m in range(-reach, reach + 1):
+            phi = spots[b, 0] + m * step / radius
+            x, y = radius * np.cos(phi) - origins[b, 0], radius * np.sin(phi) - origins[b, 1]
+            for n in range(-reach, reach + 1):
+                if (m * m + n * n) * step * step > half * half:
+                    continue
+                z = spots[b, 1] + n * step - origins[b, 2]
+                along = x * axes[b, 0] + y * axes[b, 1] + z * axes[b, 2]
+                off = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+                u, v = off / steps[0], (along - steps[1]) / steps[2]
+                i, j = int(u), int(np.floor(v))
+                if i >= table.shape[0] - 1 or j < 0 or j >= table.shape[1] - 1:
+                    continue
+                s, t = u - i, v - j
+                w00, w01, w10, w11 = (1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t
+                way = 2.0 * (along - starts[b])
+                phase, turn = np.exp(1j * k0 * way), np.exp(1j * dk * way)
+                for f in range(out.shape[1]):
+                    field = (
+                        w00 * table[i, j, f]
+                        + w01 * table[i, j + 1, f]
+                        + w10 * table[i + 1, j, f]
+                        + w11 * table[i + 1, j + 1, f]
+                    )
+                    out[b, f] += step * step * field * field * phase
+                    phase *= turn
+
+
+@njit(cache=True, nogil=True)
+def floors(squares, first, turns, out):
+    """Add sums over modes (D, K, F) of squares (K, F, M) times ``first`` (F, M) turned D times."""
+    modes = squares.shape[2]
+    term = np.empty(modes, dtype=np.complex128)
+    for b in range(squares.shape[0]):
+        for f in range(squares.shape[1]):
+            for m in range(modes):
+                term[m] = squares[b, f, m] * first[f, m]
+            for d in range(out.shape[0]):
+                total = 0j
+                for m in range(modes):
+                    total += term[m]
+                    term[m] *= turns[f, m]
+                out[d, b, f] += total

@@ -1,0 +1,112 @@
+"""Findings as a table: where, how wide, how long, how deep, and how sure."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from minorloop.errors import OutputError
+from minorloop.inspection.pits import PitDepth
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One defect of the wall; lengths in metres, angles in radians, NaN where not known.
+
+    Parameters
+    ----------
+    kind : str
+        ``pit``, ``hole``, ``crack`` or ``mark``.
+    verdict : str
+        Of the echoes, as in ``PitDepth``; ``not heard`` where there is none.
+    phi, z, width, length, depth : float
+        Centre, extents around and along the pipe, and depth under the wall.
+    phi_sd, z_sd, width_sd, length_sd, depth_sd : float
+        Standard deviations.
+    """
+
+    kind: str
+    verdict: str
+    phi: float
+    phi_sd: float
+    z: float
+    z_sd: float
+    width: float
+    width_sd: float
+    length: float
+    length_sd: float
+    depth: float
+    depth_sd: float
+
+
+_UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
+_KINDS = {"through-hole": "hole", "no pit": "mark"}
+
+
+def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
+    """A pit that was heard, or not, as a finding.
+
+    Parameters
+    ----------
+    pit : PitDepth
+        As measured.
+    radius : float
+        Of the pipe, in metres.
+    """
+    return Finding(
+        _KINDS.get(pit.verdict, "pit"),
+        pit.verdict,
+        pit.phi,
+        pit.place_sd / radius,
+        pit.z,
+        pit.place_sd,
+        pit.diameter,
+        pit.diameter_sd,
+        pit.diameter,
+        pit.diameter_sd,
+        pit.depth,
+        pit.depth_sd,
+    )
+
+
+def finding_table(findings: Sequence[Finding]) -> str:
+    """Findings as CSV, degrees and millimetres named in the header; empty where not known."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [field.name for field in fields(Finding)]
+    units = [_UNITS.get(name.removesuffix("_sd"), "") for name in names]
+    header = [f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True)]
+    writer.writerow(["number", *header])
+    for number, finding in enumerate(findings, start=1):
+        values = zip(astuple(finding), units, strict=True)
+        writer.writerow([number, *(_told(value, unit) for value, unit in values)])
+    return text.getvalue()
+
+
+def save_findings(findings: Sequence[Finding], path: str | os.PathLike[str]) -> Path:
+    """Write the table of findings.
+
+    Raises
+    ------
+    OutputError
+        If the place cannot be written.
+    """
+    place = Path(path)
+    try:
+        place.write_text(finding_table(findings), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {place}: {error.strerror or error}") from None
+    return place
+
+
+def _told(value: float | str, unit: str) -> str:
+    if isinstance(value, str):
+        return value
+    scaled = np.degrees(value) if unit == "deg" else value * 1e3
+    return f"{scaled:.4f}" if np.isfinite(value) else ""

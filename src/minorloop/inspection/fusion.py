@@ -1,0 +1,254 @@
+"""One map of depth from the image and the echoes: outline from the picture, floor from sound."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import ndtr
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.errors import SignalError
+from minorloop.geometry import wall_point
+from minorloop.inspection.echoes import Burst
+from minorloop.inspection.field import Ear
+from minorloop.inspection.jointfit import JointFit
+from minorloop.inspection.pitmodel import PitModel
+from minorloop.inspection.pits import DEPTHS, PitDepth
+from minorloop.inspection.spectra import spectra_of
+from minorloop.inspection.unrolled import CAMERA, SONAR, Patch, WallMap
+
+SHARE_ERROR = 0.08
+"""Standard deviation of what a two-echo share misses of the waves in a pit, as a share of depth."""
+STIFFNESS = 1 / 0.05e-3**2
+"""Weight of a squared difference of neighbours inside an outline without edges, in 1/m^2."""
+EDGE = 0.15
+"""Step of the logarithm of the image from neighbour to neighbour that counts as an edge."""
+_UNKNOWN = 0.6e-3
+_LEAST_RIM = 0.03e-3
+_WALL = 2e-6
+
+
+@dataclass(frozen=True, eq=False)
+class MeanDepths:
+    """Depth averaged over the footprint of each averaged trace.
+
+    Parameters
+    ----------
+    values, sds : (K,) arrays
+        In metres.
+    footprints : (K, P) array
+        Weights of the texels of a patch, which sum to about 1.
+    """
+
+    values: FloatArray
+    sds: FloatArray
+    footprints: FloatArray
+
+
+def mean_depths(
+    bursts: Sequence[Burst], ear: Ear, patch: Patch, pit: PitDepth
+) -> MeanDepths | None:
+    """What each trace says of the depth under its footprint; None where no wall was heard.
+
+    Notes
+    -----
+    A trace is split into an echo of the wall and one as late as the floor. The share of the
+    second times its depth is, to first order, the mean of the depth over the footprint, which is
+    the square of the pressure.
+    """
+    good = [burst for burst in bursts if not burst.verdict]
+    spectra = spectra_of(good, ear, (pit.phi, pit.z)) if len(good) >= 5 else None
+    if spectra is None:
+        return None
+    mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
+    model = PitModel(ear, spectra.angles, (pit.phi, pit.z), mouth / 2)
+    fit = JointFit(model, spectra)
+    k = model.sound.wavenumbers
+    expected = fit.pulse * model.plain
+    power = np.abs(expected) ** 2
+    depth = pit.depth if np.isfinite(pit.depth) else _common_depth(spectra.heard, expected, k)
+    values, sds = _shares(spectra.heard, expected, k, depth, spectra.noise)
+    origins, axes = ear.beams(spectra.angles)
+    places = patch.places.reshape(-1, 2)
+    points = wall_point(places[:, 0], places[:, 1], ear.radius)
+    pressure = model.sound.at(origins, axes, model.spots[:, 2].copy(), points)
+    square = 2j * k[:, None] * pressure**2 * patch.step**2
+    ratio = square / model.plain[:, :, None]
+    weight = power / power.sum(axis=1, keepdims=True)
+    footprints = (ratio.real * weight[:, :, None]).sum(axis=1)
+    return MeanDepths(values, sds, footprints)
+
+
+def _shares(
+    heard: npt.NDArray[np.complex128],
+    expected: npt.NDArray[np.complex128],
+    k: FloatArray,
+    depth: float,
+    noise: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Mean depths (K,) and their standard deviations for a floor at one depth."""
+    late = expected * np.exp(2j * k * depth)
+    a, b = (np.abs(expected) ** 2).sum(axis=1), (np.conj(expected) * late).real.sum(axis=1)
+    p = (np.conj(expected) * heard).real.sum(axis=1)
+    q = (np.conj(late) * heard).real.sum(axis=1)
+    determinant = np.maximum(a * a - b * b, 1e-12 * a * a)
+    front, floor = (a * p - b * q) / determinant, (a * q - b * p) / determinant
+    total = np.maximum(front + floor, 0.2)
+    share = np.clip(floor / total, -0.2, 1.2)
+    spread = noise * np.sqrt(a / determinant) / total
+    return depth * share, depth * np.hypot(spread, SHARE_ERROR)
+
+
+def _common_depth(
+    heard: npt.NDArray[np.complex128], expected: npt.NDArray[np.complex128], k: FloatArray
+) -> float:
+    """The depth at which two echoes explain most of all traces."""
+    kept = []
+    for depth in DEPTHS:
+        late = expected * np.exp(2j * k * depth)
+        basis = np.stack([expected, late], axis=-1)
+        gram = np.einsum("kfi,kfj->kij", np.conj(basis), basis).real
+        right = np.einsum("kfi,kf->ki", np.conj(basis), heard).real
+        solved = np.linalg.solve(gram + 1e-9 * np.eye(2) * gram[:, :1, :1], right[..., None])
+        kept.append(float((right * solved[..., 0]).sum()))
+    return float(DEPTHS[int(np.argmax(kept))])
+
+
+def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | None) -> FloatArray:
+    """Probability (rows, columns) that a texel is in the mouth of a pit.
+
+    Parameters
+    ----------
+    patch : Patch
+        Where.
+    pit : PitDepth
+        Place and size with their standard deviations.
+    outline : (rows, columns) array_like, optional
+        Probability of a defect by the image; the mean of the logits of both counts then.
+    """
+    off = np.linalg.norm(patch.off(pit.phi, pit.z), axis=-1)
+    rim = np.sqrt(
+        np.nan_to_num(pit.place_sd) ** 2 + (np.nan_to_num(pit.diameter_sd) / 2) ** 2 + _LEAST_RIM**2
+    )
+    mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
+    disc: FloatArray = ndtr((mouth / 2 - off) / rim)
+    if outline is None:
+        return disc
+    seen = np.clip(np.asarray(outline, dtype=np.float64), 0.01, 0.99)
+    if seen.shape != disc.shape:
+        raise SignalError(f"the outline has shape {seen.shape}; the patch has {disc.shape}")
+    sure = np.clip(disc, 1e-4, 1 - 1e-4)
+    logit = 0.5 * (np.log(seen / (1 - seen)) + np.log(sure / (1 - sure)))
+    both: FloatArray = 1 / (1 + np.exp(-logit))
+    return both
+
+
+def fuse(
+    pit: PitDepth,
+    heard: MeanDepths | None,
+    patch: Patch,
+    *,
+    image: npt.ArrayLike | None = None,
+    outline: npt.ArrayLike | None = None,
+) -> WallMap:
+    """The map of depth about a finding.
+
+    Parameters
+    ----------
+    pit : PitDepth
+        Of the joint fit.
+    heard : MeanDepths, optional
+        Of the same bursts on the same patch.
+    patch : Patch
+        Where.
+    image : (rows, columns) array_like, optional
+        Logarithm of the image laid flat; neighbours across its edges are not tied together.
+    outline : (rows, columns) array_like, optional
+        Probability of a defect by the image.
+
+    Returns
+    -------
+    WallMap
+        Infinitely deep inside a through-hole. Where there was no echo, the wall outside the
+        outline is that of the camera and inside it nothing is known.
+
+    Notes
+    -----
+    The least of sum (a - H d)^2 / sd^2 + stiffness * sum g |grad d|^2 + sum (d - m)^2 / s^2: the
+    mean m and deviation s of a texel are those of a mixture of wall and floor by the probability
+    that it is inside. The posterior is Gaussian about it; its deviations are the roots of the
+    diagonal of the inverse.
+    """
+    inside = inside_probability(patch, pit, outline)
+    shape = inside.shape
+    if pit.verdict == "through-hole":
+        depth = np.where(inside >= 0.5, np.inf, 0.0)
+        sd = np.where(inside >= 0.5, np.nan, _LEAST_RIM)
+        return WallMap(patch, depth, sd, np.full(shape, SONAR | CAMERA, dtype=np.uint8))
+    if heard is None:
+        depth = np.where(inside < 0.5, 0.0, np.nan)
+        sd = np.where(inside < 0.5, 0.05e-3, np.inf)
+        return WallMap(patch, depth, sd, np.full(shape, CAMERA, dtype=np.uint8))
+    mean, spread = _before(patch, pit, inside)
+    mask = (inside > 0.003).ravel()
+    depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
+    if mask.any():
+        ties = _ties(patch, inside, image, mask)
+        depth[mask], sd[mask] = _solve(heard, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
+    source = np.full(shape, SONAR | CAMERA, dtype=np.uint8)
+    return WallMap(patch, depth.reshape(shape), sd.reshape(shape), source)
+
+
+def _before(patch: Patch, pit: PitDepth, inside: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and deviation of the depth of each texel before the traces are asked."""
+    if not np.isfinite(pit.depth):
+        return 0.5 * _UNKNOWN * inside, np.maximum(_UNKNOWN * inside, _WALL)
+    off = patch.off(pit.phi, pit.z)
+    mouth = max(pit.diameter / 2, patch.step)
+    share = np.minimum((off**2).sum(axis=-1) / mouth**2, 1.0)
+    floor = pit.depth + off @ np.array(pit.tilt) + pit.dish * (1 - 2 * share)
+    own = np.hypot(pit.depth_sd, 0.01 * mouth)
+    spread = np.sqrt(inside * (1 - inside) * floor**2 + inside * own**2 + _WALL**2)
+    return inside * floor, spread
+
+
+def _ties(
+    patch: Patch, inside: FloatArray, image: npt.ArrayLike | None, mask: BoolArray
+) -> FloatArray:
+    """(M, M) matrix of the squared differences of neighbours inside, weak across edges."""
+    shade = np.zeros(inside.shape) if image is None else np.asarray(image, dtype=np.float64)
+    if shade.shape != inside.shape:
+        raise SignalError(f"the image has shape {shade.shape}; the patch has {inside.shape}")
+    shade = np.nan_to_num(shade)
+    flat = np.full(mask.size, -1)
+    flat[mask] = np.arange(mask.sum())
+    number = flat.reshape(inside.shape)
+    ties = np.zeros((int(mask.sum()), int(mask.sum())))
+    for axis in (0, 1):
+        a, b = np.moveaxis(number, axis, 0)[:-1], np.moveaxis(number, axis, 0)[1:]
+        step = np.diff(shade, axis=axis)
+        rim = np.diff(inside, axis=axis)
+        weight = np.moveaxis(1 / (1 + (step / EDGE) ** 2 + (rim / 0.1) ** 2), axis, 0)
+        both = (a >= 0) & (b >= 0)
+        i, j, w = a[both], b[both], STIFFNESS * weight[both]
+        np.add.at(ties, (i, i), w)
+        np.add.at(ties, (j, j), w)
+        np.add.at(ties, (i, j), -w)
+        np.add.at(ties, (j, i), -w)
+    return ties
+
+
+def _solve(
+    heard: MeanDepths, mask: BoolArray, ties: FloatArray, mean: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and deviation of the texels inside."""
+    weighted = heard.footprints[:, mask] / heard.sds[:, None]
+    normal = weighted.T @ weighted + ties + np.diag(1 / spread**2)
+    right = weighted.T @ (heard.values / heard.sds) + ties @ mean + mean / spread**2
+    factor = cho_factor(normal)
+    covariance = cho_solve(factor, np.eye(len(normal)))
+    return cho_solve(factor, right), np.sqrt(np.diag(covariance))

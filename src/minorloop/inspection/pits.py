@@ -1,0 +1,283 @@
+"""The depth of a pit from a raster of echoes about the place where the camera saw it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.geometry import wall_point
+from minorloop.inspection.echoes import Burst
+from minorloop.inspection.field import Ear
+from minorloop.inspection.jointfit import CENTRE, PRIOR, JointFit, Solution
+from minorloop.inspection.pitmodel import PitModel
+from minorloop.inspection.spectra import spectra_of
+
+DEPTHS: FloatArray = np.arange(0.08e-3, 1.25e-3, 0.01e-3)
+FEWEST = 16
+"""Bursts without which no depth is given."""
+MEASURED = "measured"
+_FEWEST_INSIDE = 3
+_STARTS = 2
+_SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
+_NOTICED = 0.05
+_STRANGE = 1.2
+_OPEN, _UNEVEN, _UNSURE = 0.1, 0.6, 0.88
+_DISHES = (0.0, 0.03e-3, 0.05e-3)
+_SLOPES = (-0.06, 0.0, 0.06)
+
+
+@dataclass(frozen=True)
+class PitDepth:
+    """What the echoes tell of a pit.
+
+    Parameters
+    ----------
+    verdict : str
+        ``measured``; ``through-hole`` (no floor is heard); ``uneven floor`` (heard, but not as a
+        flat one: the depth is a mean, with a wide band); ``no pit`` (a plain wall explains all);
+        or why there is no depth: ``too few echoes``, ``no coupling``, and words of ``Burst``.
+    phi, z : float
+        Centre, in radians and metres.
+    diameter, depth : float
+        In metres; NaN where not measured.
+    place_sd, diameter_sd, depth_sd : float
+        Standard deviations, in metres.
+    gain : float
+        Echo of the floor over that of a flat one.
+    tilt : (float, float)
+        Slopes of the floor around and along the pipe.
+    dish : float
+        How much deeper the middle of the floor is than its mean, in metres.
+    bursts : int
+        How many were used.
+    """
+
+    verdict: str
+    phi: float
+    z: float
+    diameter: float = np.nan
+    depth: float = np.nan
+    place_sd: float = np.nan
+    diameter_sd: float = np.nan
+    depth_sd: float = np.nan
+    gain: float = np.nan
+    tilt: tuple[float, float] = (0.0, 0.0)
+    dish: float = np.nan
+    bursts: int = 0
+
+    @property
+    def measured(self) -> bool:
+        """Whether there is a depth to rely on."""
+        return self.verdict == MEASURED
+
+
+def raster(
+    ear: Ear, centre: tuple[float, float], *, points: int = 6, pitch: float = 0.32e-3
+) -> FloatArray:
+    """Pan and tilt (points^2, 2), in radians, of a raster about a place, row by row and back.
+
+    Parameters
+    ----------
+    ear : Ear
+        The probe and how it is mounted.
+    centre : (float, float)
+        Phi and z.
+    points : int
+        In a row.
+    pitch : float
+        Between points, in metres.
+    """
+    steps = (np.arange(points) - (points - 1) / 2) * pitch
+    aims = []
+    for row, x in enumerate(steps):
+        for y in steps if row % 2 == 0 else steps[::-1]:
+            place = wall_point(centre[0] + x / ear.radius, centre[1] + y, ear.radius)
+            aims.append(ear.probe.aim(ear.mount, place))
+    return np.array(aims)
+
+
+def measure_pit(
+    bursts: Sequence[Burst], ear: Ear, centre: tuple[float, float], diameter: float
+) -> PitDepth:
+    """Measure the depth of a pit from the bursts of a raster, whole or interrupted.
+
+    Parameters
+    ----------
+    bursts : sequence of Burst
+        As ``average`` made them; those with a verdict are left out.
+    ear : Ear
+        The probe and what is known of the pipe.
+    centre : (float, float)
+        Of the mouth as the camera saw it, phi and z.
+    diameter : float
+        Of the mouth as the camera saw it, in metres.
+
+    Returns
+    -------
+    PitDepth
+        With a verdict; no depth is made up where the echoes do not hold one.
+    """
+    good = [burst for burst in bursts if not burst.verdict]
+    nothing = _too_little(bursts, good, ear, centre, diameter)
+    if nothing:
+        return PitDepth(nothing, *centre, bursts=len(good))
+    spectra = spectra_of(good, ear, centre)
+    if spectra is None:
+        return PitDepth("no coupling", *centre, bursts=len(good))
+    fit = JointFit(PitModel(ear, spectra.angles, centre, diameter / 2), spectra)
+    start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
+    plain = fit.cost_of(fit.model.plain)
+    if plain < (1 + _NOTICED) * costs.min():
+        return PitDepth("no pit", *centre, bursts=len(good))
+    start[3] = DEPTHS[np.argmin(costs)]
+    return _judged(fit, _best(fit, start))
+
+
+def _too_little(
+    bursts: Sequence[Burst],
+    good: Sequence[Burst],
+    ear: Ear,
+    centre: tuple[float, float],
+    diameter: float,
+) -> str:
+    """Why these bursts hold no depth, or nothing."""
+    reasons = [burst.verdict for burst in bursts if burst.verdict]
+    if len(good) < FEWEST:
+        many = len(reasons) > len(good)
+        return max(set(reasons), key=reasons.count) if many else "too few echoes"
+    spots = ear.spots(np.array([burst.angles for burst in good]))
+    around = ear.radius * ((spots[:, 0] - centre[0] + np.pi) % (2 * np.pi) - np.pi)
+    off = np.hypot(around, spots[:, 1] - centre[1])
+    inside = int((off < max(diameter / 2, 0.4e-3)).sum())
+    outside = int((off > diameter / 2 + 0.2e-3).sum())
+    return "" if inside >= _FEWEST_INSIDE and outside >= 5 else "too few echoes"
+
+
+def _best(fit: JointFit, start: FloatArray) -> Solution:
+    """The best of several starts, since a waveform also fits half a wave off."""
+    first = fit.solve(start)
+    fit.refine_pulse(first.unknowns)
+    best = fit.solve(first.unknowns)
+    flat = best.unknowns.copy()
+    flat[4:] = [1.0, 0.0, 0.0, 0.0]
+    taken = float(best.unknowns[3])
+    starts = [_at_depth(flat, taken + slip) for slip in (-_SLIP, _SLIP) if taken + slip > 0.04e-3]
+    starts += _dips(fit, flat, taken)
+    starts += _shaped(fit, flat, (0.0,), _DISHES[1:], DEPTHS)[:1]
+    best = _better(fit, best, starts)
+    gain = best.unknowns[4]
+    if gain < _UNSURE or best.cost > _STRANGE * fit.usual_cost:
+        near = DEPTHS[np.abs(DEPTHS - best.unknowns[3]) < 0.125e-3]
+        depths = near if gain > 0.5 else DEPTHS
+        best = _better(fit, best, _shaped(fit, flat, _SLOPES, _DISHES, depths)[: 2 * _STARTS])
+    fit.refine_pulse(best.unknowns)
+    return fit.solve(best.unknowns)
+
+
+def _better(fit: JointFit, best: Solution, starts: list[FloatArray]) -> Solution:
+    """The best of one solution and a few steps from other starts, seen to its end."""
+    others = [fit.solve(start, rounds=3) for start in starts]
+    other = min(others, key=lambda solution: solution.cost, default=best)
+    if other.cost > 1.5 * best.cost:
+        return best
+    return min(best, fit.solve(other.unknowns), key=lambda solution: solution.cost)
+
+
+def _dips(fit: JointFit, flat: FloatArray, taken: float) -> list[FloatArray]:
+    """Starts at the lowest dips over the depth, other than the one taken."""
+    costs = fit.sweep(flat, DEPTHS)
+    dips = [
+        n
+        for n in _lowest(costs)
+        if abs(DEPTHS[n] - taken) > 0.045e-3 and costs[n] < 1.4 * costs.min()
+    ]
+    return [_at_depth(flat, DEPTHS[n]) for n in dips[:_STARTS]]
+
+
+def _lowest(costs: FloatArray) -> list[int]:
+    """Where costs dip, the lowest first."""
+    padded = np.pad(costs, 1, constant_values=np.inf)
+    dips = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
+    return [int(n) for n in dips[np.argsort(costs[dips])]]
+
+
+def _at_depth(unknowns: FloatArray, depth: float) -> FloatArray:
+    moved = unknowns.copy()
+    moved[3] = depth
+    return moved
+
+
+def _shaped(
+    fit: JointFit,
+    flat: FloatArray,
+    slopes: tuple[float, ...],
+    dishes: tuple[float, ...],
+    depths: FloatArray,
+) -> list[FloatArray]:
+    """Starts with a floor that is tilted, and deeper in its middle, the best first."""
+    found = []
+    for u, v, dish in product(slopes, slopes, dishes):
+        begun = flat.copy()
+        begun[5:] = u, v, dish
+        costs = fit.sweep(begun, depths)
+        found += [(float(costs[n]), _at_depth(begun, depths[n])) for n in _lowest(costs)[:2]]
+    found.sort(key=lambda pair: pair[0])
+    return [begun for _, begun in found]
+
+
+def _judged(fit: JointFit, best: Solution) -> PitDepth:
+    """The verdict on a fit, with what of it can be told."""
+    ear, centre = fit.model.ear, fit.model.centre
+    x, y, size, depth, gain, u, v, dish = best.unknowns
+    sd = np.sqrt(np.diag(best.covariance))
+    mouth = 2 * fit.model.radius * np.exp(size)
+    count = len(fit.spectra.heard)
+    phi, z = centre[0] + x / ear.radius, centre[1] + y
+    place_sd, size_sd = float(np.hypot(sd[0], sd[1]) / np.sqrt(2)), float(mouth * sd[2])
+    known = (float(phi), float(z), float(mouth))
+    plain = fit.cost_of(fit.model.plain)
+    verdict, depth_sd = _verdict(best, float(sd[3]), plain, _hole(fit, best))
+    told = verdict in (MEASURED, "uneven floor")
+    return PitDepth(
+        verdict,
+        *known,
+        depth=float(depth) if told else np.nan,
+        place_sd=place_sd,
+        diameter_sd=size_sd,
+        depth_sd=depth_sd if told else np.nan,
+        gain=float(gain),
+        tilt=(float(u), float(v)),
+        dish=float(dish),
+        bursts=count,
+    )
+
+
+def _hole(fit: JointFit, best: Solution) -> float:
+    """Cost of the best mouth without a floor."""
+    without, prior = best.unknowns.copy(), PRIOR.copy()
+    without[4], prior[3:] = 0.0, 1e-6
+    prior[3] = 1e-9
+    return fit.solve(without, centre=without, prior=prior, rounds=3).cost
+
+
+def _verdict(best: Solution, raw_sd: float, plain: float, hole: float) -> tuple[str, float]:
+    gain = best.unknowns[4]
+    if plain < (1 + _NOTICED) * best.cost:
+        return "no pit", np.nan
+    if gain < _OPEN or hole < 1.02 * best.cost + 10:
+        return "through-hole", np.nan
+    if gain < _UNEVEN:
+        return "uneven floor", 0.1e-3
+    return MEASURED, raw_sd
+
+
+def same_place(pit: PitDepth, place: npt.ArrayLike, radius: float) -> float:
+    """Distance along the wall, in metres, of a pit from phi and z (2,)."""
+    phi, z = np.asarray(place, dtype=np.float64)
+    around = radius * ((pit.phi - phi + np.pi) % (2 * np.pi) - np.pi)
+    return float(np.hypot(around, pit.z - z))

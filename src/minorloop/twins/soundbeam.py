@@ -1,0 +1,93 @@
+"""The pressure in front of a disc with or without a lens, as a sum of Hankel waves.
+
+In homogeneous water the beam has one axis, so a table over distance off the axis and along it,
+one for each frequency, holds all of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import j0
+
+from minorloop.arrays import FloatArray
+
+Complex32 = npt.NDArray[np.complex64]
+
+_OFF_STEP = 0.012e-3
+_ALONG_STEP = 0.05e-3
+_RINGS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Beam:
+    """Pressure p = table * exp(i k z) for a disc that moves with unit pressure.
+
+    Parameters
+    ----------
+    table : (N, M, F) array of complex64
+        Over distance off the axis, along it, and frequency.
+    grid : (3,) array
+        Step off the axis, first distance along it, and step along it, in metres.
+    wavenumbers : (F,) array
+        Even, in rad/m.
+    """
+
+    table: Complex32
+    grid: FloatArray
+    wavenumbers: FloatArray
+
+
+def beam_of(
+    aperture: float,
+    focus: float,
+    wavenumbers: FloatArray,
+    *,
+    near: float,
+    far: float,
+    off: float,
+) -> Beam:
+    """The beam of a disc by its angular spectrum.
+
+    Parameters
+    ----------
+    aperture : float
+        Diameter, in metres.
+    focus : float
+        Focal length of the lens, in metres; infinite without.
+    wavenumbers : (F,) array
+        Even, in rad/m.
+    near, far, off : float
+        Distances along and off the axis that the table covers, in metres.
+
+    Notes
+    -----
+    The Hankel transform of the pressure on the aperture, carried along by
+    exp(i z sqrt(k^2 - kappa^2)) and transformed back (Goodman, Introduction to Fourier Optics,
+    2005, section 3.10). Waves steeper than the edge of the lens and a margin are left out.
+    """
+    rho = np.arange(0.0, off + 2 * _OFF_STEP, _OFF_STEP)
+    along = np.arange(near, far + 2 * _ALONG_STEP, _ALONG_STEP)
+    nodes, weights = np.polynomial.legendre.leggauss(_RINGS)
+    ring = 0.25 * aperture * (nodes + 1)
+    ring_weights = 0.25 * aperture * weights * ring
+    lag = np.zeros_like(ring) if np.isinf(focus) else np.hypot(focus, ring) - focus
+    top = float(wavenumbers[-1])
+    steep = 0.5 * aperture / focus + 0.35
+    # Enough nodes to tell the edge of the disc from that of the table.
+    count = int(np.ceil(top * steep * (0.5 * aperture + rho[-1]) / np.pi)) + 60
+    kappa_nodes, kappa_weights = np.polynomial.legendre.leggauss(count)
+    kappa = 0.5 * top * steep * (kappa_nodes + 1)
+    kappa_weights = 0.5 * top * steep * kappa_weights * kappa
+    forward = j0(kappa[:, None] * ring) * ring_weights
+    back = (j0(rho[:, None] * kappa) * kappa_weights).astype(np.float32)
+    table = np.empty((len(rho), len(along), len(wavenumbers)), dtype=np.complex64)
+    for n, k in enumerate(wavenumbers):
+        spectrum = forward @ np.exp(-1j * k * lag)
+        slow = np.sqrt(k * k - kappa**2 + 0j) - k
+        carried = (spectrum[:, None] * np.exp(1j * slow[:, None] * along)).astype(np.complex64)
+        table[..., n] = back @ carried.real + 1j * (back @ carried.imag)
+    grid = np.array([_OFF_STEP, near, _ALONG_STEP])
+    return Beam(table, grid, np.asarray(wavenumbers, dtype=np.float64))
