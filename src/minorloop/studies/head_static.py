@@ -17,6 +17,7 @@ from minorloop.arrays import FloatArray, Levels, uniform_levels
 from minorloop.identification import Identification, excitation, identify
 from minorloop.identification.heating import (
     HeatedIdentification,
+    HeatedWire,
     identify_coupling,
     identify_heating,
     moving_levels,
@@ -130,6 +131,12 @@ def run_static(seed: int) -> Static:
             for name, u in (("stepping", stepping.u), ("exact", exact.u))
         },
     )
+
+
+def identify_head(seed: int) -> tuple[tuple[HeatedWire, HeatedWire], FloatArray]:
+    """Both wires of one specimen and the coupling of its sensors, for its control."""
+    found, readings = zip(*(_wire(seed, axis) for axis in range(2)), strict=True)
+    return (found[0].model, found[1].model), identify_coupling(readings)
 
 
 def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:

@@ -188,12 +188,12 @@ class Servo:
         point = self.eye.lens.normalised(seen)
         off = point - np.asarray(wanted, dtype=np.float64)
         pixels = float(self.eye.lens.focal * np.hypot(*off))
-        error = self._as_angles(point, off, believed)
+        error = self.as_angles(point, off, believed)
         if error is None:
             return ServoStep(state.angles, np.zeros(2), pixels, SINGULAR), state
         return self._turn(state, error, believed if angles is not None else None, pixels)
 
-    def _as_angles(
+    def as_angles(
         self, point: FloatArray, off: FloatArray, angles: FloatArray
     ) -> FloatArray | None:
         """The error as pan and tilt."""
