@@ -130,6 +130,7 @@ def find_echoes(
     gate: tuple[float, float] | None = None,
     share: float = 0.3,
     most: int = 4,
+    fine: bool = True,
 ) -> tuple[Echo, ...]:
     """The echoes of a trace in the order of their times.
 
@@ -147,6 +148,9 @@ def find_echoes(
         Of the loudest echo in the gate that another must have.
     most : int
         How many to give, the loudest.
+    fine : bool
+        Whether to time the wave rather than its envelope: six times less scatter, but off by
+        whole waves where noise is loud, or where the phase of the pulse is not known.
 
     Returns
     -------
@@ -160,8 +164,9 @@ def find_echoes(
 
     Notes
     -----
-    Matched filter, envelope, and the vertex of a parabola through three samples of it (Jacovitti
-    and Scarano, Discrete time techniques for time delay estimation, 1993).
+    Matched filter, envelope, and the vertex of a parabola through three samples of it, or of the
+    crest of the wave nearest to it (Jacovitti and Scarano, Discrete time techniques for time
+    delay estimation, 1993).
     """
     samples = np.asarray(trace, dtype=np.float64)
     if samples.ndim != 1 or not np.isfinite(samples).all():
@@ -171,7 +176,8 @@ def find_echoes(
     last = int(min(stop / interval, samples.size - 2))
     if last - first < 3:
         return ()
-    loud = np.abs(matched(samples, interval, pulse or Pulse()))
+    filtered = matched(samples, interval, pulse or Pulse())
+    loud = np.abs(filtered)
     quiet = loud[int(DEAD_TIME / interval) :]
     # The median of a Rayleigh distribution is 1.1774 of the standard deviation of each part.
     noise = float(np.median(quiet)) / 1.1774 if quiet.size else 0.0
@@ -180,15 +186,31 @@ def find_echoes(
     least = max(_LEAST_SNR * noise, share * inside.max(), 1e-12)
     peaks = peaks[loud[peaks] >= least]
     peaks = np.sort(peaks[np.argsort(-loud[peaks])][:most])
-    return tuple(_vertex(loud, int(n), interval, noise) for n in peaks)
+    echoes = []
+    for n in peaks:
+        place, height = _vertex(loud, int(n))
+        if fine:
+            place = _crest(filtered.real, place)
+        echoes.append(Echo(place * interval, height, height / max(noise, 1e-12)))
+    return tuple(echoes)
 
 
-def _vertex(loud: FloatArray, n: int, interval: float, noise: float) -> Echo:
-    before, here, after = loud[n - 1], loud[n], loud[n + 1]
+def _vertex(values: FloatArray, n: int) -> tuple[float, float]:
+    """Place, in samples, and height of the parabola through a peak and its neighbours."""
+    before, here, after = values[n - 1], values[n], values[n + 1]
     bend = before - 2 * here + after
     shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
-    height = float(here - 0.25 * (before - after) * shift)
-    return Echo((n + float(shift)) * interval, height, height / max(noise, 1e-12))
+    return n + float(shift), float(here - 0.25 * (before - after) * shift)
+
+
+def _crest(wave: FloatArray, place: float) -> float:
+    """The crest of a wave nearest to a place, in samples; the place itself where none is near."""
+    first = max(int(place) - 8, 1)
+    near = np.arange(first, min(first + 18, wave.size - 1))
+    crests = near[(wave[near] >= wave[near - 1]) & (wave[near] > wave[near + 1]) & (wave[near] > 0)]
+    if crests.size == 0:
+        return place
+    return _vertex(wave, int(crests[np.argmin(np.abs(crests - place))]))[0]
 
 
 def front_echo(

@@ -25,7 +25,7 @@ _FEWEST_INSIDE = 3
 _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _NOTICED = 0.05
-_STRANGE = 1.2
+_USUAL, _STRANGE = 1.06, 1.2  # times the cost of noise alone
 _OPEN, _UNEVEN, _UNSURE = 0.1, 0.6, 0.88
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
@@ -163,6 +163,8 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
     first = fit.solve(start)
     fit.refine_pulse(first.unknowns)
     best = fit.solve(first.unknowns)
+    if best.cost < _USUAL * fit.usual_cost and best.unknowns[4] > _UNSURE:
+        return best
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     taken = float(best.unknowns[3])

@@ -74,7 +74,7 @@ def spectra_of(bursts: Sequence[Burst], ear: Ear, centre: tuple[float, float]) -
 
 def _first(burst: Burst, expected: float) -> float:
     gate = (expected - 1.2e-6, expected + 1.2e-6)
-    echoes = find_echoes(burst.trace, burst.sample_interval, Pulse(), gate=gate)
+    echoes = find_echoes(burst.trace, burst.sample_interval, Pulse(), gate=gate, fine=False)
     return echoes[0].time if echoes else np.nan
 
 

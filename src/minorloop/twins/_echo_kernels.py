@@ -49,7 +49,8 @@ def in_crack(phi, z, radius, corners):
 @njit(cache=True, nogil=True)
 def echo_of_wall(
     table, grid, k0, dk, origin, axis, radius, half, step, water,
-    bores, dents, corners, starts, crack_depths, texture, grains, cell, rough, reference, out, grain_out,
+    bores, dents, corners, starts, crack_depths, texture, grains, cell, rough, reference,
+    out, grain_out,
 ):  # fmt: skip
     """Add 2 p dp/dn over the facets of the wall about the spot, for each frequency.
 

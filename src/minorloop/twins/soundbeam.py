@@ -7,6 +7,7 @@ one for each frequency, holds all of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -68,26 +69,38 @@ def beam_of(
     exp(i z sqrt(k^2 - kappa^2)) and transformed back (Goodman, Introduction to Fourier Optics,
     2005, section 3.10). Waves steeper than the edge of the lens and a margin are left out.
     """
+    return _beam_of(aperture, focus, tuple(wavenumbers.tolist()), near, far, off)
+
+
+@lru_cache(maxsize=3)
+def _beam_of(
+    aperture: float,
+    focus: float,
+    wavenumbers: tuple[float, ...],
+    near: float,
+    far: float,
+    off: float,
+) -> Beam:
     rho = np.arange(0.0, off + 2 * _OFF_STEP, _OFF_STEP)
     along = np.arange(near, far + 2 * _ALONG_STEP, _ALONG_STEP)
     nodes, weights = np.polynomial.legendre.leggauss(_RINGS)
     ring = 0.25 * aperture * (nodes + 1)
     ring_weights = 0.25 * aperture * weights * ring
     lag = np.zeros_like(ring) if np.isinf(focus) else np.hypot(focus, ring) - focus
-    top = float(wavenumbers[-1])
-    steep = 0.5 * aperture / focus + 0.35
-    # Enough nodes to tell the edge of the disc from that of the table.
-    count = int(np.ceil(top * steep * (0.5 * aperture + rho[-1]) / np.pi)) + 60
-    kappa_nodes, kappa_weights = np.polynomial.legendre.leggauss(count)
-    kappa = 0.5 * top * steep * (kappa_nodes + 1)
-    kappa_weights = 0.5 * top * steep * kappa_weights * kappa
-    forward = j0(kappa[:, None] * ring) * ring_weights
-    back = (j0(rho[:, None] * kappa) * kappa_weights).astype(np.float32)
+    steep = min(0.5 * aperture / min(focus, near) + 0.3, 0.85)
+    # Enough nodes for the edge of the disc, that of the table, and the slant of the steepest wave.
+    span = 0.5 * aperture + rho[-1] + along[-1] * steep / np.sqrt(1 - steep**2)
+    slants, slant_weights = np.polynomial.legendre.leggauss(
+        int(np.ceil(wavenumbers[-1] * steep * span / np.pi)) + 40
+    )
     table = np.empty((len(rho), len(along), len(wavenumbers)), dtype=np.complex64)
     for n, k in enumerate(wavenumbers):
-        spectrum = forward @ np.exp(-1j * k * lag)
-        slow = np.sqrt(k * k - kappa**2 + 0j) - k
+        kappa = 0.5 * k * steep * (slants + 1)
+        spectrum = (j0(kappa[:, None] * ring) * ring_weights) @ np.exp(-1j * k * lag)
+        spectrum *= 0.5 * k * steep * slant_weights * kappa
+        slow = np.sqrt(k * k - kappa**2) - k
         carried = (spectrum[:, None] * np.exp(1j * slow[:, None] * along)).astype(np.complex64)
+        back = j0(rho[:, None] * kappa).astype(np.float32)
         table[..., n] = back @ carried.real + 1j * (back @ carried.imag)
     grid = np.array([_OFF_STEP, near, _ALONG_STEP])
     return Beam(table, grid, np.asarray(wavenumbers, dtype=np.float64))

@@ -1,0 +1,89 @@
+"""One scan of a pit and one of a hole on the twin, and what can go wrong with them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.geometry import Mount, Probe, wall_point
+from minorloop.inspection.echoes import average
+from minorloop.inspection.field import Ear
+from minorloop.inspection.pits import measure_pit, raster, same_place
+from minorloop.twins.pipe import Bore, Pipe
+from minorloop.twins.ultrasound import Ultrasound
+
+MOUNT = Mount(advance=20e-3)
+EAR = Ear(Probe(), MOUNT)
+TRUE = Bore(3e-3, 20.02e-3, 1.1e-3, depth=0.6e-3, floor_tilt=(0.03, 0.02))
+CENTRE = (0.0, 20e-3)
+
+
+def scan(bores, seed, water=-9.99e-3):
+    """A raster with 4 shots a point and a tenth of a degree of sway."""
+    sonar = Ultrasound(Pipe(bores=bores, water=water), MOUNT, specimen=5, seed=seed, noise=0.1)
+    rng = np.random.default_rng(seed)
+    bursts = []
+    for target in raster(EAR, CENTRE):
+        place = target + np.radians(0.1) * rng.standard_normal(2)
+        sonar.look(*place)
+        shots = [sonar.shot() for _ in range(4)]
+        bursts.append(average(shots, np.tile(place, (4, 1)), np.zeros(4)))
+    return bursts
+
+
+@pytest.fixture(scope="module")
+def bursts():
+    return scan((TRUE,), 1)
+
+
+@pytest.fixture(scope="module")
+def found(bursts):
+    return measure_pit(bursts, EAR, CENTRE, 1.15e-3)
+
+
+def test_the_depth_is_measured_to_20_micrometres(found):
+    assert found.verdict == "measured"
+    assert found.depth == pytest.approx(0.6e-3, abs=20e-6)
+    assert found.diameter == pytest.approx(1.1e-3, rel=0.12)
+    assert same_place(found, (TRUE.phi, TRUE.z), 10e-3) < 0.1e-3
+    assert 0 < found.depth_sd < 20e-6
+
+
+def test_a_hole_is_told_from_a_pit():
+    found = measure_pit(scan((replace(TRUE, depth=np.inf),), 2), EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "through-hole"
+    assert np.isnan(found.depth)
+
+
+def test_a_mark_that_is_not_a_pit_has_no_depth():
+    found = measure_pit(scan((), 3), EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "no pit"
+    assert np.isnan(found.depth)
+
+
+def test_in_air_no_depth_is_claimed():
+    found = measure_pit(scan((TRUE,), 4, water=None), EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "no coupling"
+    assert np.isnan(found.depth)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 10, 15])
+def test_too_little_of_a_scan_says_so(bursts, kept):
+    found = measure_pit(bursts[:kept], EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "too few echoes"
+    assert found.bursts == kept
+
+
+def test_lost_bursts_are_left_out_and_their_reason_told(bursts):
+    lost = [replace(burst, verdict="dropout") for burst in bursts]
+    assert measure_pit(lost, EAR, CENTRE, 1.1e-3).verdict == "dropout"
+    few = lost[:8] + bursts[8:]
+    found = measure_pit(few, EAR, CENTRE, 1.1e-3)
+    assert found.bursts == 28
+    assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
+
+
+def test_a_raster_aims_at_the_wall_about_its_centre():
+    spots = EAR.spots(raster(EAR, CENTRE, points=3, pitch=0.5e-3))
+    expected = wall_point(0.05, 20.5e-3, 10e-3)
+    assert wall_point(spots[-1, 0], spots[-1, 1], 10e-3) == pytest.approx(expected, abs=1e-9)
