@@ -46,7 +46,7 @@ def test_stands_behind_the_door():
 
 
 def test_a_seed_gives_the_same_frames_again():
-    pipe = Pipe.draw(2, holes=1)
+    pipe = Pipe.draw(2, length=12.8e-3, holes=1)
     first, again, other = (Camera(pipe, seed=n) for n in (1, 1, 2))
     image = first.frame().image
     np.testing.assert_array_equal(image, again.frame().image)
@@ -85,23 +85,24 @@ def test_a_matt_wall_shines_as_cosine_over_square_of_distance(led):
 
 
 def test_lights_add_up():
-    pipe = Pipe.draw(4)
-    single = [
-        middle(looking_at(pipe, lights=lights, sensor=CLEAN).frame().image)
-        for lights in np.eye(3, dtype=bool)
-    ]
-    whole = middle(looking_at(pipe, sensor=CLEAN).frame().image)
+    camera, single = looking_at(Pipe(length=25.6e-3), sensor=CLEAN), []
+    whole = middle(camera.frame().image)
+    for lights in np.eye(3, dtype=bool):
+        camera.switch(lights)
+        single.append(middle(camera.frame().image))
     assert sum(single) == pytest.approx(whole, abs=1.5)
-    assert middle(looking_at(pipe, lights=(False,) * 3, sensor=CLEAN).frame().image) == 0
+    camera.switch((False,) * 3)
+    assert middle(camera.frame().image) == 0
 
 
 def test_a_highlight_follows_the_light_and_not_the_wall():
     pipe = Pipe(finish=Finish(roughness_around=0.05, roughness_along=0.05), dents=(
         Dent(PLACE[0], PLACE[1], 0.4e-3, 0.4e-3),
     ))  # fmt: skip
-    spots = []
+    camera, spots = looking_at(pipe, sensor=CLEAN, gain=0.3), []
     for lights in np.eye(3, dtype=bool):
-        image = looking_at(pipe, lights=lights, sensor=CLEAN, gain=0.3).frame().image
+        camera.switch(lights)
+        image = camera.frame().image
         window = image[180:300, 260:380].astype(float)
         window[window < 0.9 * window.max()] = 0
         v, u = np.mgrid[:120, :120]
@@ -124,7 +125,7 @@ def test_a_hole_is_where_the_scorer_is_told_it_is():
 
 
 def test_a_hole_lit_from_behind_shines_without_light():
-    pipe = Pipe(bores=(Bore(*PLACE, 1e-3, inside="backlit", brightness=1.0),))
+    pipe = Pipe(length=25.6e-3, bores=(Bore(*PLACE, 1e-3, inside="backlit", brightness=1.0),))
     image = looking_at(pipe, lights=(False,) * 3, sensor=CLEAN).frame().image
     assert middle(image) == pytest.approx(100, rel=0.1)
     assert image[:50].max() == 0

@@ -18,7 +18,7 @@ from minorloop.vision.eye import Eye
 SHARP, FLAT, AT_THE_END, NO_FRAMES = "sharp", "nothing to focus on", "at the end", "no frames"
 """Verdicts of a search."""
 
-_LEAST_GAIN = 1.02
+_LEAST_GAIN, _SCATTERS = 0.02, 3.0
 _SWEEPS = 3
 
 
@@ -161,7 +161,7 @@ def _settle(camera: FocusingCamera, guess: float, curve: FloatArray) -> Focus:
     known = curve[np.isfinite(curve[:, 1])]
     inverse, sharp = 1 / known[:, 0], known[:, 1]
     best = int(sharp.argmax())
-    if sharp.max() < _LEAST_GAIN * np.median(sharp):
+    if not _curved(inverse, np.log(sharp)):
         camera.focus_at(guess)
         return Focus(guess, curve, FLAT)
     first = int(np.clip(best - 2, 0, len(sharp) - 5))
@@ -171,6 +171,12 @@ def _settle(camera: FocusingCamera, guess: float, curve: FloatArray) -> Focus:
     top = float(np.clip(top, inverse.min(), inverse.max()))
     camera.focus_at(1 / top)
     return Focus(1 / top, curve, SHARP if 0 < best < len(sharp) - 1 else AT_THE_END)
+
+
+def _curved(inverse: FloatArray, level: FloatArray) -> bool:
+    """Whether a curve bends by more than it scatters."""
+    fitted = np.polyval(np.polyfit(inverse - inverse.mean(), level, 2), inverse - inverse.mean())
+    return bool(np.ptp(fitted) > _LEAST_GAIN + _SCATTERS * np.std(level - fitted))
 
 
 def _try(

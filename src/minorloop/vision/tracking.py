@@ -32,6 +32,7 @@ TRACKED, LOST, OUT_OF_VIEW = "tracked", "lost", "out of view"
 _FAR = 4
 _BORDER = 4.0
 _FADE = 0.5
+_LIKELY = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ class Tracker:
     reach: float = 1.2e-3
     widest: float = 8e-3
     least: float = 0.6
-    again: float = 0.7
+    again: float = 0.75
     learn: float = 0.1
 
     def __post_init__(self) -> None:
@@ -188,12 +189,9 @@ class Tracker:
     ) -> tuple[Track, TrackState]:
         """Find the piece in a frame that is good."""
         if not (math.isfinite(pan) and math.isfinite(tilt)):
-            return self._unseen(state, expected, 0.0, 0.0, LOST)
+            return self._unseen(state, expected, math.nan, math.nan, LOST)
         if state.missed:
-            rough = self._far(state, image, expected, pan, tilt)
-            if rough is None:
-                return self._unseen(state, expected, pan, tilt, self._why(expected, pan, tilt))
-            return self._near(state, image, rough, pan, tilt, 6 * self.texel, self.again)
+            return self._again(state, image, expected, pan, tilt)
         return self._near(state, image, expected, pan, tilt, self.reach, self.least)
 
     @property
@@ -263,21 +261,39 @@ class Tracker:
         fine = _best(np.ascontiguousarray(area[i0 : i0 + n, j0 : j0 + n]), template)
         return np.asarray(fine + np.array([j0, i0, 0.0]))
 
+    def _again(
+        self, state: TrackState, image: Image, expected: FloatArray, pan: float, tilt: float
+    ) -> tuple[Track, TrackState]:
+        """Look for a lost piece, and closely at the likeliest places."""
+        best = self._unseen(state, expected, pan, tilt, self._why(expected, pan, tilt))
+        for rough in self._far(state, image, expected, pan, tilt):
+            found = self._near(state, image, rough, pan, tilt, 6 * self.texel, self.again)
+            if found[0].verdict == TRACKED and not found[0].score <= best[0].score:
+                best = found
+        return best
+
     def _far(
         self, state: TrackState, image: Image, expected: FloatArray, pan: float, tilt: float
-    ) -> FloatArray | None:
+    ) -> list[FloatArray]:
         """Where a lost piece may be, by a search that widens with every frame."""
         reach = min(self.reach * 1.5 ** min(state.missed, 20), self.widest)
         step = 2 * self.texel
         area = _shrunk(
             self._flat(image, expected, pan, tilt, self._cells * self.texel + 2 * reach, step)
         )
-        best = _best(area, _shrunk(_shrunk(state.anchor)))
-        if best[2] < 0.8 * self.again:
-            return None
+        scores = _scores(area, _shrunk(_shrunk(state.anchor)))
         middle = (np.array(area.shape[::-1]) - self._cells / _FAR) / 2
-        off = (best[:2] - middle) * 2 * step
-        return np.asarray(expected + off / np.array([self.eye.radius, 1.0]))
+        places = []
+        for _ in range(_LIKELY):
+            best = np.empty(3)
+            kernels.peak(scores, best)
+            if best[2] < 0.7 * self.again:
+                break
+            off = (best[:2] - middle) * 2 * step
+            places.append(np.asarray(expected + off / np.array([self.eye.radius, 1.0])))
+            i, j = round(best[1]), round(best[0])
+            scores[max(i - 2, 0) : i + 3, max(j - 2, 0) : j + 3] = -1.0
+        return places
 
     def _why(self, expected: FloatArray, pan: float, tilt: float) -> str:
         pixel = self.eye.pixel(expected, pan, tilt)
@@ -306,12 +322,17 @@ def _shrunk(fine: Image32) -> Image32:
     return coarse
 
 
-def _best(area: Image32, template: Image32) -> FloatArray:
-    """Column, row and height of the highest correlation."""
+def _scores(area: Image32, template: Image32) -> FloatArray:
+    """Correlation with each place of an area; -1 where it is too small."""
     shape = np.maximum(np.array(area.shape) - template.shape + 1, 1)
     scores = np.full(tuple(shape), -1.0)
     if area.shape[0] >= template.shape[0] and area.shape[1] >= template.shape[1]:
         kernels.correlate(area, template, scores)
+    return scores
+
+
+def _best(area: Image32, template: Image32) -> FloatArray:
+    """Column, row and height of the highest correlation."""
     found = np.empty(3)
-    kernels.peak(scores, found)
+    kernels.peak(_scores(area, template), found)
     return found

@@ -1,0 +1,196 @@
+"""Find holes on the wall of a pipe whatever the light.
+
+An acquisition is five frames: each LED alone, none, and all. On the map of the wall the edge of
+a hole stays where it is under every light, reflections and shadows do not, and light from behind
+is there without any::
+
+    looks = acquire(camera, lambda: (pan, tilt), exposure=0.01, gain=2.0)
+    findings = find_holes(looks, eye)
+    for hole in findings.holes:
+        print(hole.place, hole.diameter, hole.evidence)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, check_option
+from minorloop.errors import ParameterError
+from minorloop.lab.actuator import Frame
+from minorloop.vision import health
+from minorloop.vision._evidence import THRESHOLDS, WEIGHTS
+from minorloop.vision.candidates import FEATURES, Candidate, candidates
+from minorloop.vision.eye import Eye
+from minorloop.vision.wallmap import Look, WallMap, judge_looks, lay_flat
+
+SWITCHED, SINGLE, DITHER = "switched", "single", "dither"
+MODES = (SWITCHED, SINGLE, DITHER)
+"""Ways to acquire: LEDs one by one with one frame in the dark; one frame; several frames with all
+LEDs and the head turned a little between them."""
+
+SEQUENCE = (
+    (True, False, False),
+    (False, True, False),
+    (False, False, True),
+    (False, False, False),
+    (True, True, True),
+)
+"""Lights of the frames of an acquisition."""
+
+ALONE = 1.5
+"""Exposure of a frame without all lights, relative to one with all."""
+
+NOT_IN_VIEW = "no wall in view"
+_APART = 0.8e-3
+
+
+class LitCamera(Protocol):
+    """A camera with LEDs that are switched one by one."""
+
+    def frame(self) -> Frame:
+        """The next image."""
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Say which LEDs are on from the next frame."""
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set how long the shutter is open, in seconds, and the gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hole:
+    """A hole, or a round pit, as it looks from inside.
+
+    Parameters
+    ----------
+    place : (2,) array
+        phi in radians and z in metres of its middle, by the pose that the eye knows.
+    diameter : float
+        In metres.
+    evidence : float
+        Logarithm of the odds that it is one, among round things on the wall.
+    kind : str
+        How it was found: ``dark``, ``bright``, ``either`` or ``lit`` from behind.
+    """
+
+    place: FloatArray
+    diameter: float
+    evidence: float
+    kind: str
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What was found in an acquisition.
+
+    Parameters
+    ----------
+    holes : tuple of Hole
+        Strongest first.
+    verdict : str
+        ``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``,
+        ``frozen``, ``torn``, ``wrong size``.
+    wall : WallMap, optional
+        The map on which they were found; None where the verdict is not ``good``.
+    """
+
+    holes: tuple[Hole, ...]
+    verdict: str
+    wall: WallMap | None = None
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.holes)} holes; frames {self.verdict}"]
+        lines += [
+            f"  phi {hole.place[0]:+.3f} rad  z {1e3 * hole.place[1]:.2f} mm  "
+            f"diameter {1e3 * hole.diameter:.2f} mm  evidence {hole.evidence:+.1f}  {hole.kind}"
+            for hole in self.holes
+        ]
+        return "\n".join(lines)
+
+
+def acquire(
+    camera: LitCamera,
+    angles: Callable[[], tuple[float, float]],
+    *,
+    exposure: float = 0.01,
+    gain: float = 1.0,
+) -> tuple[Look, ...]:
+    """Take the five frames of ``SEQUENCE``; all lights are on afterwards.
+
+    Parameters
+    ----------
+    camera : LitCamera
+    angles : callable
+        Gives pan and tilt as measured, in radians; called once for each frame.
+    exposure, gain : float
+        With all lights on.
+    """
+    looks = []
+    for lights in SEQUENCE:
+        camera.switch(lights)
+        camera.expose(exposure if all(lights) else ALONE * exposure, gain)
+        pan, tilt = angles()
+        looks.append(Look(camera.frame().image, pan, tilt, lights))
+    return tuple(looks)
+
+
+def find_holes(
+    looks: Sequence[Look], eye: Eye, *, mode: str = SWITCHED, least: float | None = None
+) -> Findings:
+    """Find round holes of 0.85 to 1.15 mm; nothing is raised for frames that are bad.
+
+    Parameters
+    ----------
+    looks : sequence of Look
+        An acquisition, such as ``acquire`` gives.
+    eye : Eye
+        The camera.
+    mode : {"switched", "single", "dither"}
+        How the frames were taken; the weights of the evidence depend on it.
+    least : float, optional
+        Least evidence; without it, that which gave 0.05 false findings an acquisition on the
+        scenes that the weights were fitted on.
+
+    Raises
+    ------
+    ParameterError
+        If the mode is unknown or there are no frames.
+    """
+    check_option("mode", mode, MODES)
+    if not looks:
+        raise ParameterError("there are no frames; give at least one")
+    verdict = judge_looks(looks, eye)
+    if verdict != health.GOOD:
+        return Findings((), verdict)
+    wall = lay_flat(looks, eye)
+    if wall is None:
+        return Findings((), NOT_IN_VIEW)
+    threshold = THRESHOLDS[mode] if least is None else least
+    holes = [_hole(candidate, wall, eye, mode) for candidate in candidates(wall)]
+    return Findings(strongest(holes, eye.radius, threshold), verdict, wall)
+
+
+def evidence(candidate: Candidate, mode: str = SWITCHED) -> float:
+    """Logarithm of the odds that a candidate is a hole: weights times features, and a constant."""
+    constant, weights = WEIGHTS[mode][candidate.kind]
+    values = dict(zip(FEATURES, candidate.features.tolist(), strict=True))
+    return constant + sum(weight * values[name] for name, weight in weights.items())
+
+
+def strongest(holes: Sequence[Hole], radius: float, least: float) -> tuple[Hole, ...]:
+    """Those with enough evidence, without those beside a stronger one, strongest first."""
+    kept: list[Hole] = []
+    for hole in sorted(holes, key=lambda hole: -hole.evidence):
+        off = [hole.place - other.place for other in kept]
+        if hole.evidence >= least and all(np.hypot(radius * a, b) > _APART for a, b in off):
+            kept.append(hole)
+    return tuple(kept)
+
+
+def _hole(candidate: Candidate, wall: WallMap, eye: Eye, mode: str) -> Hole:
+    place = wall.window.place(candidate.x, candidate.y, eye.radius)
+    return Hole(place, candidate.diameter, evidence(candidate, mode), candidate.kind)

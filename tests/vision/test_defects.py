@@ -1,0 +1,116 @@
+"""Finding holes beside glints, and what is said of frames that are bad."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.geometry import wrapped
+from minorloop.twins.view import draw_view
+from minorloop.vision.defects import SEQUENCE, acquire, find_holes
+from minorloop.vision.eye import Eye
+from minorloop.vision.wallmap import Look, judge_looks, lay_flat
+
+
+def taken(seed, **options):
+    view = draw_view(seed, **options)
+    eye = Eye(view.camera.calibration, view.mount, view.camera.leds)
+    return view, eye, acquire(view.camera, lambda: (view.pan, view.tilt), gain=view.gain)
+
+
+VIEW, EYE, LOOKS = taken(1, hole=True, inside="backlit")
+
+
+@pytest.mark.parametrize("inside", ["dark", "white", "backlit"])
+def test_a_hole_beside_a_glint_is_found_and_measured(inside):
+    view, eye, looks = taken(21, hole=True, inside=inside)
+    findings = find_holes(looks, eye)
+    assert findings.verdict == "good"
+    place = eye.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    first = findings.holes[0]
+    turn = 10e-3 * float(wrapped(first.place[0] - place[0]))
+    assert np.hypot(turn, first.place[1] - place[1]) < 0.1e-3
+    assert first.diameter == pytest.approx(view.hole.diameter, rel=0.12)
+    assert "diameter" in str(findings)
+
+
+def test_an_acquisition_is_each_led_alone_none_and_all():
+    assert tuple(look.lights for look in LOOKS) == SEQUENCE
+    assert LOOKS[3].image.mean() < LOOKS[0].image.mean() < LOOKS[4].image.mean()
+
+
+def test_more_evidence_asked_for_leaves_less():
+    few, many = (find_holes(LOOKS, EYE, least=least).holes for least in (5.0, -5.0))
+    assert len(few) < len(many)
+    assert [hole.evidence for hole in many] == sorted((h.evidence for h in many), reverse=True)
+    apart = [
+        np.hypot(10e-3 * wrapped(a.place[0] - b.place[0]), a.place[1] - b.place[1])
+        for n, a in enumerate(many)
+        for b in many[:n]
+    ]
+    assert min(apart) > 0.8e-3
+
+
+def spoilt(index, image):
+    looks = list(LOOKS)
+    looks[index] = replace(looks[index], image=image)
+    return looks
+
+
+@pytest.mark.parametrize(
+    ("looks", "verdict"),
+    [
+        (spoilt(0, np.zeros((480, 640), np.uint8)), "black"),
+        (spoilt(4, np.full((480, 640), 255, np.uint8)), "saturated"),
+        (spoilt(2, np.zeros((240, 320), np.uint8)), "wrong size"),
+        (spoilt(2, None), "wrong size"),
+        (spoilt(1, LOOKS[0].image), "frozen"),
+        (spoilt(4, np.roll(LOOKS[4].image, 240, axis=0)), "torn"),
+        ([LOOKS[3]], "black"),
+    ],
+)
+def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
+    findings = find_holes(looks, EYE)
+    assert findings.verdict == verdict
+    assert findings.holes == ()
+    assert findings.wall is None
+
+
+def test_a_wall_too_far_away_is_not_in_view():
+    ahead = [replace(look, pan=0.0, tilt=0.0) for look in LOOKS]
+    far = replace(EYE, lens=replace(EYE.lens, focal=EYE.lens.focal))
+    narrow = Eye(replace(far.lens, focal=5000.0), far.mount, far.leds)
+    assert find_holes(ahead, narrow).verdict == "no wall in view"
+
+
+def test_unknown_ways_and_no_frames_are_refused():
+    with pytest.raises(ParameterError, match="mode"):
+        find_holes(LOOKS, EYE, mode="guess")
+    with pytest.raises(ParameterError, match="no frames"):
+        find_holes([], EYE)
+
+
+@pytest.mark.parametrize("mode", ["single", "dither"])
+def test_other_ways_to_acquire(mode):
+    looks = LOOKS[-1:] if mode == "single" else [LOOKS[-1], taken(1, hole=True)[2][-1]]
+    assert find_holes(looks, EYE, mode=mode).verdict == "good"
+
+
+def test_reflectance_does_not_depend_on_which_light_is_on():
+    view = draw_view(3, hole=False)
+    eye = Eye(view.camera._optics, view.mount, view.camera.leds)
+    looks = acquire(view.camera, lambda: (view.pan, view.tilt), gain=view.gain)
+    assert judge_looks(looks, eye) == "good"
+    wall = lay_flat(looks, eye)
+    assert wall.stack.shape[0] == 3
+    raw = np.array([np.log(look.image[200:280, 280:360] + 2.0).mean() for look in looks[:3]])
+    level = np.nanmedian(wall.stack - wall.stack.mean(axis=0), axis=(1, 2))
+    assert np.ptp(level) < max(np.ptp(raw), 0.25)
+    assert np.isfinite(wall.ground).any()
+
+
+def test_looks_may_have_been_taken_without_the_dark_one():
+    wall = lay_flat([look for look in LOOKS if any(look.lights)], EYE)
+    assert wall.glow is None
+    assert lay_flat([Look(LOOKS[4].image, VIEW.pan, VIEW.tilt)], EYE).stack.shape[0] == 1
