@@ -212,8 +212,12 @@ def gather_depths(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "bias_um": float(np.nanmean(error)),
             "sd_um": float(np.nanstd(error)),
             "measured_fraction": float(np.isfinite(error).mean()),
-            "unfocused_bias_um": float(np.nanmean(unfocused)) if np.isfinite(unfocused).any() else np.nan,
-            "unfocused_sd_um": float(np.nanstd(unfocused)) if np.isfinite(unfocused).any() else np.nan,
+            "unfocused_bias_um": float(np.nanmean(unfocused))
+            if np.isfinite(unfocused).any()
+            else np.nan,
+            "unfocused_sd_um": float(np.nanstd(unfocused))
+            if np.isfinite(unfocused).any()
+            else np.nan,
             "unfocused_measured": float(np.isfinite(unfocused).mean()),
             "dished_error_mm": float(column("dished_mm").max()),
             "scan_seconds": float(np.median(column("scan_seconds"))),

@@ -113,7 +113,9 @@ class Scene:
 
     def eye(self, head: SeeingHead) -> Eye:
         """The camera as calibrated; the head is taken to sit in the middle of the pipe."""
-        return Eye(head.camera.calibration, replace(self.mount, offset=(0.0, 0.0)), head.camera.leds)
+        return Eye(
+            head.camera.calibration, replace(self.mount, offset=(0.0, 0.0)), head.camera.leds
+        )
 
     def off(self, head: SeeingHead) -> float:
         """How far the true hole is from the middle of the image, in pixels."""
@@ -122,9 +124,7 @@ class Scene:
         return float(260.0 * np.hypot(x / z, y / z))
 
 
-def run_servo(
-    scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: float
-) -> ServoRun:
+def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: float) -> ServoRun:
     """Bring the hole to the middle of the image, from where the head was left.
 
     Against sway it is held by what the joints should read, once it is near.

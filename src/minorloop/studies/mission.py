@@ -1,0 +1,369 @@
+"""The inspection of section 5.2 of the catheter head paper, as one automatic mission on the twin.
+
+Look around, pick, centre, focus, extract, touch, measure, reconstruct. Head, catheter, camera and
+probe are twins; everything between them is what a real inspection would run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.control.head import HeadControl, head_control
+from minorloop.geometry import Mount, Probe, meet_wall, wall_point, wrapped
+from minorloop.inspection.echoes import average, choose_modality
+from minorloop.inspection.field import Ear
+from minorloop.inspection.findings import Finding, finding_of
+from minorloop.inspection.fusion import fuse, mean_depths
+from minorloop.inspection.pits import PitDepth, measure_pit, raster
+from minorloop.inspection.unrolled import Patch, WallMap
+from minorloop.studies.head_static import identify_head
+from minorloop.twins.camera import Camera
+from minorloop.twins.catheter import Catheter
+from minorloop.twins.head import Head
+from minorloop.twins.pipe import Bore, Pipe
+from minorloop.twins.seeing import STRAIGHT, SeeingHead
+from minorloop.twins.ultrasound import Ultrasound
+from minorloop.vision.defects import Findings, Hole, acquire, find_holes
+from minorloop.vision.eye import Eye
+from minorloop.vision.focus import autofocus
+from minorloop.vision.jacobian import wall_depth
+from minorloop.vision.servo import Cone, Servo
+from minorloop.vision.tracking import TRACKED, Tracker
+
+TICK, RADIUS = 0.04, 10e-3
+RING, LOOKS = 23.0, 8
+"""Deflection of the looks around in degrees, and how many there are."""
+TRAVEL_TIME, CENTRE_TIME, RASTER_TIME = 6.0, 9.0, 1.6
+"""Seconds for a move of the head, for centring, and for a step of the raster."""
+ADVANCES = (0.0, 8.0, 16.0)
+"""Positions of the catheter from which is looked around, in mm, until something is found."""
+MOST_PICKS = 3
+"""Things that are gone to, one after the other, until echoes confirm one."""
+NEARER = 0.6
+"""Share of the way to the finding that the head turns before the servo takes over."""
+SHOTS, GREY = 16, 95.0
+CONE = Cone(half=np.radians(30.0))
+PATCH = 2.4e-3
+
+
+@dataclass(frozen=True)
+class Step:
+    """A line of the mission's log: when it was done, in seconds, what, and what came of it."""
+
+    t: float
+    what: str
+    outcome: str
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """What a mission gave.
+
+    ``log`` of the steps; ``first`` and ``centred`` images of the finding and its pixel in the
+    first; ``found`` by the camera and ``pit`` by the echoes; ``wall`` about it; ``truth``, for
+    scoring; ``touch`` how far the tool's point came to lie from the true centre, in m.
+    """
+
+    seed: int
+    log: tuple[Step, ...]
+    looks: Findings | None
+    first: npt.NDArray[np.uint8] | None
+    pixel: FloatArray | None
+    centred: npt.NDArray[np.uint8] | None
+    found: Hole | None
+    pit: PitDepth | None
+    finding: Finding | None
+    wall: WallMap | None
+    touch: float
+    truth: Bore
+
+    def figures(self) -> dict[str, Any]:
+        """How far from the truth it came; NaN where nothing was found."""
+        place = width = depth = np.nan
+        if self.pit is not None:
+            place = 1e3 * _apart((self.pit.phi, self.pit.z), self.truth)
+            width = 100 * abs(self.pit.diameter / self.truth.diameter - 1)
+            depth = 1e3 * abs(self.pit.depth - self.truth.depth)
+        return {
+            "found": self.found is not None,
+            "measured": self.pit is not None and self.pit.measured,
+            "seconds": self.log[-1].t,
+            "touch_mm": 1e3 * self.touch,
+            "position_mm": place,
+            "diameter_error_pct": width,
+            "depth_error_mm": depth,
+        }
+
+
+class _Crew:
+    """Head, catheter, camera and control in one place, with a clock and a log."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng([seed, 31])
+        self.bore = Bore(
+            float(rng.uniform(-np.pi, np.pi)),
+            float(rng.uniform(19e-3, 30e-3)),
+            float(rng.uniform(0.9e-3, 1.1e-3)),
+            depth=float(rng.uniform(0.3e-3, 0.8e-3)),
+            brightness=0.0,
+            lining=0.08,
+        )
+        dry = replace(Pipe.draw(seed), bores=(self.bore,))
+        self.wet = replace(dry, water=-0.9999 * RADIUS)
+        self.off = tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
+        self.known_off = tuple((np.array(self.off) + rng.normal(0, 0.05e-3, 2)).tolist())
+        self.seed = seed
+        camera = Camera(dry, Mount(offset=self.off), specimen=seed, seed=seed)
+        self.head = SeeingHead(Head(seed, 0.05, seed, delay=TICK), camera)
+        self.catheter = Catheter(seed, 0.02, seed)
+        wires, coupling = identify_head(seed)
+        self.control: HeadControl = head_control("observer", wires, coupling=coupling)
+        self.state, self.y = self.control.begin(), np.zeros(2)
+        self.place = np.zeros(2)
+        self.log: list[Step] = []
+        self.gain = 1.0
+        self.looked_from = 0.0
+
+    @property
+    def t(self) -> float:
+        """Seconds since the mission began."""
+        return self.head.head.clock
+
+    @property
+    def angles(self) -> FloatArray:
+        """(2,) pan and tilt of the line of sight as the joints say, in radians."""
+        return np.asarray(np.radians(self.y - STRAIGHT))
+
+    @property
+    def mount(self) -> Mount:
+        """As the catheter's sensors say."""
+        advance, roll = self.place
+        return Mount(
+            offset=self.known_off, roll=float(np.radians(roll)), advance=1e-3 * float(advance)
+        )
+
+    @property
+    def eye(self) -> Eye:
+        """The camera as calibrated, where the catheter is."""
+        return Eye(self.head.camera.calibration, self.mount, self.head.camera.leds)
+
+    def tick(self, wanted: FloatArray, rates: FloatArray | None = None) -> None:
+        """One tick towards a line of sight (2,) in radians."""
+        u, self.state = self.control.step(self.state, np.degrees(wanted) + STRAIGHT, self.y)
+        self.y = self.head.exchange(u)
+        self.place = np.asarray(self.catheter.exchange(np.zeros(2) if rates is None else rates))
+        advance, roll = self.catheter._output_now().tolist()
+        self.head.camera.move(self._true_mount(advance, roll))
+
+    def turn(self, wanted: FloatArray, seconds: float = TRAVEL_TIME) -> None:
+        """Go to a line of sight."""
+        for _ in range(round(seconds / TICK)):
+            self.tick(wanted)
+
+    def travel(self, advance: float, roll: float) -> None:
+        """Bring the catheter to mm and degrees, the head as it is."""
+        wanted, limits = np.array([advance, roll]), np.array([8.0, 40.0])
+        hold = self.angles
+        for _ in range(1000):
+            off = wanted - self.place
+            if (np.abs(off) < (0.05, 0.3)).all():
+                break
+            self.tick(hold, np.clip(2.0 * off, -limits, limits))
+        for _ in range(10):
+            self.tick(hold)
+
+    def meter(self) -> None:
+        """Focus on what is ahead, and expose for a middle grey."""
+        ahead = wall_depth(self.eye, np.zeros(2), *self.angles.tolist())
+        self.head.camera.focus_at(float(np.clip(ahead, 5e-3, 55e-3)))
+        hold = self.angles
+        for _ in range(25):
+            mean = float(np.mean(self.head.frame().image))
+            self.gain = float(np.clip(self.gain * (GREY / max(mean, 1.0)) ** 0.7, 0.1, 20.0))
+            self.head.camera.expose(0.01, self.gain)
+            self.tick(hold)
+
+    def look(self) -> Findings:
+        """Five frames and what is in them, the head held."""
+        hold = self.angles
+        sight = _Sight(self.head, lambda: self.tick(hold))
+        looks = acquire(sight, lambda: tuple(self.angles.tolist()), exposure=0.01, gain=self.gain)
+        self.head.camera.expose(0.01, self.gain)
+        return find_holes(looks, self.eye)
+
+    def say(self, what: str, outcome: str) -> None:
+        """Write a line of the log."""
+        self.log.append(Step(self.t, what, outcome))
+
+    def true_line(self) -> FloatArray:
+        """(2,) phi and z where the optical axis really meets the wall. For scoring only."""
+        advance, roll = self.catheter._output_now().tolist()
+        pose = self._true_mount(advance, roll).pose(*self.head._line_of_sight().tolist())
+        return np.asarray(meet_wall(pose.position, pose.rotation[:, 2], RADIUS)[:2])
+
+    def _true_mount(self, advance: float, roll: float) -> Mount:
+        return Mount(offset=self.off, roll=float(np.radians(roll)), advance=1e-3 * advance)
+
+    def probe(self) -> tuple[Ultrasound, Ear]:
+        """The probe in the flooded pipe where the catheter is, and what is known of it."""
+        advance, roll = self.catheter._output_now().tolist()
+        probe = Ultrasound(
+            self.wet, self._true_mount(advance, roll), specimen=self.seed, seed=self.seed
+        )
+        return probe, Ear(Probe(), self.mount, thickness=self.wet.thickness)
+
+
+class _Sight:
+    """A camera that lets the head go on for a tick with every frame."""
+
+    def __init__(self, head: SeeingHead, tick: Callable[[], None]) -> None:
+        self._head, self._tick = head, tick
+        self.switch, self.expose = head.camera.switch, head.camera.expose
+        self.focus_at = head.camera.focus_at
+
+    def frame(self) -> Any:
+        """The next image."""
+        image = self._head.frame()
+        self._tick()
+        return image
+
+
+def run_mission(seed: int) -> Mission:
+    """Inspect one pipe with one pit in it, without a hand."""
+    crew = _Crew(seed)
+    mission = Mission(seed, (), None, None, None, None, None, None, None, None, np.nan, crew.bore)
+    for hole, angles in _search(crew)[:MOST_PICKS]:
+        first, pixel = _pick(crew, hole, angles)
+        _centre(crew, pixel)
+        _focus(crew)
+        looks, centred, seen = _extract(crew, hole)
+        touch = _apart(tuple(crew.true_line().tolist()), crew.bore)
+        crew.say("touch", f"the tool's point is sent to z {1e3 * seen.place[1]:.2f} mm")
+        pit, wall = _measure(crew, seen)
+        mission = replace(
+            mission, looks=looks, first=first, pixel=pixel, centred=centred, found=seen, pit=pit,
+            wall=wall, touch=touch, finding=finding_of(pit),
+        )  # fmt: skip
+        if pit.verdict in ("measured", "through-hole", "uneven floor"):
+            size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
+            crew.say("reconstruct", f"{finding_of(pit).kind} of {size}")
+            break
+    return replace(mission, log=tuple(crew.log))
+
+
+def _search(crew: _Crew) -> list[tuple[Hole, FloatArray]]:
+    """Look around from one place after another until something is found; the likeliest first."""
+    seen: list[tuple[Hole, FloatArray]] = []
+    for advance in ADVANCES:
+        crew.travel(advance, 0.0)
+        crew.looked_from = 1e-3 * advance
+        for k in range(LOOKS):
+            way = 2 * np.pi * k / LOOKS
+            crew.turn(np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
+            crew.meter()
+            seen += [(hole, crew.angles) for hole in crew.look().holes]
+        seen.sort(key=lambda pair: -pair[0].evidence)
+        each: list[tuple[Hole, FloatArray]] = []
+        for hole, angles in seen:
+            if all(_distance(hole.place, other.place) > 1.5e-3 for other, _ in each):
+                each.append((hole, angles))
+        words = f"{len(each)} things" if each else "nothing"
+        crew.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
+        if each:
+            return each
+    return []
+
+
+def _pick(crew: _Crew, hole: Hole, angles: FloatArray) -> tuple[npt.NDArray[np.uint8], FloatArray]:
+    """Turn towards a thing that was found, and say where it is in the image."""
+    crew.travel(1e3 * crew.looked_from, 0.0)
+    aim = crew.mount.aim(wall_point(hole.place[0], hole.place[1], RADIUS))
+    crew.turn(CONE.clip(angles + NEARER * (np.array(aim) - angles)))
+    crew.meter()
+    place = f"phi {np.degrees(hole.place[0]):.0f} deg, z {1e3 * hole.place[1]:.1f} mm"
+    crew.say("pick", f"{place}, evidence {hole.evidence:+.1f}")
+    pixel = crew.eye.pixel(hole.place, *crew.angles.tolist())
+    return crew.head.frame().image, np.asarray(pixel)
+
+
+def _centre(crew: _Crew, pixel: FloatArray) -> None:
+    """Bring the picked point to the middle of the image."""
+    eye = crew.eye
+    tracker = Tracker(eye)
+    servo = Servo(eye, gain=0.8, delay=0.2, cone=CONE)
+    _, track = tracker.begin(crew.head.frame().image, pixel, *crew.angles.tolist())
+    state = servo.begin(crew.angles)
+    error = np.nan
+    for _ in range(round(CENTRE_TIME / TICK)):
+        now, track = tracker.step(track, crew.head.frame().image, *crew.angles.tolist())
+        step, state = servo.step(state, now.pixel if now.verdict == TRACKED else None, crew.angles)
+        error = step.error
+        crew.tick(step.angles)
+    crew.say("centre", f"{error / 2:.2f} px from the middle of a 320 by 240 image")
+
+
+def _focus(crew: _Crew) -> None:
+    """Sweep the focus on the middle of the image."""
+    hold, eye = crew.angles, crew.eye
+    sight = _Sight(crew.head, lambda: crew.tick(hold))
+    middle = np.array([eye.lens.width / 2, eye.lens.height / 2])
+    guess = wall_depth(eye, np.zeros(2), *crew.angles.tolist())
+    found = autofocus(sight, eye, middle, float(np.clip(guess, 6e-3, 50e-3)))
+    crew.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
+
+
+def _extract(crew: _Crew, picked: Hole) -> tuple[Findings, npt.NDArray[np.uint8], Hole]:
+    """Five frames of the centred point, and the outline in them."""
+    crew.meter()
+    looks = crew.look()
+    near = [h for h in looks.holes if _distance(h.place, picked.place) < 1.5e-3]
+    hole = max(near, key=lambda h: h.evidence) if near else picked
+    words = "seen again" if near else "not seen again; the first look counts"
+    crew.say("extract", f"{1e3 * hole.diameter:.2f} mm across, {words}")
+    return looks, crew.head.frame().image, hole
+
+
+def _measure(crew: _Crew, hole: Hole) -> tuple[PitDepth, WallMap]:
+    """Flood the pipe, bring the probe square to the finding, scan, fit and fuse."""
+    phi, z = hole.place.tolist()
+    crew.travel(1e3 * z, float(np.degrees(wrapped(phi))))
+    probe, ear = crew.probe()
+    targets = raster(ear, (phi, z))
+    crew.turn(targets[0])
+    bursts = []
+    stand = RADIUS - ear.probe.face
+    modality = "camera"
+    for k, target in enumerate(targets):
+        crew.turn(target, RASTER_TIME)
+        shots = []
+        sight = crew.head._line_of_sight()
+        for _ in range(SHOTS):
+            probe.look(float(sight[0]), float(sight[1]))
+            shots.append(probe.shot())
+        if k == 0:
+            modality = choose_modality(shots, stand, ear.speed)
+        angles = np.tile(crew.angles, (SHOTS, 1))
+        spot, wanted = ear.spots(angles[:1])[0], ear.spots(target[None])[0]
+        off = np.hypot(RADIUS * float(wrapped(spot[0] - wanted[0])), spot[1] - wanted[1])
+        bursts.append(average(shots, angles, np.full(SHOTS, off), most_off=0.6e-3))
+    pit = measure_pit(bursts, ear, (phi, z), hole.diameter)
+    crew.say("measure", f"{modality}; {pit.bursts} of {len(targets)} places; {pit.verdict}")
+    patch = Patch.around(phi, z, size=PATCH)
+    heard = mean_depths(bursts, ear, patch, pit) if pit.measured else None
+    return pit, fuse(pit, heard, patch)
+
+
+def _distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
+    a, b = np.asarray(one), np.asarray(other)
+    return float(np.hypot(RADIUS * float(wrapped(a[0] - b[0])), a[1] - b[1]))
+
+
+def _apart(place: tuple[float, ...], bore: Bore) -> float:
+    point = wall_point(place[0], place[1], RADIUS)
+    return float(np.linalg.norm(point - wall_point(bore.phi, bore.z, RADIUS)))
