@@ -20,6 +20,7 @@ NAMES = {
     *("HeatedWire", "identify_heating", "moving_levels"),
     *("head_control", "HeadControl", "WireLimits", "Planner"),
     *("Record", "curvature_from_displacement", "displacement_from_curvature"),
+    *("Surroundings", "Course", "Fault", "convection"),
     *("save", "load", "connect", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),

@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from minorloop.operators.preisach import Preisach
     from minorloop.operators.relays import RelayModel
     from minorloop.operators.tracker import Tracker
+    from minorloop.twins.sensor import Fault
+    from minorloop.twins.surroundings import Course, Surroundings, convection
 
 __version__ = "0.1.0"
 
@@ -65,7 +67,9 @@ __all__ = [
     "Actuator",
     "Cascade",
     "Channel",
+    "Course",
     "Creep",
+    "Fault",
     "GeneralisedPrandtlIshlinskii",
     "HeadControl",
     "HeatedWire",
@@ -96,6 +100,7 @@ __all__ = [
     "SignalError",
     "Store",
     "StoreError",
+    "Surroundings",
     "Tracker",
     "Trajectory",
     "UnreachableError",
@@ -103,6 +108,7 @@ __all__ = [
     "__version__",
     "arx",
     "connect",
+    "convection",
     "curvature_from_displacement",
     "densities",
     "describing_function",
@@ -183,6 +189,8 @@ _HOMES = {
     "minorloop.operators.preisach": ("Preisach",),
     "minorloop.operators.relays": ("RelayModel",),
     "minorloop.operators.tracker": ("Tracker",),
+    "minorloop.twins.sensor": ("Fault",),
+    "minorloop.twins.surroundings": ("Course", "Surroundings", "convection"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _MODULES = {

@@ -65,6 +65,11 @@ IMPOSSIBLE = {
 STROKE_SHARE, CLEARLY, IMPOSSIBLE_SECONDS = 0.95, 5.0, 20.0
 """What is asked for then, as a share of the identified stroke. Some specimens get there in the
 cold after all: whether it is out of reach, by so many degrees, is judged by the truth."""
+HOT = {
+    "little cooling": Surroundings(convection=30.0, ambient=30.0),
+    "hot": Surroundings(ambient=60.0),
+}
+HOT_SECONDS = 15.0
 FAULT_AT, FAULT_SECONDS = 12.0, 25.0
 OLD_HOLD, OLD_TARGETS, OLD_RANGE, OLD_WAIT = 12.0, 20, (10.0, 45.0), 4.0
 """Targets for a head whose wires have aged since it was identified: s, how many, degrees, s."""
@@ -320,7 +325,7 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, s
 
 
 def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """What cannot be done, and sensors that fail, by every controller that reads one."""
+    """Little cooling, sensors that fail, and what cannot be done, by every controller."""
     runs = {}
     for name, control in controls.items():
         for kind in ("stuck", "lost"):
@@ -333,13 +338,24 @@ def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str
                 seed=seed,
                 faults=[Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)],
             )
+        nearly_all = STROKE_SHARE * control.axes[0].observer.wire.operator.range[1]
+        for what, surroundings in HOT.items():
+            runs[what, name] = run_loop(
+                name,
+                control,
+                constant(nearly_all, nearly_all),
+                HOT_SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=surroundings,
+            )
         if name == "feedforward":
             continue
         for what, (surroundings, _) in IMPOSSIBLE.items():
             runs[what, name] = run_loop(
                 name,
                 control,
-                constant(STROKE_SHARE * control.axes[0].observer.wire.operator.range[1]),
+                constant(nearly_all),
                 IMPOSSIBLE_SECONDS,
                 specimen=seed,
                 seed=seed,

@@ -206,7 +206,8 @@ def _add_disturbed(report: Report, study: HeadStudy) -> None:
         "identification, and an ambient that rises by 10 K within 10 s. On wires that have aged "
         "by a whole life, 10 % less stroke and 5 K, the second half of a staircase is "
         f"{aged['observer_rms_deg']:.2f} degrees rms off with the observer and "
-        f"{aged['adaptive_rms_deg']:.2f} with the model that goes on learning.",
+        f"{aged['adaptive_rms_deg']:.2f} with the model that goes on learning: what ageing changes "
+        "is mostly a bias, which the observer knows already.",
         pictures=[
             Picture(draw_disturbed(study), "Steps in other surroundings, and the rising ambient."),
             Picture(
@@ -250,10 +251,12 @@ def _add_limits(report: Report, study: HeadStudy) -> None:
     report.add(
         "Limits, lost sensors, and targets out of reach",
         text=f"No run may exceed {HIGHEST} A or {HOTTEST:.0f} degrees Celsius, with a sensor that "
-        "sticks or is lost as well. The controller cannot measure the temperature and believes "
-        "the hotter of two estimates; the twin's truth judges afterwards. A target that cannot "
-        "be reached is given up with its cause: flooded without a sleeve the wire hardly warms, "
-        "in air of -10 degrees most specimens do not turn all the way.",
+        "sticks or is lost, and where little cools the wire, as well. At the end of its stroke the "
+        "angle does not tell how hot a wire is; there it is not heated on. The controller cannot "
+        "measure the temperature and believes the hotter of two estimates; the twin's truth judges "
+        "afterwards. A target that cannot be reached is given up with its cause: flooded without a "
+        "sleeve the wire hardly warms, in air of -10 degrees most specimens do not turn all the "
+        "way.",
         table=Table(columns, rows),
         pictures=[Picture(draw_hopeless(study), "Targets out of reach: angle, current, verdict.")],
     )
