@@ -191,8 +191,10 @@ def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
     for mode in modes:
         false, right = [], []
         for part in range(2):
-            table = table_of(scenes[part::2], mode)
-            more = judged(scenes[1 - part :: 2], mode, table)
+            # A seed gives two scenes, one after the other.
+            half = [one for n, one in enumerate(scenes) if n // 2 % 2 == part]
+            other = [one for n, one in enumerate(scenes) if n // 2 % 2 != part]
+            more = judged(other, mode, table_of(half, mode))
             false, right = false + more[0], right + more[1]
         thresholds[mode] = threshold_of(false, len(scenes))
         recall[mode] = float(np.mean([best[0] >= thresholds[mode] for best in right]))

@@ -1,5 +1,7 @@
 """Tracing cracks on painted maps."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,7 +23,7 @@ def bare(seed=0, noise=0.05):
 def distance(points):
     """Texels from a polyline of (x, y)."""
     best = np.full(COLUMNS.shape, np.inf)
-    for (x0, y0), (x1, y1) in zip(points, points[1:], strict=False):
+    for (x0, y0), (x1, y1) in itertools.pairwise(points):
         a, b = x1 - x0, y1 - y0
         share = np.clip(((COLUMNS - x0) * a + (ROWS - y0) * b) / (a * a + b * b), 0, 1)
         best = np.minimum(best, np.hypot(COLUMNS - x0 - share * a, ROWS - y0 - share * b))

@@ -30,7 +30,7 @@ def test_a_turning_head_does_not_lose_it():
 
 def test_angles_that_are_off_are_made_up_for():
     _, state = begin()
-    told = AIM + [0.02, -0.015]
+    told = AIM + np.array([0.02, -0.015])
     track, _ = TRACKER.step(state, photograph(*AIM, seed=1), *told)
     assert track.verdict == "tracked"
     # By 1.4 degrees: the wall looks a little different then.
@@ -51,7 +51,7 @@ def test_it_is_found_again_after_it_was_hidden():
         hidden = photograph(*AIM, lambda phi, z: 0.5 + 0 * phi, seed=n)
         track, state = TRACKER.step(state, hidden, *AIM)
         assert track.verdict == "lost"
-    told, verdicts = AIM + [0.04, 0.03], []
+    told, verdicts = AIM + np.array([0.04, 0.03]), []
     for n in range(10):
         track, state = TRACKER.step(state, photograph(*AIM, seed=50 + n), *told)
         verdicts.append(track.verdict)
@@ -63,7 +63,7 @@ def test_it_is_found_again_after_it_was_hidden():
 
 def test_it_leaves_the_view_and_comes_back():
     _, state = begin()
-    away = AIM + [0.9, 0.0]
+    away = AIM + np.array([0.9, 0.0])
     for n in range(3):
         track, state = TRACKER.step(state, photograph(*away, seed=n), *away)
         assert track.verdict == "out of view"

@@ -212,8 +212,8 @@ def outline(images, x, y, sign, least, most, out):
     """Fit a round outline near (x, y) and describe it.
 
     ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark, -1 for bright and 0 for
-    either, ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what ``describe``
-    says; NaN where there is none.
+    either, ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what
+    ``describe`` says; NaN where there is none.
     """
     profiles, rises = np.empty((images.shape[0], RAYS, SAMPLES)), np.empty((RAYS, SAMPLES))
     edges, form = np.empty(RAYS), np.empty(RAYS)

@@ -176,7 +176,8 @@ def _course(
     cheap: Any = sparse.csr_array((np.concatenate(prices), pair), shape=size)
     first = int(np.argmax(_reached(near, int(np.argmax(ridge[i, j])))))
     last = int(np.argmax(_reached(near, first)))
-    _, before = csgraph.dijkstra(cheap, directed=False, indices=first, return_predecessors=True)
+    _, ways = csgraph.dijkstra(cheap, directed=False, indices=[first], return_predecessors=True)
+    before = ways[0]
     way = [last]
     while way[-1] != first and before[way[-1]] >= 0:
         way.append(int(before[way[-1]]))
@@ -185,7 +186,7 @@ def _course(
 
 def _reached(graph: Any, start: int) -> FloatArray:
     """Distance of each texel from one of them; -1 where there is no way."""
-    far: FloatArray = csgraph.dijkstra(graph, directed=False, indices=start)
+    far: FloatArray = csgraph.dijkstra(graph, directed=False, indices=[start])[0]
     return np.where(np.isfinite(far), far, -1.0)
 
 

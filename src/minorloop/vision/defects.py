@@ -178,7 +178,7 @@ def evidence(candidate: Candidate, mode: str = SWITCHED) -> float:
     """Logarithm of the odds that a candidate is a hole: weights times features, and a constant."""
     constant, weights = WEIGHTS[mode][candidate.kind]
     values = dict(zip(FEATURES, candidate.features.tolist(), strict=True))
-    return constant + sum(weight * values[name] for name, weight in weights.items())
+    return float(constant + sum(weight * values[name] for name, weight in weights.items()))
 
 
 def strongest(holes: Sequence[Hole], radius: float, least: float) -> tuple[Hole, ...]:
