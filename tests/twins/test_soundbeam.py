@@ -11,7 +11,8 @@ def test_an_unfocused_disc_on_its_axis_is_as_in_the_closed_form():
     z = beam.grid[1] + beam.grid[2] * np.arange(beam.table.shape[1])
     edge = np.hypot(z, 2.5e-3)[:, None]
     expected = 1 - z[:, None] / edge * np.exp(1j * K * (edge - z[:, None]))
-    assert np.abs(beam.table[0] - expected).max() < 0.06  # of 2, as waves steeper than the table are left out
+    # Of 2; waves steeper than a limit are left out.
+    assert np.abs(beam.table[0] - expected).max() < 0.06
 
 
 def test_a_lens_gathers_the_beam_at_its_focus():

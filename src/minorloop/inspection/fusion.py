@@ -210,7 +210,8 @@ def _before(patch: Patch, pit: PitDepth, inside: FloatArray) -> tuple[FloatArray
     off = patch.off(pit.phi, pit.z)
     mouth = max(pit.diameter / 2, patch.step)
     share = np.minimum((off**2).sum(axis=-1) / mouth**2, 1.0)
-    floor = pit.depth + off @ np.array(pit.tilt) + pit.dish * (1 - 2 * share)
+    dish = float(np.nan_to_num(pit.dish))
+    floor = pit.depth + off @ np.array(pit.tilt) + dish * (1 - 2 * share)
     own = np.hypot(pit.depth_sd, 0.01 * mouth)
     spread = np.sqrt(inside * (1 - inside) * floor**2 + inside * own**2 + _WALL**2)
     return inside * floor, spread

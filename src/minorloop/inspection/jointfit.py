@@ -167,13 +167,13 @@ class JointFit:
         product = product / self.spectra.noise[which][:, None] ** 2
         trial = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
         score = (product @ np.exp(-2j * self._k[:, None] * trial)).real
-        shift = trial[np.argmax(score - 0.5 * (trial / _SLIP) ** 2, axis=1)]
+        shift: FloatArray = trial[np.argmax(score - 0.5 * (trial / _SLIP) ** 2, axis=1)]
         for _ in range(4):
             turned = product * np.exp(-2j * self._k * shift[:, None])
             slope = (2 * self._k * turned.imag).sum(axis=1) - shift / _SLIP**2
             bend = (4 * self._k**2 * turned.real).sum(axis=1) + 1 / _SLIP**2
             step = np.where(bend > 0, slope / np.where(bend > 0, bend, 1.0), 0.0)
-            shift = shift + np.clip(step, -_SLIP / 2, _SLIP / 2)
+            shift += np.clip(step, -_SLIP / 2, _SLIP / 2)
         return shift
 
     def _misfit(self, model: ComplexArray) -> FloatArray:

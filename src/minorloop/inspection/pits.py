@@ -26,7 +26,7 @@ _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _NOTICED = 0.05
 _USUAL, _STRANGE = 1.06, 1.2  # times the cost of noise alone
-_OPEN, _UNEVEN, _UNSURE = 0.1, 0.6, 0.88
+_OPEN, _FAINT, _UNEVEN, _UNSURE = 0.1, 0.3, 0.6, 0.88
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
 
@@ -173,12 +173,24 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
     starts += _shaped(fit, flat, (0.0,), _DISHES[1:], DEPTHS)[:1]
     best = _better(fit, best, starts)
     gain = best.unknowns[4]
+    if gain < _FAINT and _is_open(fit, best):
+        return best
     if gain < _UNSURE or best.cost > _STRANGE * fit.usual_cost:
         near = DEPTHS[np.abs(DEPTHS - best.unknowns[3]) < 0.125e-3]
         depths = near if gain > 0.5 else DEPTHS
         best = _better(fit, best, _shaped(fit, flat, _SLOPES, _DISHES, depths)[: 2 * _STARTS])
     fit.refine_pulse(best.unknowns)
     return fit.solve(best.unknowns)
+
+
+def _is_open(fit: JointFit, best: Solution) -> bool:
+    """Whether a mouth without a floor explains the traces, as well as they can be."""
+    hole = _hole(fit, best)
+    return _gains_nothing(best, hole) and hole < 1.1 * fit.usual_cost
+
+
+def _gains_nothing(best: Solution, hole: float) -> bool:
+    return hole < 1.02 * best.cost + 10
 
 
 def _better(fit: JointFit, best: Solution, starts: list[FloatArray]) -> Solution:
@@ -271,7 +283,7 @@ def _verdict(best: Solution, raw_sd: float, plain: float, hole: float) -> tuple[
     gain = best.unknowns[4]
     if plain < (1 + _NOTICED) * best.cost:
         return "no pit", np.nan
-    if gain < _OPEN or hole < 1.02 * best.cost + 10:
+    if gain < _OPEN or _gains_nothing(best, hole):
         return "through-hole", np.nan
     if gain < _UNEVEN:
         return "uneven floor", 0.1e-3

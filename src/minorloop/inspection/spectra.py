@@ -84,7 +84,8 @@ def _robust(design: FloatArray, values: FloatArray) -> FloatArray:
     solution: FloatArray = np.zeros(design.shape[1])
     for _ in range(12):
         root = np.sqrt(weights)
-        solution = np.linalg.lstsq(design * root[:, None], values * root, rcond=1e-6)[0]
+        solved = np.linalg.lstsq(design * root[:, None], values * root, rcond=1e-6)[0]
+        solution = solved.astype(np.float64)
         weights = 1 / np.maximum(np.abs(values - design @ solution), 3e-9)
     return solution
 

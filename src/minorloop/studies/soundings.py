@@ -1,0 +1,288 @@
+"""Pits, holes and marks drawn by seed, scanned by a swaying probe, and scored after the scan.
+
+What the estimate is given is what a head would know: angles read with noise, a mount and a water
+temperature that are a little off, and the place and size that a camera saw.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray, check_option
+from minorloop.geometry import Mount, Probe, wrapped
+from minorloop.inspection.echoes import Burst, average, choose_modality
+from minorloop.inspection.field import Ear
+from minorloop.inspection.fusion import fuse, mean_depths
+from minorloop.inspection.pits import PitDepth, measure_pit, raster
+from minorloop.inspection.unrolled import Patch, WallMap
+from minorloop.twins.pipe import Bore, Pipe, draw_pit
+from minorloop.twins.ultrasound import Ultrasound
+
+KINDS = ("pit", "dished", "hole", "mark", "dry")
+DISH = 0.1e-3
+BAND = 1.645
+"""Half the width of a 90 % band in standard deviations."""
+_Z = 20e-3
+_FLOODED = -9.999e-3
+_ANGLE_NOISE = math.radians(0.05)
+_SWAY = (0.3, 0.23)  # Hz, of pan and tilt
+_SHOTS = 16
+
+
+@dataclass(eq=False)
+class Sounding:
+    """A place of a pipe with a probe before it.
+
+    Parameters
+    ----------
+    sonar : Ultrasound
+        The twin.
+    ear : Ear
+        What is known of it.
+    centre : (float, float)
+        Of the mouth as the camera saw it, phi and z.
+    diameter : float
+        As the camera saw it, in metres.
+    truth : Bore
+        For scoring only.
+    dry : bool
+        Whether there is no water.
+    rng : numpy Generator
+        Of the sway and of the noise of the angles.
+    """
+
+    sonar: Ultrasound
+    ear: Ear
+    centre: tuple[float, float]
+    diameter: float
+    truth: Bore
+    dry: bool
+    rng: np.random.Generator
+
+    @property
+    def depth(self) -> float:
+        """True mean depth of the floor, in metres. For scoring only."""
+        return self.truth.depth - self.truth.dish / 2
+
+
+def draw_sounding(
+    seed: int, *, kind: str = "pit", lens: bool = True, snr: float = 20.0, bore: Bore | None = None
+) -> Sounding:
+    """A pit of 0.85 to 1.5 mm by 0.2 to 1 mm, or something else, in a pipe by seed.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything.
+    kind : {"pit", "dished", "hole", "mark", "dry"}
+        A pit with a flat floor, one that is 0.1 mm shallower at its rim, a through-hole, a spot
+        of dirt, or a pit in a pipe without water.
+    lens : bool
+        Whether the disc has its lens.
+    snr : float
+        Peak of the floor echo over the noise of a trace of 16 shots, in decibels; of the echo
+        of a plain wall where there is no floor.
+    bore : Bore, optional
+        Its diameter and depth replace those drawn.
+    """
+    check_option("kind", kind, KINDS)
+    rng = np.random.default_rng([seed, 77])
+    phi = float(rng.uniform(-np.pi, np.pi))
+    pit = draw_pit(rng, phi, _Z)
+    if bore is not None:
+        pit = replace(pit, diameter=bore.diameter, depth=bore.depth)
+    pit = replace(
+        pit, dish=DISH if kind == "dished" else 0.0, depth=math.inf if kind == "hole" else pit.depth
+    )
+    pipe = Pipe(
+        bores=() if kind == "mark" else (pit,),
+        water=None if kind == "dry" else _FLOODED,
+        thickness=float(rng.uniform(1.5e-3, 4e-3)),
+    )
+    off = rng.uniform(-0.2e-3, 0.2e-3, 2)
+    roll = phi + float(rng.normal(0, 0.02))
+    true = Mount(
+        offset=(float(off[0]), float(off[1])),
+        roll=roll,
+        advance=_Z + float(rng.normal(0, 0.1e-3)),
+    )
+    guess = off + rng.normal(0, 0.05e-3, 2)
+    known = replace(true, offset=(float(guess[0]), float(guess[1])))
+    warm, probe = float(rng.uniform(12, 30)), Probe() if lens else Probe(focus=math.inf)
+    options: dict[str, Any] = {"specimen": seed, "seed": seed, "temperature": warm}
+    level = 1.0
+    if kind in ("pit", "dished", "dry"):
+        level = Ultrasound(pipe, true, probe, noise=0.0, **options)._floor_level()
+    noise = level * 10 ** (-snr / 20) * math.sqrt(_SHOTS)
+    sonar = Ultrasound(pipe, true, probe, noise=noise, **options)
+    sonar.amplify(min(0.5, 0.5 / (0.7 + 4 * noise)))
+    ear = Ear(
+        probe,
+        known,
+        thickness=pipe.thickness * float(rng.uniform(0.97, 1.03)),
+        temperature=warm + float(rng.normal(0, 0.3)),
+    )
+    centre = (
+        phi + float(rng.normal(0, 0.035e-3)) / pipe.radius,
+        _Z + float(rng.normal(0, 0.035e-3)),
+    )
+    seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
+    return Sounding(sonar, ear, centre, seen, pit, kind == "dry", rng)
+
+
+def scan(
+    sounding: Sounding, *, sway: float = 1.0, points: int = 6, pause: float = 0.8
+) -> list[Burst]:
+    """Scan a raster of bursts of 16 shots while the head sways.
+
+    Parameters
+    ----------
+    sounding : Sounding
+        Where.
+    sway : float
+        Amplitude, in degrees, at 0.3 Hz of the pan and 0.23 Hz of the tilt.
+    points : int
+        In a row of the raster.
+    pause : float
+        Between bursts, in seconds.
+    """
+    phase = sounding.rng.uniform(0, 2 * np.pi, 2)
+    bursts = []
+    for target in raster(sounding.ear, sounding.centre, points=points):
+        bursts.append(_burst(sounding, target, math.radians(sway), phase))
+        sounding.sonar.wait(pause)
+    return bursts
+
+
+def _burst(sounding: Sounding, target: FloatArray, sway: float, phase: FloatArray) -> Burst:
+    ear, sonar = sounding.ear, sounding.sonar
+    shots, read = [], []
+    for _ in range(_SHOTS):
+        turns = 2 * np.pi * np.array(_SWAY) * sonar.clock + phase
+        place = target + sway * np.sin(turns)
+        sonar.look(float(place[0]), float(place[1]))
+        shots.append(sonar.shot())
+        read.append(place + _ANGLE_NOISE * sounding.rng.standard_normal(2))
+    aimed, spots = ear.spots(target)[0], ear.spots(np.array(read))
+    off = np.hypot(ear.radius * wrapped(spots[:, 0] - aimed[0]), spots[:, 1] - aimed[1])
+    return average(shots, np.array(read), off)
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """One scan beside its truth.
+
+    Parameters
+    ----------
+    sounding : Sounding
+        Where.
+    found : PitDepth
+        What was found.
+    seconds : float
+        Processor time of ``measure_pit``.
+    wall : WallMap
+        Fused.
+    modality : str
+        As the front echoes chose it.
+    """
+
+    sounding: Sounding
+    found: PitDepth
+    seconds: float
+    wall: WallMap
+    modality: str
+
+
+def sound(sounding: Sounding) -> Scored:
+    """Scan, measure and fuse one place."""
+    bursts = scan(sounding)
+    target = raster(sounding.ear, sounding.centre, points=1)[0]
+    sounding.sonar.look(float(target[0]), float(target[1]))
+    shots = [sounding.sonar.shot() for _ in range(_SHOTS)]
+    stand = sounding.ear.radius - sounding.ear.probe.face
+    modality = choose_modality(shots, stand, sounding.ear.speed)
+    return examined(sounding, bursts, modality)
+
+
+def examined(sounding: Sounding, bursts: Sequence[Burst], modality: str = "sonar") -> Scored:
+    """Measure and fuse the bursts of one place."""
+    before = time.process_time()
+    found = measure_pit(bursts, sounding.ear, sounding.centre, sounding.diameter)
+    seconds = time.process_time() - before
+    patch = Patch.around(found.phi, found.z, size=2.4e-3, radius=sounding.ear.radius)
+    wall = fuse(found, mean_depths(bursts, sounding.ear, patch, found), patch)
+    return Scored(sounding, found, seconds, wall, modality)
+
+
+def depth_figures(scored: Iterable[Scored]) -> dict[str, float]:
+    """Bias and deviation of the depths of pits, in micrometres, and how many were measured."""
+    runs = list(scored)
+    errors = np.array([1e6 * _error(run) for run in runs if run.found.measured])
+    return {
+        "bias_um": float(errors.mean()) if errors.size else math.nan,
+        "sd_um": float(errors.std(ddof=1)) if errors.size > 1 else math.nan,
+        "worst_um": float(np.abs(errors).max()) if errors.size else math.nan,
+        "measured_fraction": errors.size / max(len(runs), 1),
+        "seconds": float(np.median([run.seconds for run in runs])) if runs else math.nan,
+    }
+
+
+def dished_figure(scored: Iterable[Scored]) -> float:
+    """Largest error, in millimetres, of the mean depth of dished floors that was not flagged."""
+    return max((1e3 * abs(_error(run)) for run in scored if run.found.measured), default=0.0)
+
+
+def fusion_figures(scored: Iterable[Scored]) -> dict[str, float]:
+    """Errors of findings, and how often the truth lies inside the 90 % band."""
+    runs = [run for run in scored if run.found.measured]
+    depths = np.array([1e3 * _error(run) for run in runs])
+    bands = np.array([1e3 * BAND * run.found.depth_sd for run in runs])
+    sizes = [run.found.diameter / run.sounding.truth.diameter - 1 for run in runs]
+    texels = np.concatenate([_covered(run) for run in runs]) if runs else np.zeros(1, bool)
+    return {
+        "position_mm": max((1e3 * _miss(run) for run in runs), default=math.nan),
+        "diameter_error_pct": 100 * float(np.abs(sizes).max()) if runs else math.nan,
+        "depth_error_mm": float(np.abs(depths).max()) if runs else math.nan,
+        "coverage": float((np.abs(depths) <= bands).mean()) if runs else math.nan,
+        "band_mm": float(np.median(bands)) if runs else math.nan,
+        "texel_coverage": float(texels.mean()),
+    }
+
+
+def modality_wrong(scored: Iterable[Scored]) -> int:
+    """How often a depth was claimed in air, a hole called a pit, or the modality mistaken."""
+    wrong = 0
+    for run in scored:
+        dry, hole = run.sounding.dry, run.sounding.truth.through
+        claimed = np.isfinite(run.found.depth)
+        wrong += bool((dry or hole) and claimed) or run.modality != ("camera" if dry else "sonar")
+    return wrong
+
+
+def _error(run: Scored) -> float:
+    return run.found.depth - run.sounding.depth
+
+
+def _miss(run: Scored) -> float:
+    truth, radius = run.sounding.truth, run.sounding.ear.radius
+    return float(
+        np.hypot(radius * float(wrapped(run.found.phi - truth.phi)), run.found.z - truth.z)
+    )
+
+
+def _covered(run: Scored) -> BoolArray:
+    """Whether the truth is inside the band, for each texel of the mouth and its rim."""
+    patch, bore = run.wall.patch, run.sounding.truth
+    off = patch.off(bore.phi, bore.z)
+    square = (off**2).sum(axis=-1) / (bore.diameter / 2) ** 2
+    floor = bore.depth + off @ np.array(bore.floor_tilt) - bore.dish * square
+    truth = np.where(square <= 1, floor, 0.0)
+    near = square <= (1 + 0.2e-3 / bore.diameter) ** 2
+    inside: BoolArray = (np.abs(run.wall.depth - truth) <= BAND * run.wall.sd)[near]
+    return inside
