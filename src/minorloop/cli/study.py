@@ -15,8 +15,8 @@ from minorloop.errors import ParameterError
 
 NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
-STUDIES = ("ipmc", "fibre", "design", "head")
-_MOST = 1000
+STUDIES = ("ipmc", "fibre", "design", "head", "inspection")
+_MOST, _MOST_SCENES = 1000, 100_000
 
 
 def run(
@@ -30,6 +30,12 @@ def run(
         int, _common.whole_option("Specimens; figures are medians over them.")
     ] = 1,
     seed: Annotated[int, _common.whole_option("Seed of the first specimen, 0 or more.")] = 0,
+    scenes: Annotated[
+        int | None,
+        _common.whole_option(
+            "Scenes with a hole, and as many without, that inspection scores its finder on."
+        ),
+    ] = None,
     as_json: _common.Json = False,
 ) -> None:
     """Carry a whole experiment out on simulated specimens, and compare what is claimed."""
@@ -39,6 +45,7 @@ def run(
         raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
     if seed < 0:
         raise ParameterError(f"--seed is {seed}; give 0 or more")
+    options = _scenes(name, scenes, specimens)
     if out is not None:
         from minorloop.files import make_folder
 
@@ -46,8 +53,8 @@ def run(
     with _common.working(f"specimen 1 of {specimens}") as now:
         study = import_module(f"minorloop.studies.{name}")
         claims = import_module("minorloop.studies.claims")
-        first = study.run_study(seed)
-        work = partial(_figures_of, name)
+        first = study.run_study(seed, **options)
+        work = partial(_figures_of, name, options)
         others = claims.for_each(work, specimens - 1, seed + 1, now) if specimens > 1 else []
         runs = [first.figures(), *others]
         figures = getattr(study, "gather", claims.medians)(runs)
@@ -57,9 +64,21 @@ def run(
     _common.do_all(steps)
 
 
-def _figures_of(name: str, seed: int) -> dict[str, Any]:
+def _scenes(name: str, scenes: int | None, specimens: int) -> dict[str, int]:
+    """How many scenes each specimen is to score."""
+    if scenes is None:
+        return {}
+    if name != "inspection":
+        raise ParameterError(f"--scenes is for the study inspection; {name} has none")
+    if not 1 <= scenes <= _MOST_SCENES:
+        raise ParameterError(f"--scenes is {scenes}; give 1 to {_MOST_SCENES}")
+    return {"scenes": -(-scenes // specimens)}
+
+
+def _figures_of(name: str, options: Mapping[str, int], seed: int) -> dict[str, Any]:
     """One specimen, in a process of its own."""
-    found: dict[str, Any] = import_module(f"minorloop.studies.{name}").run_study(seed).figures()
+    study = import_module(f"minorloop.studies.{name}")
+    found: dict[str, Any] = study.run_study(seed, **options).figures()
     return found
 
 

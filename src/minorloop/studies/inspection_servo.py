@@ -34,7 +34,7 @@ SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
 GAIN = 0.8
 """Of the servo, in 1/s."""
 MOTION, MOTION_SECONDS = 10.0, 20.0
-"""Fastest commanded motion under which the tracker is tried, in degrees per second, and how long."""
+"""Fastest commanded motion that the tracker is tried under, in degrees a second; how long."""
 GREY = 95.0
 CONE = Cone(half=np.radians(30.0))
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
-from minorloop.vision.servo import AT_CONE, NO_TARGET, SINGULAR, TURNING, Cone, Servo, ServoStep
+from minorloop.vision.servo import AT_CONE, NO_TARGET, SINGULAR, TURNING, Servo, ServoStep
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,164 @@
+"""Inspection of a pipe by the catheter head: servo, finding, tracking, depth, and a whole mission.
+
+Boudjabi, Ferreira and Krupa (2003) centre a point by visual servo, see a hole beside a reflection
+that is none, and announce ultrasonic measurement and fusion. All of it is done here on twins of
+head, camera, pipe and probe, every number scored on scenes that nothing was tuned on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.studies import soundings
+from minorloop.studies.claims import Claim, medians
+from minorloop.studies.detection import Outcome, detection_figures, score_scene
+from minorloop.studies.inspection_servo import Scene, ServoRun, servo_figures
+from minorloop.studies.mission import Mission, run_mission
+from minorloop.studies.soundings import Scored
+from minorloop.twins.pipe import Bore
+
+TITLE = "In-pipe inspection with a catheter head"
+FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
+FIRST_SCENE, SCENES, FIRST_SOUNDING = 50_000, 4, 60_000
+"""Seeds of what is scored, and scenes with and without a hole for each specimen."""
+
+CLAIMS = (
+    Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
+    Claim("servo, camera only: to 2 px [s]", "servo.settle_s_camera_only", "shown", most=12),
+    Claim("servo: steady rms [px]", "servo.steady_rms_px", "shown", most=0.5),
+    Claim("sway of 1 degree: held over still", "sway.ratio", "not studied", most=0.65),
+    Claim("holes found", "detection.recall", "one image (Fig 14)", least=0.98, percent=True),
+    Claim(
+        "false findings an acquisition",
+        "detection.false_per_acquisition",
+        "a reflection told apart",
+        most=0.05,
+    ),
+    Claim("single frames: holes found", "detection.single_recall", "-", percent=True),
+    Claim("dithered frames: holes found", "detection.dither_recall", "-", percent=True),
+    Claim("centre, 90th percentile [mm]", "detection.centre_mm_p90", "-", most=0.07),
+    Claim(
+        "sizes within 15 %", "detection.size_within_15pct", "not studied", least=0.95, percent=True
+    ),
+    Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
+    Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
+    Claim("depth: bias [um]", "depth.bias_um", "announced", least=-10, most=10),
+    Claim("depth: deviation [um]", "depth.sd_um", "announced", most=20),
+    Claim("pits measured", "depth.measured_fraction", "announced", least=0.95, percent=True),
+    Claim("unfocused probe: deviation [um]", "depth.unfocused_sd_um", "-"),
+    Claim("dished floors: worst error [mm]", "depth.dished_error_mm", "-", most=0.1),
+    Claim("seconds for a scan", "depth.seconds", "-", most=5),
+    Claim("finding: position [mm]", "fusion.position_mm", "announced", most=0.3),
+    Claim("finding: diameter [%]", "fusion.diameter_error_pct", "announced", most=15),
+    Claim("finding: depth [mm]", "fusion.depth_error_mm", "announced", most=0.1),
+    Claim("bands of 90 % cover", "fusion.coverage", "-", least=0.85, most=0.95, percent=True),
+    Claim("wrong modality or depth made up", "modality.wrong", "-", most=0),
+    Claim("missions that measured their pit", "mission.measured", "announced", percent=True),
+    Claim("mission: depth error, median [mm]", "mission.depth_error_mm", "announced"),
+    Claim("mission: seconds of the head", "mission.seconds", "-"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class InspectionStudy:
+    """Everything that one specimen gave."""
+
+    seed: int
+    servo: dict[str, Any]
+    runs: dict[str, ServoRun]
+    outcomes: tuple[Outcome, ...]
+    scored: dict[str, Scored]
+    mission: Mission
+    seconds: float
+
+    def figures(self) -> dict[str, Any]:
+        """What `gather` needs; outcomes and soundings by the names under which they are kept."""
+        return {
+            **self.servo,
+            "outcomes": self.outcomes,
+            "scored": self.scored,
+            "mission": self.mission.figures(),
+            "seconds": self.seconds,
+        }
+
+
+def run_study(seed: int, scenes: int = SCENES) -> InspectionStudy:
+    """Carry everything out for one specimen.
+
+    Parameters
+    ----------
+    seed : int
+        Draws head, pipe, camera, probe and noise.
+    scenes : int
+        Scenes with a hole, and as many without, that the finder is scored on.
+    """
+    began = time.perf_counter()
+    servo, runs = servo_figures(Scene(seed))
+    outcomes = [
+        outcome
+        for k in range(scenes)
+        for hole in (True, False)
+        for outcome in score_scene(FIRST_SCENE + seed * scenes + k, hole)
+    ]
+    return InspectionStudy(
+        seed=seed,
+        servo=servo,
+        runs=runs,
+        outcomes=tuple(outcomes),
+        scored=_soundings(FIRST_SOUNDING + 10 * seed),
+        mission=run_mission(seed),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Medians over specimens; what is a share or a spread, over all that was scored."""
+    plain = [{k: v for k, v in run.items() if k not in ("outcomes", "scored")} for run in runs]
+    found = medians([{k: v for k, v in run.items() if k != "mission"} for run in plain])
+    every = [outcome for run in runs for outcome in run["outcomes"]]
+    kinds = {kind: [run["scored"][kind] for run in runs] for kind in runs[0]["scored"]}
+    depth = soundings.depth_figures(kinds["pit"])
+    unfocused = soundings.depth_figures(kinds["unfocused"])
+    missions = [run["mission"] for run in runs]
+    measured = [mission for mission in missions if mission["measured"]]
+    found |= {
+        "detection": detection_figures(every),
+        "depth": {
+            **depth,
+            **{f"unfocused_{key}": value for key, value in unfocused.items()},
+            "dished_error_mm": soundings.dished_figure(kinds["dished"]),
+        },
+        "fusion": {
+            **soundings.fusion_figures(kinds["fused"]),
+            "coverage": soundings.fusion_figures([*kinds["pit"], *kinds["fused"]])["coverage"],
+        },
+        "modality": {"wrong": soundings.modality_wrong([*kinds["hole"], *kinds["dry"]])},
+        "mission": {
+            "measured": float(np.mean([mission["measured"] for mission in missions])),
+            "seconds": float(np.median([mission["seconds"] for mission in missions])),
+            **{
+                key: float(np.median([mission[key] for mission in measured]))
+                if measured
+                else np.nan
+                for key in ("touch_mm", "position_mm", "diameter_error_pct", "depth_error_mm")
+            },
+        },
+    }
+    return found
+
+
+def _soundings(seed: int) -> dict[str, Scored]:
+    drawn = {
+        "pit": soundings.draw_sounding(seed),
+        "unfocused": soundings.draw_sounding(seed, lens=False),
+        "dished": soundings.draw_sounding(seed + 1, kind="dished"),
+        "hole": soundings.draw_sounding(seed + 2, kind="hole"),
+        "dry": soundings.draw_sounding(seed + 3, kind="dry"),
+        "fused": soundings.draw_sounding(seed + 4, bore=FUSED),
+    }
+    return {kind: soundings.sound(one) for kind, one in drawn.items()}
