@@ -28,7 +28,7 @@ from minorloop.vision.wallmap import Look, lay_flat
 PIVOT, ANGLE, DITHER = 0.2e-3, np.deg2rad(0.05), np.deg2rad(2.0)
 NEAR, FAR = 0.3e-3, 0.8e-3
 FALSE = 0.05
-PENALTY, LEAST_WEIGHT = 3.0, 0.12
+PENALTY, LEAST_WEIGHT = 1.0, 0.2
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,7 +137,10 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             **soundings.fusion_figures(kinds["fused"]),
             "coverage": soundings.fusion_figures([*kinds["pit"], *kinds["fused"]])["coverage"],
         },
-        "modality": {"wrong": soundings.modality_wrong([*kinds["hole"], *kinds["dry"]])},
+        "modality": {
+            "wrong": sum(bool(np.isfinite(one.found.depth)) for one in kinds["hole"])
+            + soundings.modality_wrong(kinds["dry"])
+        },
         "mission": {
             "measured": float(np.mean([mission["measured"] for mission in missions])),
             "seconds": float(np.median([mission["seconds"] for mission in missions])),
