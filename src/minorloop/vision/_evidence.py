@@ -1,12 +1,3 @@
-<<<<<<< HEAD
-"""Placeholder."""
-
-from __future__ import annotations
-
-THRESHOLDS = {"switched": 0.0, "single": 0.0, "dither": 0.0}
-WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
-    m: {k: (0.0, {}) for k in ("dark", "bright", "either", "lit")} for m in THRESHOLDS
-=======
 """What each number that describes a candidate weighs, for each way to acquire.
 
 The logarithm of the odds that a candidate is a hole, by logistic regression on scenes
@@ -333,5 +324,4 @@ WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
             },
         ),
     },
->>>>>>> eyes
 }
