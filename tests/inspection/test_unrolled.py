@@ -96,6 +96,12 @@ def test_the_water_line_is_found_within_its_gap(height):
     assert (line.wet(phi, 10e-3) == (10e-3 * np.sin(phi) > height)).all()
 
 
+def test_of_water_below_the_axis_the_face_of_the_probe_tells():
+    phi = np.radians(np.arange(-180, 180, 5.0))
+    line = find_water(phi, 2e-3 * np.sin(phi) > 1.1e-3, 10e-3, face=2e-3)
+    assert line.height == pytest.approx(1.1e-3, abs=0.15e-3)
+
+
 def test_a_lost_echo_does_not_move_the_water_line():
     phi = np.radians(np.arange(-90, 91, 5.0))
     heard = np.sin(phi) > 0.21

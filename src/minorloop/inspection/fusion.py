@@ -30,6 +30,7 @@ EDGE = 0.15
 _UNKNOWN = 0.6e-3
 _LEAST_RIM = 0.03e-3
 _WALL = 2e-6
+_RIM = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,28 +194,34 @@ def fuse(
         depth = np.where(inside < 0.5, 0.0, np.nan)
         sd = np.where(inside < 0.5, 0.05e-3, np.inf)
         return WallMap(patch, depth, sd, np.full(shape, CAMERA, dtype=np.uint8))
-    mean, spread = _before(patch, pit, inside)
+    mean, spread, rim = _before(patch, pit, inside)
     mask = (inside > 0.003).ravel()
     depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
     if mask.any():
         ties = _ties(patch, inside, image, mask)
         depth[mask], sd[mask] = _solve(heard, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
+    # No footprint is fine enough to tell on which side of the rim a single texel lies.
+    sd = np.hypot(sd, _RIM * rim.ravel())
     source = np.full(shape, SONAR | CAMERA, dtype=np.uint8)
     return WallMap(patch, depth.reshape(shape), sd.reshape(shape), source)
 
 
-def _before(patch: Patch, pit: PitDepth, inside: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and deviation of the depth of each texel before the traces are asked."""
+def _before(
+    patch: Patch, pit: PitDepth, inside: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean and deviation of each texel before the traces are asked, and that of its side."""
+    side = np.sqrt(inside * (1 - inside))
     if not np.isfinite(pit.depth):
-        return 0.5 * _UNKNOWN * inside, np.maximum(_UNKNOWN * inside, _WALL)
+        spread = np.maximum(_UNKNOWN * inside, _WALL)
+        return 0.5 * _UNKNOWN * inside, spread, 0.5 * _UNKNOWN * side
     off = patch.off(pit.phi, pit.z)
     mouth = max(pit.diameter / 2, patch.step)
     share = np.minimum((off**2).sum(axis=-1) / mouth**2, 1.0)
     dish = float(np.nan_to_num(pit.dish))
     floor = pit.depth + off @ np.array(pit.tilt) + dish * (1 - 2 * share)
     own = np.hypot(pit.depth_sd, 0.01 * mouth)
-    spread = np.sqrt(inside * (1 - inside) * floor**2 + inside * own**2 + _WALL**2)
-    return inside * floor, spread
+    spread = np.sqrt((side * floor) ** 2 + inside * own**2 + _WALL**2)
+    return inside * floor, spread, side * floor
 
 
 def _ties(

@@ -240,7 +240,13 @@ class WaterLine:
         return under
 
 
-def find_water(phi: npt.ArrayLike, heard: Sequence[bool] | BoolArray, radius: float) -> WaterLine:
+def find_water(
+    phi: npt.ArrayLike,
+    heard: Sequence[bool] | BoolArray,
+    radius: float,
+    *,
+    face: float | None = None,
+) -> WaterLine:
     """The water line from where the wall was heard in a sweep round the pipe.
 
     Parameters
@@ -251,6 +257,9 @@ def find_water(phi: npt.ArrayLike, heard: Sequence[bool] | BoolArray, radius: fl
         Whether the wall answered.
     radius : float
         Of the pipe, in metres.
+    face : float, optional
+        Distance of the face of the probe from the axis, in metres. A probe hears with its face
+        under water only: of water below the axis, the face tells and not the wall.
 
     Returns
     -------
@@ -262,7 +271,8 @@ def find_water(phi: npt.ArrayLike, heard: Sequence[bool] | BoolArray, radius: fl
     -----
     The height with the fewest contradictions, so that a lost echo does not move it.
     """
-    y = radius * np.sin(np.asarray(phi, dtype=np.float64).ravel())
+    up = np.sin(np.asarray(phi, dtype=np.float64).ravel())
+    y = np.where(up > 0, radius if face is None else face, radius) * up
     wet = np.asarray(heard, dtype=bool).ravel()
     if y.size != wet.size:
         raise SignalError(f"{y.size} places and {wet.size} answers")

@@ -1,0 +1,79 @@
+"""Figures from findings that are made up; one scan on the twin is in tests/inspection."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.geometry import Mount, Probe
+from minorloop.inspection.field import Ear
+from minorloop.inspection.fusion import fuse
+from minorloop.inspection.pits import PitDepth
+from minorloop.inspection.unrolled import Patch
+from minorloop.studies.soundings import (
+    Scored,
+    Sounding,
+    depth_figures,
+    dished_figure,
+    draw_sounding,
+    fusion_figures,
+    modality_wrong,
+)
+from minorloop.twins.pipe import Bore
+
+TRUTH = Bore(0.0, 20e-3, 1e-3, depth=0.5e-3)
+FOUND = PitDepth("measured", 0.0, 20e-3, 1e-3, 0.5e-3, 20e-6, 30e-6, 5e-6, gain=1.0, dish=0.0)
+PATCH = Patch.around(0.0, 20e-3, size=1.6e-3)
+
+
+def run(found=FOUND, truth=TRUTH, *, dry=False, modality="sonar"):
+    ear = Ear(Probe(), Mount())
+    place = Sounding(None, ear, (0.0, 20e-3), 1e-3, truth, dry, np.random.default_rng(0))
+    return Scored(place, found, 1.0, fuse(found, None, PATCH), modality)
+
+
+def test_bias_and_deviation_are_those_of_what_was_measured():
+    runs = [run(replace(FOUND, depth=0.5e-3 + error * 1e-6)) for error in (-4.0, 0.0, 4.0)] + [
+        run(replace(FOUND, verdict="too few echoes", depth=np.nan))
+    ]
+    figures = depth_figures(runs)
+    assert figures["bias_um"] == pytest.approx(0.0, abs=1e-6)
+    assert figures["sd_um"] == pytest.approx(4.0)
+    assert figures["worst_um"] == pytest.approx(4.0)
+    assert figures["measured_fraction"] == 0.75
+
+
+def test_coverage_counts_depths_inside_the_band():
+    runs = [run(replace(FOUND, depth=0.5e-3 + error)) for error in (0.0, 8e-6, 9e-6, 1e-4)]
+    figures = fusion_figures(runs)
+    assert figures["coverage"] == 0.5
+    assert figures["band_mm"] == pytest.approx(1.645 * 5e-3)
+    assert figures["depth_error_mm"] == pytest.approx(0.1)
+    assert figures["position_mm"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_dished_floor_is_scored_by_its_mean():
+    dished = replace(TRUTH, dish=0.1e-3)
+    assert dished_figure([run(replace(FOUND, depth=0.46e-3), dished)]) == pytest.approx(0.01)
+    flagged = replace(FOUND, verdict="uneven floor", depth=0.9e-3)
+    assert dished_figure([run(flagged, dished)]) == 0.0
+
+
+def test_a_depth_in_air_or_in_a_hole_is_wrong():
+    hole = replace(TRUTH, depth=np.inf)
+    assert modality_wrong([run()]) == 0
+    assert modality_wrong([run(dry=True, modality="camera")]) == 1
+    assert modality_wrong([run(truth=hole)]) == 1
+    silent = replace(FOUND, verdict="no coupling", depth=np.nan)
+    assert modality_wrong([run(silent, dry=True, modality="camera")]) == 0
+    assert modality_wrong([run(silent, dry=True, modality="sonar")]) == 1
+
+
+def test_what_is_drawn_depends_on_the_seed_alone():
+    first, again, other = (draw_sounding(seed, kind="hole") for seed in (1, 1, 2))
+    assert first.truth == again.truth
+    assert first.truth != other.truth
+    assert (first.sonar.shot().trace == again.sonar.shot().trace).all()
+    with pytest.raises(ParameterError, match="kind"):
+        draw_sounding(1, kind="crater")
