@@ -41,7 +41,7 @@ def test_an_acquisition_is_each_led_alone_none_and_all():
 
 
 def test_more_evidence_asked_for_leaves_less():
-    few, many = (find_holes(LOOKS, EYE, least=least).holes for least in (5.0, -5.0))
+    few, many = (find_holes(LOOKS, EYE, least=least).holes for least in (5.0, -25.0))
     assert len(few) < len(many)
     assert [hole.evidence for hole in many] == sorted((h.evidence for h in many), reverse=True)
     apart = [

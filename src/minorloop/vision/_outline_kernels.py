@@ -31,14 +31,21 @@ def bilinear(image, x, y):
 
 
 @njit(cache=True, nogil=True)
-def _profiles(image, x, y, out):
-    """Sample rays from (x, y) into out (RAYS, SAMPLES)."""
+def _samples(radius):
+    """How many samples of a ray reach a radius, with two to spare."""
+    return min(max(int(np.ceil((radius - FIRST) / SPACING)) + 4, 8), SAMPLES)
+
+
+@njit(cache=True, nogil=True)
+def _profiles(image, x, y, count, out):
+    """Sample rays from (x, y) into out (RAYS, SAMPLES), as far as ``count``; NaN beyond."""
     for n in range(RAYS):
         angle = 2.0 * np.pi * n / RAYS
         c, s = np.cos(angle), np.sin(angle)
-        for k in range(SAMPLES):
+        for k in range(count):
             r = FIRST + SPACING * k
             out[n, k] = bilinear(image, x + r * c, y + r * s)
+        out[n, count:] = np.nan
 
 
 @njit(cache=True, nogil=True)
@@ -61,7 +68,7 @@ def _rise(ray, k, sign):
 
 
 @njit(cache=True, nogil=True)
-def _rises(profiles, sign, out):
+def _rises(profiles, sign, samples, out):
     """Rise over two texels that half of the images share, into out (RAYS, SAMPLES).
 
     ``profiles`` is (K, RAYS, SAMPLES). What moves from image to image, as reflections and
@@ -71,7 +78,7 @@ def _rises(profiles, sign, out):
     for n in range(RAYS):
         for k in range(SAMPLES):
             out[n, k] = -1e9
-            if not 2 <= k < SAMPLES - 2:
+            if not 2 <= k < samples - 2:
                 continue
             for m in range(values.size):
                 ray = profiles[m, n]
@@ -219,9 +226,12 @@ def outline(images, x, y, sign, least, most, out):
     edges, form = np.empty(RAYS), np.empty(RAYS)
     fit = np.zeros(_HARMONICS)
     for turn in range(4):
+        # The harmonics may reach out further than the mean radius.
+        reach = most if turn < 2 else fit[0] + np.sqrt(2.0) * np.abs(fit[3:]).sum()
+        samples = _samples(reach * (1.0 + _BANDS[turn]))
         for m in range(images.shape[0]):
-            _profiles(images[m], x, y, profiles[m])
-        _rises(profiles, sign, rises)
+            _profiles(images[m], x, y, samples, profiles[m])
+        _rises(profiles, sign, samples, rises)
         if turn < 2:
             fit[:] = 0.0
             fit[0] = _common_radius(rises, least, most, 0.6)
@@ -293,8 +303,9 @@ def describe(images, x, y, sign, radius, c, s, out):
     """
     count = images.shape[0]
     profiles, edges = np.empty((count, RAYS, SAMPLES)), np.empty(RAYS)
+    samples = _samples(1.9 * (radius + np.abs(c) + np.abs(s)) + 2.0)
     for m in range(count):
-        _profiles(images[m], x, y, profiles[m])
+        _profiles(images[m], x, y, samples, profiles[m])
     fit = np.array([radius, 0.0, 0.0, c, s])
     contrast, level = np.empty(RAYS), np.empty(RAYS)
     contrasts, levels, found = np.empty(count), np.empty(count), np.empty(count)

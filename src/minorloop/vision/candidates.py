@@ -10,7 +10,7 @@ from scipy import ndimage
 from minorloop.arrays import FloatArray
 from minorloop.vision import _outline_kernels as kernels
 from minorloop.vision.eye import Image32
-from minorloop.vision.wallmap import WallMap
+from minorloop.vision.wallmap import WallMap, median
 
 DARK, BRIGHT, EITHER, LIT = "dark", "bright", "either", "lit"
 KINDS = (DARK, BRIGHT, EITHER, LIT)
@@ -102,7 +102,7 @@ def _seeds(
     """Where it is dark and where it is bright, in map columns and rows."""
     step, low, high = wall.window.step, wall.ground - 0.8, wall.ground + 0.6
     dark: list[tuple[float, float]] = []
-    for level in (np.median(wall.stack, axis=0), wall.darkest, wall.brightest):
+    for level in (median(wall.stack), wall.darkest, wall.brightest):
         blob = -_blob(np.clip(level, low, high).astype(np.float32), seen, step)
         dark = _merged(dark, _peaks(blob, _SEEDS, 2))
     return dark, _peaks(_blob(wall.darkest, seen, step), _SEEDS, 2)

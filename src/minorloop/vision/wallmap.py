@@ -130,10 +130,19 @@ def lay_flat(looks: Sequence[Look], eye: Eye) -> WallMap | None:
         level = np.log((flat + _FLOOR) / fall)
         (alone if sum(look.lights) == 1 else full).append(level)
     stack = np.array(alone if len(alone) > 1 else [*full, *alone], dtype=np.float32)
-    typical = np.median(stack, axis=0).astype(np.float32)
+    typical = median(stack)
     whole = np.mean(full, axis=0).astype(np.float32) if full else typical
     glow = np.mean(dark, axis=0).astype(np.float32) if dark else None
     return WallMap(window, stack, whole, glow, _ground(typical, seen))
+
+
+def median(stack: Image32) -> Image32:
+    """Median of the images of a stack."""
+    if len(stack) != 3:
+        return np.median(stack, axis=0).astype(np.float32)
+    a, b, c = stack
+    middle: Image32 = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
+    return middle
 
 
 def _ground(level: Image32, seen: np.ndarray[Any, np.dtype[np.bool_]]) -> Image32:
