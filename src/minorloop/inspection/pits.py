@@ -30,6 +30,7 @@ _OPEN, _FAINT, _UNEVEN, _UNSURE = 0.1, 0.3, 0.6, 0.88
 # What the curvature of the misfit does not tell, calibrated on scans of its own: broken edges of
 # the mouth and waves that the modes leave out, the aim of the beam, the size of the spot.
 _WIDER, _UNMODELLED = 2.0, 3.1e-6
+_FLAT = 0.02e-3
 _POINTING, _SIZE = 34e-6, 0.018
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
@@ -292,7 +293,9 @@ def _verdict(best: Solution, raw_sd: float, plain: float, hole: float) -> tuple[
         return "through-hole", np.nan
     if gain < _UNEVEN:
         return "uneven floor", 0.1e-3
-    return MEASURED, float(np.hypot(_WIDER * raw_sd, _UNMODELLED))
+    # What a floor that is not flat returns weighs its middle and its rim in its own way.
+    bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
+    return MEASURED, float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))
 
 
 def same_place(pit: PitDepth, place: npt.ArrayLike, radius: float) -> float:
