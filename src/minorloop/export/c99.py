@@ -220,7 +220,7 @@ def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> Non
 def _state_bytes(size: int, memory: int) -> int:
     """Of a state without linear part, padded as compilers do."""
     extremum = 20 if size == 4 else 40
-    return (memory + 1) * extremum + max(4, size) + 4 * size
+    return (memory + 1) * extremum + 8 + 4 * size
 
 
 def _linear_context(

@@ -191,22 +191,35 @@ static void drop_smallest(state_t *state)
     change = past[least + 2].output
         - output_on_branch(&past[least - 1], &past[least + 2], is_maximum(least));
     state->count -= 2;
-    for (k = least; k < state->count; ++k) {
+    state->weighed = state->count - 2;
+    for (k = least; k <= state->count; ++k) {
         past[k] = past[k + 2];
         past[k].output -= change;
     }
-    state->now.output -= change;
     weigh(state, least - 2);
     weigh(state, least - 1);
     weigh(state, least);
 }
 
-/* The past has one more extremum: the input that was the present one until now. */
+/* The first place that has not been weighed, if what it takes is there. */
+static void weigh_next(state_t *state)
+{
+    if ((state->weighed + 2) < state->count) {
+        weigh(state, state->weighed);
+        state->weighed += 1;
+    }
+}
+
+/* The present input becomes an extremum of the past.
+ * Most histories are short and are never weighed. From half the room on, two places are weighed
+ * for each that is filled, so that all have been when there is no more room. */
 static void remember(state_t *state)
 {
-    state->past[state->count] = state->now;
     state->count += 1;
-    weigh(state, state->count - 3);
+    if (state->count > ({{ guard }}_MEMORY / 2)) {
+        weigh_next(state);
+        weigh_next(state);
+    }
 }
 
 /* Loops that an input passes are forgotten for good. */
@@ -224,7 +237,10 @@ static void wipe_out(state_t *state, real u, int rising)
         }
     }
     state->count = top;
-    if ((u >= state->error_high) || (u <= state->error_low)) {
+    if (state->weighed > (top - 2)) {
+        state->weighed = (top > 3) ? (top - 2) : 1;
+    }
+    if ((state->error_bound > (real)0) && ((u >= state->error_high) || (u <= state->error_low))) {
         state->error_bound = (real)0;
         state->error_low = levels[BANDS];
         state->error_high = levels[0];
@@ -233,12 +249,13 @@ static void wipe_out(state_t *state, real u, int rising)
 
 static void relays_begin(state_t *state)
 {
-    state->now.value = levels[0];
-    state->now.output = SATURATION;
-    state->now.fraction = (real)0;
-    state->now.loss = (real)0;
-    state->now.band = 0;
     state->count = 0;
+    state->past[0].value = levels[0];
+    state->past[0].output = SATURATION;
+    state->past[0].fraction = (real)0;
+    state->past[0].loss = (real)0;
+    state->past[0].band = 0;
+    state->weighed = 1;
     state->error_bound = (real)0;
     state->error_low = levels[BANDS];
     state->error_high = levels[0];
@@ -248,8 +265,9 @@ static void relays_begin(state_t *state)
  * an input that the inverse chose gives the output that it was chosen for. */
 static real relays_step(state_t *state, real u)
 {
+    const real before = state->past[state->count].value;
+    real output = state->past[state->count].output;
     real x = u;
-    real output;
 
     if (x < levels[0]) {
         x = levels[0];
@@ -258,20 +276,24 @@ static real relays_step(state_t *state, real u)
     } else {
         /* inside the plane */
     }
-    if ((x < state->now.value) || (x > state->now.value)) {
-        const int rising = x > state->now.value;
+    if ((x < before) || (x > before)) {
+        const int rising = x > before;
+        extremum now;
         if (rising != is_maximum(state->count)) {
             remember(state);
         }
         wipe_out(state, x, rising);
-        state->now.value = x;
-        state->now.band = band_of(x);
-        state->now.fraction = (x - levels[state->now.band]) * per_band[state->now.band];
-        state->now.output = (state->count == 0)
-            ? SATURATION
-            : output_on_branch(&state->past[state->count - 1], &state->now, rising);
+        now.value = x;
+        now.band = band_of(x);
+        now.fraction = (x - levels[now.band]) * per_band[now.band];
+        now.loss = (real)0;
+        now.output = SATURATION;
+        if (state->count > 0) {
+            now.output = output_on_branch(&state->past[state->count - 1], &now, rising);
+        }
+        output = now.output;
+        state->past[state->count] = now;
     }
-    output = state->now.output;
     if (state->count >= {{ guard }}_MEMORY) {
         drop_smallest(state);
     }
@@ -463,7 +485,7 @@ static int32_t branch_band(const extremum *pivot, int rising, int32_t near, int3
  * goes on from an older pivot. The target lies before the first extremum not passed. */
 static real march(const state_t *state, real target, int rising)
 {
-    const extremum *const now = &state->now;
+    const extremum *const now = &state->past[state->count];
     const real sign = rising ? (real)1 : (real)-1;
     real limit = rising ? levels[BANDS] : levels[0];
     int32_t stop = rising ? (BANDS - 1) : 0;
@@ -483,7 +505,7 @@ static real march(const state_t *state, real target, int rising)
         top -= 2;
     }
     if (top > 0) {
-        const extremum *const pivot = (top > state->count) ? now : &state->past[top - 1];
+        const extremum *const pivot = &state->past[top - 1];
         const int32_t band = branch_band(pivot, rising, now->band, stop, target);
         u = branch_input(pivot, rising, band, target);
         if (rising) {
@@ -499,9 +521,10 @@ static real march(const state_t *state, real target, int rising)
 
 {{ name }}_real {{ name }}_aim(const {{ name }}_state *state, {{ name }}_real y)
 {
-    const real here = state->now.output{% if sloped %} + SLOPE * state->now.value{% endif %};
+    const extremum *const now = &state->past[state->count];
+    const real here = now->output{% if sloped %} + SLOPE * now->value{% endif %};
     real target = y{% if linear and linear.first == "operator" %} / GAIN{% endif %};
-    real u = state->now.value;
+    real u = now->value;
 
     target = (target < (real){{ guard }}_OUTPUT_LOW) ? (real){{ guard }}_OUTPUT_LOW : target;
     target = (target > (real){{ guard }}_OUTPUT_HIGH) ? (real){{ guard }}_OUTPUT_HIGH : target;

@@ -59,9 +59,9 @@ typedef struct {
 
 /* All that the past left behind. Only the functions below should touch it. */
 typedef struct {
-    {{ name }}_extremum now;
-    {{ name }}_extremum past[{{ guard }}_MEMORY];
+    {{ name }}_extremum past[{{ guard }}_MEMORY + 1]; /* oldest first; place `count` is the present */
     int32_t count;
+    int32_t weighed;
     {{ name }}_real error_bound;
     {{ name }}_real error_low;
     {{ name }}_real error_high;
