@@ -45,7 +45,7 @@ class Count:
 
 HOST_LOOP = """
 #include "minorloop.h"
-void walk(const double *u, double *y, long count);
+__attribute__((visibility("default"))) void walk(const double *u, double *y, long count);
 void walk(const double *u, double *y, long count)
 {
     minorloop_state state;
@@ -84,7 +84,7 @@ def _host(samples: int, kind: str) -> Row:
     with tempfile.TemporaryDirectory() as scratch:
         folder = source(model).write(Path(scratch) / "c")
         (folder / "walk.c").write_text(HOST_LOOP)
-        flags = "-std=c99 -O2 -shared -fPIC minorloop.c walk.c -lm -o model.so".split()
+        flags = "-std=c99 -O2 -shared -fPIC -fvisibility=hidden minorloop.c walk.c -lm -o model.so".split()
         _run(["cc", *flags], folder)
         walk = ctypes.CDLL(str(folder / "model.so")).walk
     pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (u, y)]

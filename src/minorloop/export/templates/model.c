@@ -237,7 +237,7 @@ static void wipe_out(state_t *state, real u, int rising)
         }
     }
     state->count = top;
-    if (state->weighed > (top - 2)) {
+    if ((state->weighed > 1) && (state->weighed > (top - 2))) {
         state->weighed = (top > 3) ? (top - 2) : 1;
     }
     if ((state->error_bound > (real)0) && ((u >= state->error_high) || (u <= state->error_low))) {
@@ -276,26 +276,22 @@ static real relays_step(state_t *state, real u)
     } else {
         /* inside the plane */
     }
-    if ((x < before) || (x > before)) {
+    if (x != before) {
         const int rising = x > before;
-        extremum now;
+        extremum *now;
         if (rising != is_maximum(state->count)) {
             remember(state);
         }
         wipe_out(state, x, rising);
-        now.value = x;
-        now.band = band_of(x);
-        now.fraction = (x - levels[now.band]) * per_band[now.band];
-        now.loss = (real)0;
-        now.output = SATURATION;
-        if (state->count > 0) {
-            now.output = output_on_branch(&state->past[state->count - 1], &now, rising);
+        now = &state->past[state->count];
+        now->value = x;
+        now->band = band_of(x);
+        now->fraction = (x - levels[now->band]) * per_band[now->band];
+        output = (state->count > 0) ? output_on_branch(now - 1, now, rising) : SATURATION;
+        now->output = output;
+        if (state->count >= {{ guard }}_MEMORY) {
+            drop_smallest(state);
         }
-        output = now.output;
-        state->past[state->count] = now;
-    }
-    if (state->count >= {{ guard }}_MEMORY) {
-        drop_smallest(state);
     }
     return output;
 }
