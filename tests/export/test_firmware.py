@@ -1,7 +1,6 @@
 """The exported C on an emulated Cortex-M4F."""
 
 import pytest
-
 from benchmarks import firmware
 
 
