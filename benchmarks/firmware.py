@@ -19,15 +19,8 @@ from minorloop.export.c99 import source
 HERE = Path(__file__).parent / "cortex_m4"
 TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
 COMPILER = [
-    "arm-none-eabi-gcc",
-    "-std=c99",
-    "-O2",
-    "-mcpu=cortex-m4",
-    "-mthumb",
-    "-mfloat-abi=hard",
-    "-mfpu=fpv4-sp-d16",
-    "-ffreestanding",
-    "-fno-math-errno",
+    *("arm-none-eabi-gcc", "-std=c99", "-O2", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard"),
+    *("-mfpu=fpv4-sp-d16", "-ffreestanding", "-fno-math-errno"),
 ]
 CLOCK = 100e6
 WARNINGS = "-Wall -Wextra -Werror -pedantic"
@@ -91,19 +84,8 @@ def _host(samples: int, kind: str) -> Row:
     with tempfile.TemporaryDirectory() as scratch:
         folder = source(model).write(Path(scratch) / "c")
         (folder / "walk.c").write_text(HOST_LOOP)
-        flags = [
-            "-std=c99",
-            "-O2",
-            "-shared",
-            "-fPIC",
-            "-fvisibility=hidden",
-            "minorloop.c",
-            "walk.c",
-            "-lm",
-            "-o",
-            "model.so",
-        ]
-        _run(["cc", *flags], folder)
+        flags = ["-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
+        _run(["cc", *flags, "minorloop.c", "walk.c", "-lm", "-o", "model.so"], folder)
         walk = ctypes.CDLL(str(folder / "model.so")).walk
     pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (u, y)]
     expected = model.simulate(u)

@@ -92,9 +92,16 @@ def export_fmu(
     if target.suffix != ".fmu":
         raise ParameterError(f"{target.name} is no name for a unit; give one that ends in .fmu")
     named = [q if isinstance(q, Quantity) else Quantity.parse(q) for q in (input, output)]
-    labels = {"input": str(named[0]), "output": str(named[1])}
-    options: dict[str, Any] = {"name": name, "memory": memory, "linear": linear, "first": first}
-    code = source(model, inverse=False, **options, **labels)
+    code = source(
+        model,
+        name=name,
+        memory=memory,
+        inverse=False,
+        linear=linear,
+        first=first,
+        input=str(named[0]),
+        output=str(named[1]),
+    )
     files = {file: text for file, text in code.files.items() if "_selftest" not in file}
     step = _interval(linear, interval)
     context = _context(model, files, named, linear, first, name, step)
