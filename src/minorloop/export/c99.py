@@ -291,7 +291,7 @@ def _selftest(
             "count": u.size,
             "both_ways": both_ways,
             "width": repr(width),
-            "tolerance": f"{max(1e-12, 300 * rounding) * scale:.3g}",
+            "tolerance": f"{max(1e-12, 300 * float(rounding)) * scale:.3g}",
         },
     )
 

@@ -138,7 +138,7 @@ def as_memory(state: npt.ArrayLike) -> Memory:
         If the state is no memory.
     """
     values = np.asarray(state, dtype=np.float64)
-    return Memory(values[np.append(True, np.diff(values) != 0)])  # type: ignore[arg-type]
+    return Memory(values[np.append(True, np.diff(values) != 0)])
 
 
 def _padded(memory: Memory, room: int) -> FloatArray:
