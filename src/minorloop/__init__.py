@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.linear import Linear
     from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
+        InstrumentError,
         LimitError,
         MinorloopError,
         MissingExtraError,
@@ -64,6 +65,7 @@ __all__ = [
     "Creep",
     "GeneralisedPrandtlIshlinskii",
     "Identification",
+    "InstrumentError",
     "Inversion",
     "LimitError",
     "Linear",
@@ -144,6 +146,7 @@ _HOMES = {
     ),
     "minorloop.connect": ("connect",),
     "minorloop.errors": (
+        "InstrumentError",
         "LimitError",
         "MinorloopError",
         "MissingExtraError",

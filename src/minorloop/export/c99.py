@@ -175,7 +175,9 @@ def source(
         f"{name}_selftest.c": _selftest(operator, context, numbers, memory, linear, first),
     }
     if firmware:
-        files[f"{name}_firmware.c"] = _render("firmware.c", context)
+        low, high = map(float, operator.levels[[0, -1]])
+        safe = numbers.one(min(max(0.0, low), high))
+        files[f"{name}_firmware.c"] = _render("firmware.c", {**context, "safe": safe})
     return CSource(files, table_bytes, state_bytes, memory, drop_error)
 
 
