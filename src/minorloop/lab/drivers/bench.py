@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Quantity, Record
@@ -258,7 +259,7 @@ class Bench:
             self.safe()
 
 
-def _sample_times(duration: float, interval: float) -> np.ndarray:
+def _sample_times(duration: float, interval: float) -> FloatArray:
     """Ends of the samples of a hold: every interval, and its end."""
     for name, value in (("duration", duration), ("sample_interval", interval)):
         if not 0 < value < math.inf:
@@ -266,4 +267,4 @@ def _sample_times(duration: float, interval: float) -> np.ndarray:
     count = max(1, math.ceil(duration / interval - 1e-9))
     if count > MAX_SAMPLES:
         raise ParameterError(f"{count} samples are more than {MAX_SAMPLES}; sample more slowly")
-    return np.minimum(interval * np.arange(1, count + 1), duration)
+    return np.asarray(np.minimum(interval * np.arange(1, count + 1), duration))

@@ -76,6 +76,8 @@ class VisaLink:
         try:
             self._manager = pyvisa.ResourceManager(library)
             self._resource: Any = self._manager.open_resource(resource)
+            if not hasattr(self._resource, "write"):
+                raise InstrumentError("it is no instrument that takes lines of text")
             self._resource.timeout = round(1000 * timeout)
             self._resource.read_termination = "\n"
             self._resource.write_termination = "\n"
