@@ -1,7 +1,9 @@
+import contextlib
 import json
 import os
 import signal
 import sys
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from minorloop import load
 from minorloop.errors import MissingExtraError, OutputError, ParameterError, RecordError
 from minorloop.fleet import identification
-from minorloop.fleet.identification import identify_fleet, identify_one, read_manifest
+from minorloop.fleet.identification import identify_batch, identify_fleet, read_manifest
 from minorloop.operators.preisach import Preisach
 
 OPTIONS = {"levels": 6, "prior": "none", "smoothness": 0.0}
@@ -122,11 +124,72 @@ def test_without_dask_the_extra_is_named(six, tmp_path, monkeypatch):
         identify_fleet(six, tmp_path / "out", **OPTIONS)
 
 
-def test_what_goes_wrong_on_a_worker_comes_back_as_text(six, monkeypatch):
-    data = six[0].file.read_bytes()
-    assert "unexpected keyword" in identify_one(data, six[0], {"colour": 1})["error"]
-    assert "levels" in identify_one(data, six[0], {"levels": 0})["error"]
-    assert identify_one(data, six[0], OPTIONS)["nrmse"] < 1e-9
+def test_what_goes_wrong_on_a_worker_comes_back_as_text(six):
+    batch = [(one.file.read_bytes(), one) for one in six if one.file.exists()]
+    assert "unexpected keyword" in identify_batch(batch[:1], {"colour": 1})[0]["error"]
+    assert "levels" in identify_batch(batch[:1], {"levels": 0})[0]["error"]
+    found = identify_batch(batch, OPTIONS)
+    assert ["error" in one for one in found] == [False, False, True, False, False]
+    assert str(six[3].file) in found[2]["error"]
+
+
+@needs_dask
+def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    for k in range(6):
+        write_record(tmp_path / f"s{k}.csv", k)
+    specimens = write_manifest(tmp_path, [f"s{k}" for k in range(6)])
+
+    class Future:
+        """A batch whose worker died as often as Dask allows."""
+
+        def __init__(self, key, work):
+            self.key, self.work = key, work
+
+        def result(self):
+            return self.work()
+
+        def release(self):
+            pass
+
+    class Client:
+        loop = None
+        count = 0
+
+        def scheduler_info(self, n_workers):
+            return {"workers": {"one": None}}
+
+        def submit(self, function, batch, options, pure):
+            def work():
+                if any(one.name == "s3" for _, one in batch):
+                    raise distributed.scheduler.KilledWorker(
+                        "task", mock.Mock(address="tcp://one"), 3
+                    )
+                return function(batch, options)
+
+            Client.count += 1
+            return Future(str(Client.count), work)
+
+    class Completed(list):
+        def __init__(self, loop):
+            super().__init__()
+
+        add = list.append
+
+        def __iter__(self):
+            while self:
+                yield self.pop(0)
+
+    @contextlib.contextmanager
+    def cluster(workers, address):
+        yield Client(), Completed
+
+    monkeypatch.setattr(identification, "_cluster", cluster)
+    monkeypatch.setattr(identification, "_STINT", 1e9)
+    summary = identify_fleet(specimens, tmp_path / "out", **OPTIONS)
+    assert [one.specimen for one in summary.failures] == ["s3"]
+    assert "no worker lived to the end" in summary.failures[0].error
+    assert len(summary.identified) == 5
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,14 @@ import io
 import json
 import logging
 import os
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -43,7 +47,10 @@ COLUMNS = ("specimen", "file", "input", "output")
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
 ) | {"lag", "start", "offset"}
-_AHEAD = 500
+_AHEAD = 4
+"""Batches on their way to each worker."""
+_STINT, _MOST_EACH = 0.3, 16
+"""Seconds of work in a batch, and the most specimens."""
 _LONGEST = 400
 
 
@@ -192,8 +199,19 @@ def identify_fleet(
     return summary
 
 
-def identify_one(data: bytes, specimen: Specimen, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Identify one specimen from the bytes of its record; runs on a worker.
+def identify_batch(
+    batch: Sequence[tuple[bytes, Specimen]], options: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Identify some specimens from the bytes of their records; runs on a worker."""
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "record.csv"
+        return [identify_one(data, one, options, path) for data, one in batch]
+
+
+def identify_one(
+    data: bytes, specimen: Specimen, options: Mapping[str, Any], scratch: Path
+) -> dict[str, Any]:
+    """Identify one specimen from the bytes of its record.
 
     Gives the model and how good it is, or the error as text: an exception that came from
     somewhere else could not be told from a worker's death.
@@ -202,7 +220,7 @@ def identify_one(data: bytes, specimen: Specimen, options: Mapping[str, Any]) ->
 
     began = time.perf_counter()
     try:
-        record = _record(data, specimen)
+        record = _record(data, specimen, scratch)
         result = identify(record.u, record.y, **options)
         model = result.model
         return {
@@ -228,16 +246,12 @@ def opening(model: Preisach) -> float:
     return float(np.abs(down - up).max()) / width if width else 0.0
 
 
-def _record(data: bytes, specimen: Specimen) -> Record:
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as scratch:
-        path = Path(scratch) / (specimen.file.name or "record.csv")
-        path.write_bytes(data)
-        try:
-            return Record.from_csv(path, input=specimen.input, output=specimen.output, gaps=True)
-        except RecordError as error:
-            raise RecordError(str(error).replace(str(path), str(specimen.file))) from None
+def _record(data: bytes, specimen: Specimen, scratch: Path) -> Record:
+    scratch.write_bytes(data)
+    try:
+        return Record.from_csv(scratch, input=specimen.input, output=specimen.output, gaps=True)
+    except RecordError as error:
+        raise RecordError(str(error).replace(str(scratch), str(specimen.file))) from None
 
 
 def _outcomes(
@@ -248,35 +262,92 @@ def _outcomes(
     options: Mapping[str, Any],
 ) -> Iterator[Outcome]:
     """What becomes of each, as it becomes known, and written down by then."""
-    if not pending:
-        return
-    with _cluster(workers, address) as (client, as_completed):
-        waiting = iter(pending)
-        flow = as_completed(loop=client.loop)
-        sent: dict[str, tuple[Specimen, str]] = {}
+    readable = []
+    for one in pending:
+        try:
+            with one.file.open("rb"):
+                readable.append(one)
+        except (OSError, ValueError) as error:
+            yield _fail(place, one, _unreadable(one, error))
+    if readable:
+        with _cluster(workers, address) as (client, as_completed):
+            yield from _Flow(client, as_completed, place, options).run(readable)
 
-        def send(most: int) -> Iterator[Outcome]:
-            for one in waiting:
+
+class _Flow:
+    """Specimens on their way to workers and back.
+
+    They go in batches of about a third of a second of work, so that sending them costs little;
+    a batch that no worker survives is taken apart, so that one specimen fails and not its
+    neighbours.
+    """
+
+    def __init__(
+        self, client: Any, as_completed: Any, place: Path, options: Mapping[str, Any]
+    ) -> None:
+        self._client, self._place, self._options = client, place, dict(options)
+        self._flow = as_completed(loop=client.loop)
+        self._sent: dict[str, list[tuple[Specimen, str]]] = {}
+        self._size = 1
+
+    def run(self, specimens: Sequence[Specimen]) -> Iterator[Outcome]:
+        waiting = iter(specimens)
+        ahead = _AHEAD * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        yield from self._fill(waiting, ahead)
+        for future in self._flow:
+            batch = self._sent.pop(future.key)
+            yield from self._settle(future, batch)
+            future.release()
+            yield from self._fill(waiting, ahead)
+
+    def _fill(self, waiting: Iterator[Specimen], ahead: int) -> Iterator[Outcome]:
+        """Send until enough is on its way; gives what cannot be sent."""
+        while len(self._sent) < ahead:
+            batch, digests, some = [], [], False
+            for one in islice(waiting, self._size):
+                some = True
                 try:
                     data = one.file.read_bytes()
                 except (OSError, ValueError) as error:
-                    text = getattr(error, "strerror", None) or str(error)
-                    yield _fail(place, one, f"{one.file} cannot be read: {text}")
+                    yield _fail(self._place, one, _unreadable(one, error))
                     continue
-                digest = hashlib.sha256(data).hexdigest()
-                future = client.submit(identify_one, data, one, dict(options), pure=False)
-                sent[future.key] = one, digest
-                flow.add(future)
-                most -= 1
-                if most == 0:
-                    return
+                batch.append((data, one))
+                digests.append((one, hashlib.sha256(data).hexdigest()))
+            if not some:
+                return
+            if batch:
+                self._send(batch, digests)
 
-        yield from send(_AHEAD)
-        for future in flow:
-            one, digest = sent.pop(future.key)
-            yield _settle(place, one, digest, future)
-            future.release()
-            yield from send(1)
+    def _send(
+        self, batch: list[tuple[bytes, Specimen]], digests: list[tuple[Specimen, str]]
+    ) -> None:
+        future = self._client.submit(identify_batch, batch, self._options, pure=False)
+        self._sent[future.key] = digests
+        self._flow.add(future)
+
+    def _settle(self, future: Any, batch: list[tuple[Specimen, str]]) -> Iterator[Outcome]:
+        try:
+            found = future.result()
+        except Exception as error:  # the worker died, again and again, or could not take the task
+            if len(batch) == 1:
+                reason = f"no worker lived to the end: {error}"
+                yield _fail(self._place, batch[0][0], reason, batch[0][1])
+                return
+            for one, digest in batch:
+                try:
+                    self._send([(one.file.read_bytes(), one)], [(one, digest)])
+                except OSError as gone:
+                    yield _fail(self._place, one, _unreadable(one, gone))
+            return
+        # Each file is waited for until it is on the disk; together they wait no longer than one.
+        with ThreadPoolExecutor(_MOST_EACH) as pool:
+            yield from pool.map(partial(_settle, self._place), batch, found)
+        slowest = max(result.get("seconds", 0.0) for result in found)
+        self._size = min(_MOST_EACH, max(1, round(_STINT / max(slowest, 1e-3))))
+
+
+def _unreadable(one: Specimen, error: Exception) -> str:
+    return f"{one.file} cannot be read: {getattr(error, 'strerror', None) or error}"
 
 
 @contextmanager
@@ -308,12 +379,9 @@ def _cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, An
         yield client, as_completed
 
 
-def _settle(place: Path, one: Specimen, digest: str, future: Any) -> Outcome:
+def _settle(place: Path, sent: tuple[Specimen, str], found: Mapping[str, Any]) -> Outcome:
     """Write down what a worker found."""
-    try:
-        found = future.result()
-    except Exception as error:  # the worker died, again and again, or could not take the task
-        return _fail(place, one, f"no worker lived to the end: {error}")
+    one, digest = sent
     if "error" in found:
         return _fail(place, one, found["error"], digest)
     model = found["model"]
