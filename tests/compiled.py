@@ -66,7 +66,8 @@ def compiler(name):
 
 def build(folder, sources, *options, program="program", cc="gcc"):
     """Compile C files of a folder with every warning an error."""
-    command = [compiler(cc), *WARNINGS, *options, *sources, "-lm", "-o", program]
+    command = [compiler(cc), *WARNINGS, *options, *sources, "-o", program]
+    command += [] if "-c" in options else ["-lm"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return folder / program

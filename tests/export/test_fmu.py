@@ -94,6 +94,8 @@ def push(unit, u, step=1.0):
 
 
 def test_states_can_be_kept_restored_and_reset(model, tmp_path):
+    from fmpy.fmi1 import FMICallException
+
     export_fmu(model, tmp_path / "a.fmu")
     unit = instance_of(tmp_path / "a.fmu", tmp_path / "a")
     begin = unit.getReal([1])[0]
@@ -106,6 +108,9 @@ def test_states_can_be_kept_restored_and_reset(model, tmp_path):
     again = unit.deSerializeFMUstate(data)
     unit.setFMUState(again)
     assert [push(unit, u) for u in (-1.0, 0.5)] == first
+    for wrong in (data[:-1], b"\xff" * len(data)):
+        with pytest.raises(FMICallException):
+            unit.deSerializeFMUstate(wrong)
     unit.freeFMUstate(state)
     unit.reset()
     assert unit.getReal([1])[0] == begin

@@ -161,7 +161,11 @@ def _context(
         "names": _distinct(words[0].name, words[1].name, "error_bound"),
         "start": repr(low),
         "interval": interval,
-        "linear": None if linear is None else {"interval": repr(linear.interval)},
+        "linear": None
+        if linear is None
+        else {"interval": repr(linear.interval), "lag": linear._lag},
+        "guard": name.upper(),
+        "bands": model.bands,
         "prototypes": _prototypes(),
     }
 
@@ -183,7 +187,15 @@ def _prototypes() -> list[str]:
 
 
 def _render_source() -> str:
-    blank = {"name": "x", "guid": "", "version": "", "start": "0.0", "linear": None}
+    blank = {
+        "name": "x",
+        "guid": "",
+        "version": "",
+        "start": "0.0",
+        "linear": None,
+        "guard": "X",
+        "bands": 1,
+    }
     return _render("fmi2.c", {**blank, "prototypes": []})
 
 

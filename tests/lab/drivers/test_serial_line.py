@@ -173,6 +173,13 @@ def test_the_firmware_speaks_the_protocol(program, model):
     link.close()
 
 
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+def test_the_firmware_compiles_in_single_precision(model, cc, tmp_path):
+    source(model, firmware=True, float32=True, inverse=False, name="wing").write(tmp_path)
+    for option in ("-DWING_HOST", "-DNONE"):
+        compiled.build(tmp_path, ["wing_firmware.c"], option, "-c", program="one.o", cc=cc)
+
+
 def test_the_firmware_refuses_what_it_does_not_know(program):
     link = Pipe(program)
     for words in (("DANCE",), ("SET",), ("GET", "1"), ("SET", "nan"), ("SET", "1x"), ("SET", "")):

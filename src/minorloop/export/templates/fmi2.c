@@ -51,6 +51,24 @@ typedef struct {
 
 static const char guid[] = "{{ guid }}";
 
+/* Bytes from outside may be anything; a state has its counts and places in range. */
+static int is_sound(const memory_t *kept)
+{
+    int32_t k;
+    int sound = (kept->state.count >= 0) && (kept->state.count < {{ guard }}_MEMORY)
+        && (kept->state.weighed >= 1) && (kept->state.weighed <= {{ guard }}_MEMORY) && isfinite(kept->u);
+{%- if linear and linear.lag %}
+
+    sound = sound && (kept->state.next >= 0) && (kept->state.next < {{ linear.lag }});
+{%- endif %}
+
+    for (k = 0; sound && (k <= kept->state.count); ++k) {
+        const int32_t band = kept->state.past[k].band;
+        sound = (band >= 0) && (band < {{ bands }});
+    }
+    return sound;
+}
+
 static fmi2Status refuse(const instance_t *instance, const char *message)
 {
     if ((instance != NULL) && (instance->logger != NULL)) {
@@ -278,7 +296,13 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate kept, fmi2Byte by
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate *kept)
 {
-    if (size != sizeof(memory_t)) {
+    memory_t wanted;
+
+    if (size != sizeof wanted) {
+        return refuse(c, "these bytes are no state of this unit");
+    }
+    (void)memcpy(&wanted, bytes, sizeof wanted);
+    if (!is_sound(&wanted)) {
         return refuse(c, "these bytes are no state of this unit");
     }
     if (*kept == NULL) {
@@ -287,7 +311,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
     if (*kept == NULL) {
         return refuse(c, "there is no memory for another state");
     }
-    (void)memcpy(*kept, bytes, sizeof(memory_t));
+    (void)memcpy(*kept, &wanted, sizeof wanted);
     return fmi2OK;
 }
 {% for kind in ["Integer", "Boolean", "String"] %}
