@@ -20,11 +20,12 @@ demo: setup ## identify, invert and drive a simulated actuator; the result is in
 	rm -rf demo
 	$(BIN)/minorloop demo --out demo
 
-studies: setup ## the papers and the design study on 20 and 10 simulated specimens; reports in studies/
+studies: setup ## the papers on 20 simulated specimens, the design study on 10; reports in studies/
 	rm -rf studies
 	$(BIN)/minorloop study ipmc --specimens 20 --out studies/ipmc
 	$(BIN)/minorloop study fibre --specimens 20 --out studies/fibre
 	$(BIN)/minorloop study design --specimens 10 --out studies/design
+	$(BIN)/minorloop study head --specimens 20 --out studies/head
 
 test: setup ## run the tests
 	$(BIN)/python -m pytest

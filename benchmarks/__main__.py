@@ -8,7 +8,7 @@ import os
 
 import benchmarks
 
-PARTS = ("operators", "identification", "twins", "startup", "firmware", "fleet")
+PARTS = ("operators", "identification", "prior", "twins", "startup", "firmware", "fleet")
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 
 
