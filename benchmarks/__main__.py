@@ -8,7 +8,7 @@ import os
 
 import benchmarks
 
-PARTS = ("operators", "identification", "prior", "twins", "startup")
+PARTS = ("operators", "identification", "prior", "twins", "startup", "firmware", "fleet")
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 
 

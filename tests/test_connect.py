@@ -25,10 +25,17 @@ def test_options_reach_the_twin():
     assert noisy[0] == noisy[1] != noisy[2]
 
 
-@pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "visa:GPIB0", "twin:", "visa:head"])
+@pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "twin:", "visa:", "vsa:x"])
 def test_an_unknown_address_is_told_what_exists(address):
     with pytest.raises(ParameterError, match="what exists is 'twin:ipmc', 'twin:fibre'"):
         connect(address)
+
+
+def test_instruments_are_described_by_a_file_and_have_no_specimen(tmp_path):
+    with pytest.raises(ParameterError, match="cannot be read"):
+        connect(f"visa:{tmp_path / 'bench.json'}")
+    with pytest.raises(ParameterError, match="leave specimen, noise and options out"):
+        connect("visa:bench.json", specimen=1)
 
 
 @pytest.mark.parametrize("address", [None, 3, ["twin:wire"]])

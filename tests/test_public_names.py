@@ -24,7 +24,7 @@ NAMES = {
     *("save", "load", "connect", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
-    *("OutputError", "StoreError", "MissingExtraError"),
+    *("OutputError", "StoreError", "InstrumentError", "MissingExtraError"),
 }
 
 

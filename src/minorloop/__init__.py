@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.linear import Linear
     from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
+        InstrumentError,
         LimitError,
         MinorloopError,
         MissingExtraError,
@@ -74,6 +75,7 @@ __all__ = [
     "HeadControl",
     "HeatedWire",
     "Identification",
+    "InstrumentError",
     "Inversion",
     "LimitError",
     "Linear",
@@ -165,6 +167,7 @@ _HOMES = {
     ),
     "minorloop.connect": ("connect",),
     "minorloop.errors": (
+        "InstrumentError",
         "LimitError",
         "MinorloopError",
         "MissingExtraError",

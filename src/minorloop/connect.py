@@ -26,7 +26,8 @@ def connect(
     ----------
     address : str
         A simulated actuator: ``twin:ipmc``, ``twin:fibre``, ``twin:wire``, ``twin:head`` or
-        ``twin:catheter``.
+        ``twin:catheter``. Or real instruments: ``visa:FILE``, a file that describes them as
+        `minorloop.lab.drivers.visa` says.
     specimen : int, optional
         Seed of the specimen; nominal parameters without it.
     noise : float
@@ -46,6 +47,10 @@ def connect(
     ------
     ParameterError
         If there is nothing at the address, or an option is unknown there or out of its range.
+    MissingExtraError
+        If instruments are asked for and PyVISA is not installed.
+    InstrumentError
+        If an instrument does not answer.
     """
     room, _, name = address.partition(":") if isinstance(address, str) else ("", "", "")
     if room == "twin" and name in TWINS:
@@ -53,8 +58,17 @@ def connect(
         _check_options(address, kind, options)
         twin: Actuator = kind(specimen, noise, seed, **options)
         return twin
+    if room == "visa" and name:
+        if specimen is not None or noise != 0 or options:
+            raise ParameterError("instruments are real; leave specimen, noise and options out")
+        from minorloop.lab.drivers.visa import open_bench
+
+        return open_bench(name)
     known = ", ".join(f"'twin:{name}'" for name in TWINS)
-    raise ParameterError(f"there is nothing at address {address!r}; what exists is {known}")
+    raise ParameterError(
+        f"there is nothing at address {address!r}; what exists is {known}, and 'visa:FILE' for "
+        "instruments that a file describes"
+    )
 
 
 def _check_options(address: str, kind: type, options: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@
       LimitError          (ValueError)   an input beyond what an actuator allows
       OutputError         (OSError)      a place that cannot be written
       StoreError          (OSError)      an experiment store that cannot be used
+      InstrumentError     (OSError)      an instrument that answers late, wrongly or not at all
       MissingExtraError   (ImportError)  an optional dependency that is not installed
 
 A message says what was wrong, the value, the allowed range, and what to do next.
@@ -56,6 +57,10 @@ class OutputError(MinorloopError, OSError):
 
 class StoreError(MinorloopError, OSError):
     """An experiment store is missing, damaged, in use, or belongs to another run."""
+
+
+class InstrumentError(MinorloopError, OSError):
+    """An instrument answers late, wrongly or not at all; the actuator was made safe."""
 
 
 class MissingExtraError(MinorloopError, ImportError):

@@ -26,7 +26,10 @@ _HOLDS = 12
 
 def run(
     actuator: Annotated[
-        str, typer.Option(show_default=False, help="Its address: twin:ipmc or twin:fibre.")
+        str,
+        typer.Option(
+            show_default=False, help="Its address: twin:ipmc, twin:fibre, or visa:bench.json."
+        ),
     ],
     plan: Annotated[
         str,

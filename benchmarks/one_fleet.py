@@ -1,0 +1,44 @@
+"""``python -m benchmarks.one_fleet FOLDER WORKERS KILL``: one fleet; seconds, and how many."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from minorloop.fleet import identify_fleet, read_manifest
+
+OPTIONS = {"levels": 20, "prior": "none"}
+
+
+def main(folder: str, workers: str, kill: str) -> None:
+    specimens, killed = read_manifest(Path(folder) / "manifest.csv"), []
+
+    def watch(done: int, of: int, last: object) -> None:
+        if kill == "1" and not killed and done >= of // 3:
+            killed.append(_kill_a_worker())
+
+    with tempfile.TemporaryDirectory() as scratch:
+        began = time.perf_counter()
+        options = {"workers": int(workers), "watch": watch, **OPTIONS}
+        summary = identify_fleet(specimens, Path(scratch) / "out", **options)
+        print(f"{time.perf_counter() - began:.3f} {len(summary.identified)}")
+
+
+def _kill_a_worker() -> int:
+    import psutil
+
+    workers = [
+        process.pid
+        for process in psutil.Process().children(recursive=True)
+        if "spawn_main" in " ".join(process.cmdline())
+    ]
+    os.kill(workers[0], signal.SIGKILL)
+    return workers[0]
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

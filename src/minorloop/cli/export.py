@@ -1,0 +1,163 @@
+"""``minorloop export``: a model as C for firmware, or as a co-simulation unit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import ModelFileError, ParameterError
+
+if TYPE_CHECKING:
+    from minorloop.dynamics.linear import Linear
+    from minorloop.export.c99 import CSource
+    from minorloop.modelfile import ModelFile
+
+NAME = "export"
+EXAMPLE = "minorloop export c model.json --out firmware --float32 --memory 32"
+_TARGETS = ("c", "fmu")
+_LINEAR_KEYS = {"numerator", "denominator", "interval", "delay"}
+
+
+def run(
+    target: Annotated[
+        str, typer.Argument(help="What to write: c, or fmu (FMI 2.0).", show_default=False)
+    ],
+    model: _common.ModelFile,
+    out: Annotated[
+        Path, typer.Option(help="The folder for C, or the .fmu file.", show_default=False)
+    ],
+    name: Annotated[
+        str, typer.Option(help="Of the files, and what every name in the C begins with.")
+    ] = "minorloop",
+    float32: Annotated[
+        bool, typer.Option("--float32", help="C: compute in single precision.")
+    ] = False,
+    memory: Annotated[
+        int, _common.whole_option("Extrema of the input that are remembered, at least 6.")
+    ] = 32,
+    largest: Annotated[
+        int | None, _common.whole_option("C: most bytes for the tables and one state.")
+    ] = None,
+    no_inverse: Annotated[
+        bool, typer.Option("--no-inverse", help="C: leave the inverse out.")
+    ] = False,
+    linear: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON file of a sampled linear part: numerator, denominator (in descending "
+            "powers of z), interval and delay (in seconds)."
+        ),
+    ] = None,
+    first: Annotated[
+        str, typer.Option(help="Which the input meets first: operator or linear.")
+    ] = "operator",
+    firmware: Annotated[
+        bool, typer.Option("--firmware", help="C: a sketch of firmware too.")
+    ] = False,
+    interval: Annotated[
+        float | None, _common.number_option("FMU: seconds that a simulator should step by.")
+    ] = None,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Write a model as C99, without allocation or libraries, or as a co-simulation unit."""
+    if target not in _TARGETS:
+        raise ParameterError(f"there is no export {target!r}; give one of {', '.join(_TARGETS)}")
+    from minorloop import modelfile
+
+    known = modelfile.read(model)
+    options: dict[str, Any] = {
+        "name": name,
+        "memory": memory,
+        "first": first,
+        "linear": None if linear is None else _linear(linear),
+        "input": str(known.input),
+        "output": str(known.output),
+    }
+    if target == "fmu":
+        _write_unit(known, model, out, options, interval, force, as_json)
+        return
+    from minorloop.export.c99 import export_c
+
+    with _common.working("writing C"):
+        code = export_c(
+            known.model,  # type: ignore[arg-type]
+            out,
+            **options,
+            float32=float32,
+            inverse=not no_inverse,
+            largest=largest,
+            firmware=firmware,
+        )
+    _show(code, out, known, as_json)
+
+
+def _write_unit(
+    known: ModelFile,
+    model: Path,
+    out: Path,
+    options: dict[str, Any],
+    interval: float | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    from minorloop.export.fmu import export_fmu
+
+    _common.check_outputs([out], inputs=[model], force=force)
+    with _common.working("compiling the unit"):
+        unit = export_fmu(known.model, out, **options, interval=interval, force=force)  # type: ignore[arg-type]
+    if as_json:
+        _common.print_json({"file": str(out), "bytes": out.stat().st_size, "platforms": unit})
+        return
+    typer.echo(f"co-simulation unit for {', '.join(unit)} written to {out}")
+
+
+def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
+    figures = {
+        "folder": str(out),
+        "files": list(code.files),
+        "table_bytes": code.table_bytes,
+        "state_bytes": code.state_bytes,
+        "memory": code.memory,
+        "drop_error": code.drop_error,
+    }
+    if as_json:
+        _common.print_json(figures)
+        return
+    rows = [
+        ("files", ", ".join(code.files)),
+        ("constant tables", f"{code.table_bytes} bytes"),
+        ("one state", f"{code.state_bytes} bytes"),
+        ("extrema remembered", f"{code.memory}"),
+        ("dropping one pair costs at most", f"{code.drop_error:.3g} {known.output.unit}".rstrip()),
+    ]
+    _common.print_table(("", ""), rows, f"{known.output} against {known.input}, written to {out}")
+    if known.lag:
+        typer.echo(f"the output follows the model by {known.lag} samples, which is not in the C")
+    test = next(name for name in code.files if name.endswith("_selftest.c"))
+    source = test.replace("_selftest", "")
+    typer.echo(f"next: cd {out} && cc -std=c99 {source} {test} -lm -o selftest && ./selftest")
+
+
+def _linear(path: Path) -> Linear:
+    """The linear part that a file describes."""
+    from minorloop.dynamics.linear import Linear
+
+    try:
+        content = json.loads(path.read_text())
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path} is not JSON: {error}") from None
+    if not isinstance(content, dict) or not {"numerator", "denominator"} <= set(content):
+        raise ModelFileError(f"{path} is not an object with a numerator and a denominator")
+    strange = sorted(set(content) - _LINEAR_KEYS)
+    if strange:
+        raise ModelFileError(
+            f"{path} has the key {strange[0]!r}; allowed are {', '.join(sorted(_LINEAR_KEYS))}"
+        )
+    return Linear(**content)

@@ -1,0 +1,100 @@
+"""``minorloop fleet``: identify many specimens at once, on local processes or a cluster."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError
+
+NAME = "fleet"
+EXAMPLE = "minorloop fleet identify manifest.csv --out fleet --levels 20 --workers 2"
+_SHOWN = 10
+
+
+def run(
+    what: Annotated[str, typer.Argument(help="What to do: identify.", show_default=False)],
+    manifest: Annotated[
+        Path,
+        typer.Argument(
+            help="CSV file: a row for each specimen under specimen, file, input, output.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder for the results; that of a fleet that was stopped goes on with it.",
+            show_default=False,
+        ),
+    ],
+    input: Annotated[
+        str | None, typer.Option(help="Column of the input, where the manifest names none.")
+    ] = None,
+    output: Annotated[
+        str | None, typer.Option(help="Column of the output, where the manifest names none.")
+    ] = None,
+    levels: Annotated[int, _common.whole_option("Bands of each model, 250 at most.")] = 25,
+    relay: Annotated[str, typer.Option(help="Relays: bipolar or unipolar.")] = "bipolar",
+    diagonal: Annotated[
+        str, typer.Option(help="Smallest loops: uniform or reversible.")
+    ] = "uniform",
+    smoothness: Annotated[
+        str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")
+    ] = "auto",
+    prior: Annotated[str, typer.Option(help="gaussian, none or auto.")] = "auto",
+    start: _common.Start = "negative",
+    workers: Annotated[
+        int | None, _common.whole_option("Local processes; as many as cores if not given.")
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option(help="Scheduler of a Dask cluster: tcp://10.0.0.1:8786.")
+    ] = None,
+    as_json: _common.Json = False,
+) -> None:
+    """Identify every specimen of a manifest; what fails is reported and stops nothing."""
+    if what != "identify":
+        raise ParameterError(f"there is no fleet {what!r}; give identify")
+    from minorloop.fleet.identification import identify_fleet, read_manifest
+
+    specimens = read_manifest(manifest, input=input, output=output)
+    options: dict[str, Any] = {"levels": levels, "relay": relay, "diagonal": diagonal}
+    options |= {"prior": prior, "start": start}
+    options["smoothness"] = smoothness if smoothness == "auto" else _common.number(smoothness)
+    with _common.working(f"identifying {len(specimens)} specimens") as now:
+        summary = identify_fleet(
+            specimens,
+            out,
+            workers=workers,
+            address=address,
+            watch=lambda done, of, last: now(f"{done} of {of} specimens, last {last.specimen}"),
+            **options,
+        )
+    if as_json:
+        _common.print_json(summary.plain())
+        return
+    rows = [
+        (figure, *(f"{at[word]:.4g}" for word in ("min", "quarter", "median", "max")))
+        for figure, at in summary.distributions().items()
+    ]
+    title = f"{len(summary.identified)} of {len(summary.outcomes)} specimens identified"
+    if rows:
+        _common.print_table(("", "least", "quarter", "median", "greatest"), rows, title)
+    else:
+        typer.echo(title)
+    outliers = summary.outliers()
+    for one in outliers[:_SHOWN]:
+        typer.echo(
+            f"outlier {one.specimen}: {one.figure} {one.value:.4g}, where the median is "
+            f"{one.median:.4g}"
+        )
+    for failure in summary.failures[:_SHOWN]:
+        typer.echo(f"failed {failure.specimen}: {failure.error}")
+    if max(len(outliers), len(summary.failures)) > _SHOWN:
+        typer.echo(f"more are in {out / 'summary.json'}")
+    typer.echo(f"models and results are in {out}")
+    sys.stdout.flush()

@@ -1,0 +1,1 @@
+"""Out of Python: models as C, as co-simulation units, and inside other libraries."""

@@ -1,0 +1,147 @@
+"""Numbers as C writes them, and the tables that the exported operator reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop.operators import plane
+from minorloop.operators.preisach import Preisach, _buckets
+
+_COLUMNS = 100
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """How C writes numbers of one type.
+
+    Parameters
+    ----------
+    single : bool
+        Whether they are ``float``; ``double`` otherwise.
+    """
+
+    single: bool
+
+    @property
+    def type(self) -> str:
+        """The word for the type in C."""
+        return "float" if self.single else "double"
+
+    @property
+    def size(self) -> int:
+        """Bytes of one number."""
+        return 4 if self.single else 8
+
+    def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
+        """Numbers rounded to the type.
+
+        Raises
+        ------
+        ParameterError
+            If one is too large for it.
+        """
+        wide = np.asarray(values, dtype=np.float64)
+        if self.single and (np.abs(wide) > np.finfo(np.float32).max).any():
+            raise ParameterError(
+                f"the model holds {np.abs(wide).max():g}, more than a float can; export doubles"
+            )
+        return wide.astype(np.float32 if self.single else np.float64)
+
+    def one(self, value: float) -> str:
+        """A literal that gives back the same number; in brackets if it is negative."""
+        number = self.array(value)
+        text = f"{float(number):.9g}" if self.single else repr(float(number))
+        if not set(text) & {".", "e"}:
+            text += ".0"
+        text += "f" if self.single else ""
+        return f"({text})" if text.startswith("-") else text
+
+    def table(self, values: Iterable[float]) -> str:
+        """The inside of an initialiser."""
+        return wrapped(self.one(value).strip("()") for value in values)
+
+
+def wrapped(words: Iterable[str]) -> str:
+    """Words with commas, in lines of bounded length."""
+    lines, line = [], ""
+    for word in words:
+        if line and len(line) + len(word) + 2 > _COLUMNS - 4:
+            lines.append(line)
+            line = ""
+        line += f"{word}, " if line else f"    {word}, "
+    return "\n".join(text.rstrip() for text in [*lines, line])
+
+
+def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], int]:
+    """What the templates need to know of an operator, and the bytes of its tables.
+
+    Raises
+    ------
+    ParameterError
+        If levels coincide or numbers overflow in the type chosen.
+    """
+    levels = numbers.array(model.levels)
+    if not (np.diff(levels) > 0).all():
+        raise ParameterError(
+            f"levels are only {np.diff(model.levels).min():g} apart around "
+            f"{np.abs(model.levels).max():g}, which a float cannot tell apart; export doubles"
+        )
+    begun, per_unit = _buckets(levels)
+    swing = 2.0 if model.relay == "bipolar" else 1.0
+    nodes = model._plane.nodes
+    signed = bool((model.weights < 0).any())
+    bowed = model.diagonal == "uniform"
+    tables = {
+        "levels": numbers.table(levels),
+        "per_band": numbers.table(1 / np.diff(levels.astype(np.float64))),
+        "begun": wrapped(str(int(band)) for band in begun),
+        "nodes": numbers.table(_packed(nodes)),
+        "bow": numbers.table(nodes.diagonal(-1)),
+    }
+    unsigned = swing * plane.nodes_from_weights(np.abs(model.weights))
+    if signed:
+        tables["nodes_unsigned"] = numbers.table(_packed(unsigned))
+        tables["bow_unsigned"] = numbers.table(unsigned.diagonal(-1))
+    wide = model.bands > 256
+    count = levels.size + model.bands + (1 + signed) * (_packed(nodes).size + bowed * model.bands)
+    context = {
+        "tables": tables,
+        "bands": model.bands,
+        "slices": begun.size,
+        "slice_type": "uint16_t" if wide else "uint8_t",
+        "per_unit": numbers.one(per_unit),
+        "saturation": numbers.one(model._all_off),
+        "slope": numbers.one(model.slope),
+        "sloped": model.slope != 0,
+        "signed": signed,
+        "bowed": bowed,
+        "begin": numbers.one(model._all_off + model.slope * float(model.levels[0])),
+        "low": numbers.one(model.levels[0]),
+        "high": numbers.one(model.levels[-1]),
+        "reach_low": numbers.one(model.range[0]),
+        "reach_high": numbers.one(model.range[1]),
+        "swing": float(swing * np.abs(model.weights).sum()),
+    }
+    return context, numbers.size * count + (2 if wide else 1) * begun.size
+
+
+def text_only(words: Mapping[str, str]) -> dict[str, str]:
+    """Texts that cannot end a comment in C."""
+    return {
+        name: " ".join("".join(c if c.isprintable() else " " for c in text).split())
+        .replace("*/", "* /")
+        .replace("/*", "/ *")
+        for name, text in words.items()
+    }
+
+
+def _packed(nodes: FloatArray) -> FloatArray:
+    """The rows of a lower triangle one after the other."""
+    return np.asarray(nodes[np.tril_indices(len(nodes))])

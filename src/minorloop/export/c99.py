@@ -1,0 +1,340 @@
+"""A model as portable C: one header, one source file, fixed memory, no allocation."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minorloop import __version__
+from minorloop.arrays import FloatArray, check_option
+from minorloop.dynamics.cascade import Cascade, First
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.export._tables import Numbers, operator_tables, text_only
+from minorloop.files import PathLike, make_folder, write_atomically
+from minorloop.operators.preisach import Preisach
+
+__all__ = ["CSource", "export_c", "source"]
+
+LEAST_MEMORY = 6
+MOST_MEMORY = 10_000
+_VECTORS = 200
+_RESERVED = 40
+
+
+@dataclass(frozen=True)
+class CSource:
+    """C for a model.
+
+    Parameters
+    ----------
+    files : dict of str to str
+        Text of each file, by its name.
+    table_bytes : int
+        Of constant tables, which a linker puts into flash.
+    state_bytes : int
+        Of one state, in RAM.
+    memory : int
+        Extrema that a state remembers.
+    drop_error : float
+        Most that dropping one pair of extrema can change the output by, in its unit.
+    """
+
+    files: dict[str, str]
+    table_bytes: int
+    state_bytes: int
+    memory: int
+    drop_error: float
+
+    def write(self, folder: PathLike) -> Path:
+        """Write the files into a folder, which is made or has to be empty.
+
+        Raises
+        ------
+        OutputError
+            If the folder is not empty or cannot be written to.
+        """
+        place = make_folder(folder)
+        for name, text in self.files.items():
+            write_atomically(place / name, text)
+        return place
+
+
+def export_c(model: Preisach, folder: PathLike, **options: Any) -> CSource:
+    """Write a model as C into a folder.
+
+    Parameters
+    ----------
+    model : Preisach
+        The model.
+    folder : str or path
+        Where the files go; it is made, or has to be empty.
+    **options
+        Of `source`.
+
+    Returns
+    -------
+    CSource
+
+    Raises
+    ------
+    OutputError
+        If the folder is not empty or cannot be written to.
+    NotInvertibleError, ParameterError
+        As for `source`.
+    """
+    code = source(model, **options)
+    code.write(folder)
+    return code
+
+
+def source(
+    model: Any,
+    *,
+    name: str = "minorloop",
+    memory: int = 32,
+    float32: bool = False,
+    inverse: bool = True,
+    linear: Linear | None = None,
+    first: First = "operator",
+    input: str = "input",
+    output: str = "output",
+    largest: int | None = None,
+    firmware: bool = False,
+) -> CSource:
+    """A model as C99.
+
+    Parameters
+    ----------
+    model : Preisach
+        The operator.
+    name : str
+        Of the files, and what every public name in them begins with.
+    memory : int
+        Remembered extrema of the input, at least 6. When a history has more, the pair that
+        matters least is dropped; the C says by how much the output can be off.
+    float32 : bool
+        Whether to compute in single precision.
+    inverse : bool
+        Whether to write the inverse too.
+    linear : Linear, optional
+        A sampled linear part with a DC gain, stepped together with the operator.
+    first : {"operator", "linear"}
+        Which of the two the input meets first.
+    input, output : str
+        What the model maps, for the comments.
+    largest : int, optional
+        Most bytes that tables and one state may take together.
+    firmware : bool
+        Whether to write a sketch of firmware too, which speaks the serial protocol of
+        `minorloop.lab.drivers.serial_line`.
+
+    Raises
+    ------
+    NotInvertibleError
+        If an inverse is asked for and the model is not monotone.
+    ParameterError
+        If C of this kind cannot hold the model, it needs more bytes than allowed, or an
+        option is out of its range.
+    """
+    operator = _as_preisach(model)
+    _check_options(operator, name, memory, inverse)
+    check_option("first", first, ("operator", "linear"))
+    numbers = Numbers(float32)
+    context, table_bytes = operator_tables(operator, numbers)
+    state_bytes = _state_bytes(numbers.size, memory)
+    if linear is not None:
+        context["linear"], tables = _linear_context(linear, first, numbers)
+        context["tables"] |= tables
+        states = context["linear"]["order"] + context["linear"]["lag"]
+        table_bytes += 2 * numbers.size * context["linear"]["order"]
+        state_bytes += numbers.size * (states + (context["linear"]["lag"] > 0))
+    _check_bytes(table_bytes, state_bytes, largest)
+    drop_error = context["swing"] / (memory - 3)
+    context |= {
+        "single": f"{drop_error:.3g}",
+        "name": name,
+        "guard": name.upper(),
+        "real": numbers.type,
+        "sqrt": "sqrtf" if float32 else "sqrt",
+        "memory": memory,
+        "inverse": inverse,
+        "linear": context.get("linear"),
+        "version": __version__,
+        "title": "Hysteresis of an actuator: a Preisach operator with piecewise uniform density.",
+        **text_only({"input": input, "output": output, "about": _about(operator, linear, first)}),
+    }
+    files = {
+        f"{name}.h": _render("model.h", context),
+        f"{name}.c": _render("model.c", context),
+        f"{name}_selftest.c": _selftest(operator, context, numbers, memory, linear, first),
+    }
+    if firmware:
+        low, high = map(float, operator.levels[[0, -1]])
+        safe = numbers.one(min(max(0.0, low), high))
+        files[f"{name}_firmware.c"] = _render("firmware.c", {**context, "safe": safe})
+    return CSource(files, table_bytes, state_bytes, memory, drop_error)
+
+
+def _as_preisach(model: Any) -> Preisach:
+    if not isinstance(model, Preisach):
+        raise ParameterError(
+            f"C is written for Preisach models, and this is a {type(model).__name__}; identify a "
+            "Preisach model from the same record"
+        )
+    return model
+
+
+def _check_options(model: Preisach, name: str, memory: int, inverse: bool) -> None:
+    if not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or len(name) > _RESERVED:
+        raise ParameterError(
+            f"name {name!r} cannot begin the names in C; give a letter, then letters, digits and "
+            f"underscores, {_RESERVED} at most"
+        )
+    if isinstance(memory, bool) or not isinstance(memory, int | np.integer):
+        raise ParameterError(f"memory is {memory!r}; give a whole number of extrema")
+    if not LEAST_MEMORY <= memory <= MOST_MEMORY:
+        raise ParameterError(
+            f"memory is {memory} extrema; give {LEAST_MEMORY} to {MOST_MEMORY}, 32 serve most"
+        )
+    if inverse and not model.monotone:
+        raise NotInvertibleError(
+            f"the model is not monotone (least weight {model.weights.min():g}), so its C cannot "
+            "have an inverse; export it without (inverse=False, --no-inverse), or identify with "
+            "signed=False"
+        )
+
+
+def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> None:
+    needed = table_bytes + state_bytes
+    if largest is not None and needed > largest:
+        raise ParameterError(
+            f"the model needs {needed} bytes, {table_bytes} of tables and {state_bytes} of state, "
+            f"and {largest} are allowed; allow more, use fewer levels, a smaller memory, or float32"
+        )
+
+
+def _state_bytes(size: int, memory: int) -> int:
+    """Of a state without linear part, padded as compilers do."""
+    extremum = 20 if size == 4 else 40
+    return (memory + 1) * extremum + 8 + 4 * size
+
+
+def _linear_context(
+    linear: Linear, first: First, numbers: Numbers
+) -> tuple[dict[str, Any], dict[str, str]]:
+    if linear.interval is None:
+        raise ParameterError(
+            "the linear part is continuous; give linear.discretise(interval) with the interval at "
+            "which the C will step"
+        )
+    if not np.isfinite(linear.dc_gain) or linear.dc_gain == 0:
+        raise ParameterError(
+            f"the linear part has a DC gain of {linear.dc_gain:g}; there is nothing settled to "
+            "begin from, so give one whose DC gain is finite and not zero"
+        )
+    if not linear.stable:
+        raise ParameterError("the linear part is unstable; give one that settles")
+    context = {
+        "order": linear.order,
+        "lag": linear._lag,
+        "interval": numbers.one(linear.interval),
+        "feedthrough": numbers.one(linear._state_space[3]),
+        "gain": numbers.one(linear.dc_gain),
+        "rest": numbers.one(1 / linear._at_rest(linear.denominator)),
+        "first": first,
+    }
+    tables = {
+        "transition": numbers.table(-linear.denominator[1:]),
+        "readout": numbers.table(linear._state_space[2]),
+    }
+    return context, tables
+
+
+def _about(model: Preisach, linear: Linear | None, first: First) -> str:
+    parts = f"{model.bands} bands, {model.relay} relays, {model.diagonal} diagonal"
+    if linear is None:
+        return f"{parts}."
+    order = "after" if first == "operator" else "before"
+    return f"{parts}; a linear part of order {linear.order} {order} it."
+
+
+def _selftest(
+    model: Preisach,
+    context: dict[str, Any],
+    numbers: Numbers,
+    memory: int,
+    linear: Linear | None,
+    first: First,
+) -> str:
+    u = numbers.array(_inputs(model, memory)).astype(np.float64)
+    y = model.simulate(u) if linear is None else _stepped(Cascade(model, linear, first), u)
+    low, high = model.range
+    width = (high - low) * (1.0 if linear is None else abs(linear.dc_gain))
+    width = width or 1.0
+    rounding = np.finfo(np.float32 if numbers.single else np.float64).eps
+    scale = 1 + float(np.abs(y).max()) / width
+    tables = {
+        "inputs": numbers.table(u),
+        "outputs": numbers.table(y),
+        "targets": numbers.table(y[::-1]),
+    }
+    both_ways = context["inverse"] and linear is None and high > low
+    return _render(
+        "selftest.c",
+        {
+            **context,
+            "tables": tables,
+            "count": u.size,
+            "both_ways": both_ways,
+            "width": repr(width),
+            "tolerance": f"{max(1e-12, 300 * float(rounding)) * scale:.3g}",
+        },
+    )
+
+
+def _inputs(model: Preisach, memory: int) -> FloatArray:
+    """Inputs over the whole plane whose histories a bounded memory holds."""
+    low, high = map(float, model.levels[[0, -1]])
+    rng, tracker, chosen = np.random.default_rng(0), model.track(), []
+    for share in rng.beta(0.7, 0.7, _VECTORS):
+        u = low + float(share) * (high - low)
+        for wanted in (u, high):
+            trial = tracker.copy()
+            trial.push(wanted)
+            if len(trial.memory) <= memory:  # the present input included
+                break
+        tracker.push(wanted)
+        chosen.append(wanted)
+    return np.array(chosen)
+
+
+def _stepped(cascade: Cascade, u: FloatArray) -> FloatArray:
+    """Outputs of a cascade from negative saturation."""
+    low = float(cascade.operator.levels[0])  # type: ignore[attr-defined]
+    before = low if cascade.first == "operator" else low / cascade.linear.dc_gain
+    state, y = cascade.begin(before), np.empty(u.size)
+    for k, sample in enumerate(u):
+        y[k], state = cascade.step(state, float(sample))
+    return y
+
+
+@cache
+def _environment() -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("minorloop.export"),
+        undefined=StrictUndefined,
+        autoescape=False,
+        keep_trailing_newline=True,
+    )
+
+
+def _render(template: str, context: dict[str, Any]) -> str:
+    return str(_environment().get_template(template).render(context))

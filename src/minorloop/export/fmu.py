@@ -1,0 +1,244 @@
+"""A model as a co-simulation unit: FMI 2.0, from the same C, with no Python inside."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from minorloop.arrays import as_finite
+from minorloop.dynamics.cascade import First
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import OutputError, ParameterError
+from minorloop.export.c99 import _about, _render, source
+from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.lab.records import Quantity
+from minorloop.operators.preisach import Preisach
+
+__all__ = ["export_fmu"]
+
+_PATIENCE = 120
+_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-Wall", "-Wextra")
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def export_fmu(
+    model: Preisach,
+    path: PathLike,
+    *,
+    name: str = "minorloop",
+    memory: int = 64,
+    linear: Linear | None = None,
+    first: First = "operator",
+    input: str | Quantity = "input",
+    output: str | Quantity = "output",
+    interval: float | None = None,
+    compiler: str | None = None,
+    force: bool = False,
+) -> list[str]:
+    """Write a model as an FMI 2.0 co-simulation unit.
+
+    The unit has the input and the output under their names, and ``error_bound``, which says how
+    far the output can be off because memory is bounded. In each communication step the input
+    that was set is held. It holds the source too, so that it can be compiled for other platforms.
+
+    Parameters
+    ----------
+    model : Preisach
+        The operator.
+    path : str or path
+        The file to write, ``*.fmu``.
+    name : str
+        Of the unit and of the files in it.
+    memory : int
+        Extrema of the input that are remembered.
+    linear : Linear, optional
+        A sampled linear part; communication steps are whole numbers of its interval then.
+    first : {"operator", "linear"}
+        Which of the two the input meets first.
+    input, output : str or Quantity
+        Names and units, such as ``voltage [V]``.
+    interval : float, optional
+        Step that a simulator should take by default, in seconds; that of the linear part, or
+        0.01.
+    compiler : str, optional
+        The C compiler; ``$CC`` or ``cc`` if not given.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Returns
+    -------
+    list of str
+        Platforms that the unit has been compiled for, in the words of the standard.
+
+    Raises
+    ------
+    ParameterError
+        If C cannot hold the model, an option is out of its range, or there is no C compiler.
+    OutputError
+        If the file cannot be written, or the compiler fails.
+    """
+    target = check_writable(path, force=force)
+    if target.suffix != ".fmu":
+        raise ParameterError(f"{target.name} is no name for a unit; give one that ends in .fmu")
+    named = [q if isinstance(q, Quantity) else Quantity.parse(q) for q in (input, output)]
+    code = source(
+        model,
+        name=name,
+        memory=memory,
+        inverse=False,
+        linear=linear,
+        first=first,
+        input=str(named[0]),
+        output=str(named[1]),
+    )
+    files = {file: text for file, text in code.files.items() if "_selftest" not in file}
+    step = _interval(linear, interval)
+    context = _context(model, files, named, linear, first, name, step)
+    files[f"{name}_fmi2.c"] = _render("fmi2.c", context)
+    system, suffix = _platform()
+    binary = _compiled(files, name, suffix, compiler)
+    description = _render("modelDescription.xml", context)
+    write_atomically(
+        target,
+        _archive(
+            {
+                "modelDescription.xml": description.encode(),
+                **{f"sources/{file}": text.encode() for file, text in files.items()},
+                f"binaries/{system}/{name}{suffix}": binary,
+            }
+        ),
+    )
+    return [system]
+
+
+def _interval(linear: Linear | None, wanted: float | None) -> float:
+    own = None if linear is None else linear.interval
+    step = (own or 0.01) if wanted is None else as_finite("interval", wanted)
+    if step <= 0:
+        raise ParameterError(f"interval is {step:g} s; give a positive time")
+    if own is not None and abs(step / own - round(step / own)) > 1e-9:
+        raise ParameterError(
+            f"interval is {step:g} s; with this linear part give a whole number of {own:g} s"
+        )
+    return step
+
+
+def _context(
+    model: Preisach,
+    files: dict[str, str],
+    named: list[Quantity],
+    linear: Linear | None,
+    first: First,
+    name: str,
+    interval: float,
+) -> dict[str, Any]:
+    from minorloop import __version__
+
+    digest = hashlib.sha256("".join(f"{k}{files[k]}" for k in sorted(files)).encode())
+    low = float(model.levels[0])
+    if linear is not None and first == "linear":
+        low /= linear.dc_gain
+    words = [Quantity(escape(q.name), escape(q.unit)) for q in named]
+    return {
+        "name": name,
+        "guid": f"{{{digest.hexdigest()[:32]}}}",
+        "version": __version__,
+        "about": escape(_about(model, linear, first)),
+        "input": words[0],
+        "output": words[1],
+        "units": sorted({word.unit for word in words} - {""}),
+        "names": _distinct(words[0].name, words[1].name, "error_bound"),
+        "start": repr(low),
+        "interval": interval,
+        "linear": None
+        if linear is None
+        else {"interval": repr(linear.interval), "lag": linear._lag},
+        "guard": name.upper(),
+        "bands": model.bands,
+        "prototypes": _prototypes(),
+    }
+
+
+def _distinct(*names: str) -> list[str]:
+    found: list[str] = []
+    for name in names:
+        while name in found:
+            name += "_"
+        found.append(name)
+    return found
+
+
+def _prototypes() -> list[str]:
+    """Declarations of the public functions that the template defines."""
+    text = _render_source()
+    pattern = r"^((?:fmi2\w+|const char \*|void)\s?\*?fmi2\w+\([^{]*?\))\n\{"
+    return [f"API {' '.join(p.split())}" for p in re.findall(pattern, text, flags=re.MULTILINE)]
+
+
+def _render_source() -> str:
+    blank = {
+        "name": "x",
+        "guid": "",
+        "version": "",
+        "start": "0.0",
+        "linear": None,
+        "guard": "X",
+        "bands": 1,
+    }
+    return _render("fmi2.c", {**blank, "prototypes": []})
+
+
+def _platform() -> tuple[str, str]:
+    """The standard's word for this platform, and how its libraries end."""
+    bits = "64" if sys.maxsize > 2**32 else "32"
+    system = {"Linux": "linux", "Darwin": "darwin", "Windows": "win"}.get(platform.system())
+    if system is None:
+        raise ParameterError(f"FMI 2.0 has no word for the platform {platform.system()!r}")
+    return f"{system}{bits}", {"linux": ".so", "darwin": ".dylib", "win": ".dll"}[system]
+
+
+def _compiled(files: dict[str, str], name: str, suffix: str, compiler: str | None) -> bytes:
+    """The unit as a shared library."""
+    wanted = compiler or os.environ.get("CC") or "cc"
+    found = shutil.which(wanted)
+    if found is None:
+        raise ParameterError(f"there is no C compiler {wanted!r}; install one, or name it in CC")
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        for file, text in files.items():
+            (folder / file).write_text(text)
+        library = folder / f"{name}{suffix}"
+        sources = [file for file in files if file.endswith(".c")]
+        command = [found, *_FLAGS, *sources, "-lm", "-o", library.name]
+        try:
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, timeout=_PATIENCE, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise OutputError(f"the compiler {found} did not work: {error}") from None
+        if done.returncode or not library.exists():
+            raise OutputError(f"the compiler {found} refused the unit: {done.stderr.strip()[:300]}")
+        return library.read_bytes()
+
+
+def _archive(files: dict[str, bytes]) -> bytes:
+    """The files as a zip whose bytes depend on nothing but them."""
+    store = io.BytesIO()
+    with zipfile.ZipFile(store, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            entry = zipfile.ZipInfo(name, _EPOCH)
+            entry.external_attr = 0o644 << 16
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(entry, content)
+    return store.getvalue()

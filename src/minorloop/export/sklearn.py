@@ -1,0 +1,212 @@
+"""A model as a scikit-learn regressor, and a splitter that keeps sequences whole.
+
+Rows are samples in the order of time. A hysteresis remembers, so what a row is predicted as
+depends on the rows before it; the checks of scikit-learn that deny this are named in
+`EXPECTED_FAILURES`, each with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, IntArray, check_option
+from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.identification import identify
+from minorloop.operators.memory import Memory
+
+try:
+    from sklearn.base import BaseEstimator, RegressorMixin
+    from sklearn.utils.validation import check_is_fitted, validate_data
+except ImportError:
+    raise MissingExtraError("scikit-learn", "sklearn") from None
+
+__all__ = ["EXPECTED_FAILURES", "ContiguousSplit", "PreisachRegressor"]
+
+_REMEMBERS = "the output depends on the rows before, so {}"
+EXPECTED_FAILURES: dict[str, str] = {
+    "check_methods_sample_order_invariance": _REMEMBERS.format("their order matters"),
+    "check_methods_subset_invariance": _REMEMBERS.format("a part of them is another history"),
+}
+"""Checks of ``sklearn.utils.estimator_checks.check_estimator`` that memory makes meaningless."""
+
+
+class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
+    """Identify a Preisach operator from rows in the order of time, and simulate it.
+
+    Parameters
+    ----------
+    levels : int
+        Bands between the least and the greatest input.
+    column : int
+        Column of ``X`` that is the input; the others are not used.
+    relay, diagonal, smoothness, slope, signed, prior
+        As for `minorloop.identify`.
+    start : {"negative", "positive", "demagnetised"}
+        Memory before the first row of what is fitted.
+    predict_from : {"start", "end"}
+        Whether the rows to predict begin from ``start``, or follow on from the last row fitted,
+        as the blocks of `ContiguousSplit` do.
+
+    Attributes
+    ----------
+    model_ : Preisach
+        The operator.
+    memory_ : Memory
+        What the rows fitted left behind.
+    n_features_in_ : int
+        Columns of ``X``.
+    """
+
+    def __init__(
+        self,
+        levels: int = 20,
+        *,
+        column: int = 0,
+        relay: Any = "bipolar",
+        diagonal: Any = "uniform",
+        smoothness: Any = "auto",
+        slope: bool = False,
+        signed: bool = False,
+        prior: Any = "none",
+        start: Any = "negative",
+        predict_from: Any = "start",
+    ) -> None:
+        self.levels = levels
+        self.column = column
+        self.relay = relay
+        self.diagonal = diagonal
+        self.smoothness = smoothness
+        self.slope = slope
+        self.signed = signed
+        self.prior = prior
+        self.start = start
+        self.predict_from = predict_from
+
+    def fit(self, X: Any, y: Any) -> PreisachRegressor:
+        """Identify the operator.
+
+        Parameters
+        ----------
+        X : (T, columns) array_like
+            Inputs, in the order of time.
+        y : (T,) array_like
+            Outputs.
+
+        Returns
+        -------
+        PreisachRegressor
+            This object.
+
+        Raises
+        ------
+        ParameterError, SignalError
+            As for `minorloop.identify`; both are ValueErrors.
+        """
+        X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=2)
+        check_option("predict_from", self.predict_from, ("start", "end"))
+        u = self._input(X)
+        self.model_ = identify(
+            u,
+            np.asarray(y, dtype=np.float64),
+            levels=self.levels,
+            relay=self.relay,
+            diagonal=self.diagonal,
+            smoothness=self.smoothness,
+            slope=self.slope,
+            signed=self.signed,
+            prior=self.prior,
+            start=self.start,
+        ).model
+        low, high = map(float, self.model_.levels[[0, -1]])
+        before = self.model_.memory(self.start).extrema
+        self.memory_ = Memory.after([*before, *u], low=low, high=high)
+        return self
+
+    def predict(self, X: Any) -> FloatArray:
+        """Outputs for inputs in the order of time.
+
+        Parameters
+        ----------
+        X : (T, columns) array_like
+            Inputs.
+
+        Returns
+        -------
+        (T,) array
+        """
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=np.float64, reset=False)
+        check_option("predict_from", self.predict_from, ("start", "end"))
+        start = self.start if self.predict_from == "start" else self.memory_
+        return np.asarray(self.model_.simulate(self._input(X), start))
+
+    def _input(self, X: FloatArray) -> FloatArray:
+        if not 0 <= self.column < X.shape[1]:
+            raise ParameterError(
+                f"column is {self.column}, and X has {X.shape[1]}; give 0 to {X.shape[1] - 1}"
+            )
+        return np.ascontiguousarray(X[:, self.column])
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True  # rows of the checks come in no order of time
+        return tags
+
+
+class ContiguousSplit:
+    """Fit on all rows up to a time, test on the block that follows; then move on.
+
+    No block is shuffled and none lies before what was fitted, so that a test begins with the
+    memory that the rows fitted left behind; use ``PreisachRegressor(predict_from="end")``.
+
+    Parameters
+    ----------
+    n_splits : int
+        Blocks to test.
+    first : float
+        Share of the rows that the first fit has, above 0 and below 1.
+
+    Raises
+    ------
+    ParameterError
+        If there is no block or the share is out of range.
+    """
+
+    def __init__(self, n_splits: int = 5, *, first: float = 0.5) -> None:
+        if isinstance(n_splits, bool) or int(n_splits) != n_splits or n_splits < 1:
+            raise ParameterError(f"n_splits is {n_splits!r}; give a whole number of at least 1")
+        if not 0 < first < 1:
+            raise ParameterError(f"first is {first!r}; give a share above 0 and below 1")
+        self.n_splits = int(n_splits)
+        self.first = float(first)
+
+    def split(
+        self,
+        X: Any,
+        y: Any = None,
+        groups: Any = None,
+    ) -> Iterator[tuple[IntArray, IntArray]]:
+        """Row numbers to fit and to test, block by block.
+
+        Raises
+        ------
+        ParameterError
+            If there are too few rows for so many blocks.
+        """
+        rows = len(X)
+        begin = max(1, round(self.first * rows))
+        if rows - begin < self.n_splits:
+            raise ParameterError(
+                f"{rows} rows leave {rows - begin} to test, too few for {self.n_splits} blocks"
+            )
+        ends = np.linspace(begin, rows, self.n_splits + 1).round().astype(int)
+        for low, high in pairwise(ends):
+            yield np.arange(low), np.arange(low, high)
+
+    def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
+        """How many blocks there are."""
+        return self.n_splits

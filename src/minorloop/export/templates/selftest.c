@@ -1,0 +1,62 @@
+/*
+ * Self-test of {{ name }}.c: does it give on this machine what minorloop gave in Python?
+ * Compile it together with {{ name }}.c and run it; it prints the worst error and exits with 0
+ * if that is within {{ tolerance }} of the range of the output.
+ * Written by minorloop {{ version }}.
+ */
+#include "{{ name }}.h"
+
+#include <stdio.h>
+
+#define COUNT {{ count }}
+
+static const {{ name }}_real inputs[COUNT] = {
+{{ tables.inputs }}
+};
+static const {{ name }}_real outputs[COUNT] = {
+{{ tables.outputs }}
+};
+{%- if both_ways %}
+static const {{ name }}_real targets[COUNT] = {
+{{ tables.targets }}
+};
+{%- endif %}
+
+static double distance({{ name }}_real found, {{ name }}_real wanted)
+{
+    const double error = (double)found - (double)wanted;
+
+    return (error < 0.0) ? -error : error;
+}
+
+int main(void)
+{
+    {{ name }}_state state;
+    double forward = 0.0;
+{%- if both_ways %}
+    double inverse = 0.0;
+{%- endif %}
+    int k;
+
+    {{ name }}_reset(&state);
+    for (k = 0; k < COUNT; ++k) {
+        const double error = distance({{ name }}_step(&state, inputs[k]), outputs[k]);
+        forward = (error > forward) ? error : forward;
+    }
+{%- if both_ways %}
+    {{ name }}_reset(&state);
+    for (k = 0; k < COUNT; ++k) {
+        const {{ name }}_real u = {{ name }}_aim(&state, targets[k]);
+        const double error = distance({{ name }}_step(&state, u), targets[k]);
+        inverse = (error > inverse) ? error : inverse;
+    }
+{%- endif %}
+{%- if both_ways %}
+    (void)printf("worst error, of range: forward %.3g, inverse %.3g\n", forward / {{ width }},
+                 inverse / {{ width }});
+    forward = (inverse > forward) ? inverse : forward;
+{%- else %}
+    (void)printf("worst error, of range: forward %.3g\n", forward / {{ width }});
+{%- endif %}
+    return (forward <= {{ tolerance }} * {{ width }}) ? 0 : 1;
+}

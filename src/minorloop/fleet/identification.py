@@ -1,0 +1,506 @@
+"""Identify every specimen of a manifest, on Dask, whatever becomes of some of them.
+
+The folder of results holds ``fleet.json`` (the manifest and the options), ``models/NAME.json``
+and ``results/NAME.json`` for each specimen, and ``summary.json`` and ``summary.csv`` at the end.
+Each is written whole or not at all as soon as it is known, so a fleet that was stopped goes on
+where it was.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import logging
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from minorloop import modelfile
+from minorloop.errors import (
+    MinorloopError,
+    MissingExtraError,
+    OutputError,
+    ParameterError,
+    RecordError,
+)
+from minorloop.files import PathLike, write_atomically
+from minorloop.fleet.summary import Outcome, Summary
+from minorloop.lab.records import Record
+from minorloop.operators.preisach import Preisach
+
+__all__ = ["Specimen", "identify_fleet", "read_manifest"]
+
+COLUMNS = ("specimen", "file", "input", "output")
+OPTIONS = frozenset(
+    ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
+) | {"lag", "start", "offset"}
+_AHEAD = 4
+"""Batches on their way to each worker."""
+_STINT, _MOST_EACH = 0.3, 16
+"""Seconds of work in a batch, and the most specimens."""
+_LONGEST = 400
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """One specimen of a fleet.
+
+    Parameters
+    ----------
+    name : str
+        What to call it; no two are called the same.
+    file : Path
+        CSV file of its record.
+    input, output : str
+        Columns of the record.
+    """
+
+    name: str
+    file: Path
+    input: str
+    output: str
+
+    @property
+    def key(self) -> str:
+        """The name as part of a file name."""
+        return quote(self.name, safe=" ").replace(" ", "_") if self.name.strip(".") else "%2E"
+
+
+def read_manifest(
+    path: PathLike, *, input: str | None = None, output: str | None = None
+) -> list[Specimen]:
+    """Specimens that a CSV file lists.
+
+    It has the columns ``specimen`` and ``file``, and may have ``input`` and ``output``. Files are
+    named relative to the manifest.
+
+    Parameters
+    ----------
+    path : str or path
+        The manifest.
+    input, output : str, optional
+        Columns of the records, for specimens whose row names none.
+
+    Raises
+    ------
+    RecordError
+        If the manifest cannot be read, lacks a column, lists nothing, or names a specimen twice.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path} cannot be read: {error}") from None
+    try:
+        rows = list(csv.DictReader(io.StringIO(text), strict=True, restval=""))
+    except csv.Error as error:
+        raise RecordError(f"{path} is not a CSV file: {error}") from None
+    missing = {"specimen", "file"} - set(rows[0] if rows else ())
+    if missing:
+        raise RecordError(
+            f"{path} lists no specimens under the columns specimen and file; write a header "
+            "line 'specimen,file,input,output' and a row for each"
+        )
+    found: dict[str, Specimen] = {}
+    keys: set[str] = set()
+    for line, row in enumerate(rows, 2):
+        one = _specimen(Path(path), line, row, input, output)
+        if one.name in found or one.key in keys:
+            raise RecordError(f"line {line} of {path} names {one.name!r} again; give it once")
+        found[one.name] = one
+        keys.add(one.key)
+    return list(found.values())
+
+
+def _specimen(
+    path: Path, line: int, row: Mapping[str, Any], input: str | None, output: str | None
+) -> Specimen:
+    cells = {name: str(row.get(name) or "").strip() for name in COLUMNS}
+    columns = cells["input"] or input, cells["output"] or output
+    for what, value in zip(COLUMNS, (cells["specimen"], cells["file"], *columns), strict=True):
+        if not value or "\0" in value:
+            raise RecordError(f"line {line} of {path} has no {what}; fill the column in")
+    if None in row:
+        raise RecordError(f"line {line} of {path} has more cells than the header")
+    return Specimen(
+        cells["specimen"], path.parent / cells["file"], str(columns[0]), str(columns[1])
+    )
+
+
+def identify_fleet(
+    specimens: Sequence[Specimen],
+    folder: PathLike,
+    *,
+    workers: int | None = None,
+    address: str | None = None,
+    watch: Callable[[int, int, Outcome], None] | None = None,
+    **options: Any,
+) -> Summary:
+    """Identify every specimen; what fails is reported and stops nothing.
+
+    Started from a script, the call has to stand under ``if __name__ == "__main__":``, because
+    local workers are processes that import the script.
+
+    Parameters
+    ----------
+    specimens : sequence of Specimen
+        As `read_manifest` gives them.
+    folder : str or path
+        For the results: new, empty, or of the same fleet, which then goes on: specimens that
+        are identified and whose record is unchanged are kept, the others done.
+    workers : int, optional
+        Local processes; as many as there are cores if not given.
+    address : str, optional
+        Address of the scheduler of a cluster to use instead, such as ``tcp://10.0.0.1:8786``.
+        Records are read here and sent there, and models come back, so that nothing has to be
+        shared but this package.
+    watch : callable, optional
+        Told how many are done, of how many, and the last outcome.
+    **options
+        Of `minorloop.identify`, the same for all.
+
+    Returns
+    -------
+    Summary
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed.
+    ParameterError
+        If there is no specimen, or an option is not one of `minorloop.identify`.
+    OutputError
+        If the folder holds something else, another fleet, or cannot be written to.
+    """
+    _check(specimens, workers, options)
+    place = _open_folder(Path(folder), specimens, options)
+    known = _kept(place, specimens)
+    pending = [one for one in specimens if one.name not in known]
+    done = len(known)
+    for outcome in _outcomes(pending, place, workers, address, options):
+        known[outcome.specimen] = outcome
+        done += 1
+        if watch is not None:
+            watch(done, len(specimens), outcome)
+    summary = Summary([known[one.name] for one in specimens])
+    _write_summary(place, summary)
+    return summary
+
+
+def identify_batch(
+    batch: Sequence[tuple[bytes, Specimen]], options: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Identify some specimens from the bytes of their records; runs on a worker."""
+    with tempfile.TemporaryDirectory() as scratch:
+        path = Path(scratch) / "record.csv"
+        return [identify_one(data, one, options, path) for data, one in batch]
+
+
+def identify_one(
+    data: bytes, specimen: Specimen, options: Mapping[str, Any], scratch: Path
+) -> dict[str, Any]:
+    """Identify one specimen from the bytes of its record.
+
+    Gives the model and how good it is, or the error as text: an exception that came from
+    somewhere else could not be told from a worker's death.
+    """
+    from minorloop.identification import identify
+
+    began = time.perf_counter()
+    try:
+        record = _record(data, specimen, scratch)
+        result = identify(record.u, record.y, **options)
+        model = result.model
+        return {
+            "model": model,
+            "input": str(record.input),
+            "output": str(record.output),
+            "lag": result.lag,
+            "nrmse": float(result.nrmse),
+            "opening": opening(model),
+            "samples": int(result.samples),
+            "seconds": time.perf_counter() - began,
+        }
+    except Exception as error:
+        kind = "" if isinstance(error, MinorloopError) else f"{type(error).__name__}: "
+        return {"error": _one_line(f"{kind}{error}")}
+
+
+def opening(model: Preisach) -> float:
+    """Widest gap between the two major branches, as a share of the range."""
+    up = model.simulate(model.levels)
+    down = model.simulate(model.levels[::-1], "positive")[::-1]
+    width = float(np.ptp(model.range))
+    return float(np.abs(down - up).max()) / width if width else 0.0
+
+
+def _record(data: bytes, specimen: Specimen, scratch: Path) -> Record:
+    scratch.write_bytes(data)
+    try:
+        return Record.from_csv(scratch, input=specimen.input, output=specimen.output, gaps=True)
+    except RecordError as error:
+        raise RecordError(str(error).replace(str(scratch), str(specimen.file))) from None
+
+
+def _outcomes(
+    pending: Sequence[Specimen],
+    place: Path,
+    workers: int | None,
+    address: str | None,
+    options: Mapping[str, Any],
+) -> Iterator[Outcome]:
+    """What becomes of each, as it becomes known, and written down by then."""
+    readable = []
+    for one in pending:
+        try:
+            with one.file.open("rb"):
+                readable.append(one)
+        except (OSError, ValueError) as error:
+            yield _fail(place, one, _unreadable(one, error))
+    if readable:
+        with _cluster(workers, address) as (client, as_completed):
+            yield from _Flow(client, as_completed, place, options).run(readable)
+
+
+class _Flow:
+    """Specimens on their way to workers and back.
+
+    They go in batches of about a third of a second of work, so that sending them costs little;
+    a batch that no worker survives is taken apart, so that one specimen fails and not its
+    neighbours.
+    """
+
+    def __init__(
+        self, client: Any, as_completed: Any, place: Path, options: Mapping[str, Any]
+    ) -> None:
+        self._client, self._place, self._options = client, place, dict(options)
+        self._flow = as_completed(loop=client.loop)
+        self._sent: dict[str, list[tuple[Specimen, str]]] = {}
+        self._size = 1
+
+    def run(self, specimens: Sequence[Specimen]) -> Iterator[Outcome]:
+        waiting = iter(specimens)
+        ahead = _AHEAD * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        yield from self._fill(waiting, ahead)
+        for future in self._flow:
+            batch = self._sent.pop(future.key)
+            yield from self._settle(future, batch)
+            future.release()
+            yield from self._fill(waiting, ahead)
+
+    def _fill(self, waiting: Iterator[Specimen], ahead: int) -> Iterator[Outcome]:
+        """Send until enough is on its way; gives what cannot be sent."""
+        while len(self._sent) < ahead:
+            batch, digests, some = [], [], False
+            for one in islice(waiting, self._size):
+                some = True
+                try:
+                    data = one.file.read_bytes()
+                except (OSError, ValueError) as error:
+                    yield _fail(self._place, one, _unreadable(one, error))
+                    continue
+                batch.append((data, one))
+                digests.append((one, hashlib.sha256(data).hexdigest()))
+            if not some:
+                return
+            if batch:
+                self._send(batch, digests)
+
+    def _send(
+        self, batch: list[tuple[bytes, Specimen]], digests: list[tuple[Specimen, str]]
+    ) -> None:
+        future = self._client.submit(identify_batch, batch, self._options, pure=False)
+        self._sent[future.key] = digests
+        self._flow.add(future)
+
+    def _settle(self, future: Any, batch: list[tuple[Specimen, str]]) -> Iterator[Outcome]:
+        try:
+            found = future.result()
+        except Exception as error:  # the worker died, again and again, or could not take the task
+            if len(batch) == 1:
+                reason = f"no worker lived to the end: {error}"
+                yield _fail(self._place, batch[0][0], reason, batch[0][1])
+                return
+            for one, digest in batch:
+                try:
+                    self._send([(one.file.read_bytes(), one)], [(one, digest)])
+                except OSError as gone:
+                    yield _fail(self._place, one, _unreadable(one, gone))
+            return
+        # Each file is waited for until it is on the disk; together they wait no longer than one.
+        with ThreadPoolExecutor(_MOST_EACH) as pool:
+            yield from pool.map(partial(_settle, self._place), batch, found)
+        slowest = max(result.get("seconds", 0.0) for result in found)
+        self._size = min(_MOST_EACH, max(1, round(_STINT / max(slowest, 1e-3))))
+
+
+def _unreadable(one: Specimen, error: Exception) -> str:
+    return f"{one.file} cannot be read: {getattr(error, 'strerror', None) or error}"
+
+
+@contextmanager
+def _cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, Any]]:
+    """A Dask client, and what gives futures as they complete."""
+    try:
+        from distributed import Client, LocalCluster, as_completed
+    except ImportError:
+        raise MissingExtraError("dask.distributed", "fleet") from None
+    if address is not None:
+        try:
+            client = Client(address, timeout=10, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None
+        with closing(client):
+            yield client, as_completed
+        return
+    count = workers or os.cpu_count() or 1
+    with (
+        LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,  # a worker that died is retried, or a failure by name
+        ) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client, as_completed
+
+
+def _settle(place: Path, sent: tuple[Specimen, str], found: Mapping[str, Any]) -> Outcome:
+    """Write down what a worker found."""
+    one, digest = sent
+    if "error" in found:
+        return _fail(place, one, found["error"], digest)
+    model = found["model"]
+    low, high = map(float, model.range)
+    outcome = Outcome(
+        one.name,
+        nrmse=found["nrmse"],
+        low=low,
+        high=high,
+        opening=found["opening"],
+        samples=found["samples"],
+        seconds=found["seconds"],
+        sha256=digest,
+    )
+    try:
+        modelfile.save(
+            model,
+            place / "models" / f"{one.key}.json",
+            input=found["input"],
+            output=found["output"],
+            lag=found["lag"],
+            provenance={
+                "data": one.file.name,
+                "sha256": digest,
+                "scores": {"nrmse": found["nrmse"]},
+            },
+            force=True,
+        )
+    except ParameterError as error:
+        return _fail(place, one, str(error), digest)
+    _write_outcome(place, one, outcome)
+    return outcome
+
+
+def _fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:
+    outcome = Outcome(one.name, error=_one_line(reason), sha256=digest)
+    _write_outcome(place, one, outcome)
+    return outcome
+
+
+def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
+    text = json.dumps(outcome.plain(), indent=1)
+    write_atomically(place / "results" / f"{one.key}.json", text + "\n")
+
+
+def _kept(place: Path, specimens: Sequence[Specimen]) -> dict[str, Outcome]:
+    """Outcomes of an earlier start that still hold."""
+    kept = {}
+    for one in specimens:
+        try:
+            outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
+            digest = hashlib.sha256(one.file.read_bytes()).hexdigest()
+        except (OSError, ValueError, TypeError):
+            continue
+        model = place / "models" / f"{one.key}.json"
+        if outcome.error is None and outcome.sha256 == digest and model.exists():
+            kept[one.name] = replace(outcome, specimen=one.name)
+    return kept
+
+
+def _open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:
+    content = {
+        "format": "minorloop fleet",
+        "version": 1,
+        "specimens": len(specimens),
+        "options": dict(options),
+    }
+    header = place / "fleet.json"
+    try:
+        if header.exists():
+            try:
+                found = json.loads(header.read_text())
+            except ValueError:
+                found = None
+            if not isinstance(found, dict) or found.get("format") != content["format"]:
+                raise OutputError(f"{header} is not of a fleet; give another folder")
+            if found.get("options") != json.loads(json.dumps(content["options"])):
+                raise OutputError(
+                    f"{place} holds a fleet identified with other options, {found.get('options')}; "
+                    "give the same options, or another folder"
+                )
+        elif place.exists() and any(place.iterdir()):
+            raise OutputError(f"the folder {place} is not empty; give a new or an empty one")
+        for folder in (place / "models", place / "results"):
+            folder.mkdir(parents=True, exist_ok=True)
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"{place} cannot be used: {error.strerror or error}") from None
+    write_atomically(header, json.dumps(content, indent=1) + "\n")
+    return place
+
+
+def _write_summary(place: Path, summary: Summary) -> None:
+    write_atomically(place / "summary.json", json.dumps(summary.plain(), indent=1) + "\n")
+    text = io.StringIO()
+    columns = list(Outcome("").plain())
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(outcome.plain() for outcome in summary.outcomes)
+    write_atomically(place / "summary.csv", text.getvalue())
+
+
+def _check(specimens: Sequence[Specimen], workers: int | None, options: Mapping[str, Any]) -> None:
+    if not specimens:
+        raise ParameterError("there is no specimen; list some in the manifest")
+    if workers is not None and (isinstance(workers, bool) or not 1 <= workers <= 1024):
+        raise ParameterError(f"workers is {workers!r}; give 1 to 1024")
+    strange = sorted(set(options) - OPTIONS)
+    if strange:
+        raise ParameterError(
+            f"{strange[0]!r} is no option of a fleet; there are {', '.join(sorted(OPTIONS))}"
+        )
+    try:
+        json.dumps(options)
+    except (TypeError, ValueError):
+        raise ParameterError("options of a fleet are numbers, words and lists of them") from None
+
+
+def _one_line(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 4]} ..."

@@ -1,0 +1,162 @@
+"""What became of a fleet: distributions over its specimens, outliers, and failures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+FIGURES = ("nrmse", "low", "high", "opening", "seconds")
+JUDGED = ("nrmse", "low", "high", "opening")
+FAR = 5.0
+"""Robust standard deviations from the median from which a specimen is an outlier."""
+_FEWEST = 8
+_TO_SD = 1.4826
+_LEAST_SPREAD = 1e-9
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one specimen.
+
+    Parameters
+    ----------
+    specimen : str
+        Its name.
+    error : str, optional
+        Why there is no model; None where there is one.
+    nrmse : float, optional
+        Error of the model on the record, as a share of the output's range.
+    low, high : float, optional
+        Least and greatest output that the model reaches.
+    opening : float, optional
+        Widest gap between the two major branches, as a share of the range.
+    samples : int, optional
+        Rows fitted.
+    seconds : float, optional
+        What it took.
+    sha256 : str, optional
+        Digest of the record.
+    """
+
+    specimen: str
+    error: str | None = None
+    nrmse: float | None = None
+    low: float | None = None
+    high: float | None = None
+    opening: float | None = None
+    samples: int | None = None
+    seconds: float | None = None
+    sha256: str | None = None
+
+    def plain(self) -> dict[str, Any]:
+        """As a mapping, for files."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A figure of a specimen that lies far from those of the others.
+
+    Parameters
+    ----------
+    specimen, figure : str
+        Which.
+    value : float
+        The figure.
+    median : float
+        Of all specimens.
+    deviations : float
+        Distance from the median in robust standard deviations.
+    """
+
+    specimen: str
+    figure: str
+    value: float
+    median: float
+    deviations: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A fleet at a glance.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+        In the order of the manifest.
+    """
+
+    outcomes: Sequence[Outcome]
+
+    @property
+    def failures(self) -> list[Outcome]:
+        """Specimens without a model."""
+        return [outcome for outcome in self.outcomes if outcome.error is not None]
+
+    @property
+    def identified(self) -> list[Outcome]:
+        """Specimens with a model."""
+        return [outcome for outcome in self.outcomes if outcome.error is None]
+
+    def distributions(self) -> dict[str, dict[str, float]]:
+        """Least, quartiles and greatest of each figure over the specimens identified."""
+        found = {}
+        for figure in FIGURES:
+            values = self._values(figure)
+            if values.size:
+                at = np.percentile(values, [0, 25, 50, 75, 100])
+                words = ("min", "quarter", "median", "three_quarters", "max")
+                found[figure] = dict(zip(words, map(float, at), strict=True))
+        return found
+
+    def outliers(self, far: float = FAR) -> list[Outlier]:
+        """Figures further than ``far`` robust standard deviations from the median.
+
+        The deviation is 1.4826 times the median distance from the median, which is the standard
+        deviation of a normal distribution. With fewer than eight specimens nothing is judged.
+        """
+        found = []
+        for figure in JUDGED:
+            values = self._values(figure)
+            if values.size < _FEWEST:
+                continue
+            median = float(np.median(values))
+            spread = _TO_SD * float(np.median(np.abs(values - median)))
+            spread = max(spread, _LEAST_SPREAD * max(1.0, abs(median)))
+            for outcome, value in zip(self.identified, values, strict=True):
+                deviations = abs(float(value) - median) / spread
+                if deviations > far:
+                    found.append(
+                        Outlier(outcome.specimen, figure, float(value), median, deviations)
+                    )
+        return sorted(found, key=lambda one: -one.deviations)
+
+    def plain(self) -> Mapping[str, Any]:
+        """As a mapping, for files and ``--json``."""
+        return {
+            "specimens": len(self.outcomes),
+            "identified": len(self.identified),
+            "failed": len(self.failures),
+            "figures": self.distributions(),
+            "outliers": [asdict(outlier) for outlier in self.outliers()],
+            "failures": {one.specimen: one.error for one in self.failures},
+        }
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.identified)} of {len(self.outcomes)} specimens identified"]
+        lines.append(f"{'':<10} {'min':>11} {'median':>11} {'max':>11}")
+        for figure, at in self.distributions().items():
+            row = " ".join(f"{at[word]:>11.4g}" for word in ("min", "median", "max"))
+            lines.append(f"{figure:<10} {row}")
+        lines += [
+            f"outlier {one.specimen}: {one.figure} {one.value:.4g}, median {one.median:.4g}"
+            for one in self.outliers()
+        ]
+        lines += [f"failed {one.specimen}: {one.error}" for one in self.failures]
+        return "\n".join(lines)
+
+    def _values(self, figure: str) -> Any:
+        return np.array([getattr(one, figure) for one in self.identified], dtype=np.float64)

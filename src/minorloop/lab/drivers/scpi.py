@@ -1,0 +1,149 @@
+"""A source and a meter that speak SCPI, or any other line that can be written down."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from minorloop.errors import InstrumentError, ParameterError
+from minorloop.lab.drivers.link import Link
+
+__all__ = ["ScpiMeter", "ScpiSource"]
+
+
+class ScpiSource:
+    """Sets an input by a line of text.
+
+    Parameters
+    ----------
+    link : Link
+        The line to the instrument.
+    set : str
+        What sets the input, with the number in braces: ``VOLT {:.6g}``.
+    on : sequence of str
+        What to send once, before the first input: the range, the current limit, output on.
+    safe : sequence of str
+        What to send to make it safe: ``VOLT 0``, ``OUTP OFF``.
+    confirm : str, optional
+        What asks for the input that is set: ``VOLT?``. What comes back has to be the input to
+        within ``tolerance``.
+    tolerance : float
+        In the unit of the input.
+    errors : str, optional
+        What asks for an error, ``SYST:ERR?``, after each input; an answer that does not begin
+        with 0 or +0 is one.
+
+    Raises
+    ------
+    ParameterError
+        If there is no line that makes it safe, or ``set`` takes no number.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        *,
+        set: str = "VOLT {:.9g}",
+        on: Sequence[str] = (),
+        safe: Sequence[str] = ("VOLT 0", "OUTP OFF"),
+        confirm: str | None = None,
+        tolerance: float = 1e-3,
+        errors: str | None = None,
+    ) -> None:
+        if not safe:
+            raise ParameterError("there is no line that makes the source safe; give some")
+        try:
+            different = set.format(1.0) != set.format(2.0)
+        except (ValueError, IndexError, KeyError, AttributeError) as error:
+            raise ParameterError(f"set is {set!r}, which takes no number: {error}") from None
+        if not different:
+            raise ParameterError(f"set is {set!r}, which takes no number; write VOLT {{:.9g}}")
+        self._link, self._set = link, set
+        self._on, self._safe = tuple(on), tuple(safe)
+        self._confirm, self._tolerance, self._errors = confirm, tolerance, errors
+        self._is_on = False
+
+    def set(self, value: float) -> None:
+        """Put an input on.
+
+        Raises
+        ------
+        InstrumentError
+            If the instrument does not take it, or says that another input is on.
+        """
+        if not math.isfinite(value):
+            raise InstrumentError(f"{value} is no input; nothing was sent")
+        self._link.tell(self._set.format(value))
+        if not self._is_on:
+            for line in self._on:
+                self._link.tell(line)
+            self._is_on = True
+        if self._confirm is not None:
+            found = number(self._link.ask(self._confirm), self._link.name)
+            if abs(found - value) > self._tolerance:
+                raise InstrumentError(
+                    f"{self._link.name} was told {value:g} and says {found:g}; check its range"
+                )
+        if self._errors is not None:
+            answer = self._link.ask(self._errors)
+            if not answer.startswith(("0", "+0")):
+                raise InstrumentError(f"{self._link.name} reports {answer[:100]!r}")
+
+    def safe(self) -> None:
+        """Send all that makes it safe, whatever becomes of each line; raise the first error."""
+        first: InstrumentError | None = None
+        for line in self._safe:
+            try:
+                self._link.tell(line)
+            except InstrumentError as error:
+                first = first or error
+        self._is_on = False
+        if first is not None:
+            raise first
+
+
+class ScpiMeter:
+    """Reads an output by a line of text.
+
+    Parameters
+    ----------
+    link : Link
+        The line to the instrument.
+    read : str
+        What asks for a reading.
+    scale, zero : float
+        The output is ``scale * (reading - zero)``.
+    """
+
+    def __init__(
+        self, link: Link, *, read: str = "READ?", scale: float = 1.0, zero: float = 0.0
+    ) -> None:
+        self._link, self._read = link, read
+        self._scale, self._zero = scale, zero
+
+    def read(self) -> float:
+        """The output now.
+
+        Raises
+        ------
+        InstrumentError
+            If there is no answer in time, or it is not one number.
+        """
+        reading = number(self._link.ask(self._read), self._link.name)
+        return self._scale * (reading - self._zero)
+
+
+def number(answer: str, name: str) -> float:
+    """The one number that an answer is.
+
+    Raises
+    ------
+    InstrumentError
+        If it is anything else.
+    """
+    try:
+        if "_" in answer or not answer.isascii():
+            raise ValueError
+        return float(answer)
+    except ValueError:
+        raise InstrumentError(f"{name} answers {answer[:80]!r}, which is no number") from None

@@ -1,0 +1,139 @@
+"""The line protocol of the firmware that the C export sketches.
+
+One line of printable ASCII asks, one answers::
+
+    7 SET 0.25 *1C291CA3        ask: number, command, arguments, CRC-32 of what stands before
+    7 OK 0.25 *40C4B8B3         answer: the same number, OK or ERR, values, CRC-32
+
+============  =====================  ====================================================
+``HELLO``     ``minorloop 1 L H``    protocol, version, and the limits of the input
+``SET u``     ``u``                  put an input on; ERR if it is beyond the limits
+``GET``       ``y``                  read the sensor
+``STEP u``    ``y``                  what the model in the firmware gives for an input
+``AIM y``     ``u``                  the input that the model asks for
+``SAFE``                             go to the safe input
+============  =====================  ====================================================
+
+An answer counts only if its number is that of the question and its sum is right: one that comes
+late, doubled or damaged is thrown away. The firmware goes to the safe input by itself when it has
+heard nothing for a second.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import zlib
+
+from minorloop.errors import InstrumentError
+from minorloop.lab.drivers.link import Link
+from minorloop.lab.drivers.scpi import number
+
+__all__ = ["Board", "parse", "write"]
+
+VERSION = 1
+_LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
+_PATIENCE = 8
+_MOST = 65_536
+
+
+def write(sequence: int, *words: str) -> str:
+    """A line with its number and its sum."""
+    body = f"{sequence} {' '.join(words)} "
+    return f"{body}*{zlib.crc32(body.encode('ascii')):08X}"
+
+
+def parse(line: str, sequence: int) -> tuple[bool, list[str]] | None:
+    """Whether an answer is OK, and its words; None if it is none to the question of this number."""
+    found = _LINE.fullmatch(line) if line.isascii() else None
+    if found is None or found[1] != str(sequence):
+        return None
+    body = line[: line.rindex("*")]
+    if int(found[4], 16) != zlib.crc32(body.encode("ascii")):
+        return None
+    return found[2] == "OK", found[3].split()
+
+
+class Board:
+    """A board with the firmware of the C export: a source and a meter in one.
+
+    Parameters
+    ----------
+    link : Link
+        The line to the board.
+
+    Attributes
+    ----------
+    low, high : float
+        Limits of the input that the firmware keeps, in its unit.
+
+    Raises
+    ------
+    InstrumentError
+        If what answers is no such board.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link, self._sequence = link, 0
+        words = self._ask("HELLO")
+        if len(words) != 4 or words[:2] != ["minorloop", str(VERSION)]:
+            raise InstrumentError(
+                f"{link.name} answers {' '.join(words)!r}; its firmware speaks another protocol"
+            )
+        self.low, self.high = (number(word, link.name) for word in words[2:])
+
+    def set(self, value: float) -> None:
+        """Put an input on.
+
+        Raises
+        ------
+        InstrumentError
+            If the board refuses it, or says that another is on.
+        """
+        found = self._number("SET", f"{value:.9g}")
+        if abs(found - value) > 1e-6 * max(1.0, abs(value)):
+            raise InstrumentError(f"{self._link.name} was told {value:g} and has {found:g} on")
+
+    def read(self) -> float:
+        """The sensor now."""
+        return self._number("GET")
+
+    def step(self, u: float) -> float:
+        """What the model in the firmware gives for an input, which it remembers."""
+        return self._number("STEP", f"{u:.9g}")
+
+    def aim(self, y: float) -> float:
+        """The input that the model in the firmware asks for."""
+        return self._number("AIM", f"{y:.9g}")
+
+    def safe(self) -> None:
+        """Go to the safe input."""
+        self._ask("SAFE")
+
+    def _number(self, *words: str) -> float:
+        answer = self._ask(*words)
+        if len(answer) != 1:
+            raise InstrumentError(f"{self._link.name} answers {words[0]} with {len(answer)} words")
+        value = number(answer[0], self._link.name)
+        if not math.isfinite(value):
+            raise InstrumentError(f"{self._link.name} answers {words[0]} with {value}")
+        return value
+
+    def _ask(self, *words: str) -> list[str]:
+        """The words of the answer to this question and no other."""
+        self._sequence = (self._sequence + 1) % _MOST
+        line = self._link.ask(write(self._sequence, *words))
+        for _ in range(_PATIENCE):
+            found = parse(line, self._sequence)
+            if found is not None:
+                ok, answer = found
+                if not ok:
+                    raise InstrumentError(
+                        f"{self._link.name} refuses {' '.join(words)}: {' '.join(answer)}"
+                    )
+                return answer
+            line = self._link.read()
+        raise InstrumentError(
+            f"{self._link.name} gave no sound answer to {words[0]}, last {line[:60]!r}; check the "
+            "cable and the baud rate"
+        )

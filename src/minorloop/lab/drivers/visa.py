@@ -1,0 +1,188 @@
+"""An actuator from a file that describes a bench: ``visa:bench.json``.
+
+::
+
+    {"library": "@py",
+     "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.6g}", "on": ["OUTP ON"],
+                "safe": ["VOLT 0", "OUTP OFF"], "confirm": "VOLT?"},
+     "meter": {"resource": "GPIB0::7::INSTR", "read": "READ?", "scale": 0.001},
+     "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2, "rate": 10},
+     "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
+     "rest": 0, "tick": 0.05, "timeout": 2}
+
+Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyACM0::INSTR",
+"baud": 115200}``, a board that speaks `minorloop.lab.drivers.serial_line`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from minorloop.errors import MinorloopError, ParameterError
+from minorloop.files import PathLike
+from minorloop.lab.actuator import Channel
+from minorloop.lab.drivers.bench import Bench, Clock
+from minorloop.lab.drivers.link import VisaLink
+from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource
+from minorloop.lab.drivers.serial_line import Board
+
+__all__ = ["open_bench"]
+
+LARGEST = 1_000_000
+
+
+class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """Part of the file; a key that is not known is refused."""
+
+
+class _Source(_Strict):
+    resource: str
+    safe: list[str]
+    set: str = "VOLT {:.9g}"
+    on: list[str] = []
+    confirm: str | None = None
+    tolerance: float = 1e-3
+    errors: str | None = None
+    baud: int | None = None
+
+
+class _Meter(_Strict):
+    resource: str
+    read: str = "READ?"
+    scale: float = 1.0
+    zero: float = 0.0
+    baud: int | None = None
+
+
+class _Board(_Strict):
+    resource: str
+    baud: int | None = None
+
+
+class _Input(_Strict):
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+    rate: float = float("inf")
+
+
+class _Output(_Strict):
+    name: str
+    unit: str = ""
+    low: float = float("-inf")
+    high: float = float("inf")
+
+
+class _Bench(_Strict):
+    input: _Input
+    output: _Output
+    source: _Source | None = None
+    meter: _Meter | None = None
+    board: _Board | None = None
+    library: str = "@py"
+    rest: float = 0.0
+    tick: float = 0.05
+    timeout: float = 2.0
+
+
+def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
+    """The actuator that a file describes, made safe and read once to begin with.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    clock : Clock, optional
+        Another clock than that of the machine.
+
+    Returns
+    -------
+    Bench
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read, or does not describe a bench.
+    MissingExtraError
+        If PyVISA is not installed.
+    InstrumentError
+        If an instrument does not answer.
+    """
+    described = _read(Path(path))
+    links: dict[str, VisaLink] = {}
+    try:
+        bench = _built(described, links, Path(path), clock)
+        bench.check()
+    except BaseException:
+        for link in links.values():
+            link.close()
+        raise
+    return bench
+
+
+def _read(path: Path) -> _Bench:
+    try:
+        if path.stat().st_size > LARGEST:
+            raise ParameterError(f"{path} is larger than {LARGEST} bytes; that is no bench")
+        described = msgspec.json.decode(path.read_bytes(), type=_Bench)
+    except MinorloopError:
+        raise
+    except OSError as error:
+        raise ParameterError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:
+        raise ParameterError(f"{path} does not describe a bench: {error}") from None
+    if described.board is not None and (described.source or described.meter):
+        raise ParameterError(f"{path} has a board and a source or a meter; give one or the other")
+    if described.board is None and (described.source is None or described.meter is None):
+        raise ParameterError(f"{path} needs a source and a meter, or a board")
+    return described
+
+
+def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clock | None) -> Bench:
+    def link(part: Any) -> VisaLink:
+        if part.resource not in links:  # a source-meter is both
+            links[part.resource] = VisaLink(
+                part.resource,
+                library=_beside(described.library, path),
+                timeout=described.timeout,
+                baud=part.baud,
+            )
+        return links[part.resource]
+
+    wanted, seen = described.input, described.output
+    channel = Channel(wanted.name, wanted.unit, wanted.low, wanted.high, wanted.rate)
+    output = Channel(seen.name, seen.unit, seen.low, seen.high)
+    options: dict[str, Any] = {"rest": described.rest, "tick": described.tick, "clock": clock}
+    if described.board is not None:
+        board = Board(link(described.board))
+        if not board.low <= channel.low < channel.high <= board.high:
+            raise ParameterError(
+                f"{path} allows [{channel.low:g}, {channel.high:g}] and the board keeps "
+                f"[{board.low:g}, {board.high:g}]; give limits inside those of the board"
+            )
+        return Bench(board, board, channel, output, **options)
+    assert described.source is not None
+    assert described.meter is not None
+    fields = msgspec.structs.asdict(described.source)
+    source = ScpiSource(
+        link(described.source), **{k: v for k, v in fields.items() if k not in ("resource", "baud")}
+    )
+    meter = ScpiMeter(
+        link(described.meter),
+        read=described.meter.read,
+        scale=described.meter.scale,
+        zero=described.meter.zero,
+    )
+    return Bench(source, meter, channel, output, **options)
+
+
+def _beside(library: str, path: Path) -> str:
+    """A simulation is named relative to the file that names it."""
+    name, at, kind = library.rpartition("@")
+    if not name or Path(name).is_absolute():
+        return library
+    return f"{path.parent / name}{at}{kind}"

@@ -1,0 +1,28 @@
+import pytest
+
+HEADER = "specimen,file,input,output"
+
+
+@pytest.mark.filterwarnings("ignore")  # what Dask warns of is not ours
+def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
+    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    rows = ["a,good.csv,voltage,length", "b,good.csv,voltage,length", "c,gone.csv,voltage,length"]
+    (tmp_path / "manifest.csv").write_text("\n".join([HEADER, *rows]) + "\n")
+    line = "fleet identify manifest.csv --out fleet --levels 8 --prior none --workers 1"
+    found = answer(line)
+    assert (found["specimens"], found["identified"], found["failed"]) == (3, 2, 1)
+    assert (tmp_path / "fleet" / "models" / "a.json").exists()
+    (tmp_path / "gone.csv").write_bytes((tmp_path / "good.csv").read_bytes())
+    status, out, _ = run(line)
+    assert status == 0
+    assert "3 of 3 specimens identified" in out
+
+
+def test_refusals(refused, tmp_path):
+    assert "no fleet 'dance'" in refused("fleet dance manifest.csv --out fleet")
+    assert "cannot be read" in refused("fleet identify manifest.csv --out fleet")
+    (tmp_path / "m.csv").write_text("specimen,file\na,good.csv\n")
+    assert "has no input" in refused("fleet identify m.csv --out fleet")
+    line = "fleet identify m.csv --out fleet --input voltage --output length"
+    assert "workers is 0" in refused(f"{line} --workers 0")
+    assert "is not a number" in refused(f"{line} --smoothness much")

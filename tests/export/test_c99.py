@@ -1,0 +1,276 @@
+import re
+
+import numpy as np
+import pytest
+
+import compiled
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import NotInvertibleError, OutputError, ParameterError
+from minorloop.export.c99 import export_c, source
+from minorloop.operators.memory import Memory
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.preisach import Preisach
+
+LAGS = Linear.lags(0.05, 0.02, dc_gain=1.5, delay=0.03).discretise(0.01)
+
+
+def operator(bands=12, seed=0, signed=False, **options):
+    rng = np.random.default_rng(seed)
+    levels = np.sort(rng.uniform(-2, 3, bands + 1))
+    weights = np.tril(rng.uniform(0, 1, (bands, bands)) - 0.3 * signed)
+    weights[rng.random((bands, bands)) < 0.2] = 0.0
+    return Preisach(levels, weights, 0.3, **options)
+
+
+KINDS = {
+    "plain": ({}, {}),
+    "sloped": ({"slope": 0.5, "diagonal": "reversible", "relay": "unipolar"}, {}),
+    "signed": ({"signed": True}, {"inverse": False, "memory": 8}),
+    "lags after it": ({"slope": 0.1}, {"linear": LAGS}),
+    "lags before it": ({"slope": 0.1}, {"linear": LAGS, "first": "linear"}),
+    "a gain after it": ({}, {"linear": Linear([2.0], [1.0], 0.01)}),
+    "little memory": ({}, {"memory": 6}),
+    "one band": ({"bands": 1}, {}),
+    "many bands": ({"bands": 300}, {}),
+}
+
+
+BUILDS = [("gcc", False), ("clang", True)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "cc", "float32"),
+    [("plain", "gcc", True), ("plain", "clang", False)]
+    + [(kind, *build) for kind in KINDS for build in BUILDS],
+)
+def test_compiles_without_a_warning_and_passes_its_own_test(kind, float32, cc, tmp_path):
+    built, options = KINDS[kind]
+    code = source(operator(**built), float32=float32, **options)
+    said = compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
+    assert said.startswith("worst error")
+
+
+def random_inputs(model, count, rng):
+    """Jumps over the whole plane and beyond, small steps, thresholds, and repeats."""
+    low, high = model.levels[[0, -1]]
+    jumps = rng.uniform(low - 0.1, high + 0.1, count)
+    steps = low + (high - low) * np.abs((rng.normal(0, 0.02, count).cumsum() % 2) - 1)
+    thresholds = rng.choice(model.levels, count)
+    kinds = np.repeat(rng.integers(0, 4, count // 50 + 1), 50)[:count]
+    return np.choose(kinds, [jumps, steps, thresholds, np.full(count, jumps[0])])
+
+
+@pytest.mark.parametrize("kind", ["plain", "sloped"])
+def test_a_million_random_inputs_give_what_python_gives(kind, tmp_path):
+    model = operator(bands=30, **KINDS[kind][0])
+    u = random_inputs(model, 1_000_000, np.random.default_rng(1))
+    y, bound = compiled.Compiled(source(model, memory=200), tmp_path).walk(u)
+    assert not bound.any()
+    assert np.abs(y - model.simulate(u)).max() <= 1e-12 * np.ptp(model.range)
+
+
+def test_a_million_random_targets_are_met(tmp_path):
+    model = operator(bands=30, slope=0.2)
+    targets = np.random.default_rng(2).uniform(*model.range, 1_000_000)
+    u, y = compiled.Compiled(source(model), tmp_path).chase(targets)
+    width = np.ptp(model.range)
+    assert np.abs(y - targets).max() <= 1e-12 * width
+    assert np.abs(model.simulate(u[:1000]) - targets[:1000]).max() <= 1e-12 * width
+
+
+def test_single_precision_is_right_to_six_digits_of_the_range(tmp_path):
+    model = operator(bands=30)
+    code = compiled.Compiled(source(model, float32=True, memory=200), tmp_path)
+    u = random_inputs(model, 1_000_000, np.random.default_rng(3)).astype(np.float32)
+    width = np.ptp(model.range)
+    assert np.abs(code.walk(u)[0] - model.simulate(u)).max() < 5e-6 * width
+    targets = np.random.default_rng(4).uniform(*model.range, 100_000).astype(np.float32)
+    assert np.abs(code.chase(targets)[1] - targets).max() < 5e-6 * width
+
+
+@pytest.mark.parametrize("first", ["operator", "linear"])
+def test_the_linear_part_gives_what_a_cascade_gives(first, tmp_path):
+    model = operator(slope=0.1)
+    code = compiled.Compiled(source(model, linear=LAGS, first=first), tmp_path)
+    u = np.random.default_rng(5).uniform(*model.levels[[0, -1]], 300)
+    cascade = Cascade(model, LAGS, first)
+    low = model.levels[0] if first == "operator" else model.levels[0] / LAGS.dc_gain
+    state, expected = cascade.begin(float(low)), []
+    for sample in u:
+        y, state = cascade.step(state, float(sample))
+        expected.append(y)
+    np.testing.assert_allclose(code.walk(u)[0], expected, atol=1e-12 * np.ptp(expected))
+
+
+@pytest.mark.parametrize("first", ["operator", "linear"])
+def test_aiming_with_a_linear_part_leads_there_once_it_has_settled(first, tmp_path):
+    model = operator()
+    code = compiled.Compiled(source(model, linear=LAGS, first=first), tmp_path)
+    gain = LAGS.dc_gain if first == "operator" else 1.0
+    target = gain * (0.7 * model.range[1] + 0.3 * model.range[0])
+    y = code.chase(np.full(400, target))[1]
+    assert abs(y[-1] - target) < 1e-6 * np.ptp(model.range)
+
+
+def bounded(model, u, room):
+    """Outputs when the pair that matters least is dropped as soon as ``room`` extrema are past."""
+    low, high = model.levels[[0, -1]]
+    swing, extrema, y = 2.0 if model.relay == "bipolar" else 1.0, (float(low),), []
+    size = Preisach(model.levels, np.abs(model.weights), 0.0, model.relay, model.diagonal)
+    for sample in u:
+        extrema = Memory.after([*extrema, sample], low=low, high=high).extrema
+        y.append(float(model.simulate([extrema[-1]], Memory(extrema))[0]))
+        past = extrema[:-1]
+        if len(past) < room:
+            continue
+        losses = []
+        for k in range(1, len(past) - 2):
+            a, b, c, d = past[k - 1 : k + 3]
+            corners = size.everett(max(a, b), min(a, b)) - size.everett(max(b, c), min(b, c))
+            corners += size.everett(max(c, d), min(c, d)) - size.everett(max(a, d), min(a, d))
+            losses.append(abs(float(corners)) * swing)
+        least = 1 + int(np.argmin(losses))
+        extrema = (*past[:least], *past[least + 2 :], extrema[-1])
+    return np.array(y)
+
+
+def deep_inputs(model, count, rng):
+    """Shrinking alternations, again and again, so that histories are long."""
+    low, high = model.levels[[0, -1]]
+    middle, half = rng.uniform(0.4, 0.6) * (low + high), (high - low) / 2
+    k = np.arange(count)
+    shrink = 1 - (k % 97) / 97 * rng.uniform(0.8, 1.0)
+    return middle + half * shrink * np.where(k % 2, 1, -1) * rng.uniform(0.8, 1, count)
+
+
+@pytest.mark.parametrize("room", [6, 9, 20])
+@pytest.mark.parametrize("signed", [False, True])
+def test_what_is_dropped_is_the_smallest_loop(room, signed, tmp_path):
+    model = operator(bands=9, signed=signed)
+    u = deep_inputs(model, 500, np.random.default_rng(room))
+    code = source(model, memory=room, inverse=not signed)
+    y, bound = compiled.Compiled(code, tmp_path).walk(u)
+    expected = bounded(model, u, room)
+    assert (bound > 0).any()
+    np.testing.assert_allclose(y, expected, atol=1e-10 * np.ptp(y))
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_the_error_is_never_more_than_the_bound_says(signed, tmp_path):
+    model = operator(bands=9, signed=signed)
+    width = np.ptp(model.range)
+    for room in (6, 8, 16):
+        code = source(model, memory=room, inverse=not signed)
+        folder = tmp_path / str(room)
+        u = deep_inputs(model, 20_000, np.random.default_rng(room))
+        u[::701] = model.levels[-1]
+        y, bound = compiled.Compiled(code, folder).walk(u)
+        error, allowed = np.abs(y - model.simulate(u)), np.append(0.0, bound[:-1])
+        assert (error[1:] > 1e-6 * width).any()
+        assert (error <= np.maximum(allowed, bound) + 1e-11 * width).all()
+        assert np.diff(bound).max() <= code.drop_error * (1 + 1e-9)
+        assert (bound[701::701] == 0).all()  # saturation heals all
+
+
+def test_an_exact_inverse_stays_exact_when_memory_overflows(tmp_path):
+    model = operator(bands=9)
+    targets = model.simulate(deep_inputs(model, 5_000, np.random.default_rng(0)))
+    y = compiled.Compiled(source(model, memory=6), tmp_path).chase(targets)[1]
+    assert np.abs(y - targets).max() <= 1e-12 * np.ptp(model.range)
+
+
+def test_what_is_not_finite_changes_nothing(tmp_path):
+    model = operator()
+    code = compiled.Compiled(source(model), tmp_path)
+    y = code.walk([0.5, np.nan, np.inf, -np.inf, 0.5])[0]
+    assert (y == y[0]).all()
+    u, _ = code.chase([0.5, np.nan, 0.5, np.inf, -np.inf])
+    assert u[0] == u[1] == u[2]
+    assert list(u[3:]) == [model.levels[-1], model.levels[0]]
+
+
+@pytest.mark.parametrize("float32", [False, True], ids=["double", "float"])
+@pytest.mark.parametrize("linear", [None, LAGS], ids=["alone", "with lags"])
+def test_the_bytes_of_a_state_are_as_reported(float32, linear, tmp_path):
+    code = source(operator(), float32=float32, linear=linear)
+    assert compiled.Compiled(code, tmp_path).state_bytes == code.state_bytes
+
+
+def test_headers_are_for_cpp_too(tmp_path):
+    source(operator()).write(tmp_path)
+    (tmp_path / "use.c").write_text('#include "minorloop.h"\nint main(){return 0;}')
+    compiled.compiler("g++")
+    compiled.subprocess.run(
+        ["g++", "-x", "c++", "-std=c++11", "-pedantic", "-Werror", "-fsyntax-only", "use.c"],
+        cwd=tmp_path,
+        check=True,
+    )
+
+
+def test_names_and_labels_are_where_they_were_asked_for():
+    code = source(operator(), name="wing", input="voltage [V]", output="tip */ [mm]")
+    assert set(code.files) == {"wing.h", "wing.c", "wing_selftest.c"}
+    assert "voltage [V]" in code.files["wing.h"]
+    assert "tip * / [mm]" in code.files["wing.h"]
+    assert not re.search("minorloop_", "".join(code.files.values()))
+
+
+def test_the_same_model_gives_the_same_text():
+    assert source(operator()) == source(operator())
+
+
+def test_a_model_too_large_for_the_bytes_allowed_says_what_it_needs():
+    code = source(operator())
+    needed = code.table_bytes + code.state_bytes
+    assert source(operator(), largest=needed) == code
+    with pytest.raises(ParameterError, match=f"needs {needed} bytes.*{needed - 1} are allowed"):
+        source(operator(), largest=needed - 1)
+
+
+def test_a_model_that_is_not_monotone_is_refused_an_inverse():
+    with pytest.raises(NotInvertibleError, match="--no-inverse"):
+        source(operator(signed=True))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"memory": 5}, "memory is 5 extrema; give 6 to"),
+        ({"memory": 2.5}, "whole number"),
+        ({"memory": True}, "whole number"),
+        ({"name": "2fast"}, "cannot begin the names"),
+        ({"name": "a;b"}, "cannot begin the names"),
+        ({"first": "second"}, "first is 'second'"),
+        ({"linear": Linear.lags(0.1)}, "continuous"),
+        ({"linear": Linear([1.0], [1.0, -1.0], 0.1)}, "DC gain"),
+        ({"linear": Linear([1.0], [1.0, -1.5], 0.1)}, "unstable"),
+    ],
+)
+def test_options_out_of_range_are_refused(options, message):
+    with pytest.raises(ParameterError, match=message):
+        source(operator(), **options)
+
+
+def test_levels_that_a_float_cannot_tell_apart_are_refused():
+    model = Preisach([1.0, 1.0 + 1e-9, 2.0], np.tril(np.ones((2, 2))))
+    assert source(model).table_bytes > 0
+    with pytest.raises(ParameterError, match="export doubles"):
+        source(model, float32=True)
+
+
+def test_numbers_too_large_for_a_float_are_refused():
+    model = Preisach([0.0, 1.0], [[1e200]])
+    with pytest.raises(ParameterError, match="more than a float can"):
+        source(model, float32=True)
+
+
+def test_other_models_are_refused():
+    with pytest.raises(ParameterError, match="Preisach models, and this is a Polynomial"):
+        source(Polynomial([1.0, 0.0], -1, 1))
+
+
+def test_a_folder_that_is_not_empty_is_refused(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(OutputError, match="not empty"):
+        export_c(operator(), tmp_path)

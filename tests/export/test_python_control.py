@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.export.python_control import as_memory, as_state, as_system
+from minorloop.operators.memory import Memory
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach
+
+control = pytest.importorskip("control", reason="needs python-control: minorloop[control]")
+
+RNG = np.random.default_rng(0)
+PREISACH = Preisach(np.linspace(-1, 1, 9), np.tril(RNG.uniform(size=(8, 8))), slope=0.1)
+PLAYS = PrandtlIshlinskii([0.0, 0.2, 0.5], [1.0, 0.5, 0.7], 0.1)
+U = RNG.uniform(-1.1, 1.1, 120)
+T = 0.1 * np.arange(U.size)
+
+
+@pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])
+@pytest.mark.parametrize("start", ["negative", "positive"])
+def test_responses_are_those_of_the_model(model, start):
+    system = as_system(model, 0.1)
+    found = control.input_output_response(system, T, U, as_state(model, start))
+    np.testing.assert_allclose(found.outputs, model.simulate(U, start), atol=1e-12)
+
+
+@pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])
+def test_without_feedthrough_the_output_is_a_sample_late(model):
+    system = as_system(model, 0.1, feedthrough=False)
+    inside = np.clip(U, -1, 1)
+    found = control.input_output_response(system, T, inside, as_state(model))
+    np.testing.assert_allclose(found.outputs[1:], model.simulate(inside)[:-1], atol=1e-12)
+
+
+def test_the_functions_are_pure():
+    system, x = as_system(PREISACH, 0.1), as_state(PREISACH)
+    kept = x.copy()
+    once = system.updfcn(0.0, x, np.array([0.7]), {})
+    twice = system.updfcn(0.0, x, np.array([0.7]), {})
+    np.testing.assert_array_equal(once, twice)
+    np.testing.assert_array_equal(x, kept)
+
+
+def test_in_an_interconnection_an_integrator_holds_a_target():
+    plant = as_system(PREISACH, 0.1, name="plant", feedthrough=False)
+    integrator = control.tf([0.1, 0], [1, -1], 0.1, inputs="e", outputs="u", name="integrator")
+    sums = control.summing_junction(["r", "-y"], "e")
+    loop = control.interconnect([integrator, plant, sums], inputs="r", outputs="y", dt=0.1)
+    low, high = PREISACH.range
+    target = 0.4 * low + 0.6 * high
+    initial = np.zeros(loop.nstates)
+    names = list(loop.state_labels)
+    first = next(i for i, name in enumerate(names) if name.startswith("plant"))
+    initial[first : first + 64] = as_state(PREISACH)
+    t = 0.1 * np.arange(400)
+    found = control.input_output_response(loop, t, np.full(400, target), initial)
+    assert abs(found.outputs[-1] - target) < 1e-3 * (high - low)
+
+
+def test_a_state_is_a_memory_and_back():
+    memory = Memory([-1.0, 0.8, -0.5, 0.3])
+    state = as_state(PREISACH, memory, room=10)
+    assert state.shape == (10,)
+    assert as_memory(state) == memory
+    assert as_memory(as_state(PREISACH)) == Memory.negative(-1.0)
+
+
+def test_a_long_history_loses_its_smallest_loops_only():
+    deep = np.ravel(np.column_stack([np.linspace(1, 0.1, 40), np.linspace(-0.9, 0.0, 40)]))
+    system = as_system(PREISACH, 0.1, room=12)
+    t = 0.1 * np.arange(deep.size)
+    found = control.input_output_response(system, t, deep, as_state(PREISACH, room=12))
+    error = np.abs(found.outputs - PREISACH.simulate(deep)).max()
+    assert 0 < error < 0.1 * np.ptp(PREISACH.range)
+
+
+def test_refusals():
+    with pytest.raises(ParameterError, match="room is 5 extrema"):
+        as_system(PREISACH, room=5)
+    with pytest.raises(ParameterError, match="Polynomial has no state"):
+        as_system(Polynomial([1.0, 0.0], -1, 1))

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.operators.preisach import Preisach
+
+pytest.importorskip("sklearn", reason="needs scikit-learn: minorloop[sklearn]")
+
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, cross_val_score
+from sklearn.utils.estimator_checks import check_estimator
+
+from minorloop.export.sklearn import EXPECTED_FAILURES, ContiguousSplit, PreisachRegressor
+
+RNG = np.random.default_rng(0)
+MODEL = Preisach(np.linspace(-1, 1, 9), np.tril(RNG.uniform(size=(8, 8))), 0.2)
+X = np.concatenate([[-1.0, 1.0], RNG.uniform(-1, 1, 598)])[:, None]
+Y = MODEL.simulate(X[:, 0])
+
+
+@pytest.fixture(scope="module")
+def results():
+    found = check_estimator(
+        PreisachRegressor(levels=5),
+        expected_failed_checks=EXPECTED_FAILURES,
+        on_skip=None,
+        on_fail=None,
+    )
+    return {row["check_name"]: row for row in found}
+
+
+def test_the_checks_of_scikit_learn_pass(results):
+    failed = {name for name, row in results.items() if row["status"] == "failed"}
+    assert not failed
+    assert len(results) > 40
+
+
+def test_every_declared_failure_is_one(results):
+    for name, reason in EXPECTED_FAILURES.items():
+        assert results[name]["status"] == "xfail"
+        assert "rows before" in reason
+
+
+def test_it_finds_the_operator_that_made_the_data():
+    found = PreisachRegressor(levels=8, smoothness=0.0).fit(X, Y)
+    assert found.score(X, Y) > 1 - 1e-9
+    np.testing.assert_allclose(found.model_.weights, MODEL.weights, atol=1e-6)
+
+
+def test_rows_that_follow_begin_with_the_memory_of_those_fitted():
+    found = PreisachRegressor(levels=8, smoothness=0.0, predict_from="end").fit(X[:400], Y[:400])
+    np.testing.assert_allclose(found.predict(X[400:]), Y[400:], atol=1e-5)
+
+
+def test_only_the_column_named_is_used():
+    wide = np.column_stack([RNG.uniform(size=600), X[:, 0]])
+    one = PreisachRegressor(levels=8, column=1).fit(wide, Y)
+    other = PreisachRegressor(levels=8).fit(X, Y)
+    np.testing.assert_array_equal(one.predict(wide), other.predict(X))
+    with pytest.raises(ParameterError, match="column is 2, and X has 2"):
+        clone(one).set_params(column=2).fit(wide, Y)
+
+
+def test_it_sits_in_a_search_with_contiguous_blocks():
+    start = PreisachRegressor(smoothness=0.0, predict_from="end")
+    splits = ContiguousSplit(3)
+    scores = cross_val_score(clone(start).set_params(levels=8), X, Y, cv=splits)
+    assert scores.shape == (3,)
+    assert scores.min() > 0.999
+    search = GridSearchCV(start, {"levels": [2, 8]}, cv=splits).fit(X, Y)
+    assert search.best_params_ == {"levels": 8}
+
+
+def test_blocks_follow_on_and_cover_the_rest():
+    folds = list(ContiguousSplit(4, first=0.3).split(np.zeros(50)))
+    assert len(folds) == ContiguousSplit(4).get_n_splits() == 4
+    assert folds[0][0].tolist() == list(range(15))
+    for fitted, tested in folds:
+        assert tested[0] == fitted[-1] + 1
+        assert (np.diff(np.concatenate([fitted, tested])) == 1).all()
+    assert folds[-1][1][-1] == 49
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [((0,), "n_splits is 0"), ((2.5,), "n_splits is 2.5"), ((True,), "n_splits is True")],
+)
+def test_splits_that_make_no_sense(arguments, message):
+    with pytest.raises(ParameterError, match=message):
+        ContiguousSplit(*arguments)
+
+
+def test_shares_and_rows_that_make_no_sense():
+    with pytest.raises(ParameterError, match="first is 1"):
+        ContiguousSplit(first=1)
+    with pytest.raises(ParameterError, match="too few for 5 blocks"):
+        list(ContiguousSplit(5).split(np.zeros(6)))
+    with pytest.raises(ParameterError, match="predict_from"):
+        PreisachRegressor(predict_from="middle").fit(X, Y)

@@ -1,0 +1,257 @@
+import contextlib
+import json
+import os
+import signal
+import sys
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from minorloop import load
+from minorloop.errors import MissingExtraError, OutputError, ParameterError, RecordError
+from minorloop.fleet import identification
+from minorloop.fleet.identification import identify_batch, identify_fleet, read_manifest
+from minorloop.operators.preisach import Preisach
+
+OPTIONS = {"levels": 6, "prior": "none", "smoothness": 0.0}
+HEADER = "specimen,file,input,output"
+needs_dask = pytest.mark.filterwarnings("ignore")  # what Dask warns of is not ours
+
+
+def write_record(path, seed, samples=200):
+    rng = np.random.default_rng(seed)
+    model = Preisach(np.linspace(-1, 1, 7), np.tril(rng.uniform(0.5, 1, (6, 6))))
+    u = np.concatenate([[-1, 1], rng.uniform(-1, 1, samples - 2)])
+    table = np.column_stack([u, model.simulate(u)])
+    np.savetxt(path, table, delimiter=",", header="drive [V],tip [mm]", comments="", fmt="%.12g")
+
+
+def write_manifest(folder, names):
+    lines = [HEADER, *(f"{name},{name}.csv,drive,tip" for name in names)]
+    (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
+    return read_manifest(folder / "manifest.csv")
+
+
+@pytest.fixture
+def six(tmp_path):
+    """Six specimens: one without a file, one with text for numbers."""
+    for k in range(4):
+        write_record(tmp_path / f"s{k}.csv", k)
+    (tmp_path / "bad.csv").write_text("drive [V],tip [mm]\n0,1\nx,y\n")
+    return write_manifest(tmp_path, ["s0", "s1", "gone", "bad", "s2", "s3"])
+
+
+@needs_dask
+def test_failures_are_reported_the_rest_is_identified_and_a_stopped_fleet_goes_on(six, tmp_path):
+    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    out, seen = tmp_path / "out", []
+    summary = identify_fleet(
+        six, out, workers=1, watch=lambda done, of, last: seen.append((done, of)), **OPTIONS
+    )
+    assert sorted(seen) == [(k, 6) for k in range(1, 7)]
+    assert [one.specimen for one in summary.outcomes] == ["s0", "s1", "gone", "bad", "s2", "s3"]
+    failed = {one.specimen: one.error for one in summary.failures}
+    assert failed.keys() == {"gone", "bad"}
+    assert "cannot be read: No such file" in failed["gone"]
+    assert "bad.csv" in failed["bad"]
+    assert all(one.nrmse < 1e-9 for one in summary.identified)
+    model = load(out / "models" / "s2.json")
+    record = np.loadtxt(tmp_path / "s2.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(model.simulate(record[:, 0]), record[:, 1], atol=1e-6)
+    told = json.loads((out / "summary.json").read_text())
+    assert (told["identified"], told["failed"]) == (4, 2)
+    assert (out / "summary.csv").read_text().count("\n") == 7
+
+    # Going on does what is missing, failed or changed, and only that.
+    (out / "results" / "s0.json").unlink()
+    write_record(tmp_path / "gone.csv", 9)
+    write_record(tmp_path / "s1.csv", 8)
+    again = []
+    summary = identify_fleet(
+        six, out, workers=1, watch=lambda done, of, last: again.append(last.specimen), **OPTIONS
+    )
+    assert sorted(again) == ["bad", "gone", "s0", "s1"]
+    assert [one.specimen for one in summary.failures] == ["bad"]
+    with pytest.raises(OutputError, match="other options"):
+        identify_fleet(six, out, workers=1, **{**OPTIONS, "levels": 7})
+
+
+@needs_dask
+def test_a_killed_worker_costs_a_retry(tmp_path):
+    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    import psutil
+
+    for k in range(30):
+        write_record(tmp_path / f"s{k}.csv", k)
+    specimens, killed = write_manifest(tmp_path, [f"s{k}" for k in range(30)]), []
+
+    def kill_one(done, of, last):
+        if killed:
+            return
+        workers = [
+            process
+            for process in psutil.Process().children(recursive=True)
+            if "spawn_main" in " ".join(process.cmdline())
+        ]
+        if workers:
+            killed.append(workers[0].pid)
+            os.kill(workers[0].pid, signal.SIGKILL)
+
+    summary = identify_fleet(specimens, tmp_path / "out", workers=2, watch=kill_one, **OPTIONS)
+    assert killed
+    assert len(summary.identified) == 30
+
+
+@needs_dask
+def test_a_cluster_by_address_needs_no_shared_files(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    write_record(tmp_path / "s0.csv", 0)
+    specimens = write_manifest(tmp_path, ["s0"])
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        summary = identify_fleet(specimens, tmp_path / "out", address=address, **OPTIONS)
+    assert len(summary.identified) == 1
+    with pytest.raises(ParameterError, match="no Dask scheduler at"):
+        identify_fleet(specimens, tmp_path / "other", address="nonsense://x", **OPTIONS)
+
+
+def test_without_dask_the_extra_is_named(six, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"minorloop\[fleet\]"):
+        identify_fleet(six, tmp_path / "out", **OPTIONS)
+
+
+def test_what_goes_wrong_on_a_worker_comes_back_as_text(six):
+    batch = [(one.file.read_bytes(), one) for one in six if one.file.exists()]
+    assert "unexpected keyword" in identify_batch(batch[:1], {"colour": 1})[0]["error"]
+    assert "levels" in identify_batch(batch[:1], {"levels": 0})[0]["error"]
+    found = identify_batch(batch, OPTIONS)
+    assert ["error" in one for one in found] == [False, False, True, False, False]
+    assert str(six[3].file) in found[2]["error"]
+
+
+@needs_dask
+def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    for k in range(6):
+        write_record(tmp_path / f"s{k}.csv", k)
+    specimens = write_manifest(tmp_path, [f"s{k}" for k in range(6)])
+
+    class Future:
+        """A batch whose worker died as often as Dask allows."""
+
+        def __init__(self, key, work):
+            self.key, self.work = key, work
+
+        def result(self):
+            return self.work()
+
+        def release(self):
+            pass
+
+    class Client:
+        loop = None
+        count = 0
+
+        def scheduler_info(self, n_workers):
+            return {"workers": {"one": None}}
+
+        def submit(self, function, batch, options, pure):
+            def work():
+                if any(one.name == "s3" for _, one in batch):
+                    raise distributed.scheduler.KilledWorker(
+                        "task", mock.Mock(address="tcp://one"), 3
+                    )
+                return function(batch, options)
+
+            Client.count += 1
+            return Future(str(Client.count), work)
+
+    class Completed(list):
+        def __init__(self, loop):
+            super().__init__()
+
+        add = list.append
+
+        def __iter__(self):
+            while self:
+                yield self.pop(0)
+
+    @contextlib.contextmanager
+    def cluster(workers, address):
+        yield Client(), Completed
+
+    monkeypatch.setattr(identification, "_cluster", cluster)
+    monkeypatch.setattr(identification, "_STINT", 1e9)
+    summary = identify_fleet(specimens, tmp_path / "out", **OPTIONS)
+    assert [one.specimen for one in summary.failures] == ["s3"]
+    assert "no worker lived to the end" in summary.failures[0].error
+    assert len(summary.identified) == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "lists no specimens"),
+        ("specimen,path\na,b\n", "lists no specimens"),
+        (f"{HEADER}\n", "lists no specimens"),
+        (f"{HEADER}\na,a.csv,u,y\na,b.csv,u,y\n", "line 3 of .* names 'a' again"),
+        (f"{HEADER}\n,a.csv,u,y\n", "line 2 of .* has no specimen"),
+        (f"{HEADER}\na,,u,y\n", "has no file"),
+        (f"{HEADER}\na,a.csv,,y\n", "has no input"),
+        (f"{HEADER}\na,a.csv,u,y,z\n", "more cells than the header"),
+        (f'{HEADER}\n"a,a.csv,u,y\n', "is not a CSV file"),
+    ],
+)
+def test_manifests_that_cannot_be_used(text, message, tmp_path):
+    (tmp_path / "m.csv").write_text(text)
+    with pytest.raises(RecordError, match=message):
+        read_manifest(tmp_path / "m.csv")
+
+
+def test_a_manifest_that_is_not_there_or_not_text(tmp_path):
+    with pytest.raises(RecordError, match="cannot be read"):
+        read_manifest(tmp_path / "nothing.csv")
+    (tmp_path / "m.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RecordError, match="cannot be read"):
+        read_manifest(tmp_path / "m.csv")
+
+
+def test_columns_may_be_given_once_for_all(tmp_path):
+    (tmp_path / "m.csv").write_text("specimen,file\na,x/a.csv\n")
+    (one,) = read_manifest(tmp_path / "m.csv", input="u", output="y")
+    assert (one.input, one.output, one.file) == ("u", "y", tmp_path / "x" / "a.csv")
+
+
+def test_names_that_are_no_file_names_stay_inside_the_folder():
+    for name in ("../../a", "/etc/a", "a b", "..", "ä", "a/b"):
+        one = identification.Specimen(name, None, "u", "y")
+        assert "/" not in one.key
+        assert one.key.strip(".")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"workers": 0}, "workers is 0"),
+        ({"colour": 1}, "'colour' is no option of a fleet"),
+        ({"levels": np.arange(3)}, "numbers, words and lists"),
+    ],
+)
+def test_options_that_make_no_sense(options, message, six, tmp_path):
+    with pytest.raises(ParameterError, match=message):
+        identify_fleet(six, tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_folders_that_hold_something_else(six, tmp_path):
+    with pytest.raises(ParameterError, match="no specimen"):
+        identify_fleet([], tmp_path / "out")
+    with pytest.raises(OutputError, match="not empty"):
+        identify_fleet(six, tmp_path)
+    (tmp_path / "fleet.json").write_text("[]")
+    with pytest.raises(OutputError, match="not of a fleet"):
+        identify_fleet(six, tmp_path)

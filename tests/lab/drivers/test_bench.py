@@ -1,0 +1,154 @@
+import math
+
+import numpy as np
+import pytest
+
+from minorloop.errors import InstrumentError, LimitError, ParameterError
+from minorloop.lab.actuator import Actuator, Channel
+from minorloop.lab.drivers.bench import Bench
+
+VOLTAGE = Channel("voltage", "V", -1.0, 1.0)
+TIP = Channel("tip", "mm", -5.0, 5.0)
+
+
+class FakeClock:
+    """Time that passes only when it is slept through."""
+
+    def __init__(self):
+        self.time = 100.0
+
+    def now(self):
+        return self.time
+
+    def sleep(self, seconds):
+        assert seconds >= 0
+        self.time += seconds
+
+
+class Plant:
+    """A source and a meter that do as they are told, or fail when they are told to."""
+
+    def __init__(self, clock, lag=0.0):
+        self.clock, self.lag, self.sent = clock, lag, []
+        self.answer, self.broken, self.safe_fails = None, None, 0
+
+    def set(self, value):
+        if self.broken:
+            raise self.broken
+        self.sent.append((self.clock.now() - 100.0, value))
+
+    def safe(self):
+        if self.safe_fails:
+            self.safe_fails -= 1
+            raise InstrumentError("no answer")
+        self.sent.append((self.clock.now() - 100.0, "safe"))
+
+    def read(self):
+        self.clock.sleep(self.lag)
+        if self.answer is not None:
+            return self.answer
+        values = [value for _, value in self.sent if value != "safe"]
+        return 2.0 * values[-1]
+
+
+@pytest.fixture
+def plant():
+    return Plant(FakeClock())
+
+
+def bench(plant, channel=VOLTAGE, **options):
+    return Bench(plant, plant, channel, TIP, clock=plant.clock, **options)
+
+
+def test_it_stands_behind_the_door(plant):
+    assert isinstance(bench(plant), Actuator)
+
+
+def test_a_hold_is_sampled_every_interval_and_at_its_end(plant):
+    record = bench(plant).apply(0.5, 1.0, 0.3)
+    np.testing.assert_allclose(record.t, [0.3, 0.6, 0.9, 1.0])
+    assert (record.u == 0.5).all()
+    assert (record.y == 1.0).all()
+    assert str(record.input) == "voltage [V]"
+    assert str(record.output) == "tip [mm]"
+    assert plant.sent == [(0.0, 0.5)]
+
+
+def test_times_are_those_of_the_readings(plant):
+    plant.lag = 0.05
+    record = bench(plant).apply(0.5, 1.0, 0.5)
+    np.testing.assert_allclose(record.t, [0.55, 1.05])
+
+
+def test_a_tick_holds_and_reads(plant):
+    assert bench(plant, tick=0.1).exchange(-0.25) == -0.5
+    assert plant.clock.now() == pytest.approx(100.1)
+
+
+def test_a_change_is_no_faster_than_the_rate(plant):
+    slow = Channel("voltage", "V", -1.0, 1.0, rate=2.0)
+    record = bench(plant, slow, tick=0.1).apply(1.0, 1.0, 0.25)
+    times, values = np.array(plant.sent).T
+    np.testing.assert_allclose(values, [0.2, 0.4, 0.6, 0.8, 1.0])
+    assert (np.diff(values) / np.diff(times) <= 2.0 + 1e-9).all()
+    assert record.u[-1] == 1.0
+    assert record.u[0] < 1.0
+
+
+@pytest.mark.parametrize("wrong", [1.1, -1.1, math.nan, math.inf])
+def test_beyond_a_limit_nothing_is_sent(plant, wrong):
+    for act in (lambda b: b.apply(wrong, 1.0, 0.5), lambda b: b.exchange(wrong)):
+        with pytest.raises(LimitError):
+            act(bench(plant))
+    assert plant.sent == []
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [(9.9e37, "overloaded"), (math.nan, "overloaded"), (-math.inf, "overloaded"), (6.0, "beyond")],
+)
+def test_a_reading_that_cannot_be_makes_safe_and_says_so(plant, answer, message):
+    plant.answer = answer
+    with pytest.raises(InstrumentError, match=message):
+        bench(plant).exchange(0.5)
+    assert plant.sent[-1][1] == "safe"
+
+
+@pytest.mark.parametrize("error", [InstrumentError("no answer"), KeyboardInterrupt(), OSError()])
+def test_whatever_goes_wrong_the_source_is_made_safe(plant, error):
+    plant.broken = error
+    with pytest.raises(type(error)):
+        bench(plant).apply(0.5, 1.0, 0.5)
+    assert plant.sent == [(0.0, "safe")]
+
+
+def test_safe_is_tried_three_times(plant):
+    plant.safe_fails = 2
+    bench(plant).safe()
+    assert plant.sent == [(0.0, "safe")]
+    plant.safe_fails = 3
+    with pytest.raises(InstrumentError, match="by hand"):
+        bench(plant).safe()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"channel": Channel("voltage", "V")}, "has no limits"),
+        ({"rest": 2.0}, "rest 2 is beyond"),
+        ({"tick": 0.0}, "tick is 0"),
+        ({"tick": math.nan}, "tick is nan"),
+    ],
+)
+def test_benches_that_make_no_sense(plant, options, message):
+    with pytest.raises(ParameterError, match=message):
+        bench(plant, **options)
+
+
+@pytest.mark.parametrize(
+    "times", [(0.0, 0.1), (1.0, 0.0), (math.nan, 0.1), (1.0, -1.0), (1e9, 1e-9)]
+)
+def test_times_that_make_no_sense(plant, times):
+    with pytest.raises(ParameterError):
+        bench(plant).apply(0.5, *times)
+    assert plant.sent == []

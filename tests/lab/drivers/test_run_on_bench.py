@@ -1,0 +1,89 @@
+"""A run on instruments that fail in the middle loses nothing."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from minorloop.cli import main
+from minorloop.errors import InstrumentError
+from minorloop.lab.actuator import Channel
+from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.plan import Plan
+from minorloop.lab.run import run
+from minorloop.lab.store import Setup, Store
+
+
+class Clock:
+    def __init__(self):
+        self.time = 0.0
+
+    def now(self):
+        return self.time
+
+    def sleep(self, seconds):
+        self.time += seconds
+
+
+class Plant:
+    """Fails at one input until it is mended."""
+
+    def __init__(self):
+        self.value, self.bad = 0.0, 0.75
+
+    def set(self, value):
+        self.value = value
+
+    def safe(self):
+        self.value = 0.0
+
+    def read(self):
+        if self.value == self.bad:
+            raise InstrumentError("the meter gave no answer within 2 s")
+        return 2.0 * self.value
+
+
+def test_points_measured_are_kept_the_input_is_safe_and_the_run_goes_on(tmp_path):
+    plant = Plant()
+    bench = Bench(
+        plant,
+        plant,
+        Channel("voltage", "V", -1.0, 1.0),
+        Channel("tip", "mm", -5.0, 5.0),
+        clock=Clock(),
+    )
+    plan = Plan([0.25, 0.5, 0.75, 0.0], 20.0, input="voltage [V]")
+    setup = Setup("visa:bench.json", "voltage [V]", "tip [mm]", None, 0, {})
+    with Store.create(tmp_path / "run.sqlite", plan, setup) as store:
+        with pytest.raises(InstrumentError, match="no answer"):
+            run(bench, plan, store)
+        assert plant.value == 0.0
+        assert [point.input for point in store.points()] == [0.25, 0.5]
+        plant.bad = None
+        assert run(bench, plan, store) == "replayed"
+        assert [point.value for point in store.points()] == pytest.approx([0.5, 1.0, 1.5, 0.0])
+    assert plant.value == 0.0
+
+
+def test_the_command_line_runs_on_a_simulated_bench(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("pyvisa_sim", reason="needs pyvisa and pyvisa-sim: minorloop[instruments]")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bench.yaml").write_bytes((Path(__file__).parent / "bench.yaml").read_bytes())
+    bench = {
+        "library": "bench.yaml@sim",
+        "source": {
+            "resource": "ASRL1::INSTR",
+            "set": "VOLT {:.9f}",
+            "safe": ["VOLT 0.000000000", "OUTP OFF"],
+            "confirm": "VOLT?",
+        },
+        "meter": {"resource": "ASRL2::INSTR"},
+        "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2},
+        "output": {"name": "tip", "unit": "mm"},
+        "tick": 0.001,
+    }
+    (tmp_path / "bench.json").write_text(json.dumps(bench))
+    Plan([0.5, -0.5], 0.02, input="voltage [V]").to_csv("plan.csv")
+    line = ["run", "--actuator", "visa:bench.json", "--plan", "plan.csv", "--store", "s.sqlite"]
+    assert main([*line, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["points"] == 2

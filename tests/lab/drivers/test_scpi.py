@@ -1,0 +1,88 @@
+import pytest
+
+from minorloop.errors import InstrumentError, ParameterError
+from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource, number
+from minorloop.lab.drivers.scripted import SILENCE, Script
+
+
+def test_a_source_is_switched_on_once_confirmed_and_made_safe():
+    script = Script(
+        [
+            ("VOLT 0.5", None),
+            ("CURR 0.1", None),
+            ("OUTP ON", None),
+            ("VOLT?", "+5.0000E-01"),
+            ("SYST:ERR?", '+0,"No error"'),
+            ("VOLT -0.25", None),
+            ("VOLT?", "-0.25"),
+            ("SYST:ERR?", "0"),
+            ("VOLT 0", None),
+            ("OUTP OFF", None),
+        ]
+    )
+    source = ScpiSource(script, on=["CURR 0.1", "OUTP ON"], confirm="VOLT?", errors="SYST:ERR?")
+    source.set(0.5)
+    source.set(-0.25)
+    source.safe()
+    assert script.finished()
+
+
+def test_a_meter_is_scaled():
+    meter = ScpiMeter(Script([("READ?", "12.5")]), scale=0.001, zero=2.5)
+    assert meter.read() == pytest.approx(0.01)
+
+
+def test_another_input_than_the_one_set_is_an_error():
+    source = ScpiSource(Script([("VOLT 0.5", None), ("VOLT?", "0.4")]), confirm="VOLT?")
+    with pytest.raises(InstrumentError, match=r"told 0.5 and says 0.4"):
+        source.set(0.5)
+
+
+def test_an_error_of_the_instrument_is_an_error():
+    script = Script([("VOLT 0.5", None), ("E?", '-222,"Data out of range"')])
+    with pytest.raises(InstrumentError, match="Data out of range"):
+        ScpiSource(script, errors="E?").set(0.5)
+
+
+@pytest.mark.parametrize("answer", ["", "1,2", "1 V", "abc", "1_0", "٣", "0x10", "1e", SILENCE])
+def test_what_is_no_number_is_no_reading(answer):
+    with pytest.raises(InstrumentError):
+        ScpiMeter(Script([("READ?", answer)])).read()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_what_is_no_number_is_not_sent(value):
+    with pytest.raises(InstrumentError, match="nothing was sent"):
+        ScpiSource(Script([])).set(value)
+
+
+def test_making_safe_goes_on_after_a_line_that_fails():
+    class Broken(Script):
+        def tell(self, text):
+            super().tell(text)
+            if text == "VOLT 0":
+                raise InstrumentError("no answer")
+
+    script = Broken([("VOLT 0", None), ("OUTP OFF", None)])
+    with pytest.raises(InstrumentError, match="no answer"):
+        ScpiSource(script).safe()
+    assert script.finished()
+
+
+@pytest.mark.parametrize("line", ["VOLT", "VOLT {", "VOLT {x}", "VOLT {:q}", "VOLT {1}"])
+def test_a_line_that_takes_no_number_is_refused(line):
+    with pytest.raises(ParameterError, match="takes no number"):
+        ScpiSource(Script([]), set=line)
+
+
+def test_a_source_without_safety_is_refused():
+    with pytest.raises(ParameterError, match="makes the source safe"):
+        ScpiSource(Script([]), safe=[])
+
+
+def test_a_script_says_where_the_driver_leaves_it():
+    with pytest.raises(AssertionError, match="the script has 'B'"):
+        Script([("B", None)]).tell("A")
+    with pytest.raises(AssertionError, match="after the end"):
+        Script([]).tell("A")
+    assert number(" 1.5 ".strip(), "x") == 1.5

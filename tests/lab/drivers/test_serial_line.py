@@ -1,0 +1,215 @@
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import compiled
+from minorloop.errors import InstrumentError
+from minorloop.export.c99 import source
+from minorloop.lab.drivers.scripted import SILENCE, Script
+from minorloop.lab.drivers.serial_line import Board, parse, write
+from minorloop.operators.preisach import Preisach
+
+
+def ok(sequence, *words):
+    return write(sequence, "OK", *words)
+
+
+HELLO = (write(1, "HELLO"), ok(1, "minorloop", "1", "-1", "1"))
+
+
+def board(*lines):
+    return Board(Script([HELLO, *lines]))
+
+
+def test_what_is_written_is_understood():
+    assert parse(ok(7, "0.25"), 7) == (True, ["0.25"])
+    assert parse(write(7, "ERR", "beyond", "the", "limits"), 7) == (
+        False,
+        ["beyond", "the", "limits"],
+    )
+
+
+def test_a_board_is_a_source_and_a_meter():
+    one = board(
+        (write(2, "SET", "0.25"), ok(2, "0.25")),
+        (write(3, "GET"), ok(3, "1.5")),
+        (write(4, "STEP", "0.5"), ok(4, "2")),
+        (write(5, "AIM", "2"), ok(5, "0.5")),
+        (write(6, "SAFE"), ok(6)),
+    )
+    assert (one.low, one.high) == (-1.0, 1.0)
+    one.set(0.25)
+    assert (one.read(), one.step(0.5), one.aim(2.0)) == (1.5, 2.0, 0.5)
+    one.safe()
+
+
+def test_late_and_damaged_answers_are_thrown_away():
+    late, damaged = ok(1, "9.9"), ok(2, "7.7").replace("7.7", "7.8")
+    one = board((write(2, "GET"), "\n".join([late, damaged, "", "\x00ÿ", ok(2, "1.5")])))
+    assert one.read() == 1.5
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (SILENCE, "no answer"),
+        ("garbage", "no answer"),
+        ("\n".join(["garbage"] * 9), "no sound answer to GET"),
+        (write(2, "ERR", "no", "sensor"), "refuses GET: no sensor"),
+        (ok(2), "with 0 words"),
+        (ok(2, "1", "2"), "with 2 words"),
+        (ok(2, "abc"), "no number"),
+        (ok(2, "nan"), "with nan"),
+        (ok(2, "inf"), "with inf"),
+    ],
+)
+def test_answers_that_cannot_be_used(answer, message):
+    with pytest.raises(InstrumentError, match=message):
+        board((write(2, "GET"), answer)).read()
+
+
+def test_a_board_that_has_another_input_on_is_not_believed():
+    with pytest.raises(InstrumentError, match=r"told 0.25 and has 0.5 on"):
+        board((write(2, "SET", "0.25"), ok(2, "0.5"))).set(0.25)
+
+
+@pytest.mark.parametrize("words", [("minorloop", "2", "-1", "1"), ("other",), ()])
+def test_another_firmware_is_refused(words):
+    with pytest.raises(InstrumentError, match="another protocol"):
+        Board(Script([(write(1, "HELLO"), ok(1, *words))]))
+
+
+@given(st.text(max_size=60), st.integers(0, 65535))
+def test_no_text_is_taken_for_an_answer(text, sequence):
+    assert parse(text, sequence) is None
+
+
+def test_a_hundred_thousand_damaged_answers_are_all_refused():
+    rng = random.Random(0)
+    letters = "".join(map(chr, range(32, 127))) + "\0\n\xff"
+    for k in range(100_000):
+        sound = ok(k % 65_536, f"{rng.uniform(-10, 10):.9g}")
+        line = list(sound)
+        for _ in range(rng.randint(1, 4)):
+            place = rng.randrange(len(line) + 1)
+            match rng.randrange(3):
+                case 0 if place < len(line):
+                    line[place] = rng.choice(letters)
+                case 1 if place < len(line):
+                    del line[place]
+                case _:
+                    line.insert(place, rng.choice(letters))
+        damaged = "".join(line)
+        assert damaged == sound or parse(damaged, k % 65_536) is None
+
+
+# The firmware that the C export sketches.
+
+
+class Pipe:
+    """The firmware as a process, on a line."""
+
+    def __init__(self, program):
+        self.name = "firmware"
+        self.process = subprocess.Popen(
+            [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def tell(self, text):
+        self.process.stdin.write(f"{text}\r\n")
+        self.process.stdin.flush()
+
+    def ask(self, text):
+        self.tell(text)
+        return self.read()
+
+    def read(self):
+        return self.process.stdout.readline().rstrip("\n")
+
+    def flush(self):
+        pass
+
+    def close(self):
+        out, _ = self.process.communicate(timeout=20)
+        assert self.process.returncode == 0
+        return out
+
+
+@pytest.fixture(scope="module")
+def model():
+    rng = np.random.default_rng(0)
+    return Preisach(np.linspace(-1, 1, 9), np.tril(rng.uniform(size=(8, 8))), 0.2)
+
+
+@pytest.fixture(scope="module")
+def program(model, tmp_path_factory):
+    folder = source(model, firmware=True).write(tmp_path_factory.mktemp("firmware"))
+    sources = ["minorloop.c", "minorloop_firmware.c"]
+    return compiled.build(folder, sources, "-DMINORLOOP_HOST", *compiled.SANITIZED)
+
+
+def test_the_firmware_speaks_the_protocol(program, model):
+    link = Pipe(program)
+    one = Board(link)
+    assert (one.low, one.high) == (-1.0, 1.0)
+    u = np.random.default_rng(1).uniform(-1, 1, 50)
+    for sample, expected in zip(u, model.simulate(np.append(0.0, u))[1:], strict=True):
+        one.set(sample)
+        assert one.read() == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    for sample, expected in zip(u, model.simulate(u), strict=True):
+        assert one.step(sample) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    target = 0.3 * sum(model.range)
+    assert one.step(one.aim(target)) == pytest.approx(target, rel=1e-6, abs=1e-6)
+    with pytest.raises(InstrumentError, match="beyond the limits"):
+        one.set(1.5)
+    one.safe()
+    assert one.read() == pytest.approx(model.simulate([*[0.0], *u, 0.0])[-1], abs=1e-6)
+    link.close()
+
+
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+def test_the_firmware_compiles_in_single_precision(model, cc, tmp_path):
+    source(model, firmware=True, float32=True, inverse=False, name="wing").write(tmp_path)
+    for option in ("-DWING_HOST", "-DNONE"):
+        compiled.build(tmp_path, ["wing_firmware.c"], option, "-c", program="one.o", cc=cc)
+
+
+def test_the_firmware_refuses_what_it_does_not_know(program):
+    link = Pipe(program)
+    for words in (("DANCE",), ("SET",), ("GET", "1"), ("SET", "nan"), ("SET", "1x"), ("SET", "")):
+        found = parse(link.ask(write(3, *words)), 3)
+        assert found is not None
+        assert not found[0]
+    link.close()
+
+
+def test_a_hundred_thousand_damaged_lines_do_nothing_to_the_firmware(program):
+    rng = random.Random(1)
+    letters = "".join(map(chr, range(32, 127)))
+    lines = []
+    for k in range(100_000):
+        sound = write(k % 65_536, "SET", f"{rng.uniform(-1, 1):.9g}")
+        line = list(sound)
+        for _ in range(rng.randint(1, 4)):
+            line[rng.randrange(len(line))] = rng.choice(letters)
+        damaged = "".join(line) * rng.choice([1, 1, 1, 9])
+        if damaged != sound:
+            lines.append(damaged)
+    text = "\n".join([*lines, write(5, "GET")]) + "\n"
+    done = subprocess.run(
+        [program], input=text.encode(), capture_output=True, timeout=120, check=True
+    )
+    (answer,) = done.stdout.decode().splitlines()
+    untouched = Pipe(program)
+    assert answer == untouched.ask(write(5, "GET"))
+    untouched.close()
+
+
+def test_these_files_are_where_the_guide_says():
+    assert Path(sys.modules[Board.__module__].__file__).name == "serial_line.py"
