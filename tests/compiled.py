@@ -85,10 +85,10 @@ def self_test(code, folder, *options, cc="gcc"):
 class Compiled:
     """Exported C as functions of arrays."""
 
-    def __init__(self, code, folder):
+    def __init__(self, code, folder, harness=HARNESS):
         code.write(folder)
         both = "minorloop_aim" in code.files["minorloop.h"]
-        text = HARNESS.format(
+        text = harness.format(
             chase_prototype=CHASE_PROTOTYPE if both else "", chase=CHASE if both else ""
         )
         (folder / "harness.c").write_text(text)

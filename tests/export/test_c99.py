@@ -10,6 +10,7 @@ from minorloop.errors import NotInvertibleError, OutputError, ParameterError
 from minorloop.export.c99 import export_c, source
 from minorloop.operators.memory import Memory
 from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 
 LAGS = Linear.lags(0.05, 0.02, dc_gain=1.5, delay=0.03).discretise(0.01)
@@ -266,7 +267,7 @@ def test_numbers_too_large_for_a_float_are_refused():
 
 
 def test_other_models_are_refused():
-    with pytest.raises(ParameterError, match="Preisach models, and this is a Polynomial"):
+    with pytest.raises(ParameterError, match="models and plays, and this is a Polynomial"):
         source(Polynomial([1.0, 0.0], -1, 1))
 
 
@@ -274,3 +275,39 @@ def test_a_folder_that_is_not_empty_is_refused(tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(OutputError, match="not empty"):
         export_c(operator(), tmp_path)
+
+
+PLAYS = PrandtlIshlinskii([0.0, 0.2, 0.5, 1.5], [1.0, 0.5, -0.3, 0.7], 0.1)
+
+
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+@pytest.mark.parametrize("float32", [False, True], ids=["double", "float"])
+@pytest.mark.parametrize("inverse", [False, True])
+def test_plays_pass_their_own_test(inverse, float32, cc, tmp_path):
+    code = source(PLAYS, float32=float32, inverse=inverse)
+    compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
+
+
+@pytest.mark.parametrize("model", [PLAYS, PrandtlIshlinskii([0.0], [2.0], -1.0)])
+def test_plays_give_what_python_gives(model, tmp_path):
+    harness = compiled.HARNESS.replace("minorloop_error_bound(&state)", "0")
+    code = compiled.Compiled(source(model), tmp_path, harness)
+    assert code.state_bytes == source(model).state_bytes
+    u = np.random.default_rng(0).uniform(-3, 3, 100_000)
+    y, expected = code.walk(u)[0], model.simulate(u, "demagnetised")
+    width = np.ptp(expected)
+    assert np.abs(y - expected).max() <= 1e-12 * width
+    targets = np.random.default_rng(1).uniform(expected.min(), expected.max(), 100_000)
+    found = model.invert(targets, "demagnetised").u
+    inputs, outputs = code.chase(targets)
+    assert np.abs(outputs - targets).max() <= 1e-12 * width
+    assert np.abs(inputs - found).max() <= 1e-9
+
+
+def test_plays_that_cannot_be_exported():
+    with pytest.raises(NotInvertibleError, match="--no-inverse"):
+        source(PrandtlIshlinskii([0.1], [1.0]))
+    with pytest.raises(ParameterError, match="no linear part"):
+        source(PLAYS, linear=LAGS)
+    with pytest.raises(ParameterError, match="are allowed"):
+        source(PLAYS, largest=10)

@@ -7,6 +7,7 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import OutputError, ParameterError
 from minorloop.export.fmu import export_fmu
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 
 fmpy = pytest.importorskip("fmpy", reason="needs fmpy, which minorloop[fmi] brings")
@@ -156,6 +157,8 @@ def test_equal_names_and_marks_of_xml(model, tmp_path):
 def test_refusals(model, tmp_path):
     with pytest.raises(ParameterError, match=r"ends in \.fmu"):
         export_fmu(model, tmp_path / "a.zip")
+    with pytest.raises(ParameterError, match="this is a PrandtlIshlinskii"):
+        export_fmu(PrandtlIshlinskii([0.0], [1.0]), tmp_path / "a.fmu")
     with pytest.raises(ParameterError, match="positive time"):
         export_fmu(model, tmp_path / "a.fmu", interval=0.0)
     with pytest.raises(ParameterError, match="with this linear part"):

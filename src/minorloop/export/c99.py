@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,8 +16,10 @@ from minorloop.arrays import FloatArray, check_option
 from minorloop.dynamics.cascade import Cascade, First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.export._plays import plays_tables, plays_vectors
 from minorloop.export._tables import Numbers, operator_tables, text_only
 from minorloop.files import PathLike, make_folder, write_atomically
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 
 __all__ = ["CSource", "export_c", "source"]
@@ -65,12 +68,12 @@ class CSource:
         return place
 
 
-def export_c(model: Preisach, folder: PathLike, **options: Any) -> CSource:
+def export_c(model: Preisach | PrandtlIshlinskii, folder: PathLike, **options: Any) -> CSource:
     """Write a model as C into a folder.
 
     Parameters
     ----------
-    model : Preisach
+    model : Preisach or PrandtlIshlinskii
         The model.
     folder : str or path
         Where the files go; it is made, or has to be empty.
@@ -111,8 +114,8 @@ def source(
 
     Parameters
     ----------
-    model : Preisach
-        The operator.
+    model : Preisach or PrandtlIshlinskii
+        The operator; plays without linear part.
     name : str
         Of the files, and what every public name in them begins with.
     memory : int
@@ -142,9 +145,16 @@ def source(
         If C of this kind cannot hold the model, it needs more bytes than allowed, or an
         option is out of its range.
     """
-    operator = _as_preisach(model)
-    _check_options(operator, name, memory, inverse)
+    _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))
+    words = {"name": name, "input": input, "output": output}
+    if isinstance(model, PrandtlIshlinskii):
+        if linear is not None or firmware:
+            raise ParameterError(
+                "C of plays has no linear part and no firmware; identify a Preisach model for these"
+            )
+        return _plays_source(model, Numbers(float32), inverse, largest, words)
+    operator = _as_preisach(model, inverse)
     numbers = Numbers(float32)
     context, table_bytes = operator_tables(operator, numbers)
     state_bytes = _state_bytes(numbers.size, memory)
@@ -158,16 +168,11 @@ def source(
     drop_error = context["swing"] / (memory - 3)
     context |= {
         "single": f"{drop_error:.3g}",
-        "name": name,
-        "guard": name.upper(),
-        "real": numbers.type,
         "sqrt": "sqrtf" if float32 else "sqrt",
         "memory": memory,
-        "inverse": inverse,
         "linear": context.get("linear"),
-        "version": __version__,
-        "title": "Hysteresis of an actuator: a Preisach operator with piecewise uniform density.",
-        **text_only({"input": input, "output": output, "about": _about(operator, linear, first)}),
+        "about": _about(operator, linear, first),
+        **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
     }
     files = {
         f"{name}.h": _render("model.h", context),
@@ -181,16 +186,55 @@ def source(
     return CSource(files, table_bytes, state_bytes, memory, drop_error)
 
 
-def _as_preisach(model: Any) -> Preisach:
+def _plays_source(
+    model: PrandtlIshlinskii,
+    numbers: Numbers,
+    inverse: bool,
+    largest: int | None,
+    words: Mapping[str, str],
+) -> CSource:
+    context, table_bytes, state_bytes = plays_tables(model, numbers, inverse)
+    _check_bytes(table_bytes, state_bytes, largest)
+    context |= _common("weighted plays, a Prandtl-Ishlinskii operator", numbers, inverse, words)
+    u = numbers.array(plays_vectors(model)).astype(np.float64)
+    y = model.simulate(u, "demagnetised")
+    name = words["name"]
+    files = {
+        f"{name}.h": _render("plays.h", context),
+        f"{name}.c": _render("plays.c", context),
+        f"{name}_selftest.c": _vectors(context, numbers, u, y, float(np.ptp(y)), inverse),
+    }
+    return CSource(files, table_bytes, state_bytes, model.radii.size, 0.0)
+
+
+def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]) -> dict[str, Any]:
+    """What every template needs to know."""
+    return {
+        "guard": words["name"].upper(),
+        "real": numbers.type,
+        "inverse": inverse,
+        "version": __version__,
+        "title": f"Hysteresis of an actuator: {what}.",
+        **text_only(words),
+    }
+
+
+def _as_preisach(model: Any, inverse: bool) -> Preisach:
     if not isinstance(model, Preisach):
         raise ParameterError(
-            f"C is written for Preisach models, and this is a {type(model).__name__}; identify a "
-            "Preisach model from the same record"
+            f"C is written for Preisach models and plays, and this is a {type(model).__name__}; "
+            "identify a Preisach model from the same record"
+        )
+    if inverse and not model.monotone:
+        raise NotInvertibleError(
+            f"the model is not monotone (least weight {model.weights.min():g}), so its C cannot "
+            "have an inverse; export it without (inverse=False, --no-inverse), or identify with "
+            "signed=False"
         )
     return model
 
 
-def _check_options(model: Preisach, name: str, memory: int, inverse: bool) -> None:
+def _check_options(name: str, memory: int) -> None:
     if not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or len(name) > _RESERVED:
         raise ParameterError(
             f"name {name!r} cannot begin the names in C; give a letter, then letters, digits and "
@@ -201,12 +245,6 @@ def _check_options(model: Preisach, name: str, memory: int, inverse: bool) -> No
     if not LEAST_MEMORY <= memory <= MOST_MEMORY:
         raise ParameterError(
             f"memory is {memory} extrema; give {LEAST_MEMORY} to {MOST_MEMORY}, 32 serve most"
-        )
-    if inverse and not model.monotone:
-        raise NotInvertibleError(
-            f"the model is not monotone (least weight {model.weights.min():g}), so its C cannot "
-            "have an inverse; export it without (inverse=False, --no-inverse), or identify with "
-            "signed=False"
         )
 
 
@@ -276,15 +314,27 @@ def _selftest(
     y = model.simulate(u) if linear is None else _stepped(Cascade(model, linear, first), u)
     low, high = model.range
     width = (high - low) * (1.0 if linear is None else abs(linear.dc_gain))
+    both_ways = context["inverse"] and linear is None and high > low
+    return _vectors(context, numbers, u, y, width, both_ways)
+
+
+def _vectors(
+    context: dict[str, Any],
+    numbers: Numbers,
+    u: FloatArray,
+    y: FloatArray,
+    width: float,
+    both_ways: bool,
+) -> str:
+    """The self-test: what Python gave for these inputs."""
     width = width or 1.0
-    rounding = np.finfo(np.float32 if numbers.single else np.float64).eps
+    rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
     scale = 1 + float(np.abs(y).max()) / width
     tables = {
         "inputs": numbers.table(u),
         "outputs": numbers.table(y),
         "targets": numbers.table(y[::-1]),
     }
-    both_ways = context["inverse"] and linear is None and high > low
     return _render(
         "selftest.c",
         {
@@ -293,7 +343,7 @@ def _selftest(
             "count": u.size,
             "both_ways": both_ways,
             "width": repr(width),
-            "tolerance": f"{max(1e-12, 300 * float(rounding)) * scale:.3g}",
+            "tolerance": f"{max(1e-12, 300 * rounding) * scale:.3g}",
         },
     )
 

@@ -91,6 +91,11 @@ def export_fmu(
     target = check_writable(path, force=force)
     if target.suffix != ".fmu":
         raise ParameterError(f"{target.name} is no name for a unit; give one that ends in .fmu")
+    if not isinstance(model, Preisach):
+        raise ParameterError(
+            f"units are written for Preisach models, and this is a {type(model).__name__}; "
+            "identify a Preisach model from the same record"
+        )
     named = [q if isinstance(q, Quantity) else Quantity.parse(q) for q in (input, output)]
     code = source(
         model,
