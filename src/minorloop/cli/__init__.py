@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from minorloop import __version__
-from minorloop.cli import demo, identify, invert, plan, resume, runs, simulate, study
+from minorloop.cli import console, demo, identify, invert, plan, resume, runs, simulate, study
 from minorloop.cli import run as run_verb
 from minorloop.errors import MinorloopError
 
@@ -29,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _verb in (identify, simulate, invert, plan, run_verb, resume, runs, study, demo):
+for _verb in (identify, simulate, invert, plan, run_verb, resume, runs, study, console, demo):
     app.command(_verb.NAME, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
 
 

@@ -80,6 +80,12 @@ class Wall:
         last = first + round(_SHOWN / STEP)
         return self.grey[first:last], 1e3 * STEP * first, 1e3 * STEP * last
 
+    @property
+    def seen(self) -> Image:
+        """The map up to the last row that was seen."""
+        used = np.flatnonzero(self.grey.max(axis=1))
+        return self.grey[: int(used[-1]) + 1 if used.size else 1]
+
     def _rows(self, advance: float) -> slice:
         first = max(0, math.floor((1e-3 * advance + _NEAR) / STEP))
         return slice(first, min(len(self.grey), math.ceil((1e-3 * advance + _FAR) / STEP)))
