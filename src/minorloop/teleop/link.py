@@ -50,8 +50,6 @@ class Link:
         """End the process: it holds, makes the plant safe and finishes its recording."""
         with contextlib.suppress(queue.Full):
             self._orders.put_nowait(None)
-        with contextlib.suppress(OSError):
-            self._pipe.close()
         self.process.join(timeout=5.0)
         if self.process.is_alive():
             self.process.terminate()
@@ -69,3 +67,4 @@ class Link:
         with contextlib.suppress(OSError):
             while (content := self._orders.get()) is not None:
                 self._pipe.send_bytes(content)
+            self._pipe.send_bytes(loop.END)

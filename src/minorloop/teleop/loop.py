@@ -31,6 +31,8 @@ from minorloop.teleop.recording import PICTURE, TEXT, Recorder
 from minorloop.teleop.session import Session
 from minorloop.teleop.sight import PlainSight
 
+END = b"."
+"""What is sent instead of an order to end the loop."""
 _QUALITY = 78
 _SLEEPS_LATE = 0.2
 _RECORD_EVERY = 5
@@ -178,8 +180,8 @@ class _Loop:
         """Take in what the server says; for a thread of its own."""
         decoder = msgspec.msgpack.Decoder(messages.Order)
         with contextlib.suppress(EOFError, OSError):
-            while True:
-                message = decoder.decode(self._pipe.recv_bytes())
+            while (content := self._pipe.recv_bytes()) != END:
+                message = decoder.decode(content)
                 self._inbox.append((time.monotonic(), message))
         self._gone.set()
 

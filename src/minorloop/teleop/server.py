@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from minorloop.errors import MinorloopError, MissingExtraError, SignalError
 from minorloop.teleop import messages, recording
@@ -80,6 +81,9 @@ class _Server:
         self._wall: Wall | None = None
         self._painting = False
         self._images = 0
+        # What the first picture would wait for, and everybody with it.
+        small = View(width=32, height=24, focal=26.0)
+        Wall(small, 0.05).paint(np.zeros((24, 32), np.uint8), (0.0, 0.0, 0.0, 0.0))
 
     def app(self) -> Starlette:
         from minorloop.teleop.lab import Lab
@@ -159,8 +163,6 @@ class _Server:
     def _paint(self, content: bytes, show: bool) -> None:
         """Add a picture to the map, and show it now and then; in a thread."""
         try:
-            import numpy as np
-
             cv2 = opencv()
             _, number, t, *where = messages.HEADER.unpack_from(content)
             coded = np.frombuffer(content, np.uint8, offset=messages.HEADER.size)

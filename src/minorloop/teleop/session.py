@@ -175,6 +175,7 @@ class Session:
                 "width": self.view.width,
                 "height": self.view.height,
                 "focal": self.view.focal,
+                "lever": self.view.lever,
                 "radius": self.view.radius,
             },
             cone=self.seat.gaze.cone,
