@@ -52,6 +52,7 @@ const wishes = {
     stage.chosen = -1;
   },
   mode(mode: Mode) {
+    if (seats?.grant) drive(); // so that the loop knows where the head is
     order("mode", { mode });
   },
   measure() {
@@ -165,7 +166,11 @@ function showState(s: State): void {
 function showSeats(): void {
   const take = byId("take");
   const mine = Boolean(seats?.grant);
-  take.textContent = mine ? "Release the controls" : seats?.pilot ? `Viewer ${seats.pilot} steers` : "Take the controls";
+  const long = document.createElement("span");
+  long.className = "long";
+  long.textContent = " the controls";
+  if (seats?.pilot && !mine) take.replaceChildren(`Viewer ${seats.pilot} steers`);
+  else take.replaceChildren(mine ? "Release" : "Take", long);
   take.classList.toggle("leaving", mine);
   text("viewers", seats ? `${seats.viewers} ${seats.viewers === 1 ? "page" : "pages"}` : "");
   document.body.dataset.pilot = mine ? "yes" : "no";
@@ -293,11 +298,14 @@ for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-m
   button.onclick = () => wishes.mode(button.dataset.mode as Mode);
 }
 
+function drive(): void {
+  const { pose, age } = hands.look();
+  order("drive", { pose, age, stick: hands.stick(), clutch: hands.clutch() });
+}
+
 window.setInterval(() => {
   hands.tick();
-  if (!seats?.grant) return;
-  const { pose, age } = hands.look();
-  connection.send("drive", { grant: seats.grant, pose, age, stick: hands.stick(), clutch: hands.clutch() });
+  if (seats?.grant) drive();
 }, SENT_EVERY);
 window.setInterval(() => {
   if (replay === null && !seats?.grant) connection.send("ping");

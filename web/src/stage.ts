@@ -52,22 +52,23 @@ export class Stage {
     context.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
     if (!state || !hello) return;
     const scale = canvas.width / hello.view.width;
+    const ui = Math.min(Math.max(1, canvas.width / (canvas.clientWidth || canvas.width)), 2.6);
     this.drawHorizon(hello, state);
     state.spots.forEach(([u, v, diameter], k) => {
-      const size = Math.max(diameter * scale, 16);
+      const size = Math.max(diameter * scale, 14 * ui);
       context.strokeStyle = k === this.chosen ? "#fff" : WARM;
-      context.lineWidth = k === this.chosen ? 3 : 1.5;
+      context.lineWidth = (k === this.chosen ? 2.5 : 1.2) * ui;
       corners(context, u * scale, v * scale, size);
       context.fillStyle = WARM;
-      context.font = "600 14px system-ui, sans-serif";
-      context.fillText(String(k + 1), u * scale + size * 0.75 + 2, v * scale - size * 0.75);
+      context.font = `600 ${12 * ui}px system-ui, sans-serif`;
+      context.fillText(String(k + 1), u * scale + size * 0.75 + 8 * ui, v * scale - size * 0.75);
     });
     if (state.target) {
       const [u, v, , seen] = state.target;
       context.strokeStyle = seen ? ACCENT : "#ff6b6b";
-      context.lineWidth = 2.5;
-      circle(context, u * scale, v * scale, 22);
-      cross(context, u * scale, v * scale, 34, 14);
+      context.lineWidth = 2 * ui;
+      circle(context, u * scale, v * scale, 18 * ui);
+      cross(context, u * scale, v * scale, 28 * ui, 12 * ui);
     }
     context.strokeStyle = "#ffffff80";
     context.lineWidth = 1;

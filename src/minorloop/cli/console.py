@@ -24,6 +24,10 @@ _Specimen = Annotated[
     int | None, _common.whole_option("Seed of the simulated specimen; nominal without it.")
 ]
 _Seed = Annotated[int, _common.whole_option("Seed of the simulated noise.")]
+_Timeout = Annotated[
+    float,
+    _common.number_option("Seconds without word from the operator after which the head holds."),
+]
 _Certificate = Annotated[
     Path | None,
     typer.Option(help="Certificate (PEM): phones and headsets give their pose over https only."),
@@ -37,12 +41,15 @@ def run(
     folder: _Folder = Path("console"),
     specimen: _Specimen = None,
     seed: _Seed = 0,
+    timeout: _Timeout = 0.1,
     certificate: _Certificate = None,
     private_key: _Key = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
+    if not 0.05 <= timeout <= 5.0:
+        raise ParameterError(f"--timeout is {timeout}; give 0.05 to 5 seconds")
     if (certificate is None) != (private_key is None):
         raise ParameterError("give --certificate and --private-key together, or neither")
     for file in (certificate, private_key):
@@ -58,7 +65,7 @@ def run(
     from minorloop.teleop.loop import LoopSettings
     from minorloop.teleop.server import STATIC, Console
 
-    settings = LoopSettings(specimen=specimen, seed=seed, folder=str(folder))
+    settings = LoopSettings(specimen=specimen, seed=seed, folder=str(folder), timeout=timeout)
     doors = Doors(host)
     listening = _listen(host, port)
     config = uvicorn.Config(

@@ -25,7 +25,10 @@ import msgspec
 
 from minorloop.errors import MinorloopError
 from minorloop.teleop import messages
+from minorloop.teleop.gaze import GazeMap
 from minorloop.teleop.imaging import opencv
+from minorloop.teleop.joystick import StickMap
+from minorloop.teleop.modes import Seat
 from minorloop.teleop.plant import head_of, open_plant
 from minorloop.teleop.recording import PICTURE, TEXT, Recorder
 from minorloop.teleop.session import Session
@@ -50,12 +53,19 @@ class LoopSettings:
     seed : int
     folder : str
         Of recordings.
+    timeout : float
+        Age in seconds of the operator's pose and page beyond which the head holds.
     """
 
     address: str = "twin:rig"
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"
+    timeout: float = 0.1
+
+    def seat(self) -> Seat:
+        """The seat with that patience."""
+        return Seat(gaze=GazeMap(timeout=self.timeout), stick=StickMap(timeout=self.timeout))
 
 
 def run(pipe: Connection, settings: LoopSettings) -> None:
@@ -66,7 +76,7 @@ def run(pipe: Connection, settings: LoopSettings) -> None:
     try:
         plant, view = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
         control = head_of(settings.address, settings.specimen)
-        session = Session(plant, view, control, PlainSight(view=view))
+        session = Session(plant, view, control, PlainSight(view=view), settings.seat())
         _warm_up(session)
     except (MinorloopError, ImportError) as error:
         pipe.send_bytes(messages.encode("failed", text=str(error)))
