@@ -198,7 +198,7 @@ function showScores(found: Result): void {
     ["Best polynomial there", percent(scores.polynomial)],
     ["Lag", `${scores.lag} rows`],
     ["Cells excited", `${(100 * scores.excited).toFixed(0)} %`],
-    ["Unknowns from rows", `${scores.unknowns} from ${scores.samples}`],
+    ["Unknowns / rows", `${scores.unknowns} / ${scores.samples}`],
     ["Time", `${scores.seconds.toFixed(1)} s`],
   ];
   byId("scores").replaceChildren(

@@ -47,7 +47,10 @@ class Doors:
 
     def serves(self, host: str | None) -> bool:
         """Whether a Host header names this server, so that no other name can be bound to it."""
-        name = urlsplit(f"//{host or ''}").hostname
+        try:
+            name = urlsplit(f"//{host or ''}").hostname
+        except ValueError:
+            return False
         if name is None:
             return False
         if name in (*_LOOPBACK, self.host):
@@ -58,8 +61,7 @@ class Doors:
         """Whether an Origin header is that of a page of this server."""
         if not origin or not self.serves(host):
             return False
-        parts = urlsplit(origin)
-        return parts.scheme in ("http", "https") and parts.netloc == host
+        return origin in (f"http://{host}", f"https://{host}")
 
 
 def _is_address(name: str) -> bool:

@@ -63,10 +63,16 @@ class Console:
     ----------
     doors : Doors
     loop : LoopSettings
+    link : callable
+        What makes the link to the control loop from its settings and a listener.
+    workers : int
+        Computations of the lab page that may run at once.
     """
 
     doors: Doors
     loop: LoopSettings = field(default_factory=LoopSettings)
+    link: Callable[[LoopSettings, Callable[[bytes], None]], Link] = Link
+    workers: int = 2
 
     def app(self) -> Starlette:
         """The application, for uvicorn."""
@@ -77,7 +83,8 @@ class _Server:
     def __init__(self, console: Console) -> None:
         self._doors, self._folder = console.doors, Path(console.loop.folder)
         self._hub = Hub()
-        self._link = Link(console.loop, self._said)
+        self._workers = console.workers
+        self._link = console.link(console.loop, self._said)
         self._wall: Wall | None = None
         self._painting = False
         self._images = 0
@@ -88,7 +95,7 @@ class _Server:
     def app(self) -> Starlette:
         from minorloop.teleop.lab import Lab
 
-        self._lab = Lab()
+        self._lab = Lab(workers=self._workers)
         routes: list[BaseRoute] = [
             Route("/", _page("index.html")),
             Route("/lab", _page("lab.html")),
