@@ -88,7 +88,9 @@ def test_moves_and_inversions_are_the_librarys_own(client, user, tmp_path):
     model = modelfile.load(file)
     inputs, memory, outputs = [0.8, 0.3, 0.5], None, []
     for u in inputs:
-        answer = client.post(f"/api/lab/{user}/move", content=json.dumps({"u": u, "memory": memory}))
+        answer = client.post(
+            f"/api/lab/{user}/move", content=json.dumps({"u": u, "memory": memory})
+        )
         memory = answer.json()["memory"]
         outputs.append(answer.json()["y"])
     np.testing.assert_allclose(outputs, model.simulate(inputs), atol=1e-12)

@@ -23,10 +23,13 @@ class Served:
     def __init__(self, folder):
         self.doors = Doors(ADMITTED)
         settings = LoopSettings(folder=str(folder))
-        console = Console(doors=self.doors, loop=settings, link=SilentLoop, workers=0)
+        console = Console(doors=self.doors, loop=settings, link=self.linked, workers=0)
         self.client = TestClient(console.app(), base_url=BASE)
-        self.link = SilentLoop.made[-1]
         self.folder = folder
+
+    def linked(self, *options):
+        self.link = SilentLoop(*options)
+        return self.link
 
     def page(self, headers=ORIGIN, path="/ws"):
         return self.client.websocket_connect(BASE.replace("http", "ws") + path, headers=headers)
@@ -190,9 +193,7 @@ def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
     with served.page() as socket:
         page = Page(socket).take()
         began = time.monotonic()
-        monkeypatch.setattr(
-            "minorloop.teleop.server.time.monotonic", lambda: began + SILENCE + 1.0
-        )
+        monkeypatch.setattr("minorloop.teleop.server.time.monotonic", lambda: began + SILENCE + 1.0)
         assert "silent" in page.until("notice")["text"]
     assert isinstance(served.link.orders[0], messages.Release)
 

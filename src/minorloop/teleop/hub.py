@@ -86,9 +86,16 @@ class Viewer:
 
 
 class Hub:
-    """All viewers, and the controls."""
+    """All viewers, and the controls.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    silence : float
+        Seconds of silence of the pilot after which the controls are taken back.
+    """
+
+    def __init__(self, *, silence: float = SILENCE) -> None:
+        self._silence = silence
         self.viewers: set[Viewer] = set()
         self.pilot: Viewer | None = None
         self.grant = 0
@@ -160,7 +167,7 @@ class Hub:
 
     def silent(self, now: float) -> bool:
         """Whether the pilot has not been heard of for too long."""
-        return self.pilot is not None and now - self.pilot.heard > SILENCE
+        return self.pilot is not None and now - self.pilot.heard > self._silence
 
     def tell(self, text: bytes) -> None:
         """Tell everybody something that must not be lost."""

@@ -20,7 +20,7 @@ import numpy as np
 from minorloop.errors import MinorloopError, MissingExtraError, SignalError
 from minorloop.teleop import messages, recording
 from minorloop.teleop.doors import Doors
-from minorloop.teleop.hub import HostileError, Hub, Viewer
+from minorloop.teleop.hub import SILENCE, HostileError, Hub, Viewer
 from minorloop.teleop.imaging import opencv
 from minorloop.teleop.link import Link
 from minorloop.teleop.loop import LoopSettings
@@ -82,7 +82,7 @@ class Console:
 class _Server:
     def __init__(self, console: Console) -> None:
         self._doors, self._folder = console.doors, Path(console.loop.folder)
-        self._hub = Hub()
+        self._hub = Hub(silence=max(SILENCE, 3 * console.loop.timeout))
         self._workers = console.workers
         self._link = console.link(console.loop, self._said)
         self._wall: Wall | None = None
