@@ -167,7 +167,7 @@ class _Loop:
                 return
             now = time.monotonic()
             self._keep(TEXT, now, self._session.introduction())
-            self._session._tell_findings()
+            self._session.tell_findings()
             self._outbox.event(messages.encode("recording", name=name))
         else:
             self._end_recording()

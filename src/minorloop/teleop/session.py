@@ -117,7 +117,7 @@ class Session:
             self.plant.focus_at(message.distance)
         elif isinstance(message, messages.Forget):
             self.findings = [f for f in self.findings if f.number != message.finding]
-            self._tell_findings()
+            self.tell_findings()
 
     def hold(self, reason: str) -> None:
         """Hold, and forget what the operator's page said last."""
@@ -255,7 +255,7 @@ class Session:
                 contrast=round(abs(near.contrast), 1),
             )
         )
-        self._tell_findings()
+        self.tell_findings()
 
     def _spot_at_target(self) -> Spot | None:
         if self.target is None or not self.target.seen or self.seen is None:
@@ -270,7 +270,8 @@ class Session:
             return None
         return near
 
-    def _tell_findings(self) -> None:
+    def tell_findings(self) -> None:
+        """Tell the pages all findings."""
         self.events.append(messages.encode("findings", findings=[vars(f) for f in self.findings]))
 
     def notice(self, text: str) -> None:
