@@ -8,6 +8,7 @@ import pytest
     [
         ("--port 70000", "give 0 to 65535"),
         ("--port x", "not a whole number"),
+        ("--plant twin:ipmc", "nothing to steer"),
         ("--timeout 0", "0.05 to 5"),
         ("--certificate good.csv", "together"),
         ("--certificate none.pem --private-key none.key", "none.pem is no file"),

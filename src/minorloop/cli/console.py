@@ -19,6 +19,7 @@ _Host = Annotated[
     str, typer.Option(help="Where to listen; 0.0.0.0 lets in other machines that have the key.")
 ]
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
+_Plant = Annotated[str, typer.Option(help="What to steer; a simulated catheter: twin:rig.")]
 _Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
 _Specimen = Annotated[
     int | None, _common.whole_option("Seed of the simulated specimen; nominal without it.")
@@ -38,6 +39,7 @@ _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private ke
 def run(
     host: _Host = "127.0.0.1",
     port: _Port = 8765,
+    plant: _Plant = "twin:rig",
     folder: _Folder = Path("console"),
     specimen: _Specimen = None,
     seed: _Seed = 0,
@@ -46,8 +48,11 @@ def run(
     private_key: _Key = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
+    from minorloop.teleop.plant import check_address
+
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
+    check_address(plant)
     if not 0.05 <= timeout <= 5.0:
         raise ParameterError(f"--timeout is {timeout}; give 0.05 to 5 seconds")
     if (certificate is None) != (private_key is None):
@@ -65,7 +70,9 @@ def run(
     from minorloop.teleop.loop import LoopSettings
     from minorloop.teleop.server import STATIC, Console
 
-    settings = LoopSettings(specimen=specimen, seed=seed, folder=str(folder), timeout=timeout)
+    settings = LoopSettings(
+        address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
+    )
     doors = Doors(host)
     listening = _listen(host, port)
     config = uvicorn.Config(

@@ -86,7 +86,7 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> t
     ParameterError
         If there is none at the address.
     """
-    _check(address)
+    check_address(address)
     from minorloop.twins import picture
     from minorloop.twins.catheter import Catheter
     from minorloop.twins.head import Head
@@ -115,7 +115,7 @@ def head_of(address: str, specimen: int | None) -> HeadControl:
     ParameterError
         If there is none at the address.
     """
-    _check(address)
+    check_address(address)
     from minorloop.twins.head import Head
 
     head = Head(specimen, 0.05, 1)
@@ -150,7 +150,14 @@ def _moved(head: Actuator, axis: int, current: float, seconds: float) -> FloatAr
     return last
 
 
-def _check(address: str) -> None:
+def check_address(address: str) -> None:
+    """Refuse an address at which there is nothing to steer.
+
+    Raises
+    ------
+    ParameterError
+        If there is nothing.
+    """
     if address not in ADDRESSES:
         known = ", ".join(f"'{name}'" for name in ADDRESSES)
         raise ParameterError(f"there is nothing to steer at {address!r}; what exists is {known}")
