@@ -71,7 +71,7 @@ class LoopSettings:
 def run(pipe: Connection, settings: LoopSettings) -> None:
     """Run the loop until the other end of the pipe goes away; for a process of its own."""
     sys.setswitchinterval(1e-3)
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, AttributeError):
         os.nice(-10)  # allowed to few; it helps where others use the same cores
     try:
         plant, view = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
@@ -116,7 +116,6 @@ class _Loop:
             threading.Thread(target=work, daemon=True)
             for work in (self._listen, self._send, self._write)
         ]
-        self._late_ticks = 0
 
     def run(self) -> None:
         """Tick until the server is gone."""

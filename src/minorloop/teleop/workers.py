@@ -109,7 +109,7 @@ class _Worker:
 
 def serve(pipe: Connection) -> None:
     """Do tasks until the other end goes away; for a process of its own."""
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, AttributeError):
         os.nice(10)  # a computation must not hold up who steers
     tasks = importlib.import_module(TASKS)
     tasks.warm_up()
