@@ -1,4 +1,4 @@
-"""The operator's seat under load, under attack, and cut off: what issue after issue promised of it.
+"""The operator's seat under load, under attack, and cut off.
 
 A console of its own, four pages over real sockets on this machine. ``MINORLOOP_SEAT_SECONDS`` sets
 how long they watch; 600 is what is required, 60 is the default.
@@ -34,11 +34,11 @@ def rows(quick: bool) -> list[Row]:
     """What was measured."""
     seconds = 5.0 if quick else float(os.environ.get("MINORLOOP_SEAT_SECONDS", "60"))
     with tempfile.TemporaryDirectory() as folder, _Server(folder) as server:
+        lab = _lab(server, quick)  # first, so that the workers are as large as they become
         found = asyncio.run(_watched(server, seconds))
         found += asyncio.run(_cut_off(server, Path(folder)))
         found += asyncio.run(_attacked(server, 300 if quick else HOSTILE))
-        found.append(_lab(server, quick))
-        return found
+        return [*found, lab]
 
 
 class _Server:
@@ -170,7 +170,7 @@ async def _watched(server: _Server, seconds: float) -> list[Row]:
             _Page(await stack.enter_async_context(server.connect())) for _ in range(PAGES - 1)
         ]
         tasks = [asyncio.create_task(page.listen()) for page in others]
-        await asyncio.sleep(3.0)
+        await asyncio.sleep(10.0)  # the map and what else grows once
         before = server.memory()
         for page in (pilot, *others):
             page.late.clear(), page.answers.clear(), page.ages.clear()

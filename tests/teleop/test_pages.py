@@ -137,9 +137,9 @@ def fits(page):
     return page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 
-def shoot(page, name):
+def shoot(page, name, *, whole=False):
     if SCREENSHOTS:
-        page.screenshot(path=str(ROOT / SCREENSHOTS / f"{name}.png"))
+        page.screenshot(path=str(ROOT / SCREENSHOTS / f"{name}.png"), full_page=whole)
 
 
 def test_a_hole_is_inspected_with_the_keyboard_alone(browser, address):
@@ -355,7 +355,7 @@ def test_a_csv_becomes_a_model_and_inputs(browser, address, tmp_path):
         page.click("#invert")
         page.wait_for_selector("#trouble", state="hidden")
         assert fits(page)
-        shoot(page, "lab")
+        shoot(page, "lab", whole=True)
         page.set_viewport_size({"width": 390, "height": 844})
         page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")
         operator.state = lambda name: "no"

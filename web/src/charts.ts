@@ -27,7 +27,7 @@ export class Course {
         scales: { x: { time: false }, y: { range: (_, low, high) => spread(low, high, cone) } },
         axes: [
           { ...axis, size: 20, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
-          { ...axis, size: 34, values: (_, ticks) => ticks.map((tick) => `${tick}°`) },
+          { ...axis, size: 34, space: 20, values: (_, ticks) => ticks.map((tick) => `${tick}°`) },
         ],
         series: [{}, { stroke: "#ffb454", width: 1.5 }, { stroke: "#46d6b8", width: 2 }],
       },

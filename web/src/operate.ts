@@ -26,6 +26,7 @@ let findings: Finding[] = [];
 let recording: string | null = null;
 let drawn = 0;
 let noticed = 0;
+let held = "";
 let started: number | null = null;
 
 const order = (type: string, content: Record<string, unknown> = {}): void => {
@@ -146,13 +147,14 @@ function showState(s: State): void {
     if (button.tagName === "BUTTON") press(button, button.dataset.mode === s.mode);
   }
   press(byId("clutch"), s.clutch);
-  text("advance", `${s.place[0].toFixed(1)} mm`);
-  text("roll", `${s.place[1].toFixed(0)}°`);
+  text("advance", `${plain(s.place[0], 1)} mm`);
+  text("roll", `${plain(s.place[1], 0)}°`);
   text("pan", angle(s.angle[0]));
   text("tilt", angle(s.angle[1]));
   if (s.heard && seats?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.heard.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
-  else if (s.mode === "HOLD" && s.reason && seats?.grant) notice(s.reason);
+  else if (s.mode === "HOLD" && s.reason && seats?.grant) notice((held = s.reason));
+  else if (byId("notice").textContent === held) byId("notice").hidden = true;
   else if (performance.now() - noticed > NOTICE) byId("notice").hidden = true;
   if (!hello) return;
   for (const k of [0, 1] as const) {
@@ -235,7 +237,9 @@ function text(id: string, content: string): void {
 }
 
 const press = (element: HTMLElement, on: boolean): void => element.setAttribute("aria-pressed", String(on));
-const angle = (value: number | null): string => (value === null ? "lost" : `${value.toFixed(1)}°`);
+/** A number without a minus before nothing. */
+const plain = (value: number, digits: number): string => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
+const angle = (value: number | null): string => (value === null ? "lost" : `${plain(value, 1)}°`);
 
 async function changeSource(): Promise<void> {
   const select = byId<HTMLSelectElement>("source");

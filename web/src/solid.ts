@@ -57,7 +57,7 @@ export class Solid {
     this.wall.needsUpdate = true;
     this.marks.clear();
     for (const finding of findings) this.marks.add(...this.mark(finding));
-    const head = new Mesh(new ConeGeometry(2.5, 7, 24), new MeshStandardMaterial({ color: "#ffb454" }));
+    const head = new Mesh(new ConeGeometry(2, 5, 24), new MeshStandardMaterial({ color: "#ffb454" }));
     head.rotation.z = -Math.PI / 2;
     head.position.x = first + 10;
     this.marks.add(head);
@@ -67,7 +67,7 @@ export class Solid {
     if (at) {
       // From the far side of the axis, so that the newest finding is in front.
       const out = outward(at.phi);
-      this.camera.position.set(at.z - 24, -out.y * 34 + 6, -out.z * 34);
+      this.camera.position.set(at.z - 16, -out.y * 26 + 4, -out.z * 26);
     }
     this.controls.update();
     this.render();
