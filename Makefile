@@ -32,11 +32,12 @@ console: setup $(BUILT) ## steer a simulated catheter head, and identify models,
 screenshots: setup $(PAGES) ## take the pictures of the pages for the README anew; needs chromium
 	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 tests/teleop/test_pages.py
 
-studies: setup ## the papers and the design study on 20 and 10 simulated specimens; reports in studies/
+studies: setup ## the papers on 20 simulated specimens, the design study on 10; reports in studies/
 	rm -rf studies
 	$(BIN)/minorloop study ipmc --specimens 20 --out studies/ipmc
 	$(BIN)/minorloop study fibre --specimens 20 --out studies/fibre
 	$(BIN)/minorloop study design --specimens 10 --out studies/design
+	$(BIN)/minorloop study head --specimens 20 --out studies/head
 
 test: setup $(BUILT) ## run the tests; those in a browser where there is one
 	$(BIN)/python -m pytest

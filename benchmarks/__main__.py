@@ -8,7 +8,7 @@ import os
 
 import benchmarks
 
-PARTS = ("operators", "identification", "twins", "startup", "seat")
+PARTS = ("operators", "identification", "prior", "twins", "startup", "seat")
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 
 

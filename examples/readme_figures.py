@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from minorloop.operators.drawing import draw_density
-from minorloop.studies import design
+from minorloop.studies import design, head
 from minorloop.studies.claims import for_each
 from minorloop.studies.design_report import draw_curves
+from minorloop.studies.head_report import draw_steps
 from minorloop.studies.positioning import Positioning, run_positioning
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"
@@ -49,4 +50,5 @@ if __name__ == "__main__":
     FOLDER.mkdir(parents=True, exist_ok=True)
     draw(run_positioning(0)).savefig(FOLDER / "positioning.png", dpi=100)
     runs = for_each(figures_of, 10, 0, print)
+    draw_steps(head.run_study(0)).savefig(FOLDER / "head.png", dpi=100)
     draw_curves(runs).savefig(FOLDER / "design.png", dpi=100)

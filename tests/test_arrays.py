@@ -3,7 +3,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from minorloop.arrays import as_levels, as_samples, uniform_levels
+from minorloop.arrays import (
+    as_finite,
+    as_levels,
+    as_samples,
+    as_triangle,
+    as_whole,
+    uniform_levels,
+)
 from minorloop.errors import ParameterError, SignalError
 from minorloop.operators.preisach import Preisach
 
@@ -65,3 +72,27 @@ def test_what_is_masked_was_not_measured():
     np.testing.assert_array_equal(as_samples(masked, name="y", gaps=True), [1.0, np.nan, 3.0])
     with pytest.raises(SignalError, match="y is nan at index 1"):
         as_samples(masked, name="y")
+
+
+def test_numbers_that_no_float_can_hold_are_refused():
+    with pytest.raises(ParameterError, match="gain is more than a float can hold"):
+        as_finite("gain", 10**400)
+    with pytest.raises(SignalError, match="u is not an array of real numbers"):
+        as_samples([10**400], name="u")
+    with pytest.raises(ParameterError, match="levels are not an array of numbers"):
+        as_levels([0, 10**400])
+    with pytest.raises(ParameterError, match="weights are not an array of numbers"):
+        as_triangle([[10**400]], 1, name="weights")
+
+
+@pytest.mark.parametrize("value", [0, 11, 2.0, np.nan, np.inf, "a", None, True, 10**400])
+def test_what_is_no_count_is_refused(value):
+    with pytest.raises(ParameterError, match=r"sweeps is .*; give a whole number from 1 to 10"):
+        as_whole("sweeps", value, 1, 10)
+    assert as_whole("sweeps", np.int64(3), 1, 10) == 3
+
+
+@pytest.mark.parametrize("bands", ["x", None, np.nan, np.inf])
+def test_bands_that_are_no_number_are_refused(bands):
+    with pytest.raises(ParameterError, match="give a whole number"):
+        uniform_levels(0.0, 1.0, bands)

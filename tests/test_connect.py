@@ -4,6 +4,8 @@ import pytest
 from minorloop.connect import TWINS, connect
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Actuator
+from minorloop.twins.sensor import Fault
+from minorloop.twins.surroundings import Surroundings, convection
 
 
 @pytest.mark.parametrize("name", TWINS)
@@ -27,3 +29,30 @@ def test_options_reach_the_twin():
 def test_an_unknown_address_is_told_what_exists(address):
     with pytest.raises(ParameterError, match="what exists is 'twin:ipmc', 'twin:fibre'"):
         connect(address)
+
+
+@pytest.mark.parametrize("address", [None, 3, ["twin:wire"]])
+def test_what_is_no_address_is_told_what_exists(address):
+    with pytest.raises(ParameterError, match="there is nothing at address"):
+        connect(address)
+
+
+def test_a_twin_is_disturbed_through_the_door():
+    still = connect("twin:wire").apply(0.35, 40.0, 40.0).y[-1]
+    windy = connect("twin:wire", surroundings=Surroundings(convection=convection("flooded")))
+    assert windy.apply(0.35, 40.0, 40.0).y[-1] < 0.1 * still
+    lost = connect("twin:head", faults=[Fault("tilt", "lost", 0.0)], delay=0.04)
+    assert np.isnan(lost.exchange([0.1, 0.1])[1])
+    assert connect("twin:wire", ageing=1.0).apply(0.4, 80.0, 80.0).y[-1] < 56.0
+    assert connect("twin:ipmc", tick=0.5).tick == 0.5
+
+
+@pytest.mark.parametrize("name", TWINS)
+def test_an_option_that_is_unknown_is_told_those_that_are_not(name):
+    with pytest.raises(ParameterError, match=f"twin:{name} has no option 'wind'; it takes.* tick"):
+        connect(f"twin:{name}", wind=3.0)
+
+
+def test_an_option_out_of_its_range_is_refused():
+    with pytest.raises(ParameterError, match="delay is -1"):
+        connect("twin:wire", delay=-1.0)

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from reprlib import repr as short
 from typing import TypeAlias
 
 import numpy as np
@@ -50,7 +51,7 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
         values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         samples = np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SignalError(f"{name} is not an array of real numbers: {error}") from None
     if np.iscomplexobj(values):
         raise SignalError(f"{name} is complex; give real numbers")
@@ -89,7 +90,7 @@ def as_levels(values: npt.ArrayLike) -> Levels:
     """
     try:
         levels = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ParameterError(f"levels are not an array of numbers: {error}") from None
     if levels.ndim != 1 or levels.size < 2:
         raise ParameterError(
@@ -130,7 +131,8 @@ def uniform_levels(low: float, high: float, bands: int) -> Levels:
     ParameterError
         If ``bands`` is not positive or ``low`` is not below ``high``.
     """
-    if isinstance(bands, bool) or int(bands) != bands or bands < 1:
+    whole = isinstance(bands, int | np.integer | float) and not isinstance(bands, bool)
+    if not whole or not 1 <= bands < np.inf or int(bands) != bands:
         raise ParameterError(f"{bands} bands; give a whole number of at least 1")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise ParameterError(f"levels from {low} to {high}; give finite low < high")
@@ -149,11 +151,41 @@ def as_finite(name: str, value: float) -> float:
     """
     try:
         number = float(value)
+    except OverflowError:
+        raise ParameterError(
+            f"{name} is more than a float can hold; give a finite number"
+        ) from None
     except (TypeError, ValueError):
         number = np.nan
     if not np.isfinite(number):
         raise ParameterError(f"{name} is {value!r}; give a finite number")
     return number
+
+
+def as_whole(name: str, value: int, low: int, high: int) -> int:
+    """Give a count as an int, refusing what is not whole or out of its range.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a whole number from ``low`` to ``high``.
+    """
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or not low <= value <= high:
+        raise ParameterError(f"{name} is {short(value)}; give a whole number from {low} to {high}")
+    return int(value)
+
+
+def check_kind(name: str, value: object, kind: type) -> None:
+    """Refuse a value of another class.
+
+    Raises
+    ------
+    ParameterError
+        Naming the class that is wanted.
+    """
+    if not isinstance(value, kind):
+        raise ParameterError(f"{name} is {short(value)}; give a {kind.__name__}")
 
 
 def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
@@ -188,7 +220,7 @@ def as_triangle(values: npt.ArrayLike, size: int, *, name: str) -> FloatArray:
     """
     try:
         triangle = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ParameterError(f"{name} are not an array of numbers: {error}") from None
     if triangle.shape != (size, size):
         raise ParameterError(f"{name} have shape {triangle.shape}; the levels need {(size, size)}")

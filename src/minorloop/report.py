@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from minorloop.identification.result import Identification
 
 _RESOLUTION = 110
+_MOST_SCORED = 2000
 
 
 @dataclass(frozen=True)
@@ -156,16 +157,37 @@ def identification_report(
         ("error on fitted data", f"{result.rmse:.4g} ({result.nrmse:.3%} of range)"),
         ("error on held-out data", "-" if held is None else f"{held:.3%} of range"),
         ("best delayed polynomial", f"{result.baseline_nrmse:.3%} of range"),
-        ("smoothness", f"{result.smoothness:g}"),
+        *_bands(result),
         ("optimality (KKT)", f"{result.kkt:.1e}"),
     ]
     report.add("How good it is", table=Table(("", ""), rows), notes=result.advice)
     # A dollar in a label is a dollar, and no formula.
     of_input, of_output = (label.replace("$", r"\$") for label in (input_label, output_label))
     figure = result.plot(input_label=of_input, output_label=of_output)
+    grey = "" if result.belief else ", cells that the record does not excite in grey"
+    band = ", with the band in which 90 % of the readings should lie" if result.belief else ""
     caption = (
-        "Measured loop with the model; density on the Preisach plane, cells that the record does "
-        "not excite in grey; the record over time with what was held out shaded; what is left."
+        f"Measured loop with the model; density on the Preisach plane{grey}; the record over time "
+        f"with what was held out shaded; what is left{band}."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     return report
+
+
+def _bands(result: Identification) -> list[tuple[str, str]]:
+    """How the weights were held together, and what that says of the error."""
+    if result.belief is None:
+        return [("smoothness", f"{result.smoothness:g}")]
+    import numpy as np
+
+    from minorloop.identification.bands import PER_DEVIATION
+
+    scored = np.flatnonzero(result.held_out if result.held_out.any() else result.fitted)
+    scored = scored[:: max(scored.size // _MOST_SCORED, 1)]
+    reach = PER_DEVIATION * result.deviation(scored)
+    inside = float(np.mean(np.abs((result.prediction - result.y)[scored]) <= reach))
+    where = "held-out" if result.held_out.any() else "fitted"
+    return [
+        ("90 % bands of a reading, half width", f"{reach.mean():.4g} on average"),
+        ("they hold", f"{inside:.0%} of the {where} readings"),
+    ]

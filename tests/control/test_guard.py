@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from minorloop.control.guard import MOST_EVENTS, Guard
+from minorloop.control.guard import MOST_ALIKE, MOST_EVENTS, Guard
 from minorloop.control.head import CONTROLLERS, controller
 from minorloop.control.limits import WireLimits
 from minorloop.control.observer import PowerObserver
@@ -191,3 +191,39 @@ def test_two_clocks_are_refused():
             observer=PowerObserver(wire=wire),
             sensor=SensorWatch(),
         )
+
+
+@pytest.mark.parametrize("jump", [1e4, -3600.0, 3600.0])
+def test_a_clock_that_was_set_is_believed_again_after_three_steps(jump):
+    guard = guarded()
+    state = guard.begin()
+    for k in range(60):
+        t = 0.04 * k + (jump if k >= 30 else 0.0)
+        _, state = guard.step(state, 20.0, 0.01 * k, t=t)
+    assert state.t == pytest.approx(0.04 * 59 + jump)
+    assert causes(state) == ["clock", "clock"] or causes(state) == ["clock"]
+    assert state.fault == ""
+
+
+def test_one_wrong_time_does_no_harm():
+    guard = guarded()
+    state = guard.begin()
+    for k in range(60):
+        _, state = guard.step(state, 20.0, 0.01 * k, t=1e4 if k == 30 else 0.04 * k)
+    assert state.t == pytest.approx(0.04 * 59)
+    assert state.fault == ""
+
+
+def test_a_cause_that_comes_and_goes_does_not_push_out_others():
+    guard = guarded()
+    state = guard.begin()
+    for k in range(400):
+        reading = math.nan if 20 <= k < 40 else 0.01 * k
+        _, state = guard.step(state, math.nan if k % 2 else 20.0, reading, t=0.04 * k)
+    assert causes(state).count("reference") == MOST_ALIKE
+    assert "sensor" in causes(state)
+
+
+def test_a_step_is_not_a_target_that_moves():
+    _, state, _ = loop(guarded(), 40.0, 3.0)
+    assert "behind" not in causes(state)

@@ -92,10 +92,35 @@ def test_bad_input_is_refused():
         {"sweeps": 1.5},
         {"highest": 1.0},
         {"effort": -1},
+        {"horizon": np.nan},
+        {"horizon": np.inf},
+        {"horizon": "a"},
+        {"horizon": None},
+        {"horizon": True},
+        {"interval": "a"},
+        {"wire": None},
     ):
-        with pytest.raises(ParameterError):
-            Planner(wire=made_up(), **option)
+        with pytest.raises(ParameterError, match=next(iter(option))):
+            Planner(**({"wire": made_up()} | option))
     with pytest.raises(SignalError, match="targets"):
         Planner(wire=made_up()).plan([1.0, np.nan])
     with pytest.raises(SignalError, match="targets have shape"):
         Planner(wire=made_up()).plan(np.zeros((2, 2)))
+    with pytest.raises(SignalError, match="the targets reach 1e\\+308 degrees"):
+        Planner(wire=made_up()).plan([1e308] * 5)
+
+
+def test_a_start_a_look_ahead_or_a_plan_that_is_none_is_refused():
+    planner = Planner(wire=made_up(), horizon=4, sweeps=1)
+    for attempt in (
+        lambda: planner.plan([10.0], 3),
+        lambda: planner.feedforward([10.0], 3),
+        lambda: planner.improve(planner.feedforward([10.0]), 3),
+    ):
+        with pytest.raises(ParameterError, match="start is 3; give a HeatedState"):
+            attempt()
+    for ahead in (-1, -100, 1.5, None):
+        with pytest.raises(ParameterError, match="ahead is"):
+            planner.feedforward([10.0, 20.0], ahead=ahead)
+    with pytest.raises(ParameterError, match="plan is None; give a PlannedPowers"):
+        planner.improve(None)

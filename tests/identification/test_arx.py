@@ -178,3 +178,9 @@ def test_refuses_what_it_cannot_fit():
 def test_refuses_options_out_of_range(options):
     with pytest.raises(ParameterError, match="give a whole number"):
         arx(*step(), **options)
+
+
+@pytest.mark.parametrize("record", [[[0, 1]] * 3, [[0.0, 1, 2, 3], [0, 1, 1, 1], [0, 1, 1, 1]]])
+def test_a_step_without_its_rest_is_refused(record):
+    with pytest.raises(SignalError, match="include the hold before the step"):
+        arx(*record)

@@ -252,3 +252,8 @@ def test_prints_and_draws():
     assert str(found).count("\n") == 5
     assert len(found.plot().axes) == 4
     assert len(measured(PLANE, frequencies=[1.0]).plot().axes) == 2
+
+
+def test_no_amplitude_is_refused():
+    with pytest.raises(ParameterError, match="amplitude is"):
+        describing_function(Preisach([0, 1], [[1]]), [])

@@ -10,12 +10,15 @@ def test_verdicts():
             Claim("large", "a.b", "-", least=0.03),
             Claim("said", "a.b", "plot only"),
             Claim("diverged", "bad", "-"),
+            Claim("must not", "bad", "-", most=0),
+            Claim("must", "bad", "-", least=1),
         ],
         FIGURES,
     ).rows
-    assert [row[-1] for row in rows] == ["met", "short", "reported", "reported"]
+    assert [row[-1] for row in rows] == ["met", "short", "reported", "reported", "met", "short"]
     assert rows[0][2:4] == ("2.00%", "<= 3.00%")
     assert rows[3][2] == "no"
+    assert [row[3] for row in rows[3:]] == ["-", "no", "yes"]
 
 
 def test_medians_over_specimens():

@@ -35,7 +35,7 @@ def test_every_method_sees_the_same_plant_and_noise(study):
 
 def test_shares_and_means_are_gathered(study):
     figures = study.figures()
-    other = {**figures, "rough": {"holdout_28": 0.5, "baseline_56": 0.1}}
+    other = {**figures, "rough": {"holdout_28": 0.5, "baseline_28": 0.2, "baseline_56": 0.1}}
     found = design.gather([figures, other])
     assert found["rough"]["mean_28"] == pytest.approx((figures["rough"]["holdout_28"] + 0.5) / 2)
     assert found["rough"]["better"] in (0.0, 0.5)

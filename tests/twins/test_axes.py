@@ -1,6 +1,7 @@
 """What every twin of one or several axes does at its door."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from minorloop.lab.actuator import Actuator
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.sensor import Fault
+from minorloop.twins.surroundings import Course, Surroundings
 from minorloop.twins.wire import Wire
 
 KINDS = (Wire, Head, Catheter)
@@ -233,11 +235,29 @@ def test_refuses_times_that_are_none(kind, duration, interval, complaint):
         {"delay": 11.0},
         {"substeps": 0},
         {"faults": [Fault("yaw", "lost", 0.0)]},
+        {"faults": 3},
+        {"faults": "angle"},
+        {"faults": [3]},
+        {"tick": 1e9},
+        {"delay": 10.0, "substeps": 10**6},
     ],
 )
 def test_refuses_options_out_of_range(kind, options):
     with pytest.raises(ParameterError, match=next(iter(options)).removesuffix("s")):
         kind(**options)
+
+
+@every_kind
+def test_refuses_a_number_that_no_float_can_hold(kind):
+    u = [10**400] * len(kind.inputs)
+    with pytest.raises(ParameterError, match="more than a float can hold"):
+        kind().exchange(u)
+
+
+@pytest.mark.parametrize("kind", [Wire, Head])
+def test_refuses_surroundings_that_are_none(kind):
+    with pytest.raises(ParameterError, match="surroundings is 'air'; give a Surroundings"):
+        kind(surroundings="air")
 
 
 @every_kind
@@ -254,6 +274,16 @@ def test_refuses_options_out_of_range(kind, options):
         ({"clock": -1.0}, "damaged"),
         ({"last": []}, "damaged"),
         ({"input": None}, "damaged"),
+        ({"input": [10**400]}, "damaged: input is not made of numbers"),
+        ({"input": [1e3, 1e3]}, "damaged"),
+        ({"samples": math.inf}, "damaged: samples is inf"),
+        ({"samples": -1}, "damaged: samples is -1"),
+        ({"samples": 1.5}, r"damaged: samples is 1\.5"),
+        ({"mark": 0.5}, r"damaged: mark is 0\.5"),
+        ({"clock": 1e300}, r"damaged: clock is 1e\+300"),
+        ({"last": 3}, "damaged: last is not a list"),
+        ({"last": [math.inf] * 2}, "damaged: last"),
+        ({"tick": 0.5}, r"has tick 0\.5 and this twin 0\.04"),
     ],
 )
 def test_refuses_a_checkpoint_of_another_or_a_damaged_one(kind, change, complaint):
@@ -262,3 +292,95 @@ def test_refuses_a_checkpoint_of_another_or_a_damaged_one(kind, change, complain
         twin.restore(twin.checkpoint() | change)
     with pytest.raises(ParameterError, match="twin None"):
         twin.restore({})
+    kept = twin.checkpoint()
+    del kept["state"]
+    with pytest.raises(ParameterError, match="it has no state"):
+        twin.restore(kept)
+
+
+@every_kind
+@pytest.mark.parametrize("nothing", [None, [], 3, "x"])
+def test_refuses_what_is_no_checkpoint(kind, nothing):
+    with pytest.raises(ParameterError, match="give the dict that checkpoint"):
+        kind().restore(nothing)
+
+
+def moved(kind, delay=0.1):
+    """A twin that was moved for a while."""
+    twin = kind(delay=delay)
+    for u in wave(kind, 60):
+        twin.apply(u, 0.5, 0.5)
+    return twin
+
+
+@pytest.mark.parametrize("kind", [Wire, Head])
+@pytest.mark.parametrize(
+    ("column", "change", "complaint"),
+    [
+        (0, lambda t: 1e4, "temperature of wire"),
+        (0, lambda t: -300.0, "temperature of wire"),
+        (0, lambda t: t + 1.0, "contradict each other|hottest"),
+        (1, lambda xi: 1.2, "martensite of wire"),
+        (1, lambda xi: -0.1, "martensite of wire"),
+        (2, lambda z: z - 1.0, "contradict each other"),
+        (3, lambda x: -x, "force on wire|contradict"),
+        (4, lambda t: -t, "hottest temperature"),
+        (5, lambda s: -s, "highest stress"),
+    ],
+)
+def test_refuses_a_wire_that_cannot_be(kind, column, change, complaint):
+    twin = moved(kind)
+    kept = twin.checkpoint()
+    wrong = json.loads(json.dumps(kept))
+    wrong["state"][-1][column] = change(wrong["state"][-1][column])
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(wrong)
+    assert twin.checkpoint() == kept
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "complaint"),
+    [
+        (0, 21.0, "rate of motor"),
+        (1, -1.0, "position of motor"),
+        (1, 1501.0, "position of motor"),
+        (2, -100.0, "lag of tip"),
+        (3, 0.5, "neither sticks nor slides"),
+    ],
+)
+def test_refuses_a_catheter_that_cannot_be(column, value, complaint):
+    twin = moved(Catheter)
+    wrong = twin.checkpoint()
+    wrong["state"][0][column] = value
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(wrong)
+
+
+@every_kind
+@pytest.mark.parametrize(
+    ("column", "value", "complaint"),
+    [(0, 1e3, "times of its past"), (0, -1.0, "times of its past"), (1, 1e6, "its past goes")],
+)
+def test_refuses_a_past_that_cannot_be(kind, column, value, complaint):
+    twin = moved(kind)
+    wrong = twin.checkpoint()
+    wrong["past"][3][column] = value
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(wrong)
+
+
+@pytest.mark.parametrize("kind", [Wire, Head])
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12), st.integers(0, 20))
+@settings(max_examples=15)
+def test_whatever_the_surroundings_do_to_a_wire_is_restored(kind, shares, specimen):
+    hard = Surroundings(
+        Course(-40.0, 90.0, at=3.0, duration=4.0, amplitude=5.0, period=2.0),
+        Course(75.0, 2000.0, at=10.0),
+        Course(-3e-3, 3e-3, at=2.0, amplitude=1e-3, period=0.5),
+    )
+    twin = kind(specimen, delay=0.1, surroundings=hard, ageing=0.5, drift=1.0)
+    for share in shares:
+        twin.apply(inputs(kind, [share, 1 - share]), 2.0, 0.5)
+        kept = json.loads(json.dumps(twin.checkpoint()))
+        twin.restore(kept)
+        assert twin.checkpoint() == kept

@@ -2,8 +2,10 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from minorloop.errors import LimitError
+from minorloop.errors import LimitError, ParameterError
 from minorloop.lab.actuator import Actuator
 from minorloop.twins.fibre import Fibre
 
@@ -132,6 +134,24 @@ def test_every_specimen_lengthens_with_the_voltage(specimen):
     assert np.all(np.diff(up) > 0)
     nominal, drawn = Fibre()._parameters, Fibre(specimen)._parameters
     assert all(abs(drawn[name] / nominal[name] - 1) <= 0.1 for name in nominal)
+
+
+@given(st.lists(st.floats(0.2, 0.65), min_size=1, max_size=12), st.integers(0, 20))
+def test_whatever_is_done_to_a_fibre_is_restored(voltages, specimen):
+    twin = Fibre(specimen)
+    for voltage in voltages:
+        twin.apply(voltage, 300.0, 300.0)
+        kept = twin.checkpoint()
+        twin.restore(kept)
+        assert twin.checkpoint() == kept
+
+
+@pytest.mark.parametrize(("index", "value"), [(0, 1.0), (0, 0.0), (1, -0.1), (2, 0.2), (3, 1.0)])
+def test_refuses_a_fibre_that_cannot_be(index, value):
+    wrong = Fibre().checkpoint()
+    wrong["state"][index] = value
+    with pytest.raises(ParameterError, match=rf"damaged: state \[{index}\]"):
+        Fibre().restore(wrong)
 
 
 def test_drift_changes_the_gain_by_so_much_an_hour():

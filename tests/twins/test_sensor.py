@@ -74,7 +74,8 @@ def test_a_sensor_stuck_after_it_was_lost_repeats_a_number():
         ({"channel": "pan", "kind": "gone", "at": 0.0}, "kind is 'gone'; give one of 'stuck'"),
         ({"channel": "pan", "kind": "lost", "at": np.nan}, "at is nan"),
         ({"channel": "pan", "kind": "lost", "at": 3.0, "until": 3.0}, "give at < until"),
-        ({"channel": "pan", "kind": "lost", "at": 3.0, "until": np.nan}, "give at < until"),
+        ({"channel": "pan", "kind": "lost", "at": 3.0, "until": np.nan}, "until is nan"),
+        ({"channel": "pan", "kind": "lost", "at": 1.0, "until": "b"}, "until is 'b'"),
     ],
 )
 def test_refuses_a_fault_that_is_none(options, complaint):

@@ -15,7 +15,7 @@ from minorloop.errors import ParameterError
 
 NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
-STUDIES = ("ipmc", "fibre", "design")
+STUDIES = ("ipmc", "fibre", "design", "head")
 _MOST = 1000
 
 

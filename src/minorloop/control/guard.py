@@ -15,8 +15,8 @@ from typing import Any, Literal, TypeAlias
 from minorloop.control.controller import Controller
 from minorloop.control.limits import WireLimits
 from minorloop.control.observer import Estimate, PowerObserver
-from minorloop.control.reach import ReachState, ReachWatch, Unreachable
-from minorloop.control.sensing import Sensed, SensorWatch
+from minorloop.control.reach import STROKE_SHARE, ReachState, ReachWatch, Unreachable
+from minorloop.control.sensing import Sensed, SensorWatch, as_number
 from minorloop.errors import ParameterError
 
 Cause: TypeAlias = Literal[
@@ -28,13 +28,17 @@ Cause: TypeAlias = Literal[
     "unreachable",
     "reachable",
     "behind",
+    "warm",
     "stress",
 ]
-MOST_EVENTS = 64
-"""How many events the log keeps, the newest."""
+MOST_EVENTS, MOST_ALIKE = 64, 8
+"""How many events the log keeps, the newest, and of one cause."""
 _HOLD_SHARE = 0.9
+_COLD = 0.3
 _BEHIND_BY = 2.0
 _BEHIND_FOR = 1.0
+_IDLE_LAGS = 4.0
+_RESYNC = 3
 _LONGEST_GAP = 500
 _LATE = 1.5
 
@@ -81,8 +85,14 @@ class GuardState:
         Steps so far.
     t : float
         Time of the last step in seconds, NaN if none was given.
+    strange : int
+        How many times in a row have not gone on from there, but from one another.
+    last : float
+        Time that was given last, in seconds.
     behind : float
-        For how long the wire has been behind the target at a limit, in seconds.
+        For how long the wire has been behind a moving target at a limit, in seconds.
+    idle : float
+        For how long it has been above its target without a current, in seconds.
     active : frozenset of str
         Causes that persist.
     log : tuple of Event
@@ -98,7 +108,10 @@ class GuardState:
     applied: float
     steps: int = 0
     t: float = math.nan
+    strange: int = 0
+    last: float = math.nan
     behind: float = 0.0
+    idle: float = 0.0
     active: frozenset[Cause] = frozenset()
     log: tuple[Event, ...] = ()
 
@@ -140,6 +153,10 @@ class Guard:
     sensor: SensorWatch = field(default_factory=SensorWatch)
 
     def __post_init__(self) -> None:
+        kinds = {"observer": PowerObserver, "limits": WireLimits, "sensor": SensorWatch}
+        for name, kind in kinds.items():
+            if not isinstance(getattr(self, name), kind):
+                raise ParameterError(f"{name} is {getattr(self, name)!r}; give a {kind.__name__}")
         if self.controller.interval != self.observer.interval:
             raise ParameterError(
                 f"the controller steps every {self.controller.interval} s and the observer every "
@@ -189,23 +206,22 @@ class Guard:
             What the sensor said, where the measurement was worked out from more than that.
         """
         said = measurement if raw is None else raw
-        steps, said, notes = self._passed(state, said, t)
+        steps, read, notes, clock = self._passed(state, said, t)
         wanted, notes = self._wanted(state, reference, notes)
-        sensed = self.sensor.step(state.sensed, said)
+        sensed = self.sensor.step(state.sensed, read)
         if raw is not None and math.isfinite(sensed.value):
             sensed = replace(sensed, value=measurement)
         estimate, heated = self._observed(state, steps, sensed.value)
         reach = self._watched(state, sensed, wanted, estimate)
-        target = wanted
-        if reach.verdict is not None:
-            target = min(wanted, _HOLD_SHARE * reach.verdict.reach)
+        target = self._target(wanted, reach)
         asked, inner = self.controller.step(state.inner, target, sensed.value)
         asked = min(max(asked, 0.0), self.observer.highest) if math.isfinite(asked) else 0.0
         cool = self._allowed(estimate, heated)
-        current = min(asked, cool, self._useful(sensed, reach))
+        current = min(asked, cool, self._useful(sensed, reach, estimate))
         if current != asked:
             inner = replace(inner, applied=current)
         behind = self._behind(state, wanted, sensed.value, current)
+        idle = self._idle(state, wanted, sensed.value, current)
         new = GuardState(
             inner,
             estimate,
@@ -215,8 +231,9 @@ class Guard:
             wanted,
             current,
             state.steps + 1,
-            state.t if t is None or not math.isfinite(t) else max(t, _first(state.t)),
+            *clock,
             behind,
+            idle,
         )
         return current, self._logged(state, new, notes, cool < asked)
 
@@ -235,34 +252,50 @@ class Guard:
         )
 
     def _passed(
-        self, state: GuardState, measurement: float, t: float | None
-    ) -> tuple[int, float, dict[Cause, str]]:
-        """Intervals that passed, the reading if it is new, and what there is to note."""
+        self, state: GuardState, measurement: object, t: object
+    ) -> tuple[int, object, dict[Cause, str], tuple[float, int, float]]:
+        """Intervals that passed, the reading if it is new, what there is to note, the clock.
+
+        The clock is the time that is believed, how many in a row did not go on from it but
+        from one another, and the last of these. A few such, and the clock was set.
+        """
         if t is None:
-            return 1, measurement, {}
-        if not math.isfinite(t):
-            return 1, math.nan, {"clock": f"time is {t}; the reading is not used"}
+            return 1, measurement, {}, (state.t, state.strange, state.last)
+        now = as_number(t)
+        if math.isnan(now):
+            note: dict[Cause, str] = {"clock": f"time is {t!r:.40}; the reading is not used"}
+            return 1, math.nan, note, (state.t, 0, state.last)
         if math.isnan(state.t):
-            return 1, measurement, {}
-        gap = t - state.t
-        if gap <= 0:
-            text = f"time went from {state.t:.6g} to {t:.6g} s; the reading is not used"
-            return 1, math.nan, {"clock": text}
-        late = gap > _LATE * self.observer.interval
-        note: dict[Cause, str] = {"clock": f"{gap:.3g} s went by between two steps"} if late else {}
-        count = round(min(gap / self.observer.interval, _LONGEST_GAP))
-        return max(count, 1), measurement, note
+            return 1, measurement, {}, (now, 0, now)
+        gap, interval = now - state.t, self.observer.interval
+        if 0 < gap <= _LONGEST_GAP * interval:
+            late = gap > _LATE * interval
+            note = {"clock": f"{gap:.3g} s went by between two steps"} if late else {}
+            return max(round(gap / interval), 1), measurement, note, (now, 0, now)
+        goes_on = 0 < now - state.last <= 2 * _LATE * interval
+        strange = state.strange + 1 if goes_on else 1
+        if strange >= _RESYNC:
+            note = {"clock": f"the clock was set from {state.t:.6g} to {now:.6g} s"}
+            return 1, measurement, note, (now, 0, now)
+        note = {"clock": f"time went from {state.t:.6g} to {now:.6g} s; the reading is not used"}
+        return 1, math.nan, note, (state.t, strange, now)
+
+    def _target(self, wanted: float, reach: ReachState) -> float:
+        """What the controller is told to aim at."""
+        low, top = self.observer.wire.operator.range
+        target = min(wanted, STROKE_SHARE * top)
+        if reach.verdict is not None and reach.verdict.reason != "beyond the stroke":
+            target = min(target, _HOLD_SHARE * reach.verdict.reach)
+        # The flat beginning of the loop has the output of a cold wire up to a good heat.
+        return target if target > low + _COLD else low - 1.0
 
     def _wanted(
         self, state: GuardState, reference: float, notes: dict[Cause, str]
     ) -> tuple[float, dict[Cause, str]]:
-        try:
-            wanted = float(reference)
-        except (TypeError, ValueError, OverflowError):
-            wanted = math.nan
+        wanted = as_number(reference)
         if math.isfinite(wanted):
             return wanted, notes
-        text = f"target {reference!r} is not a number; {state.reference:.4g} degrees stand"
+        text = f"target {reference!r:.40} is not a number; {state.reference:.4g} degrees stand"
         return state.reference, {**notes, "reference": text}
 
     def _observed(self, state: GuardState, steps: int, value: float) -> tuple[Estimate, float]:
@@ -292,24 +325,30 @@ class Guard:
         )
         return min(math.sqrt(power), self.observer.highest)
 
-    def _useful(self, sensed: Sensed, reach: ReachState) -> float:
+    def _useful(self, sensed: Sensed, reach: ReachState, estimate: Estimate) -> float:
         """Largest current in A that makes sense with this sensor and this target."""
-        if sensed.fault:
+        low, top = self.observer.wire.operator.range
+        angle = sensed.value if math.isfinite(sensed.value) else estimate.wire.angle
+        if sensed.fault or angle > STROKE_SHARE * top:
             return 0.0
         verdict = reach.verdict
-        if verdict is None or verdict.reason == "beyond the stroke":
+        if verdict is None:
             return self.observer.highest
-        nothing = verdict.reach < self.observer.wire.operator.range[0] + self._watch.tolerance
-        if nothing or verdict.reason == "no motion":
-            return 0.0
-        return _HOLD_SHARE * self.observer.highest
+        nothing = verdict.reach < low + self._watch.tolerance
+        return 0.0 if nothing or verdict.reason == "no motion" else self.observer.highest
 
     def _behind(self, state: GuardState, wanted: float, value: float, current: float) -> float:
-        """For how long the wire has been too slow for its target, at a limit of the current."""
+        """For how long the wire has been too slow for a moving target, at a limit."""
         at_limit = current >= self.observer.highest or current <= 0.0
         moving = wanted != state.reference
-        if at_limit and abs(wanted - value) > _BEHIND_BY and (moving or state.behind > 0):
+        if at_limit and moving and abs(wanted - value) > _BEHIND_BY:
             return state.behind + self.observer.interval
+        return 0.0
+
+    def _idle(self, state: GuardState, wanted: float, value: float, current: float) -> float:
+        """For how long it has been above its target without a current."""
+        if current <= 0.0 and value > wanted + _BEHIND_BY and not state.sensed.fault:
+            return state.idle + self.observer.interval
         return 0.0
 
     def _logged(
@@ -327,6 +366,11 @@ class Guard:
             )
         if new.behind > _BEHIND_FOR:
             present["behind"] = "the target moves faster than the wire can follow"
+        if new.idle > _IDLE_LAGS * self.observer.wire.lag:
+            present["warm"] = (
+                f"without a current it stays above {new.reference:.3g} degrees: the surroundings "
+                "are too warm"
+            )
         if self.limits.stressed(new.estimate.wire.angle):
             present["stress"] = f"the wire bears more than {self.limits.stress / 1e6:.0f} MPa"
         fresh = [(cause, text) for cause, text in present.items() if cause not in old.active]
@@ -335,9 +379,16 @@ class Guard:
         if "unreachable" in old.active and "unreachable" not in present:
             fresh.append(("reachable", "targets are tried again"))
         events = tuple(Event(new.steps, cause, text) for cause, text in fresh)
-        log = (*old.log, *events)[-MOST_EVENTS:]
+        log = _newest((*old.log, *events)) if events else old.log
         return replace(new, active=frozenset(present), log=log)
 
 
-def _first(t: float) -> float:
-    return -math.inf if math.isnan(t) else t
+def _newest(log: tuple[Event, ...]) -> tuple[Event, ...]:
+    """The newest events, so that one cause that comes and goes does not push out others."""
+    kept: list[Event] = []
+    alike: dict[Cause, int] = {}
+    for event in reversed(log):
+        alike[event.cause] = alike.get(event.cause, 0) + 1
+        if alike[event.cause] <= MOST_ALIKE:
+            kept.append(event)
+    return tuple(reversed(kept[:MOST_EVENTS]))

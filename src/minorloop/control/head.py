@@ -17,7 +17,7 @@ from minorloop.control.internal_model import InternalModel
 from minorloop.control.limits import WireLimits
 from minorloop.control.observer import ObserverControl, PowerObserver
 from minorloop.control.pi import ProportionalIntegral
-from minorloop.control.sensing import SensorWatch
+from minorloop.control.sensing import SensorWatch, as_number
 from minorloop.errors import ParameterError
 from minorloop.identification.heating import HeatedWire
 
@@ -65,11 +65,18 @@ class HeadControl:
 
     def __post_init__(self) -> None:
         count = len(self.axes)
-        matrix = np.eye(count) if self.coupling is None else np.asarray(self.coupling, float)
-        if count == 0 or matrix.shape != (count, count) or not np.isfinite(matrix).all():
+        try:
+            matrix = np.eye(count) if self.coupling is None else np.asarray(self.coupling, float)
+        except (TypeError, ValueError):
             raise ParameterError(
-                f"the coupling has shape {matrix.shape}; give finite numbers, ({count}, {count})"
+                f"the coupling is {self.coupling!r}; give numbers, ({count}, {count})"
+            ) from None
+        if count == 0 or matrix.shape != (count, count):
+            raise ParameterError(
+                f"the coupling has shape {matrix.shape}; give ({count}, {count}), one row an axis"
             )
+        if not np.isfinite(matrix).all():
+            raise ParameterError("the coupling has entries that are not finite; give numbers")
         if not (np.abs(matrix - np.eye(count)).sum(axis=1) < 0.5).all():
             raise ParameterError(
                 "the coupling has rows that differ from the unit matrix by 0.5 or more; such "
@@ -120,7 +127,7 @@ class HeadControl:
         standing = np.array([axis.reference for axis in state.axes])
         sound = np.array([not axis.fault for axis in state.axes])
         readings = self._own(seen, believed, sound)
-        targets = self._own(wanted, standing, np.ones(count, dtype=np.bool_))
+        targets = self._own_targets(wanted, standing)
         current, states = np.empty(count), []
         for k, axis in enumerate(self.axes):
             pair = float(targets[k]), float(readings[k])
@@ -137,6 +144,18 @@ class HeadControl:
         known = np.abs(seen) < _LARGEST
         filled = np.where(known & sound, seen, instead + self._mixing @ instead)
         return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
+
+    def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
+        """Angles (axes,) that the wires are to take; NaN where none is wanted.
+
+        A wire that the other axes would have beyond its stroke stops at its end, and the others
+        make up for that.
+        """
+        known = np.abs(wanted) < _LARGEST
+        filled = np.where(known, wanted, instead + self._mixing @ instead)
+        ends = np.array([axis.observer.wire.operator.range for axis in self.axes])
+        own = np.clip(self._undo @ filled, ends[:, 0], ends[:, 1])
+        return np.where(known, wanted - self._mixing @ own, np.nan)
 
     @cached_property
     def _mixing(self) -> FloatArray:
@@ -170,7 +189,9 @@ def head_control(
     limits, sensor
         As in `Guard`, of every axis; the defaults of the head without them.
     **options
-        Of the controller, of every axis.
+        Of the controller, of every axis: `interval`, `delay` and `highest` of any; `response`
+        of feedforward, internal_model, observer and adaptive; and what `ObserverControl`,
+        `ProportionalIntegral` and `InternalModel` list beside that.
 
     Raises
     ------
@@ -181,8 +202,8 @@ def head_control(
         Guard(
             controller=controller(name, wire, **options),
             observer=PowerObserver(wire=wire, **_clock(options)),
-            limits=limits or WireLimits(),
-            sensor=sensor or SensorWatch(),
+            limits=WireLimits() if limits is None else limits,
+            sensor=SensorWatch() if sensor is None else sensor,
         )
         for wire in wires
     )
@@ -223,7 +244,9 @@ def _clock(options: dict[str, Any]) -> dict[str, Any]:
 def _numbers(values: npt.ArrayLike, count: int) -> FloatArray:
     """(count,) numbers, NaN where something else was given."""
     try:
-        numbers = np.asarray(values, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
+        each = list(np.ravel(np.asarray(values, dtype=object)))
+    except ValueError:
+        each = []
+    if len(each) != count:
         return np.full(count, np.nan)
-    return numbers if numbers.size == count else np.full(count, np.nan)
+    return np.array([as_number(value) for value in each])

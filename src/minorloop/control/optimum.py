@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_samples
 from minorloop.control.controller import HIGHEST_CURRENT, within
-from minorloop.control.planning import Plan
+from minorloop.control.planning import PlannedPowers
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.heating import HeatedWire
 
@@ -50,7 +50,7 @@ def optimum_on_levels(
     interval: float,
     curve: int = 0,
     highest: float = HIGHEST_CURRENT,
-) -> Plan:
+) -> PlannedPowers:
     """The sequence of least cost among all whose effective powers lie on the levels.
 
     The heat balance is taken in one implicit step an interval, so that from one level to another
@@ -71,7 +71,7 @@ def optimum_on_levels(
 
     Returns
     -------
-    Plan
+    PlannedPowers
         ``feedforward_cost`` is that of always going to the level nearest to the target, among
         those that can be reached in time.
 
@@ -102,7 +102,7 @@ def optimum_on_levels(
     best, best_power = _followed(angle, after, allowed, power, wanted, ahead, curve)
     greedy, _ = _followed(angle, after, allowed, power, wanted, np.zeros_like(ahead), curve)
     cost, greedy_cost = (float(((path - wanted) ** 2).sum()) for path in (best, greedy))
-    return Plan(best_power, best, wanted, cost, greedy_cost, interval)
+    return PlannedPowers(best_power, best, wanted, cost, greedy_cost, interval)
 
 
 def _extrema(curve: int, bands: int) -> tuple[int, ...]:

@@ -15,13 +15,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples
+from minorloop.arrays import FloatArray, as_samples, as_whole, check_kind
 from minorloop.control import _planning_kernels as _kernels
 from minorloop.control.controller import HIGHEST_CURRENT, heating, within
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.identification.heating import HeatedState, HeatedWire
 
 MOST_TARGETS = 100_000
+MOST_DEGREES = 1e6
+"""Largest target: no wire turns as far, and its square is still far from the largest float."""
 _NUDGE = 1e-4
 _DAMPINGS = np.array([1e-4, 1e-2, 1e-1, 1.0, 10.0])
 _STRIDES = np.array([1.0, 0.5, 0.2])
@@ -29,7 +31,7 @@ _ENOUGH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PlannedPowers:
     """A sequence of powers, and what it gives.
 
     Parameters
@@ -144,17 +146,21 @@ class Planner:
     parts: int = 4
 
     def __post_init__(self) -> None:
-        within("interval", self.interval, 1e-3, 600.0, "s")
-        within("highest", self.highest, 1e-6, HIGHEST_CURRENT, "A")
-        within("effort", self.effort, 0.0, 1e12)
-        for name, most in (("horizon", 200), ("sweeps", 1000), ("parts", 1000)):
-            value = getattr(self, name)
-            if int(value) != value or not 1 <= value <= most:
-                raise ParameterError(f"{name} is {value}; give a whole number from 1 to {most}")
+        check_kind("wire", self.wire, HeatedWire)
+        numbers = {
+            "interval": within("interval", self.interval, 1e-3, 600.0, "s"),
+            "highest": within("highest", self.highest, 1e-6, HIGHEST_CURRENT, "A"),
+            "effort": within("effort", self.effort, 0.0, 1e12),
+            "horizon": as_whole("horizon", self.horizon, 1, 200),
+            "sweeps": as_whole("sweeps", self.sweeps, 1, 1000),
+            "parts": as_whole("parts", self.parts, 1, 1000),
+        }
+        for name, value in numbers.items():
+            object.__setattr__(self, name, value)
 
     def feedforward(
         self, targets: npt.ArrayLike, start: HeatedState | None = None, *, ahead: int = 0
-    ) -> Plan:
+    ) -> PlannedPowers:
         """Powers by the inverse of the operator and of the heating lag, target by target.
 
         Parameters
@@ -164,13 +170,21 @@ class Planner:
         start : HeatedState, optional
             The wire before; cold without it.
         ahead : int
-            By how many targets the inverse looks ahead.
+            By how many targets the inverse looks ahead, 0 to 100,000.
+
+        Raises
+        ------
+        SignalError
+            If the targets are not finite numbers in one dimension.
+        ParameterError
+            If the start is not a state of the wire, or ``ahead`` is out of its range.
         """
+        as_whole("ahead", ahead, 0, MOST_TARGETS)
         wanted, state = self._as_targets(targets), self._start(start)
         power = self._inverse(wanted, state, ahead)
         return self._plan(power, wanted, state)
 
-    def plan(self, targets: npt.ArrayLike, start: HeatedState | None = None) -> Plan:
+    def plan(self, targets: npt.ArrayLike, start: HeatedState | None = None) -> PlannedPowers:
         """Powers that cost the least that was found, never more than inverse feedforward.
 
         Parameters
@@ -184,6 +198,8 @@ class Planner:
         ------
         SignalError
             If the targets are not finite numbers in one dimension.
+        ParameterError
+            If the start is not a state of the wire.
         """
         wanted, state = self._as_targets(targets), self._start(start)
         looks = range(min(self.horizon, wanted.size))
@@ -192,15 +208,16 @@ class Planner:
         best = min(tries, key=lambda plan: plan.cost)
         return replace(best, feedforward_cost=tries[0].cost)
 
-    def improve(self, plan: Plan, start: HeatedState | None = None) -> Plan:
+    def improve(self, plan: PlannedPowers, start: HeatedState | None = None) -> PlannedPowers:
         """The plan after one damped Gauss-Newton step on all its powers; never a worse one."""
+        check_kind("plan", plan, PlannedPowers)
         state = self._start(start)
         power = self._improved(plan.power, plan.targets, state, float(plan.power[0]))
         new = self._plan(power, plan.targets, state)
         better = new if new.cost < plan.cost else plan
         return replace(better, feedforward_cost=plan.feedforward_cost)
 
-    def _receding(self, first: Plan, start: HeatedState) -> Plan:
+    def _receding(self, first: PlannedPowers, start: HeatedState) -> PlannedPowers:
         """Improve the powers of a horizon, keep the first of them, move on."""
         power, state = first.power.copy(), start
         before = state.power
@@ -286,11 +303,11 @@ class Planner:
         )
         return out
 
-    def _plan(self, power: FloatArray, wanted: FloatArray, state: HeatedState) -> Plan:
+    def _plan(self, power: FloatArray, wanted: FloatArray, state: HeatedState) -> PlannedPowers:
         y = self._angles(power[None], state)[0]
         changes = self._differences(power, state.power)
         cost = float(((y - wanted) ** 2).sum() + (changes**2).sum())
-        return Plan(power, y, wanted, cost, cost, self.interval)
+        return PlannedPowers(power, y, wanted, cost, cost, self.interval)
 
     def _differences(self, power: FloatArray, before: float) -> FloatArray:
         return np.asarray(self._weight * np.diff(power, prepend=before) / self.highest**2)
@@ -300,13 +317,21 @@ class Planner:
         return math.sqrt(self.effort)
 
     def _start(self, start: HeatedState | None) -> HeatedState:
-        return self.wire.begin() if start is None else start
+        if start is None:
+            return self.wire.begin()
+        check_kind("start", start, HeatedState)
+        return start
 
     def _as_targets(self, targets: npt.ArrayLike) -> FloatArray:
         wanted = as_samples(targets, name="targets")
         if wanted.ndim != 1 or not 1 <= wanted.size <= MOST_TARGETS:
             raise SignalError(
                 f"targets have shape {wanted.shape}; give (N,), N from 1 to {MOST_TARGETS}"
+            )
+        largest = float(np.abs(wanted).max())
+        if largest > MOST_DEGREES:
+            raise SignalError(
+                f"the targets reach {largest:g} degrees; give angles of at most {MOST_DEGREES:g}"
             )
         return wanted
 

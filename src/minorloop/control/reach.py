@@ -32,6 +32,10 @@ _CLEAR = 0.9
 _UNSURE = 0.2
 _WORSE = 12.0
 _POOR = 6.0
+_CORRECTED, _FAR = 20.0, 10.0
+STROKE_SHARE = 0.97
+"""Share of the stroke beyond which a wire is not heated: at its end the angle tells nothing of
+the temperature any more."""
 
 
 @dataclass(frozen=True)
@@ -162,12 +166,14 @@ class ReachWatch(Loop):
             Of the wire now.
         """
         if state.verdict is not None:
-            state = self._kept(state, state.verdict, reference)
+            state = self._kept(state, state.verdict, reference, measurement)
             if state.verdict is not None:
                 return state
         low, top = self.wire.operator.range
-        if reference > top + self.tolerance:
-            return ReachState(verdict=Unreachable("beyond the stroke", reference, top, 0.0))
+        end = STROKE_SHARE * top
+        if reference > end + self.tolerance:
+            return ReachState(verdict=Unreachable("beyond the stroke", reference, end, 0.0))
+        reference = min(reference, end)
         angle = measurement if np.isfinite(measurement) else estimate.wire.angle
         if reference - angle <= 0.5 * self.tolerance:
             return ReachState()
@@ -179,8 +185,16 @@ class ReachWatch(Loop):
         trial = self._followed(trial, measurement, angle, current)
         return ReachState(trial, self._judged(trial, reference, angle))
 
-    def _kept(self, state: ReachState, verdict: Unreachable, reference: float) -> ReachState:
-        """A verdict stands until the target comes within reach, or is changed, or it is old."""
+    def _kept(
+        self, state: ReachState, verdict: Unreachable, reference: float, measurement: float
+    ) -> ReachState:
+        """A verdict stands until the target comes within reach, or is changed, or it is old.
+
+        What was foretold to be within reach and is not is corrected.
+        """
+        if state.age > _CORRECTED and measurement < verdict.reach - _FAR:
+            verdict = replace(verdict, reach=measurement)
+            state = replace(state, verdict=verdict)
         same = abs(reference - verdict.reference) <= 0.5 * self.tolerance
         within_reach = reference <= verdict.reach - self.tolerance
         beyond = verdict.reason != "beyond the stroke" and reference > verdict.reach

@@ -10,6 +10,8 @@ from minorloop.control.controller import within
 from minorloop.errors import ParameterError
 
 Fault: TypeAlias = Literal["", "lost", "stuck", "implausible"]
+_SEEN, _SELDOM = 10, 0.1
+"""A sensor is noisy if so many readings differed, and no more than this share did not."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,11 @@ class Sensed:
     repeats : int
         How often it has come again since.
     missing, odd, good : int
-        Readings in a row that were not there, that were implausible, that can be used.
+        Readings that were not there and that were implausible, less those since that were
+        not; readings in a row that can be used.
+    changes, equals : int
+        How often a reading differed from the one before, and how often not, runs that were
+        found to be stuck left out: what tells a noisy sensor.
     """
 
     value: float = math.nan
@@ -37,6 +43,8 @@ class Sensed:
     missing: int = 0
     odd: int = 0
     good: int = 0
+    changes: int = 0
+    equals: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,9 +54,9 @@ class SensorWatch:
     Parameters
     ----------
     noise : float
-        Standard deviation in degrees. A noisy sensor that repeats itself is stuck; one without
-        noise (0), or one with steps as coarse as its noise, may repeat itself, and a stuck one
-        shows only in that a heated wire does not move.
+        Standard deviation in degrees. A sensor that has been seen to be noisy and repeats itself
+        is stuck; one without noise (0), or one with steps as coarse as its noise, may repeat
+        itself, and a stuck one shows only in that a heated wire does not move.
     repeats : int
         Equal readings in a row after which a noisy sensor is stuck.
     patience : int
@@ -85,19 +93,33 @@ class SensorWatch:
 
     def step(self, state: Sensed, measurement: object) -> Sensed:
         """What is known after one more reading, whatever it may be."""
-        value = _number(measurement)
+        value = as_number(measurement)
         if math.isnan(value):
-            known = replace(state, value=math.nan, missing=state.missing + 1, good=0)
+            missing = min(state.missing + 1, self.patience)
+            known = replace(state, value=math.nan, missing=missing, good=0)
         elif not self._plausible(state, value):
-            known = replace(state, value=math.nan, odd=state.odd + 1, missing=0, good=0)
+            odd = min(state.odd + 1, self.patience)
+            known = replace(state, value=math.nan, odd=odd, good=0)
         else:
-            same = state.repeats + 1 if value == state.last else 0
-            good = state.good + 1 if not self._repeated(same) else 0
-            known = replace(
-                state, value=value, last=value, repeats=same, missing=0, odd=0, good=good
-            )
+            known = self._usable(state, value)
         fault = self._fault(known)
         return replace(known, fault=fault, value=math.nan if fault else known.value)
+
+    def _usable(self, state: Sensed, value: float) -> Sensed:
+        same = value == state.last
+        repeats = state.repeats + 1 if same else 0
+        ended = 0 if same or self._repeated(state, state.repeats) else state.repeats
+        known = replace(
+            state,
+            value=value,
+            last=value,
+            repeats=repeats,
+            missing=max(state.missing - 1, 0),
+            odd=max(state.odd - 1, 0),
+            changes=state.changes + (not same),
+            equals=state.equals + ended,
+        )
+        return replace(known, good=0 if self._repeated(known, repeats) else state.good + 1)
 
     def _plausible(self, state: Sensed, value: float) -> bool:
         """In range, and near the last reading unless that was long ago."""
@@ -106,23 +128,23 @@ class SensorWatch:
         stale = state.missing + state.odd >= self.patience or math.isnan(state.last)
         return stale or abs(value - state.last) <= self.jump
 
-    def _repeated(self, repeats: int) -> bool:
-        return self.noise > 0 and repeats + 1 >= self.repeats
+    def _repeated(self, known: Sensed, repeats: int) -> bool:
+        noisy = known.changes >= _SEEN and known.equals <= _SELDOM * known.changes
+        return self.noise > 0 and noisy and repeats + 1 >= self.repeats
 
     def _fault(self, known: Sensed) -> Fault:
         if known.missing >= self.patience:
             return "lost"
         if known.odd >= self.patience:
             return "implausible"
-        if self._repeated(known.repeats):
+        if self._repeated(known, known.repeats):
             return "stuck"
         return known.fault if known.fault and known.good < self.recovery else ""
 
 
-def _number(measurement: object) -> float:
-    """The reading as a float, NaN if it is none."""
+def as_number(value: object) -> float:
+    """A float, NaN if it is none."""
     try:
-        value = float(measurement)  # type: ignore[arg-type]
+        return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         return math.nan
-    return value

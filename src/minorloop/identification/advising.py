@@ -39,25 +39,22 @@ def _suspects(result: Identification) -> Iterator[str]:
 
 def _excitation(result: Identification) -> Iterator[str]:
     excited, cells = int(np.count_nonzero(result.excited)), result.areas.form.cells
-    if excited < WELL_EXCITED * cells:
-        elsewhere = (
-            "weights elsewhere are guesses"
-            if result.belief is None
-            else "weights elsewhere are what the prior expects, as surely as the bands say"
-        )
+    few = result.samples < result.unknowns
+    if few and result.belief is not None:
         yield (
-            f"the input excites {excited} of {cells} cells of the plane ({excited / cells:.0%}): "
-            f"{_pattern(result)}; {elsewhere}. Measure a decaying staircase "
+            f"{result.samples} samples for {result.unknowns} unknowns, {excited} of {cells} cells "
+            f"excited, and {_pattern(result)}: the rest is filled in by the prior, and the bands "
+            "say how surely"
+        )
+    elif excited < WELL_EXCITED * cells:
+        yield (
+            f"{excited} of {cells} cells of the plane are excited ({excited / cells:.0%}): "
+            f"{_pattern(result)}; weights elsewhere are guesses. Measure a decaying staircase "
             "(minorloop plan decaying) or reversal curves, or use fewer levels"
         )
-    if result.samples < result.unknowns:
-        if result.belief is not None:
-            remedy = "the rest is filled in by the prior, and the bands say how surely"
-        elif result.smoothness:
-            remedy = "the rest is filled in by smoothness"
-        else:
-            remedy = "the rest is arbitrary: use fewer levels, or the prior"
-        yield f"{result.samples} samples for {result.unknowns} unknowns: {remedy}"
+    if few and result.belief is None:
+        smooth = "filled in by smoothness" if result.smoothness else "arbitrary: use fewer levels"
+        yield f"{result.samples} samples for {result.unknowns} unknowns: the rest is {smooth}"
     low, high = result.model.levels[[0, -1]]
     beyond = int(np.count_nonzero((result.u < low) | (result.u > high)))
     if beyond:
@@ -69,14 +66,15 @@ def _excitation(result: Identification) -> Iterator[str]:
 
 def _pattern(result: Identification) -> str:
     """What the input looks like to the plane."""
-    bands = result.areas.form.bands
-    turns = np.diff(np.sign(np.diff(result.u)[np.diff(result.u) != 0]))
-    reversals = int(np.count_nonzero(turns))
-    if np.count_nonzero(result.excited) <= 2 * bands:
-        if result.samples <= reversals + 2:
-            return "it was measured at its reversal points only"
-        return "it runs along one major loop, which says nothing of minor loops"
-    return "it leaves parts of the plane untouched"
+    moving = result.u[np.append(True, np.diff(result.u) != 0)]
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(moving)))) + 1
+    levels = result.areas.form.levels
+    ends = (moving[turns] <= levels[1]) | (moving[turns] >= levels[-2])
+    if ends.all():
+        return "the input runs along one major loop, which says nothing of minor loops"
+    if result.samples <= turns.size + 2:
+        return "it was measured at its reversal points only"
+    return "the input leaves parts of the plane untouched"
 
 
 def _accuracy(result: Identification) -> Iterator[str]:

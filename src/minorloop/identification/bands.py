@@ -10,6 +10,8 @@ import numpy as np
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 
+PER_DEVIATION = 1.6449
+"""Half a band of 90 % over the standard deviation."""
 _SHOWN = 12
 
 

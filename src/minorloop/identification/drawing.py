@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.operators.drawing import clip_to_plane, draw_density
 
 if TYPE_CHECKING:
@@ -14,6 +16,12 @@ if TYPE_CHECKING:
     from minorloop.identification.bands import Prediction
     from minorloop.identification.excitation import ExcitationReport
     from minorloop.identification.result import Identification
+
+
+_MOST_BANDS = 1000
+_FEW = 400
+"""Samples up to which measured points stand out, and the model is drawn between them."""
+_DOTS: dict[str, Any] = {"ms": 2.5, "color": "0.6"}
 
 
 def draw_identification(
@@ -36,13 +44,26 @@ def _draw_loop(axes: Axes, result: Identification, input_label: str, output_labe
     measured = result.fitted | result.held_out
     places = np.flatnonzero(measured) - result.lag
     places = places[places >= 0]
-    u, y, model = result.u[places], result.y[places + result.lag], result.prediction
-    axes.plot(u, y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
-    axes.plot(u, model[places + result.lag], lw=0.8, color="C0", label="model", rasterized=True)
+    u, y = result.u[places], result.y[places + result.lag]
+    few = result.u.size <= _FEW and not result.lag
+    if few:
+        axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
+        way = _between(result.u)
+        modelled = way, result.predict(way)
+    else:
+        axes.plot(u, y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
+        modelled = u, result.prediction[places + result.lag]
+    axes.plot(*modelled, lw=0.8, color="C0", label="model", rasterized=True)
     at = "" if not result.lag else f" {result.lag} samples before"
     axes.set(xlabel=input_label + at, ylabel=output_label, title="Loop")
     axes.legend(frameon=False, loc="upper left")
     axes.grid(alpha=0.25)
+
+
+def _between(u: FloatArray, points: int = 12) -> FloatArray:
+    """Inputs with others between them, on the way straight from one to the next."""
+    places = np.linspace(0, u.size - 1, (u.size - 1) * points + 1)
+    return np.interp(places, np.arange(u.size), u)
 
 
 def _grey_unexcited(axes: Axes, result: Identification) -> None:
@@ -50,8 +71,8 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
 
     levels = result.model.levels
     untouched = np.tril(~result.excited)
-    if not untouched.any():
-        return
+    if result.belief is not None or not untouched.any():
+        return  # What the prior fills in has its bands.
     shade = np.ma.masked_where(~untouched, np.ones(untouched.shape))
     grey = ListedColormap(["0.85"])
     mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, alpha=0.8, lw=0)
@@ -61,7 +82,8 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
 
 def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
     index = np.arange(result.y.size)
-    axes.plot(index, result.y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
+    dots: dict[str, Any] = {"ms": 4, "color": "C1"} if index.size <= _FEW else _DOTS
+    axes.plot(index, result.y, ".", label="measured", rasterized=True, **dots)
     axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
     _shade_held_out(axes, result)
     axes.set(xlabel="sample", ylabel=output_label, title="Record")
@@ -73,6 +95,11 @@ def _draw_residual(axes: Axes, result: Identification) -> None:
     index = np.arange(result.y.size)
     residual = 100 * (result.prediction - result.y) / unit
     axes.plot(index, residual, ".", ms=2.0, color="C0", rasterized=True)
+    if result.belief is not None:
+        shown = np.unique(np.linspace(0, index[-1], _MOST_BANDS).astype(np.int64))
+        reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
+        axes.fill_between(shown, -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
+        axes.legend(framealpha=0.9, loc="upper right")
     axes.axhline(0.0, color="0.3", lw=0.8)
     _shade_held_out(axes, result)
     axes.set(xlabel="sample", ylabel="residual, % of range", title="Model less measured")

@@ -390,7 +390,7 @@ def _swing(x: FloatArray, periods: int) -> complex:
 
 def _positive(name: str, values: npt.ArrayLike) -> FloatArray:
     numbers = as_samples(np.atleast_1d(values), name=name)
-    if numbers.ndim != 1 or not (numbers > 0).all():
+    if numbers.ndim != 1 or not numbers.size or not (numbers > 0).all():
         raise ParameterError(f"{name} is {values!r}; give positive numbers, (n,)")
     return numbers
 

@@ -14,11 +14,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Levels, as_finite, as_levels, as_samples
+from minorloop.arrays import FloatArray, Levels, as_finite, as_levels, as_samples, as_whole
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.fit import identify
 from minorloop.identification.levels import adaptive_levels
 from minorloop.identification.result import Identification
+from minorloop.identification.transient import (
+    LAGS,
+    Transient,
+    advice,
+    as_holds,
+    as_transient,
+    as_waveform,
+    check_holds,
+    check_lag,
+    check_motion,
+)
 from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
 from minorloop.operators.tracker import Tracker
 
@@ -29,7 +40,8 @@ _SOLVES = 2
 _HALVINGS = 40
 _NEAR = 0.01
 _FLOOR = 0.15
-_LAGS = (0.3, 60.0)
+_FIRST_LAG = 4.0
+_MOST_BANDS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +201,8 @@ class HeatedWire:
         SignalError
             If shapes differ or times do not increase.
         """
-        times, power = _waveform(t, current)
+        times, currents = as_waveform(t, current)
+        power = currents**2
         state = self.begin(float(power[0]), start)
         angles = np.empty_like(times)
         angles[0] = state.angle
@@ -219,6 +232,12 @@ class HeatedIdentification:
     steady: Identification
     step_rms: float
 
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What is weak, and what to do about it; empty where nothing is."""
+        width = float(np.ptp(self.model.operator.range))
+        return (*self.steady.advice, *advice(self.step_rms, width))
+
     def __str__(self) -> str:
         low, high = self.model.operator.range
         rows = [
@@ -228,7 +247,8 @@ class HeatedIdentification:
             ("latent [A^2 s/deg]", f"{self.model.latent:.4g}"),
             ("step, rms [deg]", f"{self.step_rms:.3g}"),
         ]
-        return "\n".join(f"{name:<24} {value}" for name, value in rows)
+        lines = [f"{name:<24} {value}" for name, value in rows]
+        return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
     def plot(self) -> Any:
         """Draw the operator; gives the matplotlib figure."""
@@ -252,9 +272,18 @@ def moving_levels(current: npt.ArrayLike, angle: npt.ArrayLike, bands: int) -> L
     (L + 1,) array
         In A. Most of them lie between where the wire begins to move and where it has turned as
         far as it goes, on the way up or on the way down.
+
+    Raises
+    ------
+    SignalError
+        If there is not one angle for each current, a current is negative, or one of them
+        never changes.
+    ParameterError
+        If the bands are not a whole number from 1 to 1000.
     """
-    i, y = as_samples(current, name="current"), as_samples(angle, name="angle")
-    return as_levels(np.sqrt(adaptive_levels(i**2, y, bands, floor=_FLOOR)))
+    count = as_whole("bands", bands, 1, _MOST_BANDS)
+    i, y = as_holds(current, angle)
+    return as_levels(np.sqrt(adaptive_levels(i**2, y, count, floor=_FLOOR)))
 
 
 def identify_heating(
@@ -266,22 +295,27 @@ def identify_heating(
     relay: Relay = "unipolar",
     diagonal: Diagonal = "uniform",
     start: Start = "negative",
+    holdout: float = 0.0,
 ) -> HeatedIdentification:
     """Identify a heated wire from settled holds and one transient.
 
     Parameters
     ----------
     current : (T,) array_like
-        Settled holds in A, such as `excitation.reversal_curves` of ``levels``.
+        Settled holds in A, such as `excitation.reversal_curves` of ``levels``; at least two
+        for each band.
     angle : (T,) array_like
         Settled angles in degrees; NaN where none was measured.
     step : tuple of t, current, angle, each (N,) array_like
-        A record of a step, in s, A and degrees, that begins settled and cold; a step up and
-        down again tells the lag from the latent heat better.
+        A record of a step, in s, A and degrees, that begins settled and cold and is sampled
+        several times in a lag; a step up and down again tells the lag from the latent heat
+        better.
     levels : (L + 1,) array_like
         Thresholds in A; their squares are those of the operator.
     relay, diagonal, start
         As in `Preisach`.
+    holdout : float
+        Share of the holds, at their end, that is kept from the fit and scored, as in `identify`.
 
     Returns
     -------
@@ -290,29 +324,35 @@ def identify_heating(
     Raises
     ------
     SignalError
-        If the records cannot be used.
+        If the records cannot be used: holds that are too few or outside of the levels, a step
+        of fewer than ten samples or of a constant current, one that hardly moves the wire, or
+        that no lag between 0.3 and 60 s follows.
     ParameterError
         If an option is out of its range.
     """
-    currents, grid = as_samples(current, name="current"), as_levels(levels)
-    if currents.min() < 0 or grid[0] < 0:
-        raise SignalError(
-            "a current or a level is negative; heating does not tell the sign, so give its size"
-        )
+    currents, angles = as_holds(current, angle, gaps=True)
+    grid = as_levels(levels)
+    check_holds(currents, angles, grid)
+    transient = as_transient(step, grid)
     steady = identify(
         currents**2,
-        angle,
+        angles,
         levels=grid**2,
         relay=relay,
         diagonal=diagonal,
         start=start,
         smoothness=0.0,
+        holdout=holdout,
     )
-    t, u = _waveform(step[0], np.asarray(step[1]))
-    y = as_samples(step[2], name="angle of the step")
-    if y.shape != t.shape:
-        raise SignalError(f"the step has {t.size} times and {y.size} angles; give as many")
-    model, rms = _fit_lag(steady.model, t, np.sqrt(u), y)
+    width = float(np.ptp(steady.model.range))
+    if not width > 0:
+        raise SignalError(
+            "the settled angles do not rise with the current; turn their sign, and see that "
+            "each angle stands at its current"
+        )
+    check_motion(transient, width)
+    model, rms = _fit_lag(steady.model, transient)
+    check_lag(transient, model.lag, rms)
     return HeatedIdentification(model, steady, rms)
 
 
@@ -347,9 +387,7 @@ def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
     return coupling
 
 
-def _fit_lag(
-    operator: Preisach, t: FloatArray, current: FloatArray, y: FloatArray
-) -> tuple[HeatedWire, float]:
+def _fit_lag(operator: Preisach, step: Transient) -> tuple[HeatedWire, float]:
     """Lag and latent heat that follow a transient best, and the error that remains."""
     from scipy.optimize import least_squares
 
@@ -360,22 +398,10 @@ def _fit_lag(
         return HeatedWire(operator, float(np.exp(x[0])), float(x[1]) * per_degree)
 
     def error(x: FloatArray) -> FloatArray:
-        return wire(x).simulate(t, current) - y
+        return wire(x).simulate(step.t, step.current) - step.angle
 
-    bounds = ([np.log(_LAGS[0]), 0.0], [np.log(_LAGS[1]), _LAGS[1]])
+    bounds = ([np.log(LAGS[0]), 0.0], [np.log(LAGS[1]), LAGS[1]])
     found = least_squares(
-        error, [np.log(4.0), 2.0], bounds=bounds, diff_step=[1e-3, 1e-3], max_nfev=25
+        error, [np.log(_FIRST_LAG), 2.0], bounds=bounds, diff_step=[1e-3, 1e-3], max_nfev=25
     )
     return wire(found.x), float(np.sqrt(np.mean(found.fun**2)))
-
-
-def _waveform(t: npt.ArrayLike, current: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Times, and powers."""
-    times, currents = as_samples(t, name="t"), as_samples(current, name="current")
-    if times.ndim != 1 or times.shape != currents.shape or times.size < 2:
-        raise SignalError(
-            f"t has shape {times.shape} and current {currents.shape}; give (T,) of both"
-        )
-    if not (np.diff(times) > 0).all():
-        raise SignalError("t does not increase; give strictly increasing times")
-    return times, currents**2

@@ -32,8 +32,6 @@ from minorloop.operators.memory import Memory
 from minorloop.operators.plane import cell_areas
 from minorloop.operators.preisach import Preisach, Start
 
-NUGGET = 1e-3
-"""Share of the variance of a weight that is its own."""
 LEVEL_VARIANCE = 4.0
 """Of offset and slope, in squared ranges of the output."""
 ALIKE = (0.25, 0.35, 0.7)
@@ -48,9 +46,9 @@ MANY = 10**9
 FINEST = 20
 """Bands of the plane on which hyperparameters are sought."""
 
-_NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy")
-_CENTRES = np.log([0.3, 0.3, 0.4, 0.15, 0.3, 0.006])
-_SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0])
+_NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "own")
+_CENTRES = np.log([0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.3])
+_SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0, 2.0])
 _NOISE_CENTRE, _NOISE_SPREAD = float(np.log(0.003)), 1.0
 _FURTHEST = 4.0
 _DIFFERENCE = 1e-4
@@ -75,6 +73,9 @@ class Hyperparameters:
         That of all reversible weight.
     discrepancy : float
         Standard deviation of what no weights can follow.
+    own : float
+        Variance of a weight about its neighbours', over the variance that it shares with them:
+        near 0 on smooth planes, above 1 where weights have nothing to do with each other.
     noise : float
         Standard deviation of a measured output.
     """
@@ -85,6 +86,7 @@ class Hyperparameters:
     bulk: float = 0.15
     reversible: float = 0.3
     discrepancy: float = 0.006
+    own: float = 0.3
     noise: float = 0.003
 
 
@@ -120,7 +122,7 @@ class Plane:
         alike = np.empty((cells, cells))
         _kernels.matern(self._along, self._across, h.along, h.across, alike)
         alike += 1.0
-        alike[np.diag_indices(cells)] += NUGGET
+        alike[np.diag_indices(cells)] += h.own
         fading = np.exp(-self._across / h.decay) * self._area
         scale = self.scale(h)
         own = self._swing * h.bulk * fading / fading.sum() / scale[:cells]
@@ -129,7 +131,7 @@ class Plane:
         strip = np.empty((self.form.bands, self.form.bands))
         _kernels.matern(self._middle, self._none, h.along, 1.0, strip)
         strip += 1.0
-        strip[np.diag_indices(self.form.bands)] += NUGGET
+        strip[np.diag_indices(self.form.bands)] += h.own
         size = self._swing * h.reversible * self._width / scale[self._diagonal]
         whole[np.ix_(self._diagonal, self._diagonal)] += size[:, None] * strip * size
         whole[np.arange(cells, n), np.arange(cells, n)] = 1.0
@@ -182,7 +184,7 @@ class Belief:
         F with F F' the posterior covariance, in squared units; positivity is not counted in.
     samples : int
         Measurements that the hyperparameters were learnt from. Variances are raised by
-        samples / (samples - 6), at most doubled, for the six that these took.
+        samples / (samples - 7), at most doubled, for the seven that these took.
     """
 
     form: Form
@@ -262,6 +264,8 @@ def _fit_summed(
     found = _summed(areas, scaled)
     coarse = found if small is areas else _summed(small, scaled)
     h = search(coarse, known, guess)
+    # What is a coarse cell's own is the mean of what is its parts' own.
+    h = replace(h, own=h.own * form.cells / small.form.cells)
     plane = Plane(form)
     x, kkt, factor = _solve(plane, found, h, signed)
     if coarse is not found:

@@ -15,7 +15,7 @@ from minorloop.identification import advising, diagnosis
 from minorloop.identification.areas import Areas
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
-from minorloop.identification.prior import Belief
+from minorloop.identification.prior import Belief, regressors
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.preisach import Preisach, Start
 
@@ -128,6 +128,31 @@ class Identification:
     def prediction(self) -> FloatArray:
         """(T,) outputs of the model along the record."""
         return self.predict(self.u)
+
+    def deviation(self, samples: npt.ArrayLike) -> FloatArray:
+        """Standard deviation of what the sensor reads along the record, its noise included.
+
+        Parameters
+        ----------
+        samples : (M,) array_like of int
+            Which samples, in increasing order.
+
+        Returns
+        -------
+        (M,) array
+
+        Raises
+        ------
+        ParameterError
+            If the model was identified without the prior.
+        """
+        belief = self._belief
+        wanted = np.zeros(self.u.size, dtype=np.bool_)
+        places = np.maximum(np.asarray(samples, dtype=np.int64) - self.lag, 0)
+        wanted[places] = True
+        rows, _ = regressors(belief.form, self.u, wanted, self.start)
+        known = belief.row_deviation(rows)[np.searchsorted(np.flatnonzero(wanted), places)]
+        return np.hypot(known, belief.hyperparameters.noise * belief.unit)
 
     @cached_property
     def rmse(self) -> float:

@@ -73,13 +73,13 @@ def as_sampled(record: Arrays, reading: Reading) -> Sampled:
             f"t goes on by {steps[worst]:g} s at index {worst + 1} and by {interval:g} s "
             "elsewhere; sample evenly, or interpolate"
         )
+    if reading == "end":
+        u = np.append(u[1:], u[-1])
     if np.ptp(u) == 0:
         raise SignalError(
             f"the input is {u[0]:g} throughout; include the hold before the step, a step without "
             "its rest says nothing"
         )
-    if reading == "end":
-        u = np.append(u[1:], u[-1])
     return Sampled(interval, u, y)
 
 

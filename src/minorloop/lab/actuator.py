@@ -214,6 +214,10 @@ def _one_each(channels: tuple[Channel, ...], u: npt.ArrayLike) -> FloatArray:
         raise ParameterError(f"input {u!r} is complex; give real numbers for {names}")
     try:
         values = np.array(u, dtype=np.float64)
+    except OverflowError:
+        raise ParameterError(
+            f"input is more than a float can hold; give one number for each of {names}"
+        ) from None
     except (TypeError, ValueError):
         raise ParameterError(f"input {u!r} is not a number; give one for each of {names}") from None
     if values.ndim > 1 or values.size != len(channels):

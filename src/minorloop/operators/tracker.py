@@ -46,8 +46,8 @@ class Tracker:
         ParameterError
             If the input is not a finite number.
         """
-        if not -np.inf < u < np.inf:
-            as_finite("u", u)
+        if not isinstance(u, float) or not -np.inf < u < np.inf:
+            u = as_finite("u", u)
         if self._rows > len(self._stack) - 2:
             self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
         self._u[0] = u

@@ -50,16 +50,12 @@ class Claim:
             if math.isfinite(bound)
         )
         if isinstance(value, bool):
-            known = math.isfinite(self.most)
-            verdict = "reported" if not known else "met" if value <= self.most else "short"
+            known = math.isfinite(self.most) or math.isfinite(self.least)
+            wanted = self.least > 0 if math.isfinite(self.least) else self.most > 0
+            verdict = "reported" if not known else "met" if value == wanted else "short"
             words = ("no", "yes")
-            return (
-                self.what,
-                self.paper,
-                words[value],
-                words[self.most > 0] if known else "-",
-                verdict,
-            )
+            asked = words[wanted] if known else "-"
+            return self.what, self.paper, words[value], asked, verdict
         verdict = "reported"
         if asked:
             verdict = "met" if self.least <= value <= self.most else "short"

@@ -81,6 +81,7 @@ def _claims() -> tuple[Claim, ...]:
     return (
         *rows,
         Claim("rough planes: 28 adaptive holds, mean", "rough.mean_28", "-", percent=True),
+        Claim("rough planes: 28 of a staircase, mean", "rough.baseline_28_mean", "-", percent=True),
         Claim("rough planes: 56 of a staircase, mean", "rough.baseline_56_mean", "-", percent=True),
         Claim("share of rough planes on which 28 are better", "rough.better", "-", least=5 / 6),
         Claim("seconds to choose an input", "seconds.choice", "-", most=0.1),
@@ -148,6 +149,7 @@ class DesignStudy:
         found: dict[str, Any] = {name: _twin_figures(one) for name, one in self.twins.items()}
         found["rough"] = {
             "holdout_28": self.rough.score("adaptive", HOLDS[-1]).holdout,
+            "baseline_28": self.rough.score("staircase", HOLDS[-1]).holdout,
             "baseline_56": self.rough.score("staircase", 56).holdout,
         }
         every = (*self.twins.values(), self.rough)
@@ -170,12 +172,13 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for twin in TWINS:
         beats = [figure(run, f"{twin}.beats_baseline_at_12") for run in runs]
         found[twin]["beats_baseline_at_12"] = float(np.mean(beats))
-    ours, theirs = (
+    ours, half, theirs = (
         np.array([figure(run, f"rough.{key}") for run in runs])
-        for key in ("holdout_28", "baseline_56")
+        for key in ("holdout_28", "baseline_28", "baseline_56")
     )
     found["rough"] |= {
         "mean_28": float(ours.mean()),
+        "baseline_28_mean": float(half.mean()),
         "baseline_56_mean": float(theirs.mean()),
         "better": float(np.mean(ours < theirs)),
         "planes": len(runs),

@@ -39,7 +39,8 @@ def draw_specimens(
     bounded = [
         claim
         for claim in claims
-        if np.isfinite(claim.least) or (np.isfinite(claim.most) and claim.most > 0)
+        if (np.isfinite(claim.least) or (np.isfinite(claim.most) and claim.most > 0))
+        and not isinstance(figure(runs[0], claim.key), bool)
     ]
     drawn, axes = new_figure(height=1.2 + 0.32 * len(bounded))
     rng = np.random.default_rng(first_seed)

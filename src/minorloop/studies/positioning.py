@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.identification import Identification, excitation, identify
+from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.operators.polynomial import Polynomial
@@ -98,6 +100,18 @@ class Positioning:
     targets: FloatArray
     preisach: Drive
     quadratic: Drive
+
+    @cached_property
+    def bands(self) -> Prediction:
+        """Where the curvatures at the Preisach inverse's voltages were to be expected, at 90 %.
+
+        The same measurements are evaluated once more for it, with a prior on the plane.
+        """
+        form: Any = {"levels": self.identification.model.levels, "diagonal": "reversible"}
+        known = identify(self.voltages, self.settled, **form, prior="gaussian")
+        inputs = np.append(-self.protocol.voltage, self.preisach.voltages)
+        whole = known.predict(inputs, bands=0.9)
+        return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
 
     @property
     def summary(self) -> dict[str, Any]:

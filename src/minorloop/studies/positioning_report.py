@@ -69,7 +69,13 @@ def positioning_report(result: Positioning) -> Report:
         pictures=[
             Picture(draw_sequences(result), "The voltages that each inverse asks for (Fig 12)."),
             Picture(draw_trajectories(result), "What the strip did (compare Fig 13)."),
-            Picture(draw_errors(result), "Settled error at each target (compare Fig 14)."),
+            Picture(
+                draw_errors(result),
+                "Settled error at each target (compare Fig 14). Whiskers: where the error of the "
+                "Preisach inverse was to be expected with a probability of 90 %, by what the "
+                "identification left open; it lies there at "
+                f"{result.bands.covers(result.preisach.achieved):.0%} of the targets.",
+            ),
         ],
     )
     return report
@@ -186,6 +192,12 @@ def draw_errors(result: Positioning) -> Any:
     for shift, (name, drive) in zip((-0.2, 0.2), _drives(result), strict=True):
         label = f"{name} inverse: {drive.rms:.2f} 1/m rms"
         axes.bar(place + shift, drive.errors, width=0.38, color=_COLOURS[name], label=label)
+    bands = result.bands
+    middle, reach = bands.y - result.targets, bands.half_width
+    label = "90 % band, predicted"
+    axes.errorbar(
+        place - 0.2, middle, reach, fmt="none", color="0.1", lw=0.9, capsize=2, label=label
+    )
     axes.axhline(0.0, color="0.3", lw=0.8)
     axes.set(xlabel="target", ylabel="achieved less wanted [1/m]")
     axes.set_xticks(place)

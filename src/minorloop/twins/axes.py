@@ -15,6 +15,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
 from minorloop.twins.bench import (
+    MAX_SAMPLES,
     MAX_STEPS,
     check_count,
     positive,
@@ -22,11 +23,11 @@ from minorloop.twins.bench import (
     spread,
     whole_number,
 )
+from minorloop.twins.checkpoints import Checkpoint, damaged
 from minorloop.twins.sensor import Fault, Sensor
 
 MOST_DELAY = 10.0
 """Longest delay of the measurement, in seconds."""
-_ARRAYS = ("input", "state", "past")
 
 
 class SimulatedAxes(ABC):
@@ -61,6 +62,7 @@ class SimulatedAxes(ABC):
     outputs: tuple[Channel, ...]
     _rest_input: tuple[float, ...]
     _longest_step: float
+    _farthest: float
     _truth_names: tuple[str, ...]
 
     def __init__(
@@ -83,6 +85,10 @@ class SimulatedAxes(ABC):
             raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
         if not 0 <= self.delay <= MOST_DELAY:
             raise ParameterError(f"delay is {delay} s; give 0 to {MOST_DELAY:g} s")
+        steps = (self.tick / self._longest_step + 1) * self.substeps
+        check_count(steps, MAX_STEPS, f"steps for a tick of {self.tick:g} s")
+        kept = 4 * self.delay / self._longest_step * self.substeps
+        check_count(kept, MAX_SAMPLES, f"readings for a delay of {self.delay:g} s")
         self._sensor = Sensor(self.outputs, noise, self.seed, faults)
         self.noise = self._sensor.noise
         self._parameters = spread(parameters, self.specimen)
@@ -218,36 +224,32 @@ class SimulatedAxes(ABC):
         Raises
         ------
         ParameterError
-            If the checkpoint is damaged, or was taken from a twin with other options.
+            If the checkpoint is damaged or impossible, or was taken from a twin with other
+            options; the twin stays as it was then.
         """
-        for name, own in self._identity().items():
-            if name not in checkpoint or checkpoint[name] != own:
-                raise ParameterError(
-                    f"the checkpoint has {name} {checkpoint.get(name)!r} and this twin {own!r}; "
-                    "restore it into a twin with the same options"
-                )
-        try:
-            arrays = [np.array(checkpoint[name], dtype=np.float64) for name in _ARRAYS]
-            last = [math.nan if value is None else float(value) for value in checkpoint["last"]]
-            clock, samples = float(checkpoint["clock"]), int(checkpoint["samples"])
-            mark = int(checkpoint["mark"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise ParameterError(f"the checkpoint is damaged: {error!r}") from None
-        own_arrays = (self._input, self._state, self._past)
-        sound = all(
-            array.shape == own.shape and bool(np.isfinite(array).all())
-            for array, own in zip(arrays, own_arrays, strict=True)
-        )
-        counts = len(last) == len(self.outputs) and 0 <= mark < len(self._past)
-        if not (sound and counts and math.isfinite(clock)) or min(clock, samples) < 0:
-            raise ParameterError("the checkpoint is damaged: its state is not that of this twin")
-        self._input, self._state, self._past = arrays
+        found = Checkpoint(checkpoint, self._identity())
+        clock, mark = found.clock(), found.count("mark", len(self._past) - 1)
+        state, past = found.array("state", self._state), found.array("past", self._past)
+        before = found.inputs("input", self.inputs, self._input)
+        last, samples = found.readings("last", self._sensor.last), found.count("samples")
+        self._check_state(state, clock)
+        late = 1e-9 * max(clock, 1.0)
+        times = np.roll(past[:, 0], -mark - 1)
+        if times[0] < 0 or times[-1] > clock + late or (np.diff(times) < 0).any():
+            raise damaged("the times of its past do not go from 0 to its clock")
+        if np.abs(past[:, 1:]).max() > self._farthest:
+            raise damaged(f"its past goes beyond {self._farthest:g} {self.outputs[0].unit}")
+        self._input, self._state, self._past = before, state, past
         self._mark[0], self._clock = mark, clock
-        self._sensor.samples, self._sensor.last = samples, np.array(last)
+        self._sensor.samples, self._sensor.last = samples, last
 
     @abstractmethod
     def _at_rest(self) -> FloatArray:
         """The state at the start, with the resting input on for long."""
+
+    @abstractmethod
+    def _check_state(self, state: FloatArray, clock: float) -> None:
+        """Refuse a state, of the right shape, that the physics cannot lead to."""
 
     @abstractmethod
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
@@ -275,6 +277,7 @@ class SimulatedAxes(ABC):
             "specimen": self.specimen,
             "noise": self.noise,
             "seed": self.seed,
+            "tick": self.tick,
             "delay": self.delay,
             "substeps": self.substeps,
             "faults": [repr(fault) for fault in self._sensor.faults],

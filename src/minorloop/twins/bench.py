@@ -13,6 +13,7 @@ from minorloop.arrays import FloatArray, as_finite, as_samples
 from minorloop.errors import ParameterError, SignalError
 from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
+from minorloop.twins.checkpoints import Checkpoint, check_within
 
 SPREAD = 0.1
 """Specimens differ from the nominal parameters by up to this share."""
@@ -192,30 +193,27 @@ class SimulatedActuator(ABC):
         Raises
         ------
         ParameterError
-            If the checkpoint is damaged, or was taken from a twin with other options.
+            If the checkpoint is damaged or impossible, or was taken from a twin with other
+            options; the twin stays as it was then.
         """
-        for name, own in self._identity().items():
-            if name not in checkpoint or checkpoint[name] != own:
-                raise ParameterError(
-                    f"the checkpoint has {name} {checkpoint.get(name)!r} and this twin {own!r}; "
-                    "restore it into a twin with the same options"
-                )
-        try:
-            state = np.array(checkpoint["state"], dtype=np.float64)
-            clock, held = float(checkpoint["clock"]), float(checkpoint["held"])
-            before = None if checkpoint["input"] is None else float(checkpoint["input"])
-            samples = int(checkpoint["samples"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise ParameterError(f"the checkpoint is damaged: {error!r}") from None
-        sound = state.shape == self._state.shape and np.isfinite([*state, clock, held]).all()
-        if not sound or min(clock, held, samples) < 0:
-            raise ParameterError("the checkpoint is damaged: its state is not that of this twin")
+        found = Checkpoint(checkpoint, self._identity())
+        state, clock = found.array("state", self._state), found.clock()
+        held = found.number("held", 0.0, clock * (1 + 1e-9))
+        before = None
+        if not found.absent("input"):
+            before = float(found.inputs("input", self.inputs, np.zeros(())))
+        samples = found.count("samples")
+        check_within(state, *self._bounds(clock), "state")
         self._state, self._clock, self._input = state, clock, before
         self._held, self._samples = held, samples
 
     @abstractmethod
     def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
         """March the state through steps ``h`` with inputs ``u`` at their ends; the outputs."""
+
+    @abstractmethod
+    def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest state that the physics can lead to until a time."""
 
     @abstractmethod
     def _output_now(self) -> float:
@@ -228,6 +226,8 @@ class SimulatedActuator(ABC):
             "specimen": self.specimen,
             "noise": self.noise,
             "seed": self.seed,
+            "tick": self.tick,
+            "substeps": self.substeps,
             "drift": self.drift,
         }
 
@@ -364,7 +364,8 @@ def check_count(count: float, most: int, what: str) -> None:
     """Refuse to begin what would take too many samples or steps."""
     if not count <= most:
         raise ParameterError(
-            f"that takes {count:.3g} {what}, more than {most:.3g}; shorten it or sample less often"
+            f"that takes {count:.3g} {what}, more than {most:.3g}; shorten it, or sample less "
+            "often and in fewer substeps"
         )
 
 

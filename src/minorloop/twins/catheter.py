@@ -17,6 +17,7 @@ from minorloop.arrays import FloatArray
 from minorloop.lab.actuator import Channel
 from minorloop.twins import _kernels
 from minorloop.twins.axes import SimulatedAxes
+from minorloop.twins.checkpoints import check_within, damaged
 from minorloop.twins.sensor import Fault
 
 TRAVEL = 1500.0
@@ -82,6 +83,7 @@ class Catheter(SimulatedAxes):
     outputs = (Channel("advance", "mm"), Channel("roll", "deg"))
     _rest_input = (0.0, 0.0)
     _longest_step = 0.01
+    _farthest = 2000.0
     _truth_names = ("tip", "motor", "motor_rate")
 
     def __init__(
@@ -113,6 +115,18 @@ class Catheter(SimulatedAxes):
 
     def _at_rest(self) -> FloatArray:
         return np.zeros((2, 4))
+
+    def _check_state(self, state: FloatArray, clock: float) -> None:
+        rate, motor, tip, way = state.T
+        _, breakaway, sliding, relaxation, low, high = self._drives.T
+        fastest = np.array([channel.high for channel in self.inputs])
+        check_within(rate, -fastest, fastest, "rate of motor")
+        check_within(motor, low, high, "position of motor")
+        stretch = 1.0 + self._growth * TRAVEL
+        most = stretch * (breakaway + sliding) + (relaxation + self._longest_step) * fastest
+        check_within(motor - tip, -most, most, "lag of tip")
+        if not np.isin(way, (-1.0, 0.0, 1.0)).all():
+            raise damaged("a tip neither sticks nor slides")
 
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
         out: FloatArray = _kernels.catheter_run(

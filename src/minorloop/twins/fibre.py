@@ -7,6 +7,8 @@ then the fibre creeps. There is no Preisach operator in it.
 
 from __future__ import annotations
 
+import numpy as np
+
 from minorloop.arrays import FloatArray
 from minorloop.lab.actuator import Channel
 from minorloop.twins import _kernels
@@ -116,6 +118,15 @@ class Fibre(SimulatedActuator):
         release = prefixed(self._parameters, "release")
         out: FloatArray = _kernels.fibre_run(self._state, linear, strength, release, u, h, gain)
         return out
+
+    def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
+        own, pinning = self._parameters, prefixed(self._parameters, "pinning")
+        channel, pull = self.inputs[0], pinning.sum()
+        reach = np.array([channel.low - pull, channel.high + pull]) - own["potential"]
+        least, most = 1 / (1 + np.exp(-reach / own["width"]))
+        least, most = min(least, self._rest[0]), max(most, self._rest[0])
+        low = np.array([least, least, 0.0, *-pinning])
+        return low, np.array([most, most, own["creep"] * most, *pinning])
 
     def _output_now(self) -> float:
         _, diffused, creep = self._state[:3]

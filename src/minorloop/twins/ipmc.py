@@ -159,6 +159,17 @@ class Ipmc(SimulatedActuator):
         out: FloatArray = _kernels.ipmc_run(self._state, linear, strength, release, u, h, gain)
         return out
 
+    def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
+        own, pinning = self._parameters, prefixed(self._parameters, "pinning")
+        full = own["saturation"]
+        charge = full * np.tanh((self.inputs[0].high + pinning.sum()) / full)
+        water = own["drag"] * charge
+        gain = max(1.0, float(self._gain(clock)))
+        most = charge + water
+        bend = gain * (own["bending"] * most + 2 * own["asymmetry"] * most**2) + own["set"]
+        high = np.array([charge, water, own["creep"] * bend, *pinning])
+        return -high, high
+
     def _output_now(self) -> float:
         charge, water, creep = self._state[:3]
         z = charge - water

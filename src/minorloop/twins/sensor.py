@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, as_finite, check_option
+from minorloop.arrays import FloatArray, as_finite, check_kind, check_option
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel
 from minorloop.twins.bench import gaussian
@@ -43,7 +43,10 @@ class Fault:
 
     def __post_init__(self) -> None:
         check_option("kind", self.kind, ("stuck", "lost"))
-        as_finite("at", self.at)
+        for name in ("at", "until"):
+            value = getattr(self, name)
+            if name == "at" or value != math.inf:
+                object.__setattr__(self, name, as_finite(name, value))
         if not self.until > self.at:
             raise ParameterError(f"the fault is from {self.at} to {self.until} s; give at < until")
 
@@ -65,17 +68,21 @@ class Sensor:
     Raises
     ------
     ParameterError
-        If the noise is negative, or a fault names no channel.
+        If the noise is negative, what is given is no fault, or a fault names no channel.
     """
 
     def __init__(
         self, outputs: tuple[Channel, ...], noise: float, seed: int, faults: Sequence[Fault]
     ) -> None:
-        self.noise, self.seed, self.faults = as_finite("noise", noise), seed, tuple(faults)
+        self.noise, self.seed = as_finite("noise", noise), seed
         if self.noise < 0:
             raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
+        if not isinstance(faults, Iterable):
+            raise ParameterError(f"faults is {faults!r}; give a list of Fault, empty for none")
+        self.faults = tuple(faults)
         names = [channel.name for channel in outputs]
         for fault in self.faults:
+            check_kind("a fault", fault, Fault)
             check_option("channel of the fault", fault.channel, names)
         self._columns = [names.index(fault.channel) for fault in self.faults]
         self._count = len(names)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, as_finite
+from minorloop.arrays import FloatArray, as_finite, check_option
 from minorloop.errors import ParameterError
 
 ATMOSPHERE = 101_325.0
@@ -128,6 +128,11 @@ class Surroundings:
         for load in self.load if isinstance(self.load, tuple) else (self.load,):
             _check("load", load, -MOST_LOAD, MOST_LOAD, "N m")
 
+    @property
+    def reach(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Values that ambient and convection never leave."""
+        return _as_course(self.ambient).bounds, _as_course(self.convection).bounds
+
     def courses(self) -> FloatArray:
         """Ambient and convection as the compiled loops read them, (2, 6)."""
         return np.array([_as_course(each).numbers for each in (self.ambient, self.convection)])
@@ -167,9 +172,7 @@ def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:
     ParameterError
         If there is no such medium, or the pressure is out of its range.
     """
-    if medium not in _MEDIA:
-        known = ", ".join(f"'{name}'" for name in _MEDIA)
-        raise ParameterError(f"medium is {medium!r}; give one of {known}")
+    check_option("medium", medium, tuple(_MEDIA))
     if not 1e3 <= as_finite("pressure", pressure) <= 1e7:
         raise ParameterError(f"pressure is {pressure} Pa; give 1e3 to 1e7 Pa")
     film, power = _MEDIA[medium]

@@ -17,15 +17,22 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, as_finite
+from minorloop.arrays import FloatArray, as_finite, check_kind
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel
 from minorloop.twins import _wire_kernels as _kernels
 from minorloop.twins.axes import SimulatedAxes
+from minorloop.twins.checkpoints import check_within, damaged
 from minorloop.twins.sensor import Fault
-from minorloop.twins.surroundings import Surroundings
+from minorloop.twins.surroundings import MOST_LOAD, Surroundings
 
 HIGHEST_CURRENT = 0.4
+_AGREE = 1e-3
+"""How near the temperatures of a state must agree, in K."""
+_STRONGEST = 1e10
+"""In Pa: no wire bears it."""
+_MARGIN = 100.0
+"""How far latent heat and hysteresis carry a wire beyond the temperatures it settles at, in K."""
 DIAMETER = 0.2e-3
 """In m. It does not vary between specimens: a die draws wire to a hundredth, and the
 resistance and the surface would follow it."""
@@ -55,6 +62,7 @@ class HeatedWires(SimulatedAxes):
     """Wires that are heated, each by its own current, in the same surroundings."""
 
     _longest_step = 0.01
+    _farthest = 180.0
     _truth_names = ("angle", "temperature", "stress", "martensite")
 
     def __init__(
@@ -67,6 +75,7 @@ class HeatedWires(SimulatedAxes):
         **options: Any,
     ) -> None:
         self.surroundings = Surroundings() if surroundings is None else surroundings
+        check_kind("surroundings", self.surroundings, Surroundings)
         self.ageing, self.drift = as_finite("ageing", ageing), as_finite("drift", drift)
         for name, value in (("ageing", self.ageing), ("drift", self.drift)):
             if not 0 <= value <= 1:
@@ -96,6 +105,29 @@ class HeatedWires(SimulatedAxes):
             self._axes, self._cross, self._around, self._loads, self.ageing
         )
         return state
+
+    def _check_state(self, state: FloatArray, clock: float) -> None:
+        """Refuse temperatures out of reach, and what contradicts the equations of ``Wire``."""
+        temperature, fraction, effective, compression, hottest, highest = state.T
+        (coldest, warmest), (film, _) = self.surroundings.reach
+        wire = self._axes.T
+        heat = HIGHEST_CURRENT**2 * wire[2:4].max(axis=0) / (film * wire[4])
+        low = np.full(len(state), coldest - _MARGIN)
+        high = warmest + heat + _MARGIN
+        check_within(temperature, low, high, "temperature of wire")
+        check_within(hottest, temperature, high, "hottest temperature of wire")
+        check_within(fraction, np.zeros_like(low), np.ones_like(low), "martensite of wire")
+        age = min(self._age[0] + self._age[1] * clock, 1.0)
+        modulus = wire[8] + fraction * (wire[9] - wire[8])
+        slack = wire[7] * (1.0 - 0.1 * age) * (1.0 - fraction) + wire[18]
+        stress = modulus * (slack - compression / wire[5])
+        off = temperature - effective - stress / wire[10] - 5.0 * age
+        pull = stress * wire[6] - wire[15] - wire[16] * compression
+        most = MOST_LOAD / wire[17] + abs(self._cross[3]) * (wire[5] * (wire[7] + wire[18])).sum()
+        check_within(pull, -most, most, "force on wire")
+        check_within(highest, stress, np.full_like(stress, _STRONGEST), "highest stress of wire")
+        if np.abs(off).max() > _AGREE:
+            raise damaged("temperature, stress and compression of a wire contradict each other")
 
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
         out: FloatArray = _kernels.head_run(
