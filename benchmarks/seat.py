@@ -34,7 +34,8 @@ def rows(quick: bool) -> list[Row]:
     """What was measured."""
     seconds = 5.0 if quick else float(os.environ.get("MINORLOOP_SEAT_SECONDS", "60"))
     with tempfile.TemporaryDirectory() as folder, _Server(folder) as server:
-        lab = _lab(server, quick)  # first, so that the workers are as large as they become
+        _lab(server, True)  # the workers have begun, and are as large as they become
+        lab = _lab(server, quick)
         found = asyncio.run(_watched(server, seconds))
         found += asyncio.run(_cut_off(server, Path(folder)))
         found += asyncio.run(_attacked(server, 300 if quick else HOSTILE))
@@ -228,7 +229,7 @@ async def _cut_off(server: _Server, folder: Path) -> list[Row]:
         await page.until(lambda: page.recording)
         page.drive["pose"] = None
         began = time.monotonic()
-        await page.until(lambda: page.state["mode"] == "HOLD")
+        await page.until(lambda: page.state["t"] > began and page.state["mode"] == "HOLD")
         found.append(_held("pose lost", page.state["t"] - began))
     cuts = {}
     async with _piloted(server) as page:
