@@ -8,17 +8,29 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 LOCK := requirements.lock
 
+PAGES := src/minorloop/teleop/static/index.html
+# The pages are built where there is a node to build them; without, everything else still works.
+BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
+
 .DEFAULT_GOAL := help
-.PHONY: help setup demo studies test torture check bench figures format lock wheel clean
+.PHONY: help setup demo pages console screenshots studies test torture check bench figures format lock wheel clean
 
 help: ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
 
 setup: $(STAMP) ## create .venv with the locked versions and this project in it
 
 demo: setup ## identify, invert and drive a simulated actuator; the result is in demo/
 	rm -rf demo
 	$(BIN)/minorloop demo --out demo
+
+pages: $(PAGES) ## build the pages of the console into the package; needs node
+
+console: setup $(BUILT) ## steer a simulated catheter head, and identify models, in a browser
+	$(BIN)/minorloop console
+
+screenshots: setup $(PAGES) ## take the pictures of the pages for the README anew; needs chromium
+	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 tests/teleop/test_pages.py
 
 studies: setup ## the papers on 20 simulated specimens, the design study on 10; reports in studies/
 	rm -rf studies
@@ -27,7 +39,7 @@ studies: setup ## the papers on 20 simulated specimens, the design study on 10; 
 	$(BIN)/minorloop study design --specimens 10 --out studies/design
 	$(BIN)/minorloop study head --specimens 20 --out studies/head
 
-test: setup ## run the tests
+test: setup $(BUILT) ## run the tests; those in a browser where there is one
 	$(BIN)/python -m pytest
 
 torture: setup ## kill 50 runs with SIGKILL, again and again, and compare with undisturbed ones
@@ -56,12 +68,16 @@ lock: ## write requirements.lock anew; UPGRADE="numpy scipy" moves those package
 	  $(addprefix --upgrade-package ,$(UPGRADE)) --output-file $(LOCK) pyproject.toml
 	@! grep -n '://' $(LOCK) || { echo "$(LOCK) names a download address; it must not" >&2; exit 1; }
 
-wheel: setup ## build the wheel into dist/
+wheel: setup $(PAGES) ## build the wheel into dist/, pages included
 	$(BIN)/hatchling build -t wheel
 
 clean: ## remove what was built or cached; .venv stays
-	rm -rf build dist demo studies .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist demo studies console web/node_modules src/minorloop/teleop/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find src tests $(wildcard benchmarks examples) -name __pycache__ -prune -exec rm -rf {} +
+
+$(PAGES): web/package-lock.json web/vite.config.ts $(wildcard web/*.html) $(wildcard web/src/*)
+	npm --prefix web ci --no-audit --no-fund --loglevel=error
+	npm --prefix web run --silent build
 
 $(STAMP): $(LOCK) pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \

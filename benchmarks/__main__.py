@@ -8,7 +8,16 @@ import os
 
 import benchmarks
 
-PARTS = ("operators", "identification", "prior", "twins", "startup", "firmware", "fleet")
+PARTS = (
+    "operators",
+    "identification",
+    "prior",
+    "twins",
+    "startup",
+    "firmware",
+    "fleet",
+    "seat",
+)
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 
 

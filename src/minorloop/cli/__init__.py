@@ -11,7 +11,19 @@ from typing import Annotated
 import typer
 
 from minorloop import __version__
-from minorloop.cli import demo, export, fleet, identify, invert, plan, resume, runs, simulate, study
+from minorloop.cli import (
+    console,
+    demo,
+    export,
+    fleet,
+    identify,
+    invert,
+    plan,
+    resume,
+    runs,
+    simulate,
+    study,
+)
 from minorloop.cli import run as run_verb
 from minorloop.errors import MinorloopError
 
@@ -29,7 +41,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _verb in (identify, simulate, invert, plan, run_verb, resume, runs, export, fleet, study, demo):
+_VERBS = (
+    *(identify, simulate, invert, plan, run_verb, resume, runs),
+    *(export, fleet, study, console, demo),
+)
+for _verb in _VERBS:
     app.command(_verb.NAME, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
 
 

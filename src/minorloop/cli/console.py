@@ -1,0 +1,120 @@
+"""``minorloop console``: the operator's seat and the lab page, in a browser."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import MissingExtraError, OutputError, ParameterError
+
+NAME = "console"
+EXAMPLE = "minorloop console --folder inspections"
+
+_Host = Annotated[
+    str, typer.Option(help="Where to listen; 0.0.0.0 lets in other machines that have the key.")
+]
+_Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
+_Plant = Annotated[str, typer.Option(help="What to steer; a simulated catheter: twin:rig.")]
+_Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
+_Specimen = Annotated[
+    int | None, _common.whole_option("Seed of the simulated specimen; nominal without it.")
+]
+_Seed = Annotated[int, _common.whole_option("Seed of the simulated noise.")]
+_Timeout = Annotated[
+    float,
+    _common.number_option("Seconds without word from the operator after which the head holds."),
+]
+_Certificate = Annotated[
+    Path | None,
+    typer.Option(help="Certificate (PEM): phones and headsets give their pose over https only."),
+]
+_Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
+
+
+def run(
+    host: _Host = "127.0.0.1",
+    port: _Port = 8765,
+    plant: _Plant = "twin:rig",
+    folder: _Folder = Path("console"),
+    specimen: _Specimen = None,
+    seed: _Seed = 0,
+    timeout: _Timeout = 0.1,
+    certificate: _Certificate = None,
+    private_key: _Key = None,
+) -> None:
+    """Steer the head of a catheter in a pipe, and identify models, in a browser."""
+    from minorloop.teleop.plant import check_address
+
+    if not 0 <= port <= 65535:
+        raise ParameterError(f"--port is {port}; give 0 to 65535")
+    check_address(plant)
+    if not 0.05 <= timeout <= 5.0:
+        raise ParameterError(f"--timeout is {timeout}; give 0.05 to 5 seconds")
+    if (certificate is None) != (private_key is None):
+        raise ParameterError("give --certificate and --private-key together, or neither")
+    for file in (certificate, private_key):
+        if file is not None and not file.is_file():
+            raise ParameterError(f"{file} is no file; give a PEM file")
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
+    try:
+        import uvicorn
+    except ImportError:
+        raise MissingExtraError("uvicorn", "console") from None
+    from minorloop.teleop.doors import Doors
+    from minorloop.teleop.loop import LoopSettings
+    from minorloop.teleop.server import STATIC, Console
+
+    settings = LoopSettings(
+        address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
+    )
+    doors = Doors(host)
+    listening = _listen(host, port)
+    config = uvicorn.Config(
+        Console(doors=doors, loop=settings).app(),
+        log_level="warning",
+        access_log=False,
+        ws_max_size=1 << 14,
+        ws_max_queue=64,
+        ws_per_message_deflate=False,
+        ws_ping_interval=10.0,
+        ws_ping_timeout=10.0,
+        ssl_certfile=None if certificate is None else str(certificate),
+        ssl_keyfile=None if private_key is None else str(private_key),
+        timeout_graceful_shutdown=2,
+        server_header=False,
+    )
+    scheme = "http" if certificate is None else "https"
+    if not (STATIC / "index.html").is_file():
+        typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
+    typer.echo(f"open {scheme}://{_shown(host)}:{listening.getsockname()[1]}/?key={doors.key}")
+    typer.echo("Ctrl-C ends the console; the head then holds and cools")
+    with suppress(KeyboardInterrupt):
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """A socket that listens, so that a port in use is refused in a sentence."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    found = socket.socket(family, socket.SOCK_STREAM)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((host, port))
+    except OSError as error:
+        found.close()
+        raise ParameterError(
+            f"cannot listen on {host} port {port}: {error.strerror or error}; give another --port"
+        ) from None
+    return found
+
+
+def _shown(host: str) -> str:
+    """The host as it stands in an address."""
+    if host in ("0.0.0.0", "::"):
+        return socket.gethostname()
+    return f"[{host}]" if ":" in host else host

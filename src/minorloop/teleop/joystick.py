@@ -1,0 +1,101 @@
+"""From a stick to the rates of the catheter.
+
+Forward pushes the catheter into the pipe, right rolls it to the right. A stick that is not heard
+of for a while is a stick let go.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from minorloop.arrays import as_finite
+from minorloop.errors import ParameterError
+
+Rates: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StickMap:
+    """How a stick becomes rates.
+
+    Parameters
+    ----------
+    advance, roll : float
+        Rates at full deflection, in mm/s and degrees/s.
+    dead_band : float
+        Share of the deflection that does nothing, from 0 to below 1.
+    expo : float
+        From 0, straight, to 1, cubic: how gentle the stick is about its middle.
+    advance_acceleration, roll_acceleration : float
+        Fastest changes of the rates, in mm/s^2 and degrees/s^2.
+    timeout : float
+        Age of a deflection in seconds beyond which the catheter stops.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    Notes
+    -----
+    The rates are such that the motors, with 40 mm/s^2 and 180 degrees/s^2, stop in 0.15 s.
+    """
+
+    advance: float = 6.0
+    roll: float = 27.0
+    dead_band: float = 0.05
+    expo: float = 0.6
+    advance_acceleration: float = 12.0
+    roll_acceleration: float = 60.0
+    timeout: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if as_finite(name, value) < 0:
+                raise ParameterError(f"{name} is {value}; give a number of at least 0")
+        if self.dead_band >= 1:
+            raise ParameterError(f"dead_band is {self.dead_band}; give a share below 1")
+        if self.expo > 1:
+            raise ParameterError(f"expo is {self.expo}; give 0 to 1")
+
+    def shaped(self, deflection: float) -> float:
+        """Share of the full rate, -1 to 1, for a deflection from -1 to 1; 0 for no number."""
+        if not math.isfinite(deflection):
+            return 0.0
+        beyond = (min(abs(deflection), 1.0) - self.dead_band) / (1.0 - self.dead_band)
+        if beyond <= 0:
+            return 0.0
+        return math.copysign((1 - self.expo) * beyond + self.expo * beyond**3, deflection)
+
+
+def push(
+    how: StickMap, before: Rates, deflection: tuple[float, float] | None, interval: float
+) -> Rates:
+    """Rates of advance and roll after an interval, in mm/s and degrees/s.
+
+    Parameters
+    ----------
+    how : StickMap
+    before : (float, float)
+        Rates that are on.
+    deflection : (float, float), optional
+        Forward and right, each from -1 to 1. None stops at once: what holds the catheter back
+        then is its motor.
+    interval : float
+        In seconds.
+    """
+    if deflection is None:
+        return 0.0, 0.0
+    advance = _towards(
+        before[0], how.advance * how.shaped(deflection[0]), how.advance_acceleration * interval
+    )
+    roll = _towards(
+        before[1], how.roll * how.shaped(deflection[1]), how.roll_acceleration * interval
+    )
+    return advance, roll
+
+
+def _towards(before: float, wanted: float, most: float) -> float:
+    return before + min(max(wanted - before, -most), most)

@@ -1,0 +1,194 @@
+"""What the lab page asks of the library; each function runs in a worker process.
+
+A task is a generator: what it yields goes to the page. The files of a user are in a folder of
+their own, into which the worker goes, so that messages name a file as its user does.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop import modelfile
+from minorloop.errors import ParameterError, RecordError
+from minorloop.identification import Identification, identify
+from minorloop.lab.columns import read_columns, read_headers, split_header
+from minorloop.lab.records import Record
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+
+Told: TypeAlias = Iterator[dict[str, Any]]
+
+MODEL, REPORT, INPUTS = "model.json", "report.html", "inputs.csv"
+_SHOWN = 2500
+_FEW = 400
+_MOST_LEVELS = 100
+_MOST_ROWS = 500_000
+_MOST_TARGETS = 10_000
+
+
+def warm_up() -> None:
+    """Compile what the first user would wait for."""
+    u = np.concatenate([np.linspace(0, 1, 40), np.linspace(1, 0.2, 40), np.linspace(0.2, 1, 40)])
+    rng = np.random.default_rng(0)
+    model = identify(u, u**2 + rng.normal(0, 0.01, u.size), levels=4, lag="auto", holdout=0.2).model
+    model.invert([0.3, 0.2])
+    model.step(Memory.negative(0.0), 0.5)
+
+
+def look(folder: str, name: str) -> Told:
+    """Columns of a CSV file: which hold numbers, and a guess what they are."""
+    os.chdir(folder)
+    headers = read_headers(name)
+    columns: list[dict[str, Any]] = []
+    for index, header in enumerate(headers):
+        try:
+            values = read_columns(name, [header], gaps=[header])[header]
+        except RecordError as error:
+            columns.append({"header": header, "trouble": str(error)})
+            continue
+        if values.size > _MOST_ROWS:
+            raise RecordError(f"{name} has {values.size} rows; give at most {_MOST_ROWS} here")
+        finite = values[np.isfinite(values)]
+        columns.append(
+            {
+                "header": header,
+                "unit": split_header(header)[1],
+                "rows": int(values.size),
+                "measured": int(finite.size),
+                "least": _number(finite.min()) if finite.size else None,
+                "greatest": _number(finite.max()) if finite.size else None,
+                "course": _listed(values[_few(values.size, _FEW)]),
+                "time": index == 0 and finite.size > 2 and bool((np.diff(finite) > 0).all()),
+            }
+        )
+    usable = [c for c in columns if "trouble" not in c]
+    if len(usable) < 2:
+        trouble = next((c["trouble"] for c in columns if "trouble" in c), "")
+        raise RecordError(trouble or f"{name} has one column; give an input and an output")
+    yield {"name": name, "columns": columns}
+
+
+def identify_file(folder: str, name: str, input: str, output: str, **options: Any) -> Told:
+    """Identify a model: stages, then the result, then that the report is written."""
+    os.chdir(folder)
+    if input == output:
+        raise ParameterError("input and output are the same column; choose two")
+    yield {"stage": f"reading {name}"}
+    levels = options.get("levels", 25)
+    if not isinstance(levels, int) or not 1 <= levels <= _MOST_LEVELS:
+        raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
+    record = Record.from_csv(name, input=input, output=output, gaps=True)
+    yield {"stage": f"fitting {levels * (levels + 1) // 2} cells to {len(record)} rows"}
+    began = time.perf_counter()
+    result = identify(np.asarray(record.u), np.asarray(record.y), **options)
+    seconds = time.perf_counter() - began
+    yield {"stage": "scoring"}
+    scores = {
+        "nrmse_train": result.nrmse,
+        "nrmse_holdout": result.holdout_nrmse,
+        "baseline_nrmse": result.baseline_nrmse,
+    }
+    source = modelfile.Provenance.of(Path(name))
+    modelfile.save(
+        result.model,
+        MODEL,
+        input=record.input,
+        output=record.output,
+        lag=result.lag,
+        provenance=modelfile.Provenance(data=source.data, sha256=source.sha256, scores=scores),
+        force=True,
+    )
+    yield {"result": _shown(result, record, seconds)}
+    yield {"stage": "drawing the report"}
+    from minorloop.report import identification_report
+
+    labels = {"input_label": str(record.input), "output_label": str(record.output)}
+    identification_report(result, source=name, **labels).write(REPORT, force=True)
+    yield {"report": True}
+
+
+def move(folder: str, memory: list[float] | None, u: float) -> Told:
+    """Output and memory after one more input."""
+    known = _model(folder)
+    before = Memory.negative(float(known.levels[0])) if memory is None else Memory(memory)
+    y, after = known.step(before, u)
+    yield {"y": float(np.asarray(y)), "memory": list(after.extrema)}
+
+
+def invert(folder: str, targets: list[float], start: str) -> Told:
+    """Inputs for targets; those out of reach are brought as near as can be, and marked."""
+    if not 0 < len(targets) <= _MOST_TARGETS:
+        raise ParameterError(f"there are {len(targets)} targets; give 1 to {_MOST_TARGETS}")
+    found = _model(folder).invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
+    rows = zip(targets, found.u.tolist(), found.y.tolist(), strict=True)
+    lines = ["target,input,output", *(f"{t:.9g},{u:.9g},{y:.9g}" for t, u, y in rows)]
+    (Path(folder) / INPUTS).write_text("\n".join(lines) + "\n")
+    yield {
+        "u": found.u.tolist(),
+        "y": found.y.tolist(),
+        "reachable": found.reachable.tolist(),
+        "worst": found.worst,
+    }
+
+
+def _shown(result: Identification, record: Record, seconds: float) -> dict[str, Any]:
+    """What the page draws of a result."""
+    shown = _few(result.u.size, _SHOWN)
+    model = result.model
+    return {
+        "input": str(record.input),
+        "output": str(record.output),
+        "u": _listed(result.u[shown]),
+        "y": _listed(result.y[shown]),
+        "fit": _listed(result.prediction[shown]),
+        "rows": shown.tolist(),
+        "held": int(np.argmax(result.held_out)) if result.held_out.any() else None,
+        "levels": model.levels.tolist(),
+        "weights": [_listed(row[: k + 1]) for k, row in enumerate(model.weights)],
+        "range": list(model.range),
+        "scores": {
+            "fit": result.nrmse,
+            "holdout": result.holdout_nrmse,
+            "polynomial": result.baseline_nrmse,
+            "lag": result.lag,
+            "samples": result.samples,
+            "unknowns": result.unknowns,
+            "excited": result.excited_fraction,
+            "seconds": seconds,
+        },
+        "advice": list(result.advice),
+    }
+
+
+def _model(folder: str) -> Preisach:
+    file = Path(folder) / MODEL
+    if not file.is_file():
+        raise ParameterError("there is no model yet; identify one first")
+    return _loaded(str(file), file.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _loaded(file: str, changed: int) -> Preisach:
+    model = modelfile.load(file)
+    assert isinstance(model, Preisach)
+    return model
+
+
+def _few(count: int, most: int) -> npt.NDArray[np.intp]:
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+
+
+def _listed(values: npt.ArrayLike) -> list[float | None]:
+    return [_number(x) for x in np.asarray(values, dtype=np.float64)]
+
+
+def _number(x: float) -> float | None:
+    return float(f"{x:.6g}") if np.isfinite(x) else None

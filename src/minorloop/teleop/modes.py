@@ -1,0 +1,158 @@
+"""Who moves the head: the operator, what the camera tracks, or nobody.
+
+HEAD follows the operator's head, TRACK keeps a point of the image where it belongs and does not
+know the operator's head, HOLD stands still and stops the catheter. A change of mode never moves
+anything: each mode begins at the command that is on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
+
+from minorloop.teleop.gaze import (
+    GazeMap,
+    GazeState,
+    Pair,
+    Quaternion,
+    anchored,
+    gaze,
+    into_cone,
+    slewed,
+)
+from minorloop.teleop.joystick import Rates, StickMap, push
+
+Mode: TypeAlias = Literal["HEAD", "TRACK", "HOLD"]
+MODES: tuple[Mode, ...] = ("HEAD", "TRACK", "HOLD")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seat:
+    """How the seat is set.
+
+    Parameters
+    ----------
+    gaze : GazeMap
+    stick : StickMap
+    blind : float
+        For how long in seconds a target may be out of sight before TRACK gives up.
+    """
+
+    gaze: GazeMap = field(default_factory=GazeMap)
+    stick: StickMap = field(default_factory=StickMap)
+    blind: float = 0.6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heard:
+    """What came from the operator and the camera since the last tick.
+
+    Parameters
+    ----------
+    request : str, optional
+        Mode that was asked for; None where none was.
+    pose : quaternion, optional
+        Newest pose of the operator's head.
+    pose_age, link_age : float
+        How old the pose is, and when the operator's page was last heard of, in seconds;
+        infinite where never.
+    stick : (float, float)
+        Forward and right, -1 to 1.
+    clutch : bool
+        Whether the clutch is pressed.
+    servo : (float, float), optional
+        Rates of pan and tilt that bring the target where it belongs, in degrees per second;
+        None where the target is not seen.
+    """
+
+    request: Mode | None = None
+    pose: Quaternion | None = None
+    pose_age: float = math.inf
+    link_age: float = math.inf
+    stick: Pair = (0.0, 0.0)
+    clutch: bool = False
+    servo: Pair | None = None
+
+
+@dataclass(frozen=True)
+class SeatState:
+    """Mode, and what is commanded.
+
+    Parameters
+    ----------
+    mode : str
+    reason : str
+        Why the mode is on, where it was not asked for; empty otherwise.
+    gaze : GazeState
+        Its ``command`` is that of the head, in degrees about the middle of the cone.
+    rates : (float, float)
+        Of the catheter, in mm/s and degrees/s.
+    unseen : float
+        For how long the target has been out of sight, in seconds.
+    """
+
+    mode: Mode = "HOLD"
+    reason: str = "nobody has taken the controls yet"
+    gaze: GazeState = field(default_factory=GazeState)
+    rates: Rates = (0.0, 0.0)
+    unseen: float = 0.0
+
+    @property
+    def command(self) -> Pair:
+        """Pan and tilt in degrees about the middle of the cone."""
+        return self.gaze.command
+
+
+def advance(seat: Seat, state: SeatState, heard: Heard, interval: float) -> SeatState:
+    """State after one tick."""
+    state = _entered(seat, state, heard)
+    if state.mode == "HOLD":
+        return replace(state, rates=(0.0, 0.0))
+    rates = push(seat.stick, state.rates, heard.stick, interval)
+    if state.mode == "HEAD":
+        after = gaze(seat.gaze, state.gaze, heard.pose, interval, clutch=heard.clutch)
+        return replace(state, gaze=after, rates=rates)
+    unseen = 0.0 if heard.servo is not None else state.unseen + interval
+    moved = _servoed(seat, state.command, heard.servo, interval)
+    return replace(state, gaze=anchored(state.gaze, moved), rates=rates, unseen=unseen)
+
+
+def held(state: SeatState, reason: str) -> SeatState:
+    """The same state, holding."""
+    return SeatState("HOLD", reason, anchored(state.gaze))
+
+
+def _entered(seat: Seat, state: SeatState, heard: Heard) -> SeatState:
+    """The mode that is on in this tick."""
+    wanted = heard.request or state.mode
+    refusal = _refusal(seat, state, heard, wanted)
+    if refusal:
+        return held(state, refusal) if state.mode != "HOLD" or heard.request else state
+    if wanted == state.mode and not (heard.request and state.reason):
+        return state
+    return SeatState(wanted, "", anchored(state.gaze), state.rates)
+
+
+def _refusal(seat: Seat, state: SeatState, heard: Heard, wanted: Mode) -> str:
+    """Why a mode cannot be on; empty where it can."""
+    if wanted == "HOLD":
+        return ""
+    # Not above the timeout, so that a page that is never heard of is never above it either.
+    if not heard.link_age <= seat.stick.timeout:
+        return "the operator's page was not heard of; press a mode to go on"
+    if wanted == "HEAD" and (heard.pose is None or not heard.pose_age <= seat.gaze.timeout):
+        return "the pose of the operator's head was lost; press HEAD to go on"
+    entering = heard.request is not None and state.mode != "TRACK"
+    if wanted == "TRACK" and entering and heard.servo is None:
+        return "there is no target in sight; pick one, then press TRACK"
+    if wanted == "TRACK" and state.mode == "TRACK" and state.unseen > seat.blind:
+        return "the target was lost from sight; pick it again"
+    return ""
+
+
+def _servoed(seat: Seat, command: Pair, servo: Pair | None, interval: float) -> Pair:
+    if servo is None or not math.isfinite(servo[0] + servo[1]):
+        return command
+    wanted = command[0] + interval * servo[0], command[1] + interval * servo[1]
+    return slewed(seat.gaze, command, into_cone(wanted, seat.gaze.cone), interval)

@@ -1,0 +1,81 @@
+"""Sessions on disk: what the pages were told, in order, each with its time.
+
+A recording is ``MAGIC``, then entries: kind (1 byte), time in s (8 bytes), length (4 bytes), all
+little-endian, and as many bytes. Every entry is handed to the system at once, so what was
+recorded survives the end of the process; an entry that was cut short is dropped on reading.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from minorloop.errors import RecordError
+
+MAGIC = b"minorloop session 1\n"
+SUFFIX = ".session"
+TEXT, PICTURE = 0, 1
+_ENTRY = struct.Struct("<Bdl")
+_LONGEST = 1 << 24
+
+
+class Recorder:
+    """Writes a recording.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; it is made if it is not there.
+    name : str
+        Of the file, without its suffix.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written, or there is such a recording already.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / f"{name}{SUFFIX}"
+        self._file: BinaryIO = self.path.open("xb", buffering=0)
+        self._file.write(MAGIC)
+
+    def write(self, kind: int, t: float, content: bytes) -> None:
+        """Add an entry."""
+        self._file.write(_ENTRY.pack(kind, t, len(content)) + content)
+
+    def close(self) -> None:
+        """End the recording."""
+        self._file.close()
+
+
+def entries(path: Path) -> Iterator[tuple[int, float, bytes]]:
+    """Kind, time and content of each entry.
+
+    Raises
+    ------
+    RecordError
+        If it is no recording.
+    """
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise RecordError(f"{path.name} is not a recorded session; give one of the console's")
+        while len(head := file.read(_ENTRY.size)) == _ENTRY.size:
+            kind, t, size = _ENTRY.unpack(head)
+            if not 0 <= size <= _LONGEST or kind not in (TEXT, PICTURE):
+                raise RecordError(f"{path.name} is damaged after {t:.2f} s")
+            content = file.read(size)
+            if len(content) < size:
+                return
+            yield kind, t, content
+
+
+def listed(folder: Path) -> list[str]:
+    """Names of the recordings in a folder, the newest first."""
+    if not folder.is_dir():
+        return []
+    files = sorted(folder.glob(f"*{SUFFIX}"), key=lambda p: p.stat().st_mtime, reverse=True)
+    return [path.stem for path in files]

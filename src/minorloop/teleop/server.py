@@ -1,0 +1,370 @@
+"""The server of the pages: who may come in, who is told what, and what the pilot orders.
+
+It steers nothing: the control loop is a process of its own, and goes on holding whatever becomes
+of the server.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from minorloop.errors import MinorloopError, MissingExtraError, SignalError
+from minorloop.teleop import messages, recording
+from minorloop.teleop.doors import Doors
+from minorloop.teleop.hub import SILENCE, HostileError, Hub, Viewer
+from minorloop.teleop.imaging import opencv
+from minorloop.teleop.link import Link
+from minorloop.teleop.loop import LoopSettings
+from minorloop.teleop.plant import View
+from minorloop.teleop.wall import Wall
+
+try:
+    from starlette.applications import Starlette
+    from starlette.middleware import Middleware
+    from starlette.requests import Request
+    from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+    from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+    from starlette.staticfiles import StaticFiles
+    from starlette.types import ASGIApp, Receive, Scope, Send
+    from starlette.websockets import WebSocket, WebSocketDisconnect
+except ImportError:
+    raise MissingExtraError("starlette", "console") from None
+
+STATIC = Path(__file__).parent / "static"
+_PAINT_EVERY = 5
+_SHOW_EVERY = 25
+_POLICY = (
+    "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; "
+    "connect-src 'self' ws: wss:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "Content-Security-Policy": _POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Permissions-Policy": "xr-spatial-tracking=(self), gyroscope=(self), accelerometer=(self)",
+}
+_CLOSED, _REFUSED, _TOO_BIG = 1001, 1008, 1009
+
+
+@dataclass(frozen=True, kw_only=True)
+class Console:
+    """The seat's server.
+
+    Parameters
+    ----------
+    doors : Doors
+    loop : LoopSettings
+    link : callable
+        What makes the link to the control loop from its settings and a listener.
+    workers : int
+        Computations of the lab page that may run at once.
+    """
+
+    doors: Doors
+    loop: LoopSettings = field(default_factory=LoopSettings)
+    link: Callable[[LoopSettings, Callable[[bytes], None]], Link] = Link
+    workers: int = 2
+
+    def app(self) -> Starlette:
+        """The application, for uvicorn."""
+        return _Server(self).app()
+
+
+class _Server:
+    def __init__(self, console: Console) -> None:
+        self._doors, self._folder = console.doors, Path(console.loop.folder)
+        self._hub = Hub(silence=max(SILENCE, 3 * console.loop.timeout))
+        self._workers = console.workers
+        self._link = console.link(console.loop, self._said)
+        self._wall: Wall | None = None
+        self._painting = False
+        self._images = 0
+        # What the first picture would wait for, and everybody with it.
+        small = View(width=32, height=24, focal=26.0)
+        Wall(small, 0.05).paint(np.zeros((24, 32), np.uint8), (0.0, 0.0, 0.0, 0.0))
+
+    def app(self) -> Starlette:
+        from minorloop.teleop.lab import Lab
+
+        self._lab = Lab(workers=self._workers)
+        routes: list[BaseRoute] = [
+            Route("/", _page("index.html")),
+            Route("/lab", _page("lab.html")),
+            WebSocketRoute("/ws", self._meet),
+            Route("/api/recordings", self._recordings),
+            Route("/api/findings.json", self._findings),
+            Route("/api/findings.csv", self._findings_csv),
+            Route("/api/map.png", self._map),
+            *self._lab.routes(),
+        ]
+        if STATIC.is_dir():
+            routes.append(Mount("/", StaticFiles(directory=STATIC)))
+        middleware = [Middleware(_AtTheDoor, doors=self._doors)]
+        return Starlette(routes=routes, middleware=middleware, lifespan=self._living)
+
+    @contextlib.asynccontextmanager
+    async def _living(self, app: Starlette) -> AsyncIterator[None]:
+        self._events = asyncio.get_running_loop()
+        self._link.start()
+        await self._lab.start()
+        watch = asyncio.create_task(self._watch())
+        try:
+            yield
+        finally:
+            watch.cancel()
+            await self._lab.stop()
+            await asyncio.to_thread(self._link.stop)
+
+    async def _watch(self) -> None:
+        """Take the controls back from a pilot who has gone silent."""
+        while True:
+            await asyncio.sleep(0.25)
+            if self._hub.silent(time.monotonic()):
+                pilot = self._hub.pilot
+                self._free()
+                if pilot is not None:
+                    pilot.tell(
+                        messages.encode(
+                            "notice", text="the controls were taken back: your page was silent"
+                        )
+                    )
+
+    def _free(self) -> None:
+        self._hub.free()
+        self._link.order(messages.Release(seq=0, t=0.0, grant=0))
+
+    def _said(self, content: bytes) -> None:
+        """Pass on what the loop says."""
+        if content[:1] != b"{":
+            self._hub.show("image", content)
+            self._images += 1
+            if self._images % _PAINT_EVERY == 0 and self._wall is not None and not self._painting:
+                self._painting = True
+                show = self._images % _SHOW_EVERY == 0
+                asyncio.get_running_loop().run_in_executor(None, self._paint, content, show)
+            return
+        if content.startswith(b'{"type":"state"'):
+            self._hub.show("state", content)
+            return
+        if content.startswith(b'{"type":"hello"'):
+            self._hub.hello = content
+            view = msgspec.json.decode(content)["view"]
+            self._wall = Wall(View(**view))
+        elif content.startswith(b'{"type":"findings"'):
+            self._hub.findings = content
+        elif content.startswith(b'{"type":"recording"'):
+            self._hub.recording = content
+        elif content.startswith(b'{"type":"failed"'):
+            self._hub.failed = content
+        self._hub.tell(content)
+
+    def _paint(self, content: bytes, show: bool) -> None:
+        """Add a picture to the map, and show it now and then; in a thread."""
+        try:
+            cv2 = opencv()
+            _, number, t, *where = messages.HEADER.unpack_from(content)
+            coded = np.frombuffer(content, np.uint8, offset=messages.HEADER.size)
+            image = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE)
+            assert self._wall is not None
+            self._wall.paint(image, tuple(where))
+            if show:
+                grey, first, last = self._wall.window(where[2])
+                _, jpeg = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 80])
+                place = (first, last, where[2], where[3])
+                shown = messages.picture(messages.MAP, number, t, place, bytes(jpeg))
+                self._hub_show_soon("map", shown)
+        finally:
+            self._painting = False
+
+    def _hub_show_soon(self, what: str, content: bytes) -> None:
+        self._events.call_soon_threadsafe(self._hub.show, what, content)
+
+    async def _meet(self, socket: WebSocket) -> None:
+        """Talk with a page until it goes."""
+        headers = socket.headers
+        if not self._doors.own(headers.get("origin"), headers.get("host")):
+            await _refuse(socket, "this connection comes from another page; open the console's own")
+            return
+        if not self._doors.known(headers.get("cookie")):
+            await _refuse(socket, "the key is missing; open the address that the console printed")
+            return
+        await socket.accept()
+        if "replay" in socket.query_params:
+            await self._replay(socket, socket.query_params["replay"])
+            return
+        viewer = self._hub.join()
+        sending = asyncio.create_task(_send(socket, viewer))
+        try:
+            await self._listen(socket, viewer)
+        except (SignalError, WebSocketDisconnect) as error:
+            if not isinstance(error, WebSocketDisconnect):
+                await _close(socket, _REFUSED, str(error))
+        finally:
+            sending.cancel()
+            if self._hub.leave(viewer):
+                self._link.order(messages.Release(seq=0, t=0.0, grant=0))
+
+    async def _listen(self, socket: WebSocket, viewer: Viewer) -> None:
+        while True:
+            frame = await socket.receive()
+            if frame["type"] == "websocket.disconnect":
+                return
+            if frame.get("text") is None:
+                raise HostileError("binary messages mean nothing here; send JSON texts")
+            message = messages.decode(frame["text"])
+            now = time.monotonic()
+            viewer.check(message, now)
+            if isinstance(message, messages.Ping):
+                viewer.show("pong", messages.encode("pong", seq=message.seq, t=message.t))
+            elif isinstance(message, messages.Take):
+                self._hub.take(viewer)
+            elif self._hub.may(viewer, message):
+                self._link.order(message)
+                if isinstance(message, messages.Release):
+                    self._hub.free()
+
+    async def _replay(self, socket: WebSocket, name: str) -> None:
+        """Send a recording at the pace at which it was made."""
+        if name not in recording.listed(self._folder):
+            await _close(socket, _REFUSED, f"there is no recording {name[:80]!r}")
+            return
+        path = self._folder / f"{name}{recording.SUFFIX}"
+        began, first = time.monotonic(), None
+        try:
+            for kind, t, content in recording.entries(path):
+                first = t if first is None else first
+                await asyncio.sleep(max(began + t - first - time.monotonic(), 0.0))
+                if kind == recording.TEXT:
+                    await socket.send_text(content.decode())
+                else:
+                    await socket.send_bytes(content)
+            await socket.send_text(messages.encode("ended").decode())
+            await _close(socket, _CLOSED, "the recording has ended")
+        except MinorloopError as error:
+            await _close(socket, _REFUSED, str(error))
+        except (WebSocketDisconnect, RuntimeError):
+            return
+
+    async def _recordings(self, request: Request) -> Response:
+        return JSONResponse(recording.listed(self._folder))
+
+    async def _findings(self, request: Request) -> Response:
+        found = msgspec.json.decode(self._hub.findings)["findings"]
+        content = {"units": {"phi": "deg", "z": "mm", "diameter": "mm"}, "findings": found}
+        return _download(msgspec.json.encode(content), "application/json", "findings.json")
+
+    async def _findings_csv(self, request: Request) -> Response:
+        rows = msgspec.json.decode(self._hub.findings)["findings"]
+        units = {"t": "s", "phi": "deg", "z": "mm", "diameter": "mm", "depth": "mm"}
+        names = ["number", *units]
+        header = [f"{n} [{units[n]}]" if n in units else n for n in names]
+        lines = [",".join(header)]
+        for row in rows:
+            lines.append(",".join("" if row[n] is None else str(row[n]) for n in names))
+        return _download("\n".join(lines).encode() + b"\n", "text/csv", "findings.csv")
+
+    async def _map(self, request: Request) -> Response:
+        if self._wall is None:
+            return JSONResponse({"error": "there is no map yet"}, status_code=404)
+        _, png = opencv().imencode(".png", self._wall.seen)
+        return _download(bytes(png), "image/png", "map.png")
+
+
+class _AtTheDoor:
+    """Lets in who has the key, and pages of this server only."""
+
+    def __init__(self, app: ASGIApp, doors: Doors) -> None:
+        self._app, self._doors = app, doors
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":  # websockets are met in _meet, with a reason for the page
+            await self._app(scope, receive, send)
+            return
+        request = Request(scope, receive)
+        refusal = self._refusal(request)
+        response: Response | None = refusal
+        if refusal is None and self._doors.opens(request.query_params.get("key")):
+            response = RedirectResponse(request.url.path, status_code=303)
+            secure = request.url.scheme == "https"
+            response.set_cookie(
+                self._doors.cookie, self._doors.token, httponly=True, samesite="lax", secure=secure
+            )
+        elif refusal is None and not self._doors.known(request.headers.get("cookie")):
+            response = _plain(403, "open the address that the console printed, with its key")
+        if response is not None:
+            for name, value in _HEADERS.items():
+                response.headers[name] = value
+            await response(scope, receive, send)
+            return
+        await self._app(scope, receive, _with_headers(send))
+
+    def _refusal(self, request: Request) -> Response | None:
+        host = request.headers.get("host")
+        if not self._doors.serves(host):
+            return _plain(421, "this server has another name")
+        origin = request.headers.get("origin")
+        if request.method not in ("GET", "HEAD") and not self._doors.own(origin, host):
+            return _plain(403, "this request comes from another page")
+        return None
+
+
+def _with_headers(send: Send) -> Send:
+    async def wrapped(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            extra = [(k.lower().encode(), v.encode()) for k, v in _HEADERS.items()]
+            message = {**message, "headers": [*message.get("headers", []), *extra]}
+        await send(message)
+
+    return wrapped
+
+
+def _page(name: str) -> Callable[[Request], Awaitable[Response]]:
+    async def page(request: Request) -> Response:
+        file = STATIC / name
+        if not file.is_file():
+            return _plain(
+                503, "the pages are not built; run 'make pages', which needs node, and reload"
+            )
+        return FileResponse(file, headers={"Cache-Control": "no-cache"})
+
+    return page
+
+
+def _plain(status: int, text: str) -> Response:
+    return Response(text + "\n", status_code=status, media_type="text/plain")
+
+
+def _download(content: bytes, kind: str, name: str) -> Response:
+    headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
+    return Response(content, media_type=kind, headers=headers)
+
+
+async def _send(socket: WebSocket, viewer: Viewer) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            for content in await viewer.waiting():
+                if content[:1] == b"{":
+                    await socket.send_text(content.decode())
+                else:
+                    await socket.send_bytes(content)
+
+
+async def _refuse(socket: WebSocket, reason: str) -> None:
+    """Accept, so that the reason arrives, and close."""
+    await socket.accept()
+    await _close(socket, _REFUSED, reason)
+
+
+async def _close(socket: WebSocket, code: int, reason: str) -> None:
+    """Close with a reason, which may be 123 bytes long."""
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+        await socket.close(code, reason.encode()[:120].decode(errors="ignore"))

@@ -1,0 +1,128 @@
+"""Processes that compute for pages, so that the server goes on answering.
+
+Each worker does one task at a time and may tell stages of it. One that takes too long, or whose
+page has gone away, is ended and replaced.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib
+import multiprocessing
+import os
+from collections.abc import AsyncIterator
+from multiprocessing.connection import Connection
+from typing import Any
+
+from minorloop.errors import MinorloopError
+
+TASKS = "minorloop.teleop.lab_work"
+_POLL = 0.01
+
+
+class Workers:
+    """Some processes.
+
+    Parameters
+    ----------
+    count : int
+    longest : float
+        Seconds that a task may take.
+    """
+
+    def __init__(self, count: int, *, longest: float = 180.0) -> None:
+        self._count, self._longest = count, longest
+        self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
+        self._all: set[_Worker] = set()
+
+    async def start(self) -> None:
+        """Start them; they import what they need before they are first asked."""
+        for _ in range(self._count):
+            self._add()
+
+    async def stop(self) -> None:
+        """End them."""
+        for worker in self._all:
+            worker.end()
+
+    async def run(self, task: str, **options: Any) -> AsyncIterator[dict[str, Any]]:
+        """What a task tells, one after the other; a refusal is ``{"error": sentence}``."""
+        if self._idle.empty():
+            yield {"stage": "waiting for others to finish"}
+        worker = await self._idle.get()
+        whole = False
+        try:
+            worker.pipe.send((task, options))
+            async with asyncio.timeout(self._longest):
+                async for told in worker.told():
+                    yield told
+            whole = True
+        except TimeoutError:
+            yield {"error": f"this took over {self._longest:g} s; use fewer levels or fewer rows"}
+        except (EOFError, OSError):
+            yield {"error": "the computation ended unexpectedly; use fewer levels or fewer rows"}
+        finally:
+            if whole:
+                self._idle.put_nowait(worker)
+            else:  # it is in the middle of something that nobody waits for
+                worker.end()
+                self._all.discard(worker)
+                self._add()
+
+    async def ask(self, task: str, **options: Any) -> dict[str, Any]:
+        """The last thing that a task tells."""
+        last: dict[str, Any] = {}
+        async for told in self.run(task, **options):
+            last = told
+        return last
+
+    def _add(self) -> None:
+        worker = _Worker()
+        self._all.add(worker)
+        self._idle.put_nowait(worker)
+
+
+class _Worker:
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    async def told(self) -> AsyncIterator[dict[str, Any]]:
+        """What comes until the task is done."""
+        while True:
+            while not self.pipe.poll():
+                await asyncio.sleep(_POLL)
+            told = self.pipe.recv()
+            if told is None:
+                return
+            yield told
+
+    def end(self) -> None:
+        with contextlib.suppress(OSError):
+            self.pipe.close()
+        self._process.terminate()
+
+
+def serve(pipe: Connection) -> None:
+    """Do tasks until the other end goes away; for a process of its own."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(10)  # a computation must not hold up who steers
+    tasks = importlib.import_module(TASKS)
+    tasks.warm_up()
+    with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
+        while True:
+            task, options = pipe.recv()
+            try:
+                for told in getattr(tasks, task)(**options):
+                    pipe.send(told)
+            except MinorloopError as error:
+                pipe.send({"error": str(error)})
+            except MemoryError:
+                pipe.send({"error": "there is not enough memory for this; use fewer levels"})
+            except (OSError, ValueError) as error:
+                pipe.send({"error": f"this cannot be done: {error}"})
+            pipe.send(None)

@@ -1,0 +1,34 @@
+import socket
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--port 70000", "give 0 to 65535"),
+        ("--port x", "not a whole number"),
+        ("--plant twin:ipmc", "nothing to steer"),
+        ("--timeout 0", "0.05 to 5"),
+        ("--certificate good.csv", "together"),
+        ("--certificate none.pem --private-key none.key", "none.pem is no file"),
+        ("--folder good.csv", "give a folder"),
+        ("--host no.such.host.invalid --port 0", "cannot listen"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(run, options, sentence):
+    status, out, error = run(f"console {options}")
+    assert (status, out) == (2, "")
+    assert sentence in error
+    assert error.count("\n") == 1
+
+
+def test_a_port_in_use_is_refused_in_a_sentence(run):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        status, _, error = run(f"console --port {port}")
+    assert status == 2
+    assert f"port {port}" in error
+    assert "--port" in error

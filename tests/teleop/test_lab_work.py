@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import MinorloopError, ParameterError, RecordError
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+from minorloop.teleop import lab_work
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A user's folder with a record of a known model; the test comes back from it."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(2)
+    u = np.concatenate([[0, 1], rng.uniform(0, 1, 300)])
+    model = Preisach(np.linspace(0, 1, 6), np.tril(rng.uniform(size=(5, 5))))
+    table = np.column_stack([u, model.simulate(u)])
+    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
+    return str(tmp_path)
+
+
+def result(folder, **options):
+    told = list(lab_work.identify_file(folder, "run.csv", "u", "y", lag=0, **options))
+    return next(each["result"] for each in told if "result" in each)
+
+
+def test_columns_are_described_with_few_points(folder):
+    (told,) = lab_work.look(folder, "run.csv")
+    assert [column["unit"] for column in told["columns"]] == ["V", "um"]
+    assert all(len(column["course"]) <= 400 for column in told["columns"])
+
+
+def test_a_column_of_words_is_set_aside(folder, tmp_path):
+    (tmp_path / "words.csv").write_text("who,u,y\nme,1,2\nyou,2,3\n")
+    (told,) = lab_work.look(folder, "words.csv")
+    assert "every cell must be a number" in told["columns"][0]["trouble"]
+    assert "trouble" not in told["columns"][1]
+
+
+def test_what_is_shown_is_the_model(folder):
+    found = result(folder, levels=5)
+    assert found["scores"]["fit"] < 1e-6
+    assert [len(row) for row in found["weights"]] == [1, 2, 3, 4, 5]
+    assert found["held"] is None
+
+
+def test_memory_goes_in_and_out(folder):
+    result(folder, levels=5)
+    memory, inputs = None, [0.9, 0.2, 0.6, 0.95]
+    for u in inputs:
+        (told,) = lab_work.move(folder, memory, u)
+        memory = told["memory"]
+    assert memory == list(Memory.after(inputs, low=0.0, high=1.0).extrema)
+
+
+def test_what_cannot_be_is_refused(folder, tmp_path):
+    for levels in (0, 101, "many"):
+        with pytest.raises(ParameterError, match="levels"):
+            result(folder, levels=levels)
+    with pytest.raises(ParameterError, match="targets"):
+        list(lab_work.invert(folder, [], "negative"))
+    with pytest.raises(ParameterError, match="no model yet"):
+        list(lab_work.invert(str(tmp_path / "other"), [1.0], "negative"))
+    (tmp_path / "one.csv").write_text("u\n1\n2\n")
+    with pytest.raises(RecordError, match="one column"):
+        list(lab_work.look(folder, "one.csv"))
+    result(folder, levels=5)
+    with pytest.raises(MinorloopError):
+        list(lab_work.move(folder, [1.0, 0.0, 5.0], 0.5))

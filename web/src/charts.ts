@@ -1,0 +1,66 @@
+/** Command and angle of an axis over the last seconds. */
+
+import uPlot from "uplot";
+import "uplot/dist/uPlot.min.css";
+
+const KEPT = 20; // s
+
+export class Course {
+  private readonly t: number[] = [];
+  private readonly wanted: number[] = [];
+  private readonly is: (number | null)[] = [];
+  private readonly plot: uPlot;
+  private drawn = 0;
+
+  constructor(
+    private readonly box: HTMLElement,
+    cone: number,
+  ) {
+    const axis = { stroke: "#93a3ad", grid: { stroke: "#222b32", width: 1 }, ticks: { show: false }, font: "11px system-ui" };
+    this.plot = new uPlot(
+      {
+        width: box.clientWidth || 300,
+        height: box.clientHeight || 96,
+        padding: [6, 6, 0, 0],
+        legend: { show: false },
+        cursor: { show: false },
+        scales: { x: { time: false }, y: { range: (_, low, high) => spread(low, high, cone) } },
+        axes: [
+          { ...axis, size: 20, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
+          { ...axis, size: 34, space: 20, values: (_, ticks) => ticks.map((tick) => `${tick}°`) },
+        ],
+        series: [{}, { stroke: "#ffb454", width: 1.5 }, { stroke: "#46d6b8", width: 2 }],
+      },
+      [[], [], []],
+      box,
+    );
+    new ResizeObserver(() => this.plot.setSize({ width: box.clientWidth, height: box.clientHeight })).observe(box);
+  }
+
+  add(t: number, wanted: number, is: number | null): void {
+    if (this.t.length > 0 && t < this.t[this.t.length - 1]!) this.clear();
+    this.t.push(t);
+    this.wanted.push(wanted);
+    this.is.push(is);
+    while (this.t.length > 0 && this.t[0]! < t - KEPT) {
+      this.t.shift();
+      this.wanted.shift();
+      this.is.shift();
+    }
+    if (performance.now() - this.drawn > 100 && this.box.clientWidth > 0) {
+      this.drawn = performance.now();
+      this.plot.setData([this.t.map((each) => each - t), this.wanted, this.is]);
+    }
+  }
+
+  private clear(): void {
+    this.t.length = this.wanted.length = this.is.length = 0;
+  }
+}
+
+function spread(low: number | null, high: number | null, cone: number): [number, number] {
+  if (low === null || high === null) return [-cone, cone];
+  const middle = (low + high) / 2;
+  const half = Math.max((high - low) / 2, 2) * 1.15;
+  return [middle - half, middle + half];
+}

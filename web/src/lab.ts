@@ -1,0 +1,409 @@
+/** The lab page: a CSV in, a model out. What is computed is computed by the server's library. */
+
+import uPlot from "uplot";
+import "uplot/dist/uPlot.min.css";
+import { drawPlane } from "./plane";
+import { byId } from "./talk";
+
+interface Column {
+  header: string;
+  trouble?: string;
+  unit: string;
+  rows: number;
+  measured: number;
+  course: (number | null)[];
+  time: boolean;
+}
+
+interface Result {
+  input: string;
+  output: string;
+  u: (number | null)[];
+  y: (number | null)[];
+  fit: (number | null)[];
+  rows: number[];
+  held: number | null;
+  levels: number[];
+  weights: (number | null)[][];
+  range: [number, number];
+  scores: Record<"fit" | "polynomial" | "lag" | "samples" | "unknowns" | "excited" | "seconds", number> & { holdout: number | null };
+  advice: string[];
+}
+
+interface Told {
+  stage?: string;
+  error?: string;
+  result?: Result;
+  report?: boolean;
+}
+
+let user = "";
+let columns: Column[] = [];
+let result: Result | null = null;
+let memory: number[] | null = null;
+const plots = new Map<string, uPlot>();
+
+const show = (id: string, on = true): void => {
+  byId(id).hidden = !on;
+};
+
+function trouble(sentence: string): void {
+  byId("trouble").textContent = sentence;
+  show("trouble", sentence !== "");
+}
+
+/** Ask the server; what it refuses becomes a sentence on the page. */
+async function ask(path: string, body: BodyInit): Promise<any> {
+  try {
+    const answer = await fetch(path, { method: "POST", body });
+    const content = await answer.json();
+    if (!answer.ok) trouble(content.error ?? "The server refused this.");
+    return answer.ok ? content : null;
+  } catch {
+    trouble("The console does not answer; is it still running?");
+    return null;
+  }
+}
+
+async function drop(file: File): Promise<void> {
+  trouble("");
+  for (const id of ["setup", "preview", "result"]) show(id, false);
+  byId("drop-title").textContent = `Reading ${file.name}…`;
+  const told = await ask(`/api/lab?name=${encodeURIComponent(file.name)}`, file);
+  byId("drop-title").textContent = told ? `${told.name}` : "Drop a CSV, get a model";
+  byId("drop").classList.toggle("small", told !== null);
+  if (!told) return;
+  user = told.user;
+  columns = (told.columns as Column[]).filter((column) => !column.trouble);
+  byId("drop-title").textContent = `${told.name}: ${columns[0]!.rows} rows`;
+  choose();
+  show("setup");
+  drawLoop();
+  byId("identify").focus();
+}
+
+/** Offer the columns, with a guess: neither time nor a counter, the first in, the next out. */
+function choose(): void {
+  const names = columns.map((column) => column.header);
+  const candidates = columns.filter((column) => !column.time).map((column) => column.header);
+  const guess = candidates.length >= 2 ? candidates : names;
+  for (const [id, chosen] of [["input", guess[0]], ["output", guess[1]]] as const) {
+    const select = byId<HTMLSelectElement>(id);
+    select.replaceChildren(...names.map((name) => new Option(name, name, false, name === chosen)));
+  }
+}
+
+function drawLoop(): void {
+  const of = (id: string) => columns.find((column) => column.header === byId<HTMLSelectElement>(id).value);
+  const [input, output] = [of("input"), of("output")];
+  if (!input || !output) return;
+  show("preview");
+  loop("loop", input.course, [{ y: output.course, colour: "#46d6b8", name: "measured" }], input.header, output.header);
+}
+
+async function identify(): Promise<void> {
+  trouble("");
+  const value = (id: string) => byId<HTMLInputElement | HTMLSelectElement>(id).value;
+  const lag = value("lag");
+  const body = JSON.stringify({
+    input: value("input"),
+    output: value("output"),
+    levels: Number(value("levels")),
+    holdout: Number(value("holdout")),
+    lag: lag === "auto" ? lag : Number(lag),
+    spacing: value("spacing"),
+  });
+  const button = byId<HTMLButtonElement>("identify");
+  button.disabled = true;
+  stage("sending");
+  try {
+    const answer = await fetch(`/api/lab/${user}/identify`, { method: "POST", body });
+    if (!answer.ok || !answer.body) {
+      trouble((await answer.json()).error);
+      return;
+    }
+    show("get-report", false);
+    byId("report-note").textContent = "the report is being drawn…";
+    for await (const told of lines(answer.body)) hear(told);
+  } catch {
+    trouble("The console does not answer; is it still running?");
+  } finally {
+    button.disabled = false;
+    show("working", false);
+  }
+}
+
+async function* lines(body: ReadableStream<Uint8Array>): AsyncGenerator<Told> {
+  const reader = body.pipeThrough(new TextDecoderStream() as ReadableWritablePair<string, Uint8Array>).getReader();
+  let rest = "";
+  for (;;) {
+    const { done, value } = await reader.read();
+    rest += value ?? "";
+    const parts = rest.split("\n");
+    rest = parts.pop()!;
+    for (const part of parts) yield JSON.parse(part) as Told;
+    if (done) return;
+  }
+}
+
+function hear(told: Told): void {
+  if (told.stage) stage(told.stage);
+  if (told.error) trouble(told.error);
+  if (told.result) showResult(told.result);
+  if (told.report) {
+    byId<HTMLAnchorElement>("get-report").href = `/api/lab/${user}/report.html`;
+    show("get-report");
+    byId("report-note").textContent = "";
+  }
+}
+
+function stage(name: string): void {
+  show("working");
+  byId("stage").textContent = `${name}…`;
+}
+
+function showResult(found: Result): void {
+  result = found;
+  memory = null;
+  show("preview", false);
+  show("result");
+  document.body.dataset.model = String(found.scores.unknowns);
+  byId<HTMLAnchorElement>("get-model").href = `/api/lab/${user}/model.json`;
+  show("get-inputs", false);
+  showScores(found);
+  const { u, y, fit, rows, held } = found;
+  loop("fit", u, [{ y, colour: "#5b6b75", name: "measured" }, { y: fit, colour: "#46d6b8", name: "model" }], found.input, found.output);
+  along(rows, y, fit, held, found.output);
+  byId("held-note").textContent = held === null ? "" : "– right of the line it was not shown";
+  byId("advice").replaceChildren(...(found.advice.length ? found.advice : ["Nothing stands out: the model explains the record."]).map((sentence) => {
+    const item = document.createElement("li");
+    item.textContent = sentence;
+    return item;
+  }));
+  const [low, high] = found.range;
+  const at = (share: number) => Number((low + share * (high - low)).toPrecision(3));
+  byId<HTMLTextAreaElement>("targets").value = [0.3, 0.7, 0.5, 0.9, 0.4].map(at).join(", ");
+  byId("sequence").replaceChildren();
+  byId("slider-name").textContent = found.input;
+  byId<HTMLInputElement>("slider").value = "0";
+  forget();
+}
+
+function showScores(found: Result): void {
+  const percent = (value: number | null) => (value === null ? "–" : `${(100 * value).toPrecision(3)} %`);
+  const { scores } = found;
+  const rows: [string, string, boolean?][] = [
+    ["Error on fitted rows", percent(scores.fit)],
+    ["Error on held-out rows", percent(scores.holdout), true],
+    ["Best polynomial there", percent(scores.polynomial)],
+    ["Lag", `${scores.lag} rows`],
+    ["Cells excited", `${(100 * scores.excited).toFixed(0)} %`],
+    ["Unknowns / rows", `${scores.unknowns} / ${scores.samples}`],
+    ["Time", `${scores.seconds.toFixed(1)} s`],
+  ];
+  byId("scores").replaceChildren(
+    ...rows.map(([name, value, best]) => {
+      const box = document.createElement("div");
+      if (best) box.className = "best";
+      const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
+      [dt.textContent, dd.textContent] = [name, value];
+      box.append(dt, dd);
+      return box;
+    }),
+  );
+}
+
+interface Curve {
+  y: (number | null)[];
+  colour: string;
+  name: string;
+}
+
+const AXIS = { stroke: "#93a3ad", grid: { stroke: "#222b32", width: 1 }, ticks: { show: false }, font: "11px system-ui" };
+
+function plot(id: string, options: Omit<uPlot.Options, "width" | "height">, data: uPlot.AlignedData): void {
+  const box = byId(id);
+  plots.get(id)?.destroy();
+  const made = new uPlot({ ...options, width: box.clientWidth, height: box.clientHeight - 26 }, data, box);
+  plots.set(id, made);
+}
+
+/** Output against input: a path that may go back, which uPlot draws as points joined in order. */
+function loop(id: string, u: (number | null)[], curves: Curve[], input: string, output: string): void {
+  const path = (self: uPlot, series: number): null => {
+    const [xs, ys] = self.data[series] as unknown as [(number | null)[], (number | null)[]];
+    const context = self.ctx;
+    context.save();
+    context.beginPath();
+    context.rect(self.bbox.left, self.bbox.top, self.bbox.width, self.bbox.height);
+    context.clip();
+    context.strokeStyle = self.series[series]!.stroke instanceof Function ? curves[series - 1]!.colour : "#fff";
+    context.lineWidth = 1.4 * (window.devicePixelRatio || 1);
+    context.beginPath();
+    let pen = false;
+    xs.forEach((x, k) => {
+      const y = ys[k];
+      if (x === null || y === null || y === undefined) return;
+      const [px, py] = [self.valToPos(x, "x", true), self.valToPos(y, "y", true)];
+      if (pen) context.lineTo(px, py);
+      else context.moveTo(px, py);
+      pen = true;
+    });
+    context.stroke();
+    context.restore();
+    return null;
+  };
+  const all = curves.flatMap((curve) => curve.y).filter((value): value is number => value !== null);
+  const inputs = u.filter((value): value is number => value !== null);
+  const range = (values: number[]): [number, number] => {
+    const [low, high] = [values.reduce((a, b) => Math.min(a, b), Infinity), values.reduce((a, b) => Math.max(a, b), -Infinity)];
+    const gap = 0.04 * (high - low || 1);
+    return [low - gap, high + gap];
+  };
+  plot(
+    id,
+    {
+      mode: 2,
+      legend: { live: false, markers: { width: 3 } },
+      cursor: { show: false },
+      scales: { x: { time: false, range: () => range(inputs) }, y: { range: () => range(all) } },
+      axes: [{ ...AXIS, label: input, labelSize: 18, size: 30 }, { ...AXIS, label: output, labelSize: 18, size: 52 }],
+      series: [{}, ...curves.map((curve) => ({ label: curve.name, stroke: curve.colour, paths: path as never, facets: [{ scale: "x", auto: true }, { scale: "y", auto: true }] }))],
+    },
+    [null, ...curves.map((curve) => [u, curve.y])] as unknown as uPlot.AlignedData,
+  );
+}
+
+function along(rows: number[], y: (number | null)[], fit: (number | null)[], held: number | null, output: string): void {
+  const mark = (self: uPlot): void => {
+    if (held === null) return;
+    const x = self.valToPos(held, "x", true);
+    self.ctx.save();
+    self.ctx.strokeStyle = "#ffb454";
+    self.ctx.setLineDash([6, 6]);
+    self.ctx.beginPath();
+    self.ctx.moveTo(x, self.bbox.top);
+    self.ctx.lineTo(x, self.bbox.top + self.bbox.height);
+    self.ctx.stroke();
+    self.ctx.restore();
+  };
+  plot(
+    "along",
+    {
+      legend: { live: false },
+      cursor: { drag: { x: true, y: false }, points: { show: false } },
+      scales: { x: { time: false } },
+      hooks: { draw: [mark] },
+      axes: [{ ...AXIS, label: "row", labelSize: 18, size: 30 }, { ...AXIS, label: output, labelSize: 18, size: 52 }],
+      series: [{ label: "row" }, { label: "measured", stroke: "#5b6b75", width: 1.4 }, { label: "model", stroke: "#46d6b8", width: 1.4 }],
+    },
+    [rows, y, fit] as uPlot.AlignedData,
+  );
+}
+
+function drawMemory(): void {
+  if (!result) return;
+  const labels = { alpha: "on at", beta: "off at", margin: 18 };
+  drawPlane(byId<HTMLCanvasElement>("plane"), result, memory ?? [result.levels[0]!], labels);
+}
+
+function slid(): number {
+  const low = result!.levels[0]!;
+  const high = result!.levels[result!.levels.length - 1]!;
+  return low + (Number(byId<HTMLInputElement>("slider").value) / 1000) * (high - low);
+}
+
+let moving = false;
+let again = false;
+
+/** Push the slider's value into the model; one request at a time, the newest value last. */
+async function move(): Promise<void> {
+  if (!result) return;
+  byId("slider-shown").textContent = slid().toPrecision(4);
+  if (moving) {
+    again = true;
+    return;
+  }
+  moving = true;
+  const told = await ask(`/api/lab/${user}/move`, JSON.stringify({ u: slid(), memory }));
+  moving = false;
+  if (told) {
+    memory = told.memory as number[];
+    byId("slider-output").textContent = `${(told.y as number).toPrecision(5)}`;
+    drawMemory();
+  }
+  if (again) {
+    again = false;
+    void move();
+  }
+}
+
+function forget(): void {
+  memory = null;
+  byId<HTMLInputElement>("slider").value = "0";
+  byId("slider-output").textContent = "–";
+  byId("slider-shown").textContent = "";
+  drawMemory();
+}
+
+async function invert(): Promise<void> {
+  trouble("");
+  const words = byId<HTMLTextAreaElement>("targets").value.split(/[\s,;]+/).filter(Boolean);
+  const targets = words.map(Number);
+  const wrong = targets.findIndex((value) => !Number.isFinite(value));
+  if (words.length === 0 || wrong >= 0) {
+    trouble(words.length === 0 ? "There are no targets; type some numbers." : `“${words[wrong]}” is not a number; separate numbers by commas or spaces.`);
+    return;
+  }
+  const start = byId<HTMLSelectElement>("start").value;
+  const told = await ask(`/api/lab/${user}/invert`, JSON.stringify({ targets, start }));
+  if (!told) return;
+  const rows = targets.map((target, k) => [target, told.u[k], told.y[k]].map((value) => (value as number).toPrecision(6)));
+  const table = byId<HTMLTableElement>("sequence");
+  table.innerHTML = "<thead><tr><th>target</th><th>input</th><th>output</th></tr></thead>";
+  const body = table.createTBody();
+  rows.forEach((cells, k) => {
+    const row = body.insertRow();
+    if (!told.reachable[k]) row.className = "out";
+    cells.forEach((cell) => (row.insertCell().textContent = cell));
+  });
+  const missed = (told.reachable as boolean[]).filter((ok) => !ok).length;
+  if (missed) {
+    const [low, high] = result!.range.map((value) => value.toPrecision(4));
+    trouble(`${missed} of ${targets.length} targets lie beyond what the model reaches, ${low} to ${high}; their inputs go as near as they can.`);
+  }
+  byId<HTMLAnchorElement>("get-inputs").href = `/api/lab/${user}/inputs.csv`;
+  show("get-inputs");
+}
+
+const area = byId("drop");
+const file = byId<HTMLInputElement>("file");
+byId("browse").onclick = () => file.click();
+file.onchange = () => {
+  if (file.files?.[0]) void drop(file.files[0]);
+  file.value = "";
+};
+for (const name of ["dragenter", "dragover"]) {
+  document.addEventListener(name, (event) => {
+    event.preventDefault();
+    area.classList.add("over");
+  });
+}
+for (const name of ["dragleave", "drop"]) document.addEventListener(name, () => area.classList.remove("over"));
+document.addEventListener("drop", (event) => {
+  event.preventDefault();
+  const dropped = event.dataTransfer?.files[0];
+  if (dropped) void drop(dropped);
+});
+byId<HTMLFormElement>("choices").onsubmit = (event) => {
+  event.preventDefault();
+  void identify();
+};
+for (const id of ["input", "output"]) byId(id).onchange = drawLoop;
+byId("slider").oninput = () => void move();
+byId("forget").onclick = forget;
+byId("invert").onclick = () => void invert();
+window.addEventListener("resize", () => {
+  for (const [id, made] of plots) made.setSize({ width: byId(id).clientWidth, height: byId(id).clientHeight - 26 });
+  drawMemory();
+});

@@ -1,0 +1,319 @@
+/** The operate page: what comes from the server on the screen, what the operator does to the server. */
+
+import { Course } from "./charts";
+import { Guide } from "./guide";
+import { Hands } from "./hands";
+import { drawPlane } from "./plane";
+import type { Solid } from "./solid";
+import { Stage } from "./stage";
+import { byId, Connection, now, type Finding, type Hello, type Mode, type Picture, type Seats, type State } from "./talk";
+import { WallMap } from "./wall";
+
+const SENT_EVERY = 20; // ms
+const NOTICE = 7000; // ms
+
+const replay = new URLSearchParams(location.search).get("replay");
+const camera = byId<HTMLCanvasElement>("camera");
+const stage = new Stage(camera);
+const wall = new WallMap(byId<HTMLCanvasElement>("map"));
+const guide = new Guide(byId("guide"));
+let courses: [Course, Course] | null = null;
+let solid: Solid | null = null;
+let hello: Hello | null = null;
+let state: State | null = null;
+let seats: Seats | null = null;
+let findings: Finding[] = [];
+let recording: string | null = null;
+let drawn = 0;
+let noticed = 0;
+let held = "";
+let started: number | null = null;
+
+const order = (type: string, content: Record<string, unknown> = {}): void => {
+  if (seats?.grant) connection.send(type, { grant: seats.grant, ...content });
+  else if (replay === null) notice("Take the controls first.");
+};
+
+const wishes = {
+  pick(x: number, y: number) {
+    if (!hello) return;
+    const [u, v] = stage.pixel(x, y, hello);
+    order("pick", { u, v });
+  },
+  pickMiddle() {
+    if (hello) order("pick", { u: hello.view.width / 2, v: hello.view.height / 2 });
+  },
+  next() {
+    const count = state?.spots.length ?? 0;
+    stage.chosen = count ? (stage.chosen + 1) % count : -1;
+  },
+  confirm() {
+    const spot = state?.spots[stage.chosen];
+    if (spot) order("pick", { u: spot[0], v: spot[1] });
+    stage.chosen = -1;
+  },
+  mode(mode: Mode) {
+    if (seats?.grant) drive(); // so that the loop knows where the head is
+    order("mode", { mode });
+  },
+  measure() {
+    order("measure");
+  },
+  record() {
+    order("record", { on: recording === null });
+  },
+  take() {
+    if (seats?.grant) order("release");
+    else connection.send("take");
+  },
+};
+const hands = new Hands(wishes, camera);
+
+const connection = new Connection(
+  {
+    opened() {
+      veil(replay === null ? "Starting the control loop and identifying the wires…" : "Opening the recording…", true);
+    },
+    closed(reason, forGood) {
+      seats = null;
+      showSeats();
+      veil(reason, !forGood);
+    },
+    said(message) {
+      switch (message.type) {
+        case "hello":
+          hello = message;
+          courses ??= [new Course(byId("chart-pan"), hello.cone), new Course(byId("chart-tilt"), hello.cone)];
+          byId<HTMLButtonElement>("take").disabled = replay !== null;
+          break;
+        case "state":
+          state = message;
+          showState(message);
+          break;
+        case "seats":
+          seats = message;
+          showSeats();
+          break;
+        case "findings":
+          findings = message.findings;
+          showFindings();
+          break;
+        case "recording":
+          showRecording(message.name);
+          break;
+        case "notice":
+          notice(message.text);
+          break;
+        case "failed":
+          veil(message.text, false);
+          break;
+        case "pong":
+          byId("latency").textContent = `${(1000 * (now() - message.t)).toFixed(0)} ms`;
+          break;
+        case "ended":
+          notice("The recording has ended.");
+      }
+    },
+    shown: (picture) => void showPicture(picture),
+  },
+  replay,
+);
+
+async function showPicture(picture: Picture): Promise<void> {
+  if (picture.kind === 2) {
+    await wall.show(picture);
+    return;
+  }
+  if (await stage.show(picture, state, hello)) {
+    byId("veil").hidden = true;
+    document.body.dataset.pictures = String(Number(document.body.dataset.pictures ?? 0) + 1);
+  }
+}
+
+function showState(s: State): void {
+  started ??= s.t;
+  courses?.[0].add(s.t - started, s.command[0], s.angle[0]);
+  courses?.[1].add(s.t - started, s.command[1], s.angle[1]);
+  guide.update(s, findings);
+  document.body.dataset.mode = s.mode;
+  document.body.dataset.command = s.command.join(" ");
+  if (performance.now() - drawn < 90) return;
+  drawn = performance.now();
+  const pill = byId("mode");
+  pill.textContent = replay === null ? (s.clutch && s.mode === "HEAD" ? "CLUTCH" : s.mode) : `REPLAY · ${s.mode}`;
+  pill.className = `pill ${replay === null ? s.mode.toLowerCase() : "replay"}`;
+  pill.title = s.reason;
+  for (const button of document.querySelectorAll<HTMLButtonElement>("[data-mode]")) {
+    if (button.tagName === "BUTTON") press(button, button.dataset.mode === s.mode);
+  }
+  press(byId("clutch"), s.clutch);
+  text("advance", `${plain(s.place[0], 1)} mm`);
+  text("roll", `${plain(s.place[1], 0)}°`);
+  text("pan", angle(s.angle[0]));
+  text("tilt", angle(s.angle[1]));
+  if (s.heard && seats?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.heard.t)).toFixed(0)} ms`);
+  if (s.trouble) notice(s.trouble);
+  else if (s.mode === "HOLD" && s.reason && seats?.grant) notice((held = s.reason));
+  else if (byId("notice").textContent === held) byId("notice").hidden = true;
+  else if (performance.now() - noticed > NOTICE) byId("notice").hidden = true;
+  if (!hello) return;
+  for (const k of [0, 1] as const) {
+    text(`hot-${k}`, `≤ ${s.temperature[k].toFixed(0)} °C`);
+    const labels = { alpha: "on at [A²]", beta: "off at [A²]", margin: 16 };
+    drawPlane(byId<HTMLCanvasElement>(`plane-${k}`), hello.planes[k]!, s.memory[k], labels);
+  }
+  wall.draw(hello, s);
+}
+
+function showSeats(): void {
+  const take = byId("take");
+  const mine = Boolean(seats?.grant);
+  const long = document.createElement("span");
+  long.className = "long";
+  long.textContent = " the controls";
+  if (seats?.pilot && !mine) take.replaceChildren(`Viewer ${seats.pilot} steers`);
+  else take.replaceChildren(mine ? "Release" : "Take", long);
+  take.classList.toggle("leaving", mine);
+  text("viewers", seats ? `${seats.viewers} ${seats.viewers === 1 ? "page" : "pages"}` : "");
+  document.body.dataset.pilot = mine ? "yes" : "no";
+  for (const id of ["clutch", "measure", "record"]) byId<HTMLButtonElement>(id).disabled = !mine;
+  for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) button.disabled = !mine;
+}
+
+function showFindings(): void {
+  wall.findings = findings;
+  byId("findings").replaceChildren(
+    ...findings.map((f) => {
+      const item = document.createElement("li");
+      const said = document.createElement("span");
+      said.textContent = `${f.number} · ⌀ ${f.diameter.toFixed(2)} mm at ${f.z.toFixed(1)} mm, ${f.phi.toFixed(0)}°`;
+      const forget = document.createElement("button");
+      forget.className = "plain";
+      forget.textContent = "×";
+      forget.setAttribute("aria-label", `Drop finding ${f.number}`);
+      forget.onclick = () => order("forget", { finding: f.number });
+      item.append(said, forget);
+      return item;
+    }),
+  );
+  if (findings.length === 0 && !solid) return;
+  void showSolid();
+}
+
+async function showSolid(): Promise<void> {
+  if (!solid && hello) {
+    const { Solid } = await import("./solid");
+    try {
+      solid ??= new Solid(byId("solid"), 1000 * hello.view.radius);
+    } catch {
+      text("solid", "This browser draws nothing in three dimensions; the list below has the numbers.");
+    }
+  }
+  solid?.show(findings, wall.bitmap, wall.range);
+}
+
+function showRecording(name: string | null): void {
+  if (recording !== null && name === null) notice(`Recorded as ${recording}; find it under “?”.`);
+  recording = name;
+  press(byId("record"), name !== null);
+}
+
+function notice(sentence: string): void {
+  const box = byId("notice");
+  if (box.textContent !== sentence) box.textContent = sentence;
+  box.hidden = false;
+  noticed = performance.now();
+}
+
+function veil(sentence: string, working: boolean): void {
+  byId("veil").hidden = false;
+  text("veil-text", sentence);
+  document.querySelector<HTMLElement>(".spinner")!.hidden = !working;
+}
+
+function text(id: string, content: string): void {
+  const element = byId(id);
+  if (element.textContent !== content) element.textContent = content;
+}
+
+const press = (element: HTMLElement, on: boolean): void => element.setAttribute("aria-pressed", String(on));
+/** A number without a minus before nothing. */
+const plain = (value: number, digits: number): string => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
+const angle = (value: number | null): string => (value === null ? "lost" : `${plain(value, 1)}°`);
+
+async function changeSource(): Promise<void> {
+  const select = byId<HTMLSelectElement>("source");
+  const source = select.value as Hands["source"];
+  let trouble = "";
+  if (source === "phone") trouble = await hands.usePhone();
+  if (source === "headset") {
+    const { wear } = await import("./headset");
+    try {
+      trouble = await wear(camera, {
+        pose: (pose, stick, clutch) => hands.worn(pose, stick, clutch),
+        select: () => wishes.pickMiddle(),
+        ended() {
+          hands.unworn();
+          select.value = hands.source = "mouse";
+          order("mode", { mode: "HOLD" });
+        },
+      });
+    } catch (error) {
+      trouble = `The headset cannot be used: ${String(error)}`;
+    }
+  }
+  if (trouble) {
+    notice(trouble);
+    select.value = hands.source;
+    return;
+  }
+  if (seats?.grant && source !== hands.source) order("mode", { mode: "HOLD" });
+  hands.source = source;
+}
+
+async function showMenu(): Promise<void> {
+  byId<HTMLDialogElement>("help").showModal();
+  const names = (await (await fetch("/api/recordings")).json()) as string[];
+  if (names.length === 0) return;
+  byId("recordings").replaceChildren(
+    ...names.map((name) => {
+      const item = document.createElement("li");
+      const link = document.createElement("a");
+      link.href = `/?replay=${encodeURIComponent(name)}`;
+      link.textContent = name;
+      item.append(link);
+      return item;
+    }),
+  );
+}
+
+byId("take").onclick = wishes.take;
+byId("measure").onclick = wishes.measure;
+byId("record").onclick = wishes.record;
+byId("menu").onclick = () => void showMenu();
+byId("source").onchange = () => void changeSource();
+byId<HTMLInputElement>("focus").oninput = (event) => {
+  const mm = Number((event.target as HTMLInputElement).value);
+  text("focus-shown", `${mm} mm`);
+  order("focus", { distance: mm / 1000 });
+  guide.focusSet();
+};
+for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) {
+  button.onclick = () => wishes.mode(button.dataset.mode as Mode);
+}
+
+function drive(): void {
+  const { pose, age } = hands.look();
+  order("drive", { pose, age, stick: hands.stick(), clutch: hands.clutch() });
+}
+
+window.setInterval(() => {
+  hands.tick();
+  if (seats?.grant) drive();
+}, SENT_EVERY);
+window.setInterval(() => {
+  if (replay === null && !seats?.grant) connection.send("ping");
+}, 1000);
+
+showSeats();
+connection.open();
