@@ -19,7 +19,9 @@ _Host = Annotated[
     str, typer.Option(help="Where to listen; 0.0.0.0 lets in other machines that have the key.")
 ]
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
-_Plant = Annotated[str, typer.Option(help="What to steer; a simulated catheter: twin:rig.")]
+_Plant = Annotated[
+    str, typer.Option(help="What to steer: twin:pipe, or twin:rig with plain pictures.")
+]
 _Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
 _Specimen = Annotated[
     int | None, _common.whole_option("Seed of the simulated specimen; nominal without it.")
@@ -39,7 +41,7 @@ _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private ke
 def run(
     host: _Host = "127.0.0.1",
     port: _Port = 8765,
-    plant: _Plant = "twin:rig",
+    plant: _Plant = "twin:pipe",
     folder: _Folder = Path("console"),
     specimen: _Specimen = None,
     seed: _Seed = 0,

@@ -57,7 +57,7 @@ class LoopSettings:
         Age in seconds of the operator's pose and page beyond which the head holds.
     """
 
-    address: str = "twin:rig"
+    address: str = "twin:pipe"
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"

@@ -25,7 +25,7 @@ from minorloop.lab.actuator import Actuator, FrameSource
 
 MIDDLE = 30.0
 """Pan and tilt at which the head looks straight ahead, in degrees."""
-ADDRESSES = ("twin:rig",)
+ADDRESSES = ("twin:pipe", "twin:rig")
 _HOLD = 40.0
 _BANDS = 12
 _HIGHEST = 0.4
@@ -87,21 +87,40 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> t
         If there is none at the address.
     """
     check_address(address)
-    from minorloop.twins import picture
     from minorloop.twins.catheter import Catheter
     from minorloop.twins.head import Head
     from minorloop.twins.rig import Rig
 
     head = Head(specimen, 0.05, seed, delay=0.04)
-    rig = Rig(picture.Picture(seed), head, Catheter(specimen, 0.02, seed))
+    catheter = Catheter(specimen, 0.02, seed)
+    if address == "twin:rig":
+        from minorloop.twins import picture
+
+        drawn = picture.Picture(seed)
+        view = View(
+            width=picture.WIDTH,
+            height=picture.HEIGHT,
+            focal=picture.FOCAL,
+            lever=picture.LEVER,
+            radius=picture.RADIUS,
+        )
+        return Rig(drawn, head, catheter), view
+    from minorloop.geometry import Mount
+    from minorloop.twins.camera import Camera
+    from minorloop.twins.pipe import Pipe
+    from minorloop.twins.rig import InPipe
+
+    pipe = Pipe.draw(seed, length=0.1024, holes=6)
+    camera = Camera(pipe, specimen=specimen, seed=seed)
+    lens = camera.calibration
     view = View(
-        width=picture.WIDTH,
-        height=picture.HEIGHT,
-        focal=picture.FOCAL,
-        lever=picture.LEVER,
-        radius=picture.RADIUS,
+        width=lens.width,
+        height=lens.height,
+        focal=lens.focal,
+        lever=Mount().lever,
+        radius=pipe.radius,
     )
-    return rig, view
+    return Rig(InPipe(camera), head, catheter), view
 
 
 def head_of(address: str, specimen: int | None) -> HeadControl:

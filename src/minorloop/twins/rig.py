@@ -12,12 +12,15 @@ from typing import Protocol
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.geometry import Mount
 from minorloop.lab.actuator import Channel, Frame
+from minorloop.twins.camera import Camera
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 
 STRAIGHT = 30.0
 """Pan and tilt of a head that looks along the pipe, in degrees."""
+_GAIN, _BRIGHT, _HASTE, _SHORTEST = 4.0, 150.0, 0.2, 2e-4
 
 
 class Looking(Protocol):
@@ -34,6 +37,40 @@ class Looking(Protocol):
 
     def frame(self) -> Frame:
         """The next image."""
+
+
+class InPipe:
+    """The camera in a metal pipe, told its place by its mount, with an exposure that adapts.
+
+    Parameters
+    ----------
+    camera : Camera
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._exposure = 0.01
+
+    def look(self, pan: float, tilt: float, *, rates: tuple[float, float]) -> None:
+        """Angles in radians, and their rates."""
+        self._camera.look(pan, tilt, rates=rates)
+
+    def place(self, advance: float, roll: float) -> None:
+        """Position along the pipe in metres, and roll in radians."""
+        self._camera.move(Mount(advance=advance, roll=roll))
+
+    def focus_at(self, distance: float) -> None:
+        """Send the focus to a distance in metres."""
+        self._camera.focus_at(distance)
+
+    def frame(self) -> Frame:
+        """The next image; the exposure follows its brighter part, so that little is washed out."""
+        self._camera.expose(self._exposure, _GAIN)
+        frame = self._camera.frame()
+        bright = max(float(np.percentile(frame.image[::8, ::8], 85)), 4.0)
+        wanted = self._exposure * (_BRIGHT / bright) ** _HASTE
+        self._exposure = min(max(wanted, _SHORTEST), self._camera.sensor.interval / 2)
+        return frame
 
 
 class Rig:
