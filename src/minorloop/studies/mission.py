@@ -29,7 +29,7 @@ from minorloop.twins.head import Head
 from minorloop.twins.pipe import Bore, Pipe
 from minorloop.twins.seeing import STRAIGHT, SeeingHead
 from minorloop.twins.ultrasound import Ultrasound
-from minorloop.vision.defects import Findings, Hole, acquire, find_holes
+from minorloop.vision.defects import Findings, Hole, acquire, find_holes, strongest
 from minorloop.vision.eye import Eye
 from minorloop.vision.focus import autofocus
 from minorloop.vision.jacobian import wall_depth
@@ -46,7 +46,7 @@ ADVANCES = (0.0, 8.0, 16.0)
 MOST_PICKS = 3
 """Things that are gone to, one after the other, until echoes confirm one."""
 NEARER = 0.6
-"""Share of the way to the finding that the head turns before the servo takes over."""
+"""Share of the deflection at which the finding is centred, where the servo takes over."""
 SHOTS, GREY = 16, 95.0
 CONE = Cone(half=np.radians(30.0))
 PATCH = 2.4e-3
@@ -128,7 +128,6 @@ class _Crew:
         self.place = np.zeros(2)
         self.log: list[Step] = []
         self.gain = 1.0
-        self.looked_from = 0.0
 
     @property
     def t(self) -> float:
@@ -238,8 +237,8 @@ def run_mission(seed: int) -> Mission:
     """Inspect one pipe with one pit in it, without a hand."""
     crew = _Crew(seed)
     mission = Mission(seed, (), None, None, None, None, None, None, None, None, np.nan, crew.bore)
-    for hole, angles in _search(crew)[:MOST_PICKS]:
-        first, pixel = _pick(crew, hole, angles)
+    for hole in _search(crew)[:MOST_PICKS]:
+        first, pixel = _pick(crew, hole)
         _centre(crew, pixel)
         _focus(crew)
         looks, centred, seen = _extract(crew, hole)
@@ -257,34 +256,30 @@ def run_mission(seed: int) -> Mission:
     return replace(mission, log=tuple(crew.log))
 
 
-def _search(crew: _Crew) -> list[tuple[Hole, FloatArray]]:
+def _search(crew: _Crew) -> list[Hole]:
     """Look around from one place after another until something is found; the likeliest first."""
-    seen: list[tuple[Hole, FloatArray]] = []
     for advance in ADVANCES:
         crew.travel(advance, 0.0)
-        crew.looked_from = 1e-3 * advance
+        seen: list[Hole] = []
         for k in range(LOOKS):
             way = 2 * np.pi * k / LOOKS
             crew.turn(np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
             crew.meter()
-            seen += [(hole, crew.angles) for hole in crew.look().holes]
-        seen.sort(key=lambda pair: -pair[0].evidence)
-        each: list[tuple[Hole, FloatArray]] = []
-        for hole, angles in seen:
-            if all(_distance(hole.place, other.place) > 1.5e-3 for other, _ in each):
-                each.append((hole, angles))
+            seen += crew.look().holes
+        each = strongest(seen, RADIUS, -np.inf)
         words = f"{len(each)} things" if each else "nothing"
         crew.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
         if each:
-            return each
+            return list(each)
     return []
 
 
-def _pick(crew: _Crew, hole: Hole, angles: FloatArray) -> tuple[npt.NDArray[np.uint8], FloatArray]:
-    """Turn towards a thing that was found, and say where it is in the image."""
-    crew.travel(1e3 * crew.looked_from, 0.0)
-    aim = crew.mount.aim(wall_point(hole.place[0], hole.place[1], RADIUS))
-    crew.turn(CONE.clip(angles + NEARER * (np.array(aim) - angles)))
+def _pick(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], FloatArray]:
+    """Go to where a thing is well in the cone, turn towards it, and say where it is seen."""
+    ahead = RADIUS / np.tan(np.radians(RING))
+    crew.travel(1e3 * max(float(hole.place[1]) - ahead, 0.0), 0.0)
+    aim = np.array(crew.mount.aim(wall_point(hole.place[0], hole.place[1], RADIUS)))
+    crew.turn(CONE.clip(NEARER * aim))
     crew.meter()
     place = f"phi {np.degrees(hole.place[0]):.0f} deg, z {1e3 * hole.place[1]:.1f} mm"
     crew.say("pick", f"{place}, evidence {hole.evidence:+.1f}")
