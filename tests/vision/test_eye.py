@@ -41,8 +41,9 @@ def test_the_same_wall_from_elsewhere_is_the_same_map():
 
 
 @settings(max_examples=20)
-@given(pan=st.floats(-0.5, 0.5), tilt=st.floats(-0.5, 0.5))
-def test_the_window_in_view_holds_all_that_is_seen_large_enough(pan, tilt):
+@given(turn=st.floats(0.15, 0.5), way=st.floats(-3.1, 3.1))
+def test_the_window_in_view_of_a_turned_head_holds_what_is_seen_large_enough(turn, way):
+    pan, tilt = turn * np.cos(way), turn * np.sin(way)
     window = window_in_view(EYE, pan, tilt)
     if window is None:
         return
