@@ -27,7 +27,7 @@ def test_figures_of_several_specimens_are_medians(answer):
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("study moon", "there is no study 'moon'; give one of ipmc, fibre, design, head, inspection"),
+        ("study moon", "there is no study 'moon'; give one of ipmc, fibre, design"),
         ("study fibre --specimens 0", "--specimens is 0; give 1 to 1000"),
         ("study fibre --seed -1", "--seed is -1; give 0 or more"),
         ("study fibre --out good.csv", "good.csv is a file"),
