@@ -214,7 +214,7 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
         marked = regressors(form, heard, measured, start) if count <= MOST_CORRELATED else None
         y = outputs[lag:][measured]
         found = fit_prior(areas, y, marked, signed=signed, noise=noise, guess=guess)
-        guess = found.belief.hyperparameters
+        guess = found.learnt
         suspect = _suspect(found, marked, y, signed, noise)
         if suspect is None or len(suspects) >= count // _FEWEST_EACH_SUSPECT:
             break
@@ -245,7 +245,7 @@ def _suspect(
         (marked[0][others], marked[1][others]),
         signed=signed,
         noise=noise,
-        guess=found.belief.hyperparameters,
+        guess=found.learnt,
     )
     row = marked[0][worst : worst + 1]
     h, unit = without.belief.hyperparameters, without.belief.unit
