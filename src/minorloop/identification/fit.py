@@ -185,6 +185,11 @@ def _fitted(
     """Fit with the prior, or with smoothness."""
     fitted = record[2]
     samples = int(np.count_nonzero(fitted[lag:]))
+    if prior == "gaussian" and form.cells > _MOST_CELLS:
+        raise ParameterError(
+            f'prior is "gaussian" and the plane has {form.cells} cells; give at most 64 levels, '
+            'or leave it "auto", which smooths such planes'
+        )
     few = samples < _EACH * form.unknowns and form.cells <= _MOST_CELLS
     if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
         if prior == "auto" and samples >= form.unknowns:
@@ -271,9 +276,13 @@ def _fit(
 def _as_noise(noise: float | None) -> float | None:
     if noise is None:
         return None
+    if isinstance(noise, bool | np.bool_):
+        raise ParameterError(f"noise is {noise}; give a standard deviation in the output's unit")
     number = as_finite("noise", noise)
-    if number < 0:
-        raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
+    if not 0 <= number <= _LARGEST:
+        raise ParameterError(
+            f"noise is {noise}; give a standard deviation >= 0 and up to {_LARGEST:g}"
+        )
     return number
 
 
