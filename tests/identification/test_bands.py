@@ -70,3 +70,10 @@ def test_no_outputs_are_said_to_be_none():
 def test_refuses_what_the_prior_cannot_use(options, says):
     with pytest.raises(ParameterError, match=says):
         identify(U, U, **options)
+
+
+def test_the_record_is_drawn_with_bands_between_the_samples():
+    record = FIT.plot().axes[2]
+    assert record.get_title() == "Record"
+    across = record.collections[0].get_paths()[0].vertices[:, 0]
+    assert len(np.unique(across)) > 5 * U.size

@@ -224,3 +224,17 @@ def test_bands_hold_for_a_sensor_far_worse_than_usual(noise):
         grid = np.r_[-1.2, rng.uniform(-1.2, 1.2, 20)]
         covered.append(fit.predict(grid, bands=0.9).covers(plant.simulate(grid)))
     assert np.mean(covered) > 0.75
+
+
+def test_hyperparameters_of_few_samples_on_a_fine_plane_are_sought_on_a_coarse_one(monkeypatch):
+    sought, search = [], prior.search
+
+    def seen(evidence, *args):
+        sought.append(evidence.form.bands)
+        return search(evidence, *args)
+
+    monkeypatch.setattr(prior, "search", seen)
+    u = np.linspace(0, 1, 7) ** 2 * np.array([1, 0, 1, 0, 1, 0, 1])
+    fit = identify(u, u, levels=48, prior="gaussian")
+    assert set(sought) == {24}
+    assert fit.belief.form.bands == 48

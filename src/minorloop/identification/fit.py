@@ -25,6 +25,7 @@ from minorloop.identification.prior import (
     MOST_CORRELATED,
     Belief,
     PriorFit,
+    coarse_rows,
     fit_marked,
     fit_prior,
     regressors,
@@ -218,9 +219,10 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
         areas = Areas(form, heard, measured, start)
         marked = regressors(form, heard, measured, start) if count <= MOST_CORRELATED else None
         y = outputs[lag:][measured]
-        found = fit_prior(areas, y, marked, signed=signed, noise=noise, guess=guess)
+        coarse = None if marked is None else coarse_rows(areas, heard, measured, start)
+        found = fit_prior(areas, y, marked, signed=signed, noise=noise, guess=guess, coarse=coarse)
         guess = found.learnt
-        suspect = _suspect(found, marked, y, signed, noise)
+        suspect = _suspect(found, marked, coarse, y, signed, noise)
         if suspect is None or len(suspects) >= count // _FEWEST_EACH_SUSPECT:
             break
         place = int(np.flatnonzero(measured)[suspect]) + lag
@@ -233,6 +235,7 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
 def _suspect(
     found: PriorFit,
     marked: tuple[FloatArray, FloatArray] | None,
+    coarse: tuple[Form, FloatArray] | None,
     y: FloatArray,
     signed: bool,
     noise: float | None,
@@ -251,6 +254,7 @@ def _suspect(
         signed=signed,
         noise=noise,
         guess=found.learnt,
+        coarse=None if coarse is None else (coarse[0], coarse[1][others]),
     )
     row = marked[0][worst : worst + 1]
     h, unit = without.belief.hyperparameters, without.belief.unit

@@ -45,6 +45,8 @@ MANY = 10**9
 """Samples of hyperparameters that are given, not learnt."""
 FINEST = 20
 """Bands of the plane on which hyperparameters are sought."""
+FINEST_OF_FEW = 40
+"""The same where samples are few."""
 
 _NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "own")
 _CENTRES = np.log([0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.3])
@@ -235,6 +237,7 @@ def fit_prior(
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
+    coarse: tuple[Form, FloatArray] | None = None,
 ) -> PriorFit:
     """Fit with the prior.
 
@@ -252,9 +255,13 @@ def fit_prior(
         Standard deviation of a measured output, in its unit; found with the rest if not given.
     guess : Hyperparameters, optional
         Where to begin the search.
+    coarse : tuple, optional
+        A form and rows of few samples, as `coarse_rows` gives them.
     """
     if marked is not None:
-        return fit_marked(areas.form, y, marked, signed=signed, noise=noise, guess=guess)
+        return fit_marked(
+            areas.form, y, marked, signed=signed, noise=noise, guess=guess, coarse=coarse
+        )
     with active_set.one_thread(areas.form.unknowns):
         return _fit_summed(areas, y, signed, noise, guess)
 
@@ -297,13 +304,22 @@ def fit_marked(
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
+    coarse: tuple[Form, FloatArray] | None = None,
 ) -> PriorFit:
-    """Fit few samples, whose rows (M, n) and marks (M, 3) are at hand; see `fit_prior`."""
+    """Fit few samples, whose rows (M, n) and marks (M, 3) are at hand; see `fit_prior`.
+
+    ``coarse`` is a form, and its rows, on which the hyperparameters are sought instead.
+    """
     scaled, unit, shift = _scaled(form, y)
     found = Evidence(form, scaled, *marked)
     plane = Plane(form)
     with active_set.one_thread(form.unknowns):
-        learnt = h = search(found, _known(noise, unit), guess)
+        if coarse is None:
+            learnt = h = search(found, _known(noise, unit), guess)
+        else:
+            small = Evidence(coarse[0], scaled, coarse[1], marked[1])
+            learnt = search(small, _known(noise, unit), guess)
+            h = replace(learnt, own=learnt.own * form.cells / coarse[0].cells)
         x, kkt, factor = _solve(plane, found, h, signed)
         surprises = _surprises(plane, found, h)
         for _ in range(_REFINEMENTS):
@@ -338,6 +354,16 @@ def believe(form: Form, h: Hyperparameters, marked: tuple[FloatArray, FloatArray
     found = Evidence(form, np.zeros(marked[0].shape[0]), *marked)
     _, _, factor = _solve(Plane(form), found, h, signed=True)
     return Belief(form, h, 1.0, factor, MANY)
+
+
+def coarse_rows(
+    areas: Areas, u: FloatArray, measured: BoolArray, start: Start
+) -> tuple[Form, FloatArray] | None:
+    """A plane coarse enough to seek hyperparameters on, and its rows; None if this one is."""
+    small = areas
+    while small.form.bands > FINEST_OF_FEW:
+        small = small.coarser()
+    return None if small is areas else (small.form, regressors(small.form, u, measured, start)[0])
 
 
 def regressors(
