@@ -14,7 +14,7 @@ NAMES = {
     *("Polynomial", "Memory", "Tracker", "Inversion"),
     *("identify", "Identification", "excitation", "densities"),
     *("Linear", "Cascade", "Trajectory", "Creep", "fit_creep"),
-    *("Actuator", "Channel", "Prediction", "NextInput", "next_input", "design"),
+    *("Actuator", "Adaptive", "Channel", "Prediction", "NextInput", "next_input", "design"),
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),
     *("fit_response", "Recursive", "representability", "Plan", "Store", "Setup", "run"),
     *("HeatedWire", "identify_heating", "moving_levels"),

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         UnreachableError,
     )
     from minorloop.identification import Identification, excitation, identify
+    from minorloop.identification.adaptive import Adaptive
     from minorloop.identification.arx import arx, step_response
     from minorloop.identification.bands import Prediction
     from minorloop.identification.design import NextInput, design, next_input
@@ -66,6 +67,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Actuator",
+    "Adaptive",
     "Cascade",
     "Channel",
     "Course",
@@ -137,6 +139,7 @@ _HOMES = {
     "minorloop.control.head": ("HeadControl", "head_control"),
     "minorloop.control.limits": ("WireLimits",),
     "minorloop.control.planning": ("Planner",),
+    "minorloop.identification.adaptive": ("Adaptive",),
     "minorloop.identification.bands": ("Prediction",),
     "minorloop.identification.heating": ("HeatedWire", "identify_heating", "moving_levels"),
     "minorloop.identification.design": ("NextInput", "design", "next_input"),

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minorloop.cli.run import _unsettled
+
 KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 RUN = "run --actuator twin:ipmc --plan plan.csv --noise 0.05 --specimen 3 --seed 4"
@@ -196,3 +198,39 @@ def test_an_adaptive_run_is_resumed_with_the_same_levels(run, answer):
 def test_an_impossible_adaptive_run_is_refused(options, says, refused):
     assert says in refused(f"{ADAPTIVE} {options} --store a.sqlite")
     assert not Path("a.sqlite").exists()
+
+
+def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
+    run(f"{ADAPTIVE} --holds 6 --levels 12 --store own.sqlite")
+    found = answer("identify own.sqlite")
+    assert (found["samples"], found["held_out"], found["levels"]) == (6, 4, 12)
+    assert found["prior"] == "gaussian"
+    assert found["nrmse_holdout"] is not None
+    assert answer("identify own.sqlite --levels 8")["levels"] == 8
+    assert "samples held out" in run("identify own.sqlite")[1]
+
+
+def test_an_adaptive_run_says_what_it_took_and_keeps_within_its_hours(run, answer):
+    out = run(f"{ADAPTIVE} --hours 0.28 --store h.sqlite")[1]
+    assert "7 levels measured; 3 kept for repetitions were not needed" in out
+    assert answer("runs show --store h.sqlite")["levels"] == 10
+
+
+def test_points_that_never_settled_are_warned_of():
+    said = _unsettled({"points": 4, "unsettled": 2})
+    assert "2 of 4 points had not settled" in said[0]
+    assert _unsettled({"points": 4, "unsettled": 1}) == _unsettled({"points": 0}) == []
+
+
+@pytest.mark.parametrize("option", ["--holds 5", "--hold 5", "--levels 9", "--least-gain 0.1"])
+def test_options_of_adaptive_runs_are_refused_with_a_plan(option, refused):
+    Path("p.csv").write_text("voltage [V],hold [s]\n1,200\n")
+    said = refused(f"run --actuator twin:ipmc --plan p.csv {option} --store p.sqlite")
+    assert f"{option.split()[0]} is for --plan adaptive" in said
+
+
+def test_too_few_hours_and_own_holdouts_are_refused(run, refused):
+    assert "give 0.278 h or more" in refused(f"{ADAPTIVE} --hours 0.2 --store a.sqlite")
+    run(f"{ADAPTIVE} --holds 3 --store a.sqlite")
+    assert "leave --rows and --holdout out" in refused("identify a.sqlite --holdout 0.3")
+    assert "nosuch.sqlite does not exist" in refused("identify nosuch.sqlite")

@@ -28,10 +28,15 @@ def test_twelve_holds_and_a_validation_that_is_never_fitted(done):
     chooser, u, y = done
     assert chooser.roles(u, y) == ["design"] * 12 + ["validation"] * VALIDATION
     fit = chooser.identification(u, y)
-    np.testing.assert_array_equal(fit.u, u[:12])
+    np.testing.assert_array_equal(fit.u, u)
+    np.testing.assert_array_equal(np.flatnonzero(fit.fitted), np.arange(12))
+    np.testing.assert_array_equal(np.flatnonzero(fit.held_out), np.arange(12, 16))
     score = chooser.validation(u, y)
     assert score.nrmse < 0.015
     assert score.covered >= 3
+    assert score.trusted
+    assert np.sort((np.array(u[12:]) + 1.2) // 0.6).tolist() == [0, 1, 2, 3]
+    assert len(set(np.sign(np.diff(u[12:])))) == 2
     np.testing.assert_array_equal(score.measured, y[12:])
 
 
@@ -51,12 +56,105 @@ def test_a_knocked_hold_is_repeated_and_left_out():
     assert not chooser.identification(u, y).fitted[8]
 
 
-def test_what_repeats_itself_is_believed():
+def test_what_repeats_itself_is_believed_flagged_and_widens_the_bands():
     """The same far reading twice is the plant, not a knock."""
     chooser = Adaptive(-1.2, 1.2)
     u, y = experiment(chooser, knocked_at=8, upto=10)
-    roles = Adaptive(-1.2, 1.2).roles(u, [*y[:9], y[8]])
-    assert roles[8:10] == ["design", "design"]
+    twice = [*y[:9], y[8]]
+    assert chooser.roles(u, twice)[8:10] == ["design", "repeat"]
+    assert chooser.changes(u, twice) == [8]
+    assert chooser.changes(u, y) == []
+    sd = chooser.identification(u, twice).predict(u, bands=0.9).sd
+    assert sd.min() > 2.0  # It read 3.0 too much.
+
+
+@pytest.mark.parametrize("at", [12, 14])
+def test_a_knock_in_the_validation_is_repeated(done, at):
+    chooser, u, y = done
+    y = [*y[:at], y[at] + 5.0]
+    assert chooser.choose(u[: at + 1], y) == u[at]
+    u, y = [*u[: at + 1], u[at]], [*y, done[2][at]]
+    assert chooser.roles(u, y)[at:] == ["knocked", "validation"]
+    assert chooser.validation(u, y).nrmse < 0.02
+
+
+@pytest.mark.parametrize("at", [2, 8, 13])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_was_not_measured_is_measured_again(done, at, bad):
+    chooser, u, y = done
+    y = [*y[:at], bad]
+    assert chooser.choose(u[: at + 1], y) == u[at]
+    score = chooser.validation([*u[: at + 1], u[at]], [*y, done[2][at]])
+    assert score is None or np.isfinite(score.nrmse)
+
+
+def test_what_is_missing_to_the_end_is_not_scored(done):
+    chooser, u, y = done
+    score = chooser.validation([*u[:13], *[u[13]] * 4], [*y[:13], *[np.nan] * 4])
+    assert score.measured.size == 1
+    assert np.isfinite(score.nrmse)
+
+
+def test_an_early_knock_is_left_out_and_made_up_for():
+    chooser = Adaptive(-1.2, 1.2)
+    u, y = experiment(chooser, knocked_at=3)
+    roles = chooser.roles(u, y)
+    assert roles[3] == "knocked"
+    assert roles.count("design") == 12
+    assert roles.count("validation") == VALIDATION
+
+
+def test_the_score_is_relative_to_what_was_not_knocked():
+    chooser = Adaptive(-1.0, 1.0, holds=12)
+    u, y = [], []
+    while (level := chooser.choose(u, y)) is not None:
+        u.append(level)
+        y.append(1e6 if len(u) == 9 else level)
+    assert chooser.roles(u, y)[8] == "knocked"
+    assert chooser.validation(u, y).scale < 2.1
+
+
+@pytest.mark.parametrize("holds", [12, 16])
+@pytest.mark.parametrize("plant", [lambda u: -u, lambda u: u * u])
+def test_an_output_that_no_weights_follow_gets_wide_bands_and_a_validation(plant, holds):
+    chooser = Adaptive(-1.0, 1.0, holds=holds)
+    u, y = [], []
+    while len(u) < chooser.most and (level := chooser.choose(u, y)) is not None:
+        u.append(level)
+        y.append(plant(level))
+    assert chooser.roles(u, y).count("validation") == VALIDATION
+    grid = np.r_[-1.0, np.random.default_rng(0).uniform(-1, 1, 30)]
+    assert chooser.identification(u, y).predict(grid, bands=0.9).covers(plant(grid)) > 0.8
+
+
+@pytest.mark.parametrize("surprising", ["always", "never"])
+def test_never_spends_the_validation(surprising, monkeypatch):
+    """Whatever is repeated, and however that ends."""
+    away = (1.0, 1e-9 if surprising == "always" else 1.0)
+    monkeypatch.setattr(Adaptive, "_away", lambda *_: away)
+    chooser = Adaptive(-1.0, 1.0, holds=8)
+    u, y = [], []
+    while (level := chooser.choose(u, y)) is not None:
+        u.append(level)
+        y.append(level)
+    assert len(u) == 12 + (3 if surprising == "always" else 0)
+    assert chooser.roles(u, y)[-1] == "validation"
+    assert len(set(u[-VALIDATION:])) == VALIDATION
+
+
+def test_a_validation_far_outside_is_not_to_be_trusted(done):
+    chooser, u, y = done
+    tail = [value + 4.0 for value in y[12:]]
+    score = chooser.validation(u[:12] + [u[12]] * 4, y[:12] + tail)
+    assert not score.trusted
+
+
+def test_noise_is_learnt_from_the_first_holds():
+    chooser = Adaptive(-1.0, 1.0)
+    chooser.learn_noise([0.1, np.nan, 0.3, 0.2, 50.0])
+    assert chooser.noise == pytest.approx(0.2)
+    chooser.learn_noise([np.nan])
+    assert chooser.noise == pytest.approx(0.2)
 
 
 def test_stops_early_where_holds_gain_too_little():

@@ -53,3 +53,27 @@ def test_a_model_without_the_prior_has_no_bands():
     with pytest.raises(ParameterError, match="prior gaussian"):
         plain.predict(U, bands=0.9)
     assert plain.invert([0.0], unreachable="clip").sd is None
+
+
+def test_no_outputs_are_said_to_be_none():
+    assert str(FIT.predict([], bands=0.9)) == "no outputs, bands of 90%"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"noise": 1e300}, "noise is 1e"),
+        ({"noise": True}, "noise is True"),
+        ({"levels": 65, "prior": "gaussian"}, "2145 cells; give at most 64 levels"),
+    ],
+)
+def test_refuses_what_the_prior_cannot_use(options, says):
+    with pytest.raises(ParameterError, match=says):
+        identify(U, U, **options)
+
+
+def test_the_record_is_drawn_with_bands_between_the_samples():
+    record = FIT.plot().axes[2]
+    assert record.get_title() == "Record"
+    across = record.collections[0].get_paths()[0].vertices[:, 0]
+    assert len(np.unique(across)) > 5 * U.size

@@ -94,3 +94,19 @@ def test_needs_the_prior():
     plain = identify(U, MODEL.simulate(U), levels=LEVELS, prior="none")
     with pytest.raises(ParameterError, match="needs the prior"):
         next_input(plain, NOW)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"step": "a"}, "step is 'a'"),
+        ({"memory": [0.0, 1.0]}, "memory is a list"),
+        ({"identification": Preisach(np.linspace(0, 1, 3), np.eye(2))}, "that is a Preisach"),
+    ],
+)
+def test_next_input_refuses_what_it_cannot_use(change, says):
+    u = np.linspace(0, 1, 5) ** 2
+    fit = identify(u, u, levels=4, prior="gaussian")
+    given = {"identification": fit, "memory": Memory.after(u, low=0.0, high=1.0), **change}
+    with pytest.raises(ParameterError, match=says):
+        next_input(**given)

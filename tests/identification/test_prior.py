@@ -7,6 +7,7 @@ from minorloop.connect import connect
 from minorloop.errors import ParameterError
 from minorloop.identification import excitation, identify, prior
 from minorloop.identification.areas import Areas, Form
+from minorloop.identification.design import design
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 from minorloop.studies.bench import hold_each
@@ -208,3 +209,32 @@ def test_data_that_determine_the_plane_are_reproduced():
 def test_refuses(options, says):
     with pytest.raises(ParameterError, match=says):
         identify(SEQUENCE, measured(SEQUENCE), **options)
+
+
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_bands_hold_for_a_sensor_far_worse_than_usual(noise):
+    levels = np.linspace(-1.2, 1.2, 21)
+    u = design(levels, 12)
+    plant = Preisach(levels, np.tril(np.ones((20, 20))) / 21)
+    covered = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        y = plant.simulate(u) + noise * rng.standard_normal(u.size)
+        fit = identify(u, y, levels=levels, diagonal="reversible", prior="gaussian")
+        grid = np.r_[-1.2, rng.uniform(-1.2, 1.2, 20)]
+        covered.append(fit.predict(grid, bands=0.9).covers(plant.simulate(grid)))
+    assert np.mean(covered) > 0.75
+
+
+def test_hyperparameters_of_few_samples_on_a_fine_plane_are_sought_on_a_coarse_one(monkeypatch):
+    sought, search = [], prior.search
+
+    def seen(evidence, *args):
+        sought.append(evidence.form.bands)
+        return search(evidence, *args)
+
+    monkeypatch.setattr(prior, "search", seen)
+    u = np.linspace(0, 1, 7) ** 2 * np.array([1, 0, 1, 0, 1, 0, 1])
+    fit = identify(u, u, levels=48, prior="gaussian")
+    assert set(sought) == {24}
+    assert fit.belief.form.bands == 48

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,10 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, RecordError
 
 if TYPE_CHECKING:
     from minorloop.identification import Identification
+    from minorloop.identification.adaptive import Adaptive
     from minorloop.lab.records import Record
     from minorloop.modelfile import Provenance
 
@@ -25,6 +27,7 @@ EXAMPLE = (
     "--holdout 0.3 --save model.json --report report.html"
 )
 _RANK_LIMIT = 3000
+_DEFAULTS: dict[str, Any] = {"levels": 25, "diagonal": "uniform", "prior": "auto"}
 
 
 _Data = Annotated[
@@ -42,14 +45,22 @@ _Output = Annotated[
     str | None, typer.Option(help="Column of the output; an empty cell: not measured.")
 ]
 _Levels = Annotated[
-    int, _common.whole_option("Bands between the least and the greatest input, 250 at most.")
+    int | None,
+    _common.whole_option(
+        "Bands between the least and the greatest input, 250 at most; 25, or those of an adaptive "
+        "run, if not given."
+    ),
 ]
 _Spacing = Annotated[
     str, typer.Option(help="Thresholds: uniform, or adaptive (dense where output is steep).")
 ]
 _Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1) or unipolar (0, 1).")]
 _Diagonal = Annotated[
-    str, typer.Option(help="Smallest loops: uniform, or reversible (answer at once).")
+    str | None,
+    typer.Option(
+        help="Smallest loops: uniform, or reversible (answer at once), as after adaptive runs.",
+        show_default="uniform",
+    ),
 ]
 _Lag = Annotated[
     str, typer.Option(help="Rows by which the output follows the input, or auto (0 to 20).")
@@ -60,9 +71,10 @@ _Signed = Annotated[
 ]
 _Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")]
 _Prior = Annotated[
-    str,
+    str | None,
     typer.Option(
-        help="gaussian (a prior on the plane, with bands), none, or auto (where samples are few)."
+        help="gaussian (a prior on the plane, with bands), none, or auto (where samples are few).",
+        show_default="auto",
     ),
 ]
 _Noise = Annotated[
@@ -90,15 +102,15 @@ def run(
     file: _Data,
     input: _Input = None,
     output: _Output = None,
-    levels: _Levels = 25,
+    levels: _Levels = None,
     spacing: _Spacing = "uniform",
     relay: _Relay = "bipolar",
-    diagonal: _Diagonal = "uniform",
+    diagonal: _Diagonal = None,
     lag: _Lag = "0",
     slope: _Slope = False,
     signed: _Signed = False,
     smoothness: _Smoothness = "auto",
-    prior: _Prior = "auto",
+    prior: _Prior = None,
     noise: _Noise = None,
     start: _common.Start = "negative",
     rows: _Rows = None,
@@ -143,6 +155,13 @@ class _Done:
     result: Identification
     provenance: Provenance
     seconds: float
+    notes: tuple[str, ...] = ()
+    left_out: tuple[int, ...] = ()
+
+    @property
+    def advice(self) -> list[str]:
+        """What is wrong with the run, then with the model."""
+        return list(dict.fromkeys([*self.notes, *self.result.advice]))
 
 
 def _identified(
@@ -152,17 +171,50 @@ def _identified(
     from minorloop.modelfile import Provenance
 
     with _common.working(f"reading {file.name}") as now:
-        record = _record(file, input, output)
-        part = _common.as_rows(rows, len(record))
+        record, run_by = _record(file, input, output)
         provenance = Provenance.of(file)
-        now(f"identifying {options['levels']} bands from {part.stop - part.start} rows")
         began = time.perf_counter()
-        result = identify(record.u[part], record.y[part], **options)
+        if run_by is not None:
+            now(f"identifying from {len(record)} points of an adaptive run")
+            return _of_run(record, run_by, rows, options, provenance)
+        part = _common.as_rows(rows, len(record))
+        settings: dict[str, Any] = {
+            name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
+        }
+        now(f"identifying {settings['levels']} bands from {part.stop - part.start} rows")
+        result = identify(record.u[part], record.y[part], **settings)
         return _Done(record, result, provenance, time.perf_counter() - began)
 
 
-def _record(file: Path, input: str | None, output: str | None) -> Record:
-    """The settled points of a store, or two columns of a CSV file."""
+def _of_run(
+    record: Record,
+    chooser: Adaptive,
+    rows: str | None,
+    options: dict[str, Any],
+    provenance: Provenance,
+) -> _Done:
+    """The model of an adaptive run, as it was designed for; its validation is held out."""
+    from minorloop.cli._adaptive import warnings
+
+    if rows is not None or options["holdout"] != 0:
+        raise ParameterError(
+            "an adaptive run knows which of its holds are held out; leave --rows and --holdout out"
+        )
+    given = {name: v for name, v in options.items() if v is not None and name != "holdout"}
+    if given["smoothness"] != "auto":
+        given.setdefault("prior", "auto")
+    began = time.perf_counter()
+    u, y = record.u.tolist(), record.y.tolist()
+    result = chooser.identification(u, y, **given)
+    seconds = time.perf_counter() - began
+    out = [k for k, role in enumerate(chooser.roles(u, y)) if role == "knocked"]
+    notes = tuple(warnings(chooser, u, y))
+    return _Done(record, result, provenance, seconds, notes, tuple(out))
+
+
+def _record(file: Path, input: str | None, output: str | None) -> tuple[Record, Adaptive | None]:
+    """The settled points of a store and what chose them, or two columns of a CSV file."""
+    from minorloop.cli._adaptive import chooser_of
     from minorloop.lab.records import Record
     from minorloop.lab.store import Store, is_store
 
@@ -173,14 +225,17 @@ def _record(file: Path, input: str | None, output: str | None) -> Record:
                 "leave --input and --output out"
             )
         with Store.open(file) as store:
-            return store.record()
+            chose = store.setup.design is not None
+            return store.record(), chooser_of(store.setup, store.points()) if chose else None
     if input is None or output is None:
+        if not os.path.exists(file):
+            raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")
         missing = "--input" if input is None else "--output"
         raise ParameterError(f"{missing} is missing; name a column of {file}")
     record = Record.from_csv(file, input=input, output=output, gaps=True)
     if record.input == record.output:
         raise ParameterError(f"--input and --output are both '{record.input}'; give two columns")
-    return record
+    return record, None
 
 
 def _save(done: _Done, path: Path, force: bool, as_json: bool) -> None:
@@ -210,6 +265,9 @@ def _save(done: _Done, path: Path, force: bool, as_json: bool) -> None:
 def _show(done: _Done, rank: bool, as_json: bool) -> None:
     with _common.working("scoring"):
         figures = _figures(done.result, done.seconds, rank)
+        figures["advice"] = done.advice
+        figures["held_out"] = int(done.result.held_out.sum())
+        figures["left_out"] = list(done.left_out)
     if as_json:
         _common.print_json(figures)
     else:
@@ -239,8 +297,15 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         "kkt": result.kkt,
         "range": list(result.model.range),
         "seconds": seconds,
-        "advice": list(result.advice),
     }
+
+
+def _apart(done: _Done, figures: dict[str, Any]) -> list[tuple[str, str]]:
+    """Samples that the model was not shown."""
+    rows = [("samples held out", f"{figures['held_out']}")] if figures["held_out"] else []
+    if done.left_out:
+        rows.append(("knocked, left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
+    return rows
 
 
 def _banded(figures: dict[str, Any]) -> list[tuple[str, str]]:
@@ -265,6 +330,7 @@ def _print(done: _Done, figures: dict[str, Any]) -> None:
         ("best delayed polynomial", f"{figures['baseline_nrmse']:.3%} of range"),
         ("lag", f"{figures['lag_samples']} samples"),
         ("samples fitted", f"{figures['samples']}"),
+        *_apart(done, figures),
         ("unknowns", f"{figures['unknowns']}"),
         ("rank", "not worked out (--rank)" if rank is None else f"{rank}"),
         ("cells excited", f"{figures['excited_fraction']:.0%}"),
@@ -275,7 +341,7 @@ def _print(done: _Done, figures: dict[str, Any]) -> None:
     record = done.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
-    _common.print_advice(done.result.advice)
+    _common.print_advice(done.advice)
 
 
 def _report(done: _Done, path: Path, force: bool, as_json: bool) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,18 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minorloop.cli import _common
+from minorloop.cli import _adaptive, _common
 from minorloop.cli._watch import as_duration, watching
-from minorloop.errors import StoreError
+from minorloop.errors import ParameterError, StoreError
 
 if TYPE_CHECKING:
-    from minorloop.identification.adaptive import Adaptive
     from minorloop.lab.actuator import Actuator
-    from minorloop.lab.store import Point, Setup, Store
+    from minorloop.lab.store import Store
 
 NAME = "run"
 EXAMPLE = "minorloop run --actuator twin:ipmc --plan plan.csv --store runs.sqlite"
-_HOLDS = 12
+_ADAPTIVE = ("holds", "hours", "hold", "low", "high", "step", "least_gain", "levels")
 
 
 def run(
@@ -65,12 +63,22 @@ def run(
         _common.number_option("Seconds between samples; without it, 1/200 of the least hold."),
     ] = None,
     holds: Annotated[
-        int | None, _common.whole_option("Adaptive: holds to spend, 12 if not given.")
+        int | None,
+        _common.whole_option(
+            "Adaptive: holds to spend, 12 if not given; 4 for validation and up to 3 repetitions "
+            "come on top."
+        ),
     ] = None,
     hours: Annotated[
-        float | None, _common.number_option("Adaptive: hours to spend, instead of holds.")
+        float | None,
+        _common.number_option(
+            "Adaptive: hours to spend at most, validation and repetitions included, instead of "
+            "holds."
+        ),
     ] = None,
-    hold: Annotated[float, _common.number_option("Adaptive: longest hold in seconds.")] = 200.0,
+    hold: Annotated[
+        float | None, _common.number_option("Adaptive: longest hold in seconds, 200 if not given.")
+    ] = None,
     low: Annotated[
         float | None, _common.number_option("Adaptive: least input; the actuator's limit.")
     ] = None,
@@ -81,12 +89,14 @@ def run(
         float | None, _common.number_option("Adaptive: largest change from hold to hold.")
     ] = None,
     least_gain: Annotated[
-        float,
+        float | None,
         _common.number_option(
             "Adaptive: stop when a hold should make the model surer by less than this share."
         ),
-    ] = 0.0,
-    levels: Annotated[int, _common.whole_option("Adaptive: bands of the model.")] = 20,
+    ] = None,
+    levels: Annotated[
+        int | None, _common.whole_option("Adaptive: bands of the model, 20 if not given.")
+    ] = None,
     as_json: _common.Json = False,
 ) -> None:
     """Hold each level of a plan until the output settles; resume goes on after any stop."""
@@ -95,6 +105,10 @@ def run(
     from minorloop.lab.run import check_plan
     from minorloop.lab.store import Setup, Store
 
+    given = locals()
+    options = {name: given[name] for name in _ADAPTIVE}
+    if plan != "adaptive":
+        _refuse(options, plan)
     plant = connect(actuator, specimen=specimen, noise=noise, seed=seed)
     adaptive = plan == "adaptive"
     if store.exists():
@@ -109,11 +123,10 @@ def run(
     names = str(plant.inputs[0]), str(plant.outputs[0])
     setup = Setup(actuator, *names, specimen, seed, {"noise": noise})
     if adaptive:
-        budget = (holds, hours, hold)
-        setup = replace(setup, design=_design(plant, budget, low, high, step, least_gain, levels))
-        chooser = _chooser(setup)
-        levels_left_open = [float("nan")] * chooser.most
-        wanted = Plan(levels_left_open, hold, input=names[0], **settings)
+        setup = replace(setup, design=_adaptive.design_of(plant, options))
+        levels_left_open = [float("nan")] * _adaptive.chooser_of(setup, []).most
+        longest = _adaptive.HOLD if hold is None else hold
+        wanted = Plan(levels_left_open, longest, input=names[0], **settings)
     else:
         wanted = Plan.from_csv(plan, **settings)
     check_plan(plant, wanted)
@@ -125,13 +138,16 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Do what is left of the plan in a store, and say what came of it."""
     from minorloop.lab.run import run as carry
 
-    chooser = None if store.setup.design is None else _chooser(store.setup)
-    choose = None if chooser is None else partial(_chosen, chooser)
+    chooser = (
+        None if store.setup.design is None else _adaptive.chooser_of(store.setup, store.points())
+    )
+    choose = None if chooser is None else partial(_adaptive.chosen, chooser)
     with watching(store, chooser) as watch:
         way = carry(plant, store.plan, store, choose=choose, watch=watch)
     figures = summary(store)
     if chooser is not None:
-        figures |= _validated(chooser, store)
+        figures |= _adaptive.findings(chooser, store)
+    figures["warnings"] = [*figures.get("warnings", []), *_unsettled(figures)]
     if as_json:
         _common.print_json({**figures, "way": way})
         return
@@ -139,84 +155,36 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         typer.echo("this run had finished already; nothing was applied")
     if way == "replayed":
         typer.echo("the actuator was taken through its recorded inputs again, unmeasured, first")
+    levels = f"{figures['points']} of {figures['levels']} levels measured"
     typer.echo(
-        f"{figures['points']} of {figures['levels']} levels measured, "
+        f"{levels if chooser is None else _adaptive.measured(figures)}, "
         f"{figures['settled']} settled, {figures['extrapolated']} extrapolated, "
         f"{figures['unsettled']} unsettled, held for {as_duration(figures['held_s'])} in all"
     )
     if chooser is not None:
-        _print_validation(figures)
+        _adaptive.print_findings(figures)
+    _common.print_advice(figures["warnings"])
     typer.echo(f"kept in {store.path}; next: minorloop identify {store.path}")
 
 
-def _design(
-    plant: Actuator,
-    budget: tuple[int | None, float | None, float],
-    low: float | None,
-    high: float | None,
-    step: float | None,
-    least_gain: float,
-    levels: int,
-) -> dict[str, Any]:
-    """What chooses the levels, as it is kept in the store."""
-    from minorloop.identification.design import budget as as_holds
-    from minorloop.lab.actuator import check_input
-
-    holds, hours, hold = budget
-    if holds is None and hours is None:
-        holds = _HOLDS
-    channel = plant.inputs[0]
-    chosen = {
-        "low": channel.low if low is None else low,
-        "high": channel.high if high is None else high,
-        "levels": levels,
-        "holds": as_holds(holds, hours, hold),
-        "least_gain": least_gain,
-    }
-    for end in ("low", "high"):
-        check_input(plant.inputs, chosen[end])
-    return chosen if step is None else {**chosen, "step": step}
+def _refuse(options: dict[str, Any], plan: str) -> None:
+    """Options of adaptive runs, where a plan says all that."""
+    for name, value in options.items():
+        if value is not None:
+            raise ParameterError(
+                f"--{name.replace('_', '-')} is for --plan adaptive, and {plan} says what to hold; "
+                "leave it out"
+            )
 
 
-def _chooser(setup: Setup) -> Adaptive:
-    from minorloop.identification.adaptive import Adaptive
-
-    return Adaptive(**(setup.design or {}), seed=setup.seed)
-
-
-def _chosen(chooser: Adaptive, points: Sequence[Point]) -> float | None:
-    return chooser.choose([point.input for point in points], [point.value for point in points])
-
-
-def _validated(chooser: Adaptive, store: Store) -> dict[str, Any]:
-    """The score on the holds that are never fitted, and what was repeated."""
-    points = store.points()
-    u, y = [point.input for point in points], [point.value for point in points]
-    found = chooser.validation(u, y)
-    roles = chooser.roles(u, y)
-    return {
-        "holds": roles.count("design") + roles.count("repeat"),
-        "knocked": [k for k, role in enumerate(roles) if role == "knocked"],
-        "validation": None
-        if found is None
-        else {
-            "holds": int(found.measured.size),
-            "nrmse": found.nrmse,
-            "covered": found.covered,
-        },
-    }
-
-
-def _print_validation(figures: dict[str, Any]) -> None:
-    for index in figures["knocked"]:
-        typer.echo(f"hold {index + 1} lay far outside its band; it was repeated and left out")
-    score = figures["validation"]
-    if score is not None:
-        typer.echo(
-            f"model from {figures['holds']} holds; on {score['holds']} more, never fitted: "
-            f"{score['nrmse']:.2%} of range rms, {score['covered']} of {score['holds']} within "
-            "their 90 % bands"
-        )
+def _unsettled(figures: dict[str, Any]) -> list[str]:
+    """A warning where half of the holds or more had not settled."""
+    if not figures["points"] or 2 * figures["unsettled"] < figures["points"]:
+        return []
+    return [
+        f"{figures['unsettled']} of {figures['points']} points had not settled, so that they say "
+        "little of settled outputs; hold longer"
+    ]
 
 
 def summary(store: Store) -> dict[str, Any]:

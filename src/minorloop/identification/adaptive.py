@@ -7,8 +7,8 @@ was stopped goes on as it would have.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -25,11 +25,15 @@ Role: TypeAlias = Literal["design", "knocked", "repeat", "validation"]
 VALIDATION = 4
 """Holds at random levels that close an experiment and are never fitted."""
 REPEATS = 3
-"""Repetitions of a hold that an experiment may spend."""
+"""Further holds that an experiment may spend on what was knocked or not measured."""
 PROBABILITY = 0.9
 _FIRST = 4
 _BEFORE_DOUBT = 6
 _FAR = 6.0
+
+_INSIDE = 0.75
+_TOO_FAR = 3.0
+_ORDER = (2, 0, 3, 1)
 
 
 @dataclass(frozen=True)
@@ -43,12 +47,15 @@ class Validation:
     measured : (n,) array
         What they gave.
     scale : float
-        Range of all that was measured.
+        Range of all that was measured and not set aside.
+    noise : float
+        Standard deviation of a measured output.
     """
 
     prediction: Prediction
     measured: FloatArray
     scale: float
+    noise: float = 0.0
 
     @property
     def nrmse(self) -> float:
@@ -57,13 +64,51 @@ class Validation:
 
     @property
     def covered(self) -> int:
-        """How many lie within their bands."""
-        return round(self.prediction.covers(self.measured) * self.measured.size)
+        """How many lie within their bands, which the noise of the sensor widens."""
+        seen = replace(self.prediction, sd=self._allowed)
+        return round(seen.covers(self.measured) * self.measured.size)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether three quarters lie within their bands, and no error is far above these."""
+        away = (self.prediction.y - self.measured) / self._allowed
+        inside = self.covered >= _INSIDE * self.measured.size
+        return inside and bool(np.sqrt(np.mean(away**2)) <= _TOO_FAR)
+
+    @property
+    def _allowed(self) -> FloatArray:
+        return np.hypot(self.prediction.sd, self.noise)
+
+
+@dataclass
+class _Course:
+    """What became of an experiment so far.
+
+    ``fresh`` and ``tested`` count design and validation without repetitions, ``spent`` what went
+    on repetitions and on holds that make up for knocked ones, ``made_up`` the latter alone;
+    ``changes`` are distances from the model of points whose repetition gave the same;
+    ``pending``: the last is to be repeated; ``closing``: the design is over.
+    """
+
+    roles: list[Role] = field(default_factory=list)
+    fresh: int = 0
+    tested: int = 0
+    spent: int = 0
+    made_up: int = 0
+    changes: dict[int, float] = field(default_factory=dict)
+    pending: bool = False
+    closing: bool = False
 
 
 @dataclass
 class Adaptive:
     """What to measure next, and what the measurements say.
+
+    A reading that is missing or lies far outside its band is measured again at once. Where the
+    repetition gives what was expected, the first reading was knocked and is left out. Where it
+    gives the same again, both are fitted, the point is among the ``changes``, and the bands are
+    widened by the contradiction. A hold of which later ones show that it was knocked is left out,
+    and made up for by another.
 
     Parameters
     ----------
@@ -72,7 +117,7 @@ class Adaptive:
     levels : int
         Bands of the model.
     holds : int
-        Budget, validation not counted.
+        Budget; the holds of the validation (4) and repetitions (3 at most) not counted.
     step : float
         Largest change of the input that is allowed.
     least_gain : float
@@ -80,11 +125,23 @@ class Adaptive:
         deviation.
     seed : int
         Draws the levels of the validation.
+    noise : float, optional
+        Standard deviation of a measured output, where it is known.
 
     Raises
     ------
     ParameterError
         If an option is out of its range.
+
+    Examples
+    --------
+    >>> chooser = Adaptive(-1.0, 1.0, levels=10, holds=6)
+    >>> u, y = [], []
+    >>> while (level := chooser.choose(u, y)) is not None:
+    ...     u.append(level)
+    ...     y.append(level**3)
+    >>> len(u), chooser.validation(u, y).trusted
+    (10, True)
     """
 
     low: float
@@ -94,7 +151,8 @@ class Adaptive:
     step: float = float("inf")
     least_gain: float = 0.0
     seed: int = 0
-    _fits: dict[int, Identification] = field(default_factory=dict, repr=False)
+    noise: float | None = None
+    _fits: dict[bytes, Identification] = field(default_factory=dict, repr=False)
     _first: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -109,109 +167,193 @@ class Adaptive:
         return uniform_levels(self.low, self.high, self.levels)
 
     @property
+    def settings(self) -> dict[str, Any]:
+        """Options of `identify` that the experiment was designed for."""
+        return {
+            "levels": self.grid,
+            "prior": "gaussian",
+            "diagonal": "reversible",
+            "noise": self.noise,
+        }
+
+    @property
     def most(self) -> int:
         """Holds that the experiment takes at most."""
         return self.holds + VALIDATION + REPEATS
 
     def choose(self, u: Sequence[float], y: Sequence[float]) -> float | None:
         """The next input after inputs u and settled outputs y; None when there are enough."""
-        roles = self.roles(u, y)
-        designed = roles.count("design")
-        if roles and roles[-1] == "knocked":
-            return u[-1]
-        spent = roles.count("validation")
-        if not spent and designed < self.holds:
-            following = self._design(u, y, designed)
+        course = self._course(u, y)
+        if course.pending:
+            return float(u[-1])
+        if not self._over(course):
+            following = self._design(u, y, course)
             if following is not None:
                 return following
-        if spent == VALIDATION:
+        if course.tested == VALIDATION:
             return None
-        return float(self._validation_levels(u[: len(u) - spent])[spent])
+        return self._validation_level(course.tested, float(u[-1]))
 
     def roles(self, u: Sequence[float], y: Sequence[float]) -> list[Role]:
         """What each point is for; ``knocked`` ones are not fitted."""
-        roles: list[Role] = []
-        for k in range(len(u)):
-            roles.append(self._role(u[: k + 1], y[: k + 1], roles))
-            if roles[-1] == "repeat" and self._agrees(y[: k + 1], u[: k + 1], roles):
-                roles[-2] = roles[-1] = "design"
-        return roles
+        return self._course(u, y).roles
 
-    def identification(self, u: Sequence[float], y: Sequence[float]) -> Identification:
-        """The model of the points that are there to be fitted."""
-        roles = self.roles(u, y)
-        last = max((k for k, role in enumerate(roles) if role != "validation"), default=-1) + 1
-        return self._fit(u[:last], y[:last], roles[:last])
+    def changes(self, u: Sequence[float], y: Sequence[float]) -> list[int]:
+        """Points that contradict the model though their repetition gave the same.
+
+        About there the actuator or its sensor changed, or no such model follows it.
+        """
+        return sorted(self._course(u, y).changes)
+
+    def learn_noise(self, sd: Sequence[float]) -> None:
+        """Take the noise from the standard deviations of the first settled outputs."""
+        known = [value for value in sd[:_FIRST] if np.isfinite(value)]
+        if known:
+            self.noise = float(np.median(known))
+
+    def identification(
+        self, u: Sequence[float], y: Sequence[float], **options: Any
+    ) -> Identification:
+        """The model of the points that are there to be fitted; those of the validation held out.
+
+        ``options`` of `identify` take the place of those of the experiment.
+        """
+        course = self._course(u, y)
+        fit = self._fit(u, y, course, **options)
+        outputs = np.where(np.isfinite(y), y, np.nan)
+        fitted = np.zeros(outputs.size, dtype=np.bool_)
+        fitted[: fit.fitted.size] = fit.fitted
+        held = np.array([role == "validation" for role in course.roles]) & np.isfinite(outputs)
+        return replace(fit, u=np.array(u), y=outputs, fitted=fitted, held_out=held)
 
     def validation(self, u: Sequence[float], y: Sequence[float]) -> Validation | None:
         """The score on the points that were not fitted; None where there are none yet."""
-        roles = self.roles(u, y)
-        held = np.array([role == "validation" for role in roles])
+        if "validation" not in self.roles(u, y):
+            return None
+        fit = self.identification(u, y)
+        held = fit.held_out
         if not held.any():
             return None
-        whole = self.identification(u, y).predict(np.array(u), bands=PROBABILITY)
+        assert fit.belief is not None
+        whole = fit.predict(fit.u, bands=PROBABILITY)
         part = Prediction(whole.u[held], whole.y[held], whole.sd[held], PROBABILITY)
-        values = np.array(y, dtype=np.float64)
-        return Validation(part, values[held], float(np.nanmax(values) - np.nanmin(values)) or 1.0)
+        scale = float(np.ptp(fit.y[fit.fitted | held])) or 1.0
+        noise = fit.belief.hyperparameters.noise * fit.belief.unit
+        return Validation(part, fit.y[held], scale, noise)
 
-    def _design(self, u: Sequence[float], y: Sequence[float], count: int) -> float | None:
-        if count < self._first.size:
-            return float(self._first[count])
-        return self._next(u, y, self.roles(u, y))
+    def _course(self, u: Sequence[float], y: Sequence[float]) -> _Course:
+        course = _Course()
+        for k in range(len(u)):
+            if course.pending:
+                self._repeated(u[: k + 1], y[: k + 1], course)
+            else:
+                self._measured(u[: k + 1], y[: k + 1], course)
+            self._look_back(u[: k + 1], y[: k + 1], course)
+        return course
 
-    def _next(self, u: Sequence[float], y: Sequence[float], roles: Sequence[Role]) -> float | None:
-        memory = Memory.after(u, low=self.low, high=self.high)
-        found = next_input(self._fit(u, y, roles), memory, step=self.step)
-        return None if found.gain < self.least_gain else found.u
+    def _measured(self, u: Sequence[float], y: Sequence[float], course: _Course) -> None:
+        """Say what the last point is for, which is no repetition."""
+        course.closing = self._over(course) or self._stopped(u, y, course)
+        role: Role = "validation" if course.closing else "design"
+        course.tested += course.closing
+        course.fresh += not course.closing
+        if self._doubtful(u, y, course):
+            role, course.pending = "knocked", course.spent < REPEATS
+        course.roles.append(role)
 
-    def _role(self, u: Sequence[float], y: Sequence[float], before: list[Role]) -> Role:
-        """What the last point is for."""
-        if before and before[-1] == "knocked":
-            return "repeat"
-        if "validation" in before or before.count("design") == self.holds:
-            return "validation"
-        if self._stopped(u, y, before):
-            return "validation"
-        if len(before) < _BEFORE_DOUBT or before.count("knocked") == REPEATS:
-            return "design"
-        return "knocked" if self._surprise(u, y, before) > _FAR else "design"
+    def _repeated(self, u: Sequence[float], y: Sequence[float], course: _Course) -> None:
+        """Say what the last point is for, which repeats the one before."""
+        course.spent += 1
+        course.pending = not np.isfinite(y[-1]) and course.spent < REPEATS
+        if not np.isfinite(y[-1]):
+            course.roles.append("knocked")
+            return
+        if np.isfinite(y[-2]):
+            away = self._away(u[:-1], y[:-1], course)[0]
+            if abs(y[-1] - y[-2]) < abs(y[-1] - y[-2] + away):
+                course.changes[len(u) - 2] = abs(away)
+                if not course.closing:
+                    course.roles[-1] = "design"
+        course.roles.append("validation" if course.closing else "repeat")
 
-    def _stopped(self, u: Sequence[float], y: Sequence[float], before: list[Role]) -> bool:
-        """Whether the design had ended early before the last point."""
-        count = before.count("design")
-        if self.least_gain == 0 or count < self._first.size:
+    def _look_back(self, u: Sequence[float], y: Sequence[float], course: _Course) -> None:
+        """Leave out what was knocked before enough was known to see it, and make up for it."""
+        if course.closing or course.pending or course.spent == REPEATS:
+            return
+        if sum(role in ("design", "repeat") for role in course.roles) < _BEFORE_DOUBT:
+            return
+        for k in self._fit(u, y, course).suspects:
+            sure = k in course.changes or course.roles[k] != "design"
+            if not sure and course.spent < REPEATS:
+                course.roles[k] = "knocked"
+                course.spent += 1
+                course.made_up += 1
+
+    def _doubtful(self, u: Sequence[float], y: Sequence[float], course: _Course) -> bool:
+        """Whether nothing was measured, or what lies far outside its band and can be repeated."""
+        if not np.isfinite(y[-1]):
+            return True
+        known = sum(role in ("design", "repeat") for role in course.roles)
+        if known < _BEFORE_DOUBT or course.spent == REPEATS:
             return False
-        return self._next(u[:-1], y[:-1], before) is None
+        away, allowed = self._away(u, y, course)
+        return abs(away) > _FAR * allowed
 
-    def _surprise(self, u: Sequence[float], y: Sequence[float], before: list[Role]) -> float:
-        """Distance of the last point from its prediction, in standard deviations."""
-        fit = self._fit(u[:-1], y[:-1], before)
+    def _away(self, u: Sequence[float], y: Sequence[float], course: _Course) -> tuple[float, float]:
+        """The last point less its prediction by those before, and the deviation of that."""
+        before = len(u) - 1
+        fit = self._fit(u[:before], y[:before], course)
         assert fit.belief is not None
         shown = fit.predict(np.array(u), bands=PROBABILITY)
         noise = fit.belief.hyperparameters.noise * fit.belief.unit
-        return float(abs(y[-1] - shown.y[-1]) / np.hypot(shown.sd[-1], noise))
+        return float(y[-1] - shown.y[-1]), float(np.hypot(shown.sd[-1], noise))
 
-    def _agrees(self, y: Sequence[float], u: Sequence[float], roles: list[Role]) -> bool:
-        """Whether a repetition gave what was given before, rather than what was predicted."""
-        fit = self._fit(u[:-2], y[:-2], roles[:-2])
-        predicted = float(fit.predict(np.array(u))[-1])
-        return abs(y[-1] - y[-2]) < abs(y[-1] - predicted)
+    def _over(self, course: _Course) -> bool:
+        return course.closing or course.fresh >= self.holds + course.made_up
 
-    def _fit(self, u: Sequence[float], y: Sequence[float], roles: Sequence[Role]) -> Identification:
-        if len(u) not in self._fits:
-            outputs = np.array(y, dtype=np.float64)
-            outputs[[role == "knocked" for role in roles]] = np.nan
-            self._fits[len(u)] = identify(
-                np.array(u), outputs, levels=self.grid, prior="gaussian", diagonal="reversible"
-            )
-        return self._fits[len(u)]
+    def _stopped(self, u: Sequence[float], y: Sequence[float], course: _Course) -> bool:
+        """Whether the design had ended early before the last point."""
+        if self.least_gain == 0 or course.fresh < self._first.size:
+            return False
+        return self._next(u[:-1], y[:-1], course) is None
 
-    def _validation_levels(self, u: Sequence[float]) -> FloatArray:
-        """Random levels, each within the step of the one before."""
-        rng = np.random.default_rng(self.seed)
-        levels, now = [], float(u[-1])
-        for _ in range(VALIDATION):
-            low, high = max(self.low, now - self.step), min(self.high, now + self.step)
-            now = float(rng.uniform(low, high))
-            levels.append(now)
-        return np.array(levels)
+    def _design(self, u: Sequence[float], y: Sequence[float], course: _Course) -> float | None:
+        if course.fresh < self._first.size:
+            return float(self._first[course.fresh])
+        return self._next(u, y, course)
+
+    def _next(self, u: Sequence[float], y: Sequence[float], course: _Course) -> float | None:
+        memory = Memory.after(u, low=self.low, high=self.high)
+        found = next_input(self._fit(u, y, course), memory, step=self.step)
+        return None if found.gain < self.least_gain else found.u
+
+    def _fit(
+        self, u: Sequence[float], y: Sequence[float], course: _Course, **options: Any
+    ) -> Identification:
+        """The model of these points, as far as their roles are known."""
+        kept = [k for k in range(len(u)) if course.roles[k] in ("design", "repeat")]
+        last = max(kept, default=-1) + 1
+        outputs = np.full(last, np.nan)
+        outputs[kept] = np.array(y, dtype=np.float64)[kept]
+        inputs = np.array(u[:last], dtype=np.float64)
+        key = inputs.tobytes() + outputs.tobytes() + repr((self.noise, options)).encode()
+        if key not in self._fits:
+            self._fits[key] = identify(inputs, outputs, **{**self.settings, **options})
+        return _widened(self._fits[key], course.changes)
+
+    def _validation_level(self, index: int, now: float) -> float:
+        """A random level of a part of the range, within the step of the present one."""
+        shares = np.random.default_rng(self.seed).uniform(size=VALIDATION)
+        part = (_ORDER[index] + shares[index]) / VALIDATION
+        level = self.low + part * (self.high - self.low)
+        return float(np.clip(level, now - self.step, now + self.step))
+
+
+def _widened(fit: Identification, changes: dict[int, float]) -> Identification:
+    """With a discrepancy that accounts for what contradicted the model and was repeated."""
+    if fit.belief is None or not changes:
+        return fit
+    belief, h = fit.belief, fit.belief.hyperparameters
+    away = float(np.sqrt(np.mean(np.square(list(changes.values()))))) / belief.unit
+    widened = replace(h, discrepancy=max(h.discrepancy, away))
+    return replace(fit, belief=replace(belief, hyperparameters=widened))

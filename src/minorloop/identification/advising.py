@@ -19,6 +19,10 @@ _OVERFIT = 2.0
 _HARDLY = 0.8
 _AGAINST = -0.5
 _ROUNDING = 1e-9
+_FALLS = (
+    "the output falls as the input rises, and weights that are not negative cannot follow that: "
+    "turn the sign of the output, or let them be negative with signed=True (--signed)"
+)
 
 
 def advice(result: Identification) -> Iterator[str]:
@@ -27,6 +31,13 @@ def advice(result: Identification) -> Iterator[str]:
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)
+
+
+def grave(result: Identification) -> Iterator[str]:
+    """The part of the advice that tells of something wrong with actuator, sensor or sign."""
+    yield from _suspects(result)
+    if _falls(result):
+        yield _FALLS
 
 
 def _suspects(result: Identification) -> Iterator[str]:
@@ -93,10 +104,7 @@ def _accuracy(result: Identification) -> Iterator[str]:
             "you mean to apply, or fewer levels"
         )
     if _falls(result):
-        yield (
-            "the output falls as the input rises, and weights that are not negative cannot follow "
-            "that: turn the sign of the output, or let them be negative with signed=True (--signed)"
-        )
+        yield _FALLS
     elif score > base and score > _ROUNDING:
         yield (
             f"a polynomial of the delayed input does better ({base:.2%} against {score:.2%}): "

@@ -68,6 +68,8 @@ class Prediction:
             )
         if self.u.size > _SHOWN:
             lines.append(f"... {self.u.size - _SHOWN} more")
+        if not self.u.size:
+            return f"no outputs, bands of {self.probability:.0%}"
         mean = float(np.mean(self.sd))
         lines.append(f"bands of {self.probability:.0%}, standard deviation {mean:.3g} on average")
         return "\n".join(lines)

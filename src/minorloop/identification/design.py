@@ -94,6 +94,15 @@ def next_input(
     ParameterError
         If the model was identified without the prior, or no input is allowed.
     """
+    if not hasattr(identification, "belief"):
+        raise ParameterError(
+            f"next_input needs what identify gives, and that is a {type(identification).__name__}"
+        )
+    if not isinstance(memory, Memory):
+        raise ParameterError(
+            f"memory is a {type(memory).__name__}; give a Memory, such as Memory.after(inputs, "
+            "low=..., high=...)"
+        )
     if identification.belief is None:
         raise ParameterError('next_input needs the prior; identify with prior="gaussian"')
     candidates = _allowed(identification, memory, low, high, step)
@@ -215,8 +224,8 @@ def _allowed(
     bottom, top = float(form.levels[0]), float(form.levels[-1])
     least = bottom if low is None else max(as_finite("low", low), bottom)
     most = top if high is None else min(as_finite("high", high), top)
-    if not step > 0:
-        raise ParameterError(f"step is {step:g}; give the largest change allowed, above 0")
+    if isinstance(step, bool) or not isinstance(step, int | float | np.number) or not step > 0:
+        raise ParameterError(f"step is {step!r}; give the largest change allowed, above 0")
     least, most = max(least, memory.u - step), min(most, memory.u + step)
     if not least < most:
         raise ParameterError(

@@ -85,6 +85,11 @@ def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
     dots: dict[str, Any] = {"ms": 4, "color": "C1"} if index.size <= _FEW else _DOTS
     axes.plot(index, result.y, ".", label="measured", rasterized=True, **dots)
     axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
+    if result.belief is not None and 1 < index.size <= _FEW and not result.lag:
+        # Between the samples too: where nothing was measured, bands are wide.
+        shown = result.predict(_between(result.u), bands=0.9)
+        way = np.linspace(0, index[-1], shown.u.size)
+        axes.fill_between(way, shown.lower, shown.upper, color="C0", alpha=0.2, lw=0)
     _shade_held_out(axes, result)
     axes.set(xlabel="sample", ylabel=output_label, title="Record")
     axes.grid(alpha=0.25)

@@ -25,6 +25,7 @@ from minorloop.identification.prior import (
     MOST_CORRELATED,
     Belief,
     PriorFit,
+    coarse_rows,
     fit_marked,
     fit_prior,
     regressors,
@@ -185,6 +186,11 @@ def _fitted(
     """Fit with the prior, or with smoothness."""
     fitted = record[2]
     samples = int(np.count_nonzero(fitted[lag:]))
+    if prior == "gaussian" and form.cells > _MOST_CELLS:
+        raise ParameterError(
+            f'prior is "gaussian" and the plane has {form.cells} cells; give at most 64 levels, '
+            'or leave it "auto", which smooths such planes'
+        )
     few = samples < _EACH * form.unknowns and form.cells <= _MOST_CELLS
     if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
         if prior == "auto" and samples >= form.unknowns:
@@ -213,9 +219,10 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
         areas = Areas(form, heard, measured, start)
         marked = regressors(form, heard, measured, start) if count <= MOST_CORRELATED else None
         y = outputs[lag:][measured]
-        found = fit_prior(areas, y, marked, signed=signed, noise=noise, guess=guess)
-        guess = found.belief.hyperparameters
-        suspect = _suspect(found, marked, y, signed, noise)
+        coarse = None if marked is None else coarse_rows(areas, heard, measured, start)
+        found = fit_prior(areas, y, marked, signed=signed, noise=noise, guess=guess, coarse=coarse)
+        guess = found.learnt
+        suspect = _suspect(found, marked, coarse, y, signed, noise)
         if suspect is None or len(suspects) >= count // _FEWEST_EACH_SUSPECT:
             break
         place = int(np.flatnonzero(measured)[suspect]) + lag
@@ -228,6 +235,7 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
 def _suspect(
     found: PriorFit,
     marked: tuple[FloatArray, FloatArray] | None,
+    coarse: tuple[Form, FloatArray] | None,
     y: FloatArray,
     signed: bool,
     noise: float | None,
@@ -245,7 +253,8 @@ def _suspect(
         (marked[0][others], marked[1][others]),
         signed=signed,
         noise=noise,
-        guess=found.belief.hyperparameters,
+        guess=found.learnt,
+        coarse=None if coarse is None else (coarse[0], coarse[1][others]),
     )
     row = marked[0][worst : worst + 1]
     h, unit = without.belief.hyperparameters, without.belief.unit
@@ -271,9 +280,13 @@ def _fit(
 def _as_noise(noise: float | None) -> float | None:
     if noise is None:
         return None
+    if isinstance(noise, bool | np.bool_):
+        raise ParameterError(f"noise is {noise}; give a standard deviation in the output's unit")
     number = as_finite("noise", noise)
-    if number < 0:
-        raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
+    if not 0 <= number <= _LARGEST:
+        raise ParameterError(
+            f"noise is {noise}; give a standard deviation >= 0 and up to {_LARGEST:g}"
+        )
     return number
 
 

@@ -45,12 +45,17 @@ MANY = 10**9
 """Samples of hyperparameters that are given, not learnt."""
 FINEST = 20
 """Bands of the plane on which hyperparameters are sought."""
+FINEST_OF_FEW = 40
+"""The same where samples are few."""
 
 _NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "own")
 _CENTRES = np.log([0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.3])
 _SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0, 2.0])
 _NOISE_CENTRE, _NOISE_SPREAD = float(np.log(0.003)), 1.0
+_HEAVY = np.array([False] * 5 + [True, False, True])
+_TAIL = 3.0
 _FURTHEST = 4.0
+_FURTHEST_HEAVY = 5.0
 _DIFFERENCE = 1e-4
 _ROUNDS = 60
 _LEAST_NOISE = 1e-6
@@ -219,6 +224,9 @@ class PriorFit:
     belief: Belief
     surprises: FloatArray | None
     """(M,) each measurement less what the others predict, in standard deviations."""
+    learnt: Hyperparameters
+    """As the search found them; those of the belief have a discrepancy that was raised to what
+    weights that may not be negative left over."""
 
 
 def fit_prior(
@@ -229,6 +237,7 @@ def fit_prior(
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
+    coarse: tuple[Form, FloatArray] | None = None,
 ) -> PriorFit:
     """Fit with the prior.
 
@@ -246,9 +255,13 @@ def fit_prior(
         Standard deviation of a measured output, in its unit; found with the rest if not given.
     guess : Hyperparameters, optional
         Where to begin the search.
+    coarse : tuple, optional
+        A form and rows of few samples, as `coarse_rows` gives them.
     """
     if marked is not None:
-        return fit_marked(areas.form, y, marked, signed=signed, noise=noise, guess=guess)
+        return fit_marked(
+            areas.form, y, marked, signed=signed, noise=noise, guess=guess, coarse=coarse
+        )
     with active_set.one_thread(areas.form.unknowns):
         return _fit_summed(areas, y, signed, noise, guess)
 
@@ -272,8 +285,15 @@ def _fit_summed(
         for _ in range(_REFINEMENTS):
             h = _rescaled(found, areas, h, x, factor, known)
             x, kkt, factor = _solve(plane, found, h, signed)
+    learnt = h
+    for _ in range(_REFINEMENTS):
+        raised = _raised(h, scaled - areas.forward(x))
+        if raised is h:
+            break
+        h = raised
+        x, kkt, factor = _solve(plane, found, h, signed)
     belief = Belief(form, h, unit, factor * unit, y.size)
-    return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, None)
+    return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, None, learnt)
 
 
 def fit_marked(
@@ -284,17 +304,32 @@ def fit_marked(
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
+    coarse: tuple[Form, FloatArray] | None = None,
 ) -> PriorFit:
-    """Fit few samples, whose rows (M, n) and marks (M, 3) are at hand; see `fit_prior`."""
+    """Fit few samples, whose rows (M, n) and marks (M, 3) are at hand; see `fit_prior`.
+
+    ``coarse`` is a form, and its rows, on which the hyperparameters are sought instead.
+    """
     scaled, unit, shift = _scaled(form, y)
     found = Evidence(form, scaled, *marked)
     plane = Plane(form)
     with active_set.one_thread(form.unknowns):
-        h = search(found, _known(noise, unit), guess)
+        if coarse is None:
+            learnt = h = search(found, _known(noise, unit), guess)
+        else:
+            small = Evidence(coarse[0], scaled, coarse[1], marked[1])
+            learnt = search(small, _known(noise, unit), guess)
+            h = replace(learnt, own=learnt.own * form.cells / coarse[0].cells)
         x, kkt, factor = _solve(plane, found, h, signed)
         surprises = _surprises(plane, found, h)
+        for _ in range(_REFINEMENTS):
+            raised = _raised(h, scaled - marked[0] @ x)
+            if raised is h:
+                break
+            h = raised
+            x, kkt, factor = _solve(plane, found, h, signed)
     belief = Belief(form, h, unit, factor * unit, y.size)
-    return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, surprises)
+    return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, surprises, learnt)
 
 
 def _scaled(form: Form, y: FloatArray) -> tuple[FloatArray, float, float]:
@@ -319,6 +354,16 @@ def believe(form: Form, h: Hyperparameters, marked: tuple[FloatArray, FloatArray
     found = Evidence(form, np.zeros(marked[0].shape[0]), *marked)
     _, _, factor = _solve(Plane(form), found, h, signed=True)
     return Belief(form, h, 1.0, factor, MANY)
+
+
+def coarse_rows(
+    areas: Areas, u: FloatArray, measured: BoolArray, start: Start
+) -> tuple[Form, FloatArray] | None:
+    """A plane coarse enough to seek hyperparameters on, and its rows; None if this one is."""
+    small = areas
+    while small.form.bands > FINEST_OF_FEW:
+        small = small.coarser()
+    return None if small is areas else (small.form, regressors(small.form, u, measured, start)[0])
 
 
 def regressors(
@@ -361,8 +406,9 @@ def search(
     plane = Plane(evidence.form)
 
     def cost(theta: FloatArray) -> float:
-        away = (theta - centres) / spreads
-        return 0.5 * float(away @ away) - likelihood(plane, evidence, _as_hyper(theta, noise))
+        return _unlikely((theta - centres) / spreads) - likelihood(
+            plane, evidence, _as_hyper(theta, noise)
+        )
 
     def both(theta: FloatArray) -> tuple[float, FloatArray]:
         here = cost(theta)
@@ -372,11 +418,23 @@ def search(
         )
 
     begin = centres if guess is None else _as_theta(guess, noise)
-    bounds = list(zip(centres - _FURTHEST * spreads, centres + _FURTHEST * spreads, strict=True))
+    furthest = np.where(_HEAVY[: centres.size], _FURTHEST_HEAVY, _FURTHEST) * spreads
+    bounds = list(zip(centres - furthest, centres + furthest, strict=True))
     begin = np.clip(begin, *np.transpose(bounds))
     options: Any = {"maxiter": _ROUNDS, "ftol": 1e-7}
     answer = minimize(both, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return _as_hyper(answer.x, noise)
+
+
+def _unlikely(away: FloatArray) -> float:
+    """Minus the logarithm of the density of hyperparameters, in spreads from their centres.
+
+    Tails of noise and discrepancy are those of a t distribution: sensors are good as a rule, and
+    where one is fifty times worse the measurements must be able to say so.
+    """
+    heavy = _HEAVY[: away.size]
+    tails = (_TAIL + 1) / 2 * np.log1p(away[heavy] ** 2 / _TAIL)
+    return float(0.5 * np.sum(away[~heavy] ** 2) + np.sum(tails))
 
 
 def likelihood(plane: Plane, evidence: Evidence, h: Hyperparameters) -> float:
@@ -466,6 +524,18 @@ def _rescaled(
     own = 0.0 if noise is None else noise
     rest = max(variance - own**2, _LEAST_NOISE**2)
     return replace(h, discrepancy=float(np.sqrt(rest)), noise=own)
+
+
+def _raised(h: Hyperparameters, left: FloatArray) -> Hyperparameters:
+    """With at least the discrepancy that the fitted samples show.
+
+    The likelihood knows nothing of signs: of an output that falls it learns that negative weights
+    follow it, and that little is left. What is left of them (M,) without these is what counts.
+    """
+    rest = float(np.mean(left**2)) - h.noise**2
+    if rest <= h.discrepancy**2:
+        return h
+    return replace(h, discrepancy=float(np.sqrt(rest)))
 
 
 def _solved(lower: npt.NDArray[Any], right: npt.NDArray[Any]) -> FloatArray:
