@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minorloop.cli._adaptive import warnings
 from minorloop.cli.run import _unsettled
+from minorloop.identification.adaptive import Adaptive
 
 KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
@@ -234,3 +236,23 @@ def test_too_few_hours_and_own_holdouts_are_refused(run, refused):
     run(f"{ADAPTIVE} --holds 3 --store a.sqlite")
     assert "leave --rows and --holdout out" in refused("identify a.sqlite --holdout 0.3")
     assert "nosuch.sqlite does not exist" in refused("identify nosuch.sqlite")
+
+
+@pytest.mark.parametrize(
+    ("reads", "says"),
+    [
+        (lambda k, u: -u, "the output falls as the input rises"),
+        (lambda k, u: u + 3.0 * (k >= 8), "changed at about hold 9"),
+        (lambda k, u: u + 9.0 * (k >= 12) * (-1) ** k, "do not trust this model"),
+        (lambda k, u: u, ""),
+    ],
+)
+def test_what_is_wrong_with_a_run_is_said(reads, says):
+    chooser = Adaptive(-1, 1, levels=10)
+    u, y = [], []
+    while (level := chooser.choose(u, y)) is not None:
+        u.append(level)
+        y.append(reads(len(y), level))
+    said = warnings(chooser, u, y)
+    assert says in " ".join(said)
+    assert bool(said) == bool(says)
