@@ -93,6 +93,17 @@ class Operator:
     def in_mode(self, mode):
         self.wait(f"document.body.dataset.mode === '{mode}'")
 
+    def pick(self):
+        """Pick the first candidate by keyboard; it may take a picture until there is one."""
+        picked = self.page.locator("#guide li:nth-child(3).now")
+        for _ in range(40):
+            self.page.keyboard.press("n")
+            self.page.keyboard.press("Enter")
+            self.page.wait_for_timeout(500)
+            if picked.count():
+                return
+        raise AssertionError("no candidate could be picked")
+
     def take(self):
         self.page.click("#take")
         self.wait("document.body.dataset.pilot === 'yes'")
@@ -155,9 +166,7 @@ def test_a_hole_is_inspected_with_the_keyboard_alone(browser, address):
         page.keyboard.down("ArrowDown")
         operator.moved("tilt < -3")
         page.keyboard.up("ArrowDown")
-        page.keyboard.press("n")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#guide li:nth-child(3).now")
+        operator.pick()
         page.keyboard.press("2")
         operator.in_mode("TRACK")
         page.fill("#focus", "24")

@@ -20,7 +20,8 @@ _Host = Annotated[
 ]
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
-    str, typer.Option(help="What to steer: twin:pipe, or twin:rig with plain pictures.")
+    str,
+    typer.Option(help="What to steer: twin:rig with plain pictures, or twin:pipe with a camera."),
 ]
 _Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
 _Specimen = Annotated[
@@ -41,7 +42,7 @@ _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private ke
 def run(
     host: _Host = "127.0.0.1",
     port: _Port = 8765,
-    plant: _Plant = "twin:pipe",
+    plant: _Plant = "twin:rig",
     folder: _Folder = Path("console"),
     specimen: _Specimen = None,
     seed: _Seed = 0,

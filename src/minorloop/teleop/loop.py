@@ -57,7 +57,7 @@ class LoopSettings:
         Age in seconds of the operator's pose and page beyond which the head holds.
     """
 
-    address: str = "twin:pipe"
+    address: str = "twin:rig"
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"
@@ -81,7 +81,7 @@ def run(pipe: Connection, settings: LoopSettings) -> None:
     except (MinorloopError, ImportError) as error:
         pipe.send_bytes(messages.encode("failed", text=str(error)))
         return
-    loop = _Loop(session, pipe, Path(settings.folder))
+    loop = _Loop(session, pipe, Path(settings.folder), settings.timeout)
     try:
         loop.run()
     finally:
@@ -105,8 +105,11 @@ def _warm_up(session: Session) -> None:
 class _Loop:
     """The tick and the threads around it."""
 
-    def __init__(self, session: Session, pipe: Connection, folder: Path) -> None:
+    def __init__(
+        self, session: Session, pipe: Connection, folder: Path, patience: float = 0.0
+    ) -> None:
         self._session, self._pipe, self._folder = session, pipe, folder
+        self._patience = max(_SLEEPS_LATE, patience)
         self._inbox: deque[tuple[float, Any]] = deque(maxlen=256)
         self._outbox = _Outbox()
         self._gone = threading.Event()
@@ -126,8 +129,9 @@ class _Loop:
         due = time.monotonic()
         while not self._gone.is_set():
             late = time.monotonic() - due
-            if late > _SLEEPS_LATE:  # the process or the machine stood still
+            if late > self._patience:  # the process or the machine stood still
                 session.hold("the control loop stood still for a while; press a mode to go on")
+            if late > interval:  # ticks that were missed are not made up for
                 due += late
             self._tick(due, late)
             due += interval

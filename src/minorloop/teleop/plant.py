@@ -25,7 +25,7 @@ from minorloop.lab.actuator import Actuator, FrameSource
 
 MIDDLE = 30.0
 """Pan and tilt at which the head looks straight ahead, in degrees."""
-ADDRESSES = ("twin:pipe", "twin:rig")
+ADDRESSES = ("twin:rig", "twin:pipe")
 _HOLD = 40.0
 _BANDS = 12
 _HIGHEST = 0.4
