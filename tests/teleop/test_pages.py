@@ -104,6 +104,15 @@ class Operator:
                 return
         raise AssertionError("no candidate could be picked")
 
+    def enter(self, key, mode):
+        """Press a key until its mode is on; a device may take a moment to tell its first pose."""
+        for _ in range(60):
+            self.page.keyboard.press(key)
+            self.page.wait_for_timeout(500)
+            if self.state("mode") == mode:
+                return
+        raise AssertionError(f"{mode} was never on")
+
     def take(self):
         self.page.click("#take")
         self.wait("document.body.dataset.pilot === 'yes'")
@@ -158,8 +167,7 @@ def test_a_hole_is_inspected_with_the_keyboard_alone(browser, address):
         page = operator.page
         page.keyboard.press("t")
         operator.wait("document.body.dataset.pilot === 'yes'")
-        page.keyboard.press("1")
-        operator.in_mode("HEAD")
+        operator.enter("1", "HEAD")
         page.keyboard.down("ArrowRight")
         operator.moved("pan > 6")
         page.keyboard.up("ArrowRight")
@@ -265,8 +273,7 @@ def test_a_headset_steers_and_its_loss_holds(browser, address):
         page = operator.take().page
         page.select_option("#source", "headset")
         operator.wait("document.querySelector('#source').value === 'headset'")
-        page.keyboard.press("1")
-        operator.in_mode("HEAD")
+        operator.enter("1", "HEAD")
         half = np.radians(-30.0) / 2
         page.evaluate(f"window.worn.quaternion.set(0, {np.sin(half)}, 0, {np.cos(half)})")
         operator.moved("pan > 5")
@@ -291,8 +298,7 @@ def test_a_session_is_recorded_and_replayed(browser, address):
         page = operator.take().page
         page.click("#record")
         page.wait_for_selector("#record[aria-pressed=true]")
-        page.keyboard.press("1")
-        operator.in_mode("HEAD")
+        operator.enter("1", "HEAD")
         count = int(operator.state("pictures"))
         operator.wait(f"Number(document.body.dataset.pictures) > {count + 20}")
         page.click("#record")
