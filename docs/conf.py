@@ -1,0 +1,58 @@
+"""How Sphinx builds these pages: ``make docs``."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent / "src")]
+
+import minorloop  # noqa: E402
+
+project = "minorloop"
+author = "The minorloop developers"
+project_copyright = author
+release = version = minorloop.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "mathml",
+    "verbs",
+]
+exclude_patterns = ["_ext"]
+templates_path: list[str] = []
+
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist", "fieldlist"]
+myst_heading_anchors = 4
+
+html_theme = "furo"
+html_title = "minorloop"
+html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_css_files = ["minorloop.css"]
+html_copy_source = False
+html_show_sphinx = False
+pygments_style = "tango"
+pygments_dark_style = "monokai"
+
+# The reference is made of the docstrings; types are in them, with shapes and units.
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_typehints = "none"
+autodoc_class_signature = "mixed"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = False
+napoleon_use_param = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+default_role = "code"
+python_maximum_signature_line_length = 88
+
+# Every reference has to lead somewhere. Only bases and aliases that live in other projects
+# may lead out of these pages, which are built without a network.
+nitpicky = True
+nitpick_ignore_regex = [
+    (r"py:.*", r"(numpy|scipy|matplotlib|pandas|sklearn|control|dask|distributed)\..*"),
+    (r"py:.*", r"(collections|typing|enum|pathlib|msgspec|starlette|asyncio)\..*"),
+    (r"py:(class|exc)", r"(object|Exception|ValueError|OSError|TypeError|ImportError|.*Error|tuple)"),
+]
