@@ -24,7 +24,7 @@ TRIED = [page for page in PAGES if documents.blocks(page)]
 @pytest.mark.parametrize("page", TRIED, ids=name_of)
 def test_every_code_block_does_what_the_page_says(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("COLUMNS", "80")
     documents.try_page(page, capsys)
 
 
