@@ -3,6 +3,8 @@
 import sys
 from pathlib import Path
 
+from sphinx.ext.napoleon.docstring import GoogleDocstring
+
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent / "src")]
 
@@ -37,7 +39,12 @@ pygments_style = "tango"
 pygments_dark_style = "monokai"
 
 # The reference is made of the docstrings; types are in them, with shapes and units.
-autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_default_options = {
+    "members": True,
+    "member-order": "bysource",
+    # made by scikit-learn, with references into its own pages
+    "exclude-members": "set_fit_request,set_predict_request,set_score_request",
+}
 autodoc_typehints = "none"
 autodoc_class_signature = "mixed"
 autodoc_preserve_defaults = True
@@ -46,6 +53,8 @@ napoleon_use_param = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 default_role = "code"
+# "In seconds: ..." below a constant is a sentence, not a type and its description.
+GoogleDocstring._parse_attribute_docstring = GoogleDocstring._consume_to_end
 python_maximum_signature_line_length = 88
 
 # Every reference has to lead somewhere. Only bases and aliases that live in other projects
@@ -56,3 +65,4 @@ nitpick_ignore_regex = [
     (r"py:.*", r"(collections|typing|enum|pathlib|msgspec|starlette|asyncio)\..*"),
     (r"py:(class|exc)", r"(object|Exception|ValueError|OSError|TypeError|ImportError|.*Error|tuple)"),
 ]
+
