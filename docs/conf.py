@@ -55,7 +55,6 @@ napoleon_use_ivar = True
 default_role = "code"
 # "In seconds: ..." below a constant is a sentence, not a type and its description.
 GoogleDocstring._parse_attribute_docstring = GoogleDocstring._consume_to_end
-python_maximum_signature_line_length = 88
 
 # Every reference has to lead somewhere. Only bases and aliases that live in other projects
 # may lead out of these pages, which are built without a network.
@@ -63,6 +62,8 @@ nitpicky = True
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|scipy|matplotlib|pandas|sklearn|control|dask|distributed)\..*"),
     (r"py:.*", r"(collections|typing|enum|pathlib|msgspec|starlette|asyncio)\..*"),
-    (r"py:(class|exc)", r"(object|Exception|ValueError|OSError|TypeError|ImportError|.*Error|tuple)"),
+    (
+        r"py:(class|exc)",
+        r"(object|Exception|ValueError|OSError|TypeError|ImportError|.*Error|tuple)",
+    ),
 ]
-

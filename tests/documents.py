@@ -1,10 +1,11 @@
 """The code blocks of a page, and how each kind is tried.
 
-A page is Markdown. Its fenced blocks are tried in order, in one folder and with one set of Python
-names for the page: ``python`` is executed; of ``console`` every line after ``$`` is carried out, and
-what is shown below it is what has to come out, with ``...`` for what differs from run to run. A block
-after the comment ``<!-- parsed only: REASON -->`` takes too long, or hardware, or a network: then the
-commands only have to be ones that exist, with options that exist.
+A page is Markdown. Its fenced blocks are tried in order, in one folder and with one set of
+Python names for the page: ``python`` is executed; of ``console`` every line after ``$`` is
+carried out, and what is shown below it is what has to come out, with ``...`` for what differs
+from run to run. A block after the comment ``<!-- parsed only: REASON -->`` takes too long, or
+hardware, or a network: then the commands only have to be ones that exist, with options that
+exist.
 """
 
 import json
@@ -132,6 +133,7 @@ def try_page(page, capsys):
             code = compile("\n" * block.line + block.text, where, "exec")
             if not block.parsed_only:
                 exec(code, names)
+                capsys.readouterr()
         elif block.language == "console":
             for command, shown in commands(block.text):
                 if block.parsed_only:

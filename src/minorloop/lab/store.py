@@ -54,6 +54,13 @@ class Store:
     """A plan, what it is carried out on, and the points that have settled so far.
 
     Make one with ``Store.create`` or ``Store.open``; use it as a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    connection : sqlite3.Connection
+        To it, as ``create`` and ``open`` make it.
     """
 
     path: Path
