@@ -46,8 +46,7 @@ autodoc_default_options = {
     "exclude-members": "set_fit_request,set_predict_request,set_score_request",
 }
 autodoc_typehints = "none"
-autodoc_class_signature = "mixed"
-autodoc_preserve_defaults = True
+toc_object_entries = False
 napoleon_google_docstring = False
 napoleon_use_param = False
 napoleon_use_rtype = False
