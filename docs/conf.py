@@ -51,6 +51,7 @@ napoleon_google_docstring = False
 napoleon_use_param = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+smartquotes = False  # "--save" is an option
 default_role = "code"
 # "In seconds: ..." below a constant is a sentence, not a type and its description.
 GoogleDocstring._parse_attribute_docstring = GoogleDocstring._consume_to_end
