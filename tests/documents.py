@@ -3,9 +3,9 @@
 A page is Markdown. Its fenced blocks are tried in order, in one folder and with one set of
 Python names for the page: ``python`` is executed; of ``console`` every line after ``$`` is
 carried out, and what is shown below it is what has to come out, with ``...`` for what differs
-from run to run. A block after the comment ``<!-- parsed only: REASON -->`` takes too long, or
-hardware, or a network: then the commands only have to be ones that exist, with options that
-exist.
+from run to run, and decimal fractions within one percent. A block after the comment
+``<!-- parsed only: REASON -->`` takes too long, or hardware, or a network: then the commands
+only have to be ones that exist, with options that exist.
 """
 
 import json
@@ -30,6 +30,7 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 SHOWN = {"text", "c", "csv"}  # not code that could be carried out
+NUMBER = re.compile(r"((?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w]|\.\d))")
 MARK = re.compile(r"<!-- parsed only: .{10,} -->")
 
 
@@ -92,9 +93,20 @@ def carry_out(command, capsys):
 
 
 def agree(shown, printed):
-    """Whether what a page shows is what was printed, lines broken as they may be."""
-    pattern = re.escape(" ".join(shown.split())).replace(r"\.\.\.", ".*?")
-    return re.fullmatch(pattern, " ".join(printed.split()), re.DOTALL) is not None
+    """Whether what a page shows is what was printed.
+
+    Lines may be broken elsewhere, decimal fractions be off by a hundredth of their size: another
+    machine adds in another order.
+    """
+    text, *rest = NUMBER.split(" ".join(shown.split()))
+    pattern = re.escape(text).replace(r"\.\.\.", ".*?")
+    for text in rest[1::2]:
+        pattern += f"({NUMBER.pattern[1:-1]})" + re.escape(text).replace(r"\.\.\.", ".*?")
+    found = re.fullmatch(pattern, " ".join(printed.split()))
+    return found is not None and all(
+        abs(float(one) - float(other)) <= (0.01 * abs(float(one)) if "." in one else 0.0)
+        for one, other in zip(rest[::2], found.groups(), strict=True)
+    )
 
 
 def check_exists(command):
@@ -122,6 +134,18 @@ def check_exists(command):
             assert (ROOT / path).exists(), command
     else:
         assert program in {"source", ".ci/run", "cc", "git"}, f"unknown command: {command}"
+
+
+def check_named(text):
+    """Refuse a command in running text whose verb, options or target do not exist."""
+    program, first, *words = text.replace("\n", " ").split()
+    if program == "make":
+        assert re.search(rf"^{first}:", (ROOT / "Makefile").read_text(), re.MULTILINE), text
+        return
+    verb = typer.main.get_command(app).commands[first]
+    options = {name for parameter in verb.params for name in parameter.opts}
+    for word in words:
+        assert not word.startswith("-") or word in {*options, "--help"}, text
 
 
 def try_page(page, capsys):

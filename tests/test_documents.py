@@ -39,6 +39,33 @@ def test_a_command_that_does_not_exist_is_found(command):
         documents.check_exists(command)
 
 
+@pytest.mark.parametrize(
+    ("shown", "same"),
+    [
+        ("rms 0.683% of 56", True),
+        ("rms 0.686% of\n56", True),
+        ("rms 0.7% of 56", False),
+        ("rms 0.683% of 57", False),
+        ("rms ... of 56", True),
+        ("rms 0.683% of 56 or so", False),
+    ],
+)
+def test_what_is_shown_is_compared_with_what_was_printed(shown, same):
+    assert documents.agree(shown, "rms  0.683%\nof 56\n") is same
+
+
+INLINE = [
+    (page, text)
+    for page in PAGES
+    for text in re.findall(r"(?<!`)`(minorloop [a-z][^`]*|make [a-z][^`]*)`(?!`)", page.read_text())
+]
+
+
+@pytest.mark.parametrize(("page", "text"), INLINE, ids=lambda found: getattr(found, "name", None))
+def test_commands_in_the_text_exist(page, text):
+    documents.check_named(text)
+
+
 def anchors(page):
     """The anchors of a page's headings, as GitHub and myst make them."""
     text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
