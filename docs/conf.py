@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
+    "rooms",
     "verbs",
 ]
 exclude_patterns = ["_ext"]
