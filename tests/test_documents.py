@@ -146,13 +146,20 @@ CALLABLES = [
 ]
 
 
+def parameters(function):
+    names = inspect.signature(function).parameters
+    return {name for name in names if not name.startswith("_") and name not in ("self", "cls")}
+
+
 @pytest.mark.parametrize("name", CALLABLES)
 def test_every_parameter_of_a_public_name_is_described(name):
     found = getattr(minorloop, name)
-    if getattr(found, "_is_protocol", False):
-        return
-    public = {n for n in inspect.signature(found).parameters if not n.startswith("_")}
-    assert public <= described(inspect.getdoc(found))
+    if not getattr(found, "_is_protocol", False):
+        assert parameters(found) <= described(inspect.getdoc(found))
+    for method, function in vars(found).items() if inspect.isclass(found) else ():
+        function = getattr(function, "__func__", function)
+        if inspect.isfunction(function) and not method.startswith("_"):
+            assert parameters(function) <= described(inspect.getdoc(function)), method
 
 
 def test_the_table_of_public_names_is_complete_and_right():
