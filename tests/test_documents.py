@@ -44,7 +44,7 @@ def test_a_command_that_does_not_exist_is_found(command):
     [
         ("rms 0.683% of 56", True),
         ("rms 0.686% of\n56", True),
-        ("rms 0.7% of 56", False),
+        ("rms 0.9% of 56", False),
         ("rms 0.683% of 57", False),
         ("rms ... of 56", True),
         ("rms 0.683% of 56 or so", False),

@@ -216,7 +216,7 @@ class Planner:
         plan : PlannedPowers
             A plan of this planner.
         start : HeatedState, optional
-            State from which it begins; that of the planner without it.
+            State from which it begins; settled without power if not given.
         """
         check_kind("plan", plan, PlannedPowers)
         state = self._start(start)
