@@ -179,10 +179,11 @@ def fuse(
 
     Notes
     -----
-    The least of sum (a - H d)^2 / sd^2 + stiffness * sum g |grad d|^2 + sum (d - m)^2 / s^2: the
-    mean m and deviation s of a texel are those of a mixture of wall and floor by the probability
-    that it is inside. The posterior is Gaussian about it; its deviations are the roots of the
-    diagonal of the inverse.
+    The least of
+    ``sum (a - H d)^2 / sd^2 + stiffness * sum g |grad d|^2 + sum (d - m)^2 / s^2``:
+    the mean m and deviation s of a texel are those of a mixture of wall and floor by the
+    probability that it is inside. The posterior is Gaussian about it; its deviations are the
+    roots of the diagonal of the inverse.
     """
     inside = inside_probability(patch, pit, outline)
     shape = inside.shape
