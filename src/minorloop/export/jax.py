@@ -15,7 +15,6 @@ output is NaN throughout, and so are its gradients.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -32,6 +31,9 @@ from minorloop.operators.preisach import Preisach, Start, _swing
 try:
     import jax
     from jax import numpy as jnp
+    from jax.core import ShapedArray
+    from jax.extend.core import Primitive
+    from jax.interpreters import batching, mlir
 except ImportError:
     raise MissingExtraError("jax", "jax") from None
 
@@ -126,10 +128,10 @@ def as_model(
 class _Preisach:
     """Forward loop and transpose of a Preisach operator on given levels."""
 
-    names = ("weights", "offset", "slope")
+    names: tuple[str, ...] = ("weights", "offset", "slope")
 
     def __init__(self, model: Preisach, start: Start) -> None:
-        self.shapes = (model.weights.shape, (), ())
+        self.shapes: tuple[tuple[int, ...], ...] = (model.weights.shape, (), ())
         self._spread = model.diagonal == "uniform"
         self._swing, self._shift = _swing(model.relay), float(model.relay == "bipolar")
         self._plane = model._plane
@@ -181,10 +183,10 @@ class _Preisach:
 class _Plays:
     """Forward loop and transpose of weighted plays of given radii."""
 
-    names = ("weights", "offset")
+    names: tuple[str, ...] = ("weights", "offset")
 
     def __init__(self, model: PrandtlIshlinskii, start: PlayStart) -> None:
-        self.shapes = (model.weights.shape, ())
+        self.shapes: tuple[tuple[int, ...], ...] = (model.weights.shape, ())
         self._radii, self._start = model.radii, model.positions(start)
 
     def forward(self, *arrays: FloatArray) -> FloatArray:
@@ -249,42 +251,97 @@ def _floating(value: Any) -> Any:
 
 
 def _differentiable(operator: _Operator) -> Callable[..., Any]:
-    """The operator as JAX sees it: a callback, and another for its gradient."""
+    """The operator as JAX sees it: a primitive, and another for its gradient."""
     cores = [len(shape) for shape in operator.shapes] + [1]
+    loop = _primitive("hysteresis", operator.forward, cores, lambda *given: given[-1:])
+    back = _primitive("hysteresis_gradient", operator.backward, [*cores, 1], lambda *g: g[:-1])
 
-    @jax.custom_vjp
-    def call(*arrays: Any) -> Any:
-        answer = jax.ShapeDtypeStruct(arrays[-1].shape, jnp.result_type(*arrays))
-        run = partial(_each, operator.forward, cores, [answer])
-        return jax.pure_callback(
-            lambda *given: run(*given)[0], answer, *arrays, vmap_method="expand_dims"
-        )
+    def plain(*arrays: Any) -> Any:
+        wide = jnp.result_type(*arrays)
+        return loop.bind(*(array.astype(wide) for array in arrays))[0]
 
     def forward(*arrays: Any) -> tuple[Any, tuple[Any, ...]]:
         return call(*arrays), arrays
 
     def backward(arrays: tuple[Any, ...], cotangent: Any) -> Any:
-        answers = tuple(jax.ShapeDtypeStruct(a.shape, a.dtype) for a in arrays)
-        run = partial(_each, operator.backward, [*cores, 1], answers)
-        return jax.pure_callback(run, answers, *arrays, cotangent, vmap_method="expand_dims")
+        return tuple(back.bind(*arrays, cotangent))
 
+    call: Any = jax.custom_vjp(plain)
     call.defvjp(forward, backward)
-    return call
+    return lambda *arrays: call(*arrays)
+
+
+def _primitive(
+    name: str, function: Callable[..., Any], cores: Sequence[int], like: Callable[..., Any]
+) -> Any:
+    """A loop on numpy arrays as a primitive of JAX, with its rules for jit and vmap.
+
+    `jax.pure_callback` would do, but it hands the callback arrays that are copied by the very
+    pool of threads in which the callback runs: on one core that never ends.
+
+    Parameters
+    ----------
+    name : str
+        What JAX calls it.
+    function : callable
+        Gives one array, or several, for arrays without axes of `jax.vmap`.
+    cores : sequence of int
+        Axes of each argument; whatever axes stand before them are those of `jax.vmap`.
+    like : callable
+        Which of the arguments the results are like.
+    """
+    primitive = Primitive(name)
+    primitive.multiple_results = True
+
+    def abstract(*given: Any) -> list[Any]:
+        lead = _lead(given, cores)
+        return [
+            ShapedArray(lead + one.shape[one.ndim - core :], one.dtype)
+            for one, core in zip(like(*given), like(*cores), strict=True)
+        ]
+
+    def run(*given: Any) -> tuple[Any, ...]:
+        answers = [(x.shape, x.dtype) for x in abstract(*given)]
+        return _each(function, cores, answers, *given)
+
+    def batched(given: Sequence[Any], axes: Sequence[Any]) -> tuple[Any, list[int]]:
+        moved = [
+            jnp.expand_dims(x, 0) if axis is None else jnp.moveaxis(x, axis, 0)
+            for x, axis in zip(given, axes, strict=True)
+        ]
+        found = primitive.bind(*moved)
+        return found, [0] * len(found)
+
+    def lowered(context: Any, *given: Any) -> Any:
+        return mlir.emit_python_callback(
+            context, run, None, given, context.avals_in, context.avals_out, has_side_effect=False
+        )[0]
+
+    primitive.def_impl(lambda *given: [jnp.asarray(x) for x in run(*given)])
+    primitive.def_abstract_eval(abstract)
+    batching.primitive_batchers[primitive] = batched
+    mlir.register_lowering(primitive, lowered)
+    return primitive
+
+
+def _lead(given: Sequence[Any], cores: Sequence[int]) -> tuple[int, ...]:
+    """Axes of `jax.vmap`, which stand in front."""
+    return np.broadcast_shapes(
+        *(x.shape[: x.ndim - core] for x, core in zip(given, cores, strict=True))
+    )
 
 
 def _each(
     function: Callable[..., Any], cores: Sequence[int], answers: Sequence[Any], *given: Any
 ) -> tuple[Any, ...]:
     """Apply a loop over the axes that `jax.vmap` put in front, in parallel."""
-    arrays = [np.asarray(array, dtype=np.float64) for array in given]
-    split = [array.ndim - core for array, core in zip(arrays, cores, strict=True)]
-    lead = np.broadcast_shapes(*(a.shape[:k] for a, k in zip(arrays, split, strict=True)))
-    rows = [
-        np.broadcast_to(a, lead + a.shape[k:]).reshape(-1, *a.shape[k:])
-        for a, k in zip(arrays, split, strict=True)
-    ]
-    count = int(np.prod(lead))
-    found = [np.full((count, *answer.shape), np.nan, dtype=answer.dtype) for answer in answers]
+    lead = _lead(given, cores)
+    rows = []
+    for one, core in zip(given, cores, strict=True):
+        array = np.asarray(one, dtype=np.float64)
+        own = array.shape[array.ndim - core :]
+        rows.append(np.broadcast_to(array, lead + own).reshape(-1, *own))
+    found = [np.full((len(rows[0]), *shape[len(lead) :]), np.nan) for shape, _ in answers]
 
     def fill(row: int) -> None:
         mine = [np.array(array[row]) for array in rows]
@@ -293,10 +350,7 @@ def _each(
             for out, result in zip(found, [results] if len(found) == 1 else results, strict=True):
                 out[row] = result
 
-    if count == 1:
-        fill(0)
-    else:
-        in_parallel(fill, count)
+    in_parallel(fill, len(rows[0]))
     return tuple(
-        out.reshape(lead + answer.shape) for out, answer in zip(found, answers, strict=True)
+        out.reshape(shape).astype(kind) for out, (shape, kind) in zip(found, answers, strict=True)
     )
