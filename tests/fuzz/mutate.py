@@ -48,7 +48,7 @@ def odd_json(random: Random, data: bytes) -> bytes:
             holder.insert(key, copy.deepcopy(holder[random.randrange(len(holder))]))
         elif what == 2:
             holder[key] = _nested(random, holder[key])
-        elif what == 3 and isinstance(holder[key], int | float):
+        elif what == 3 and isinstance(holder[key], float):
             holder[key] = holder[key] * random.choice((-1, 0, 2, 1e-300, 1e155, 1e300, 1e308))
         else:
             holder[key] = copy.deepcopy(random.choice(ODD))
