@@ -1,4 +1,4 @@
-"""``python -m fuzz [CASES]``: that many cases in all, and the counts; status 1 if one went wrong."""
+"""``python -m fuzz [CASES]``: that many cases, and the counts; status 1 if one went wrong."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -13,8 +14,8 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from fuzz.mutate import TOKENS, damaged, odd_json, odd_table
 
+from fuzz.mutate import TOKENS, damaged, odd_json, odd_table
 from minorloop import PrandtlIshlinskii, Preisach, modelfile
 from minorloop.errors import InstrumentError, LimitError, MinorloopError, RecordError
 from minorloop.fleet.identification import read_manifest
@@ -150,7 +151,7 @@ def _same(model: Any, said: dict[str, Any]) -> None:
     for name in ("levels", "radii", "thresholds"):
         if name in said:
             values = said[name]
-            rising = all(b > a for a, b in zip(values, values[1:], strict=False))
+            rising = all(b > a for a, b in itertools.pairwise(values))
             _expect(rising and (name != "radii" or values[0] >= 0), name)
 
 
@@ -283,7 +284,9 @@ def _read_manifest(path: Path, data: bytes) -> None:
     _expect([one.name for one in specimens] == names, f"specimens {names}")
     _expect(len({one.key for one in specimens}) == len(names), "files of results that coincide")
     for one in specimens:
-        _expect("/" not in one.key and "\0" not in one.key and one.key not in ("", ".", ".."), "key")
+        _expect(
+            "/" not in one.key and "\0" not in one.key and one.key not in ("", ".", ".."), "key"
+        )
         _expect(all((one.name, one.file.name, one.input, one.output)), "something is missing")
 
 
@@ -329,7 +332,9 @@ def sealed(sequence: int, body: str) -> str:
 
 def _word(random: Random) -> str:
     number = f"{random.uniform(-2, 2):.9g}"
-    return random.choices((number, random.choice(TOKENS), number + random.choice(TOKENS)), (3, 2, 1))[0]
+    return random.choices(
+        (number, random.choice(TOKENS), number + random.choice(TOKENS)), (3, 2, 1)
+    )[0]
 
 
 def _make_lines(random: Random) -> list[str]:
@@ -342,7 +347,9 @@ def _make_lines(random: Random) -> list[str]:
             if kind == 0:
                 lines.append(sealed(random.choice((1, 2, 3, 65535)), f"OK {_word(random)}"))
             elif kind == 1:
-                lines.append(sealed(sequence, f"{random.choice(('OK', 'ERR', 'ok', ''))} 1 {_word(random)}"))
+                lines.append(
+                    sealed(sequence, f"{random.choice(('OK', 'ERR', 'ok', ''))} 1 {_word(random)}")
+                )
             elif kind == 2:
                 lines.append(_damaged_line(random, right))
             elif kind == 3:
