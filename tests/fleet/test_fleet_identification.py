@@ -201,6 +201,7 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
         (f"{HEADER}\na,a.csv,u,y\na,b.csv,u,y\n", "line 3 of .* names 'a' again"),
         (f"{HEADER}\n,a.csv,u,y\n", "line 2 of .* has no specimen"),
         (f"{HEADER}\na,,u,y\n", "has no file"),
+        (f'{HEADER}\n"a\nb",a.csv,u,y\n', "line 2 of .* leave out what cannot be"),
         (f"{HEADER}\na,a.csv,,y\n", "has no input"),
         (f"{HEADER}\na,a.csv,u,y,z\n", "more cells than the header"),
         (f'{HEADER}\n"a,a.csv,u,y\n', "is not a CSV file"),

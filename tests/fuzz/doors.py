@@ -396,7 +396,7 @@ def _understood(line: str, sequence: int) -> list[str] | None:
         for _ in range(8):
             total = (total >> 1) ^ (0xEDB88320 if total & 1 else 0)
     words = head.split(" ")[:-1]
-    if not all(word.isprintable() and 0 < len(word) <= 40 for word in words):
+    if not all(word.isprintable() and 0 < len(word) <= 40 and "*" not in word for word in words):
         return None
     right = tail == f"{total ^ 0xFFFFFFFF:08X}" and words[0] == str(sequence)
     return words[1:] if right and words[1:2] in (["OK"], ["ERR"]) else None

@@ -113,8 +113,8 @@ assert app.routes
 SAYS = {
     "mesh": (USES["mesh"], "trimesh"),
     "control": (USES["control"], "python-control"),
-    "sklearn": (USES["sklearn"], "scikit-learn"),
-    "jax": (USES["jax"], "jax"),
+    "sklearn": ("import minorloop.export.sklearn", "scikit-learn"),
+    "jax": ("import minorloop.export.jax", "jax"),
     "fleet": (USES["fleet"], "dask.distributed"),
     "instruments": (USES["instruments"], "pyvisa"),
     "console": ("import minorloop.teleop.server", "starlette"),

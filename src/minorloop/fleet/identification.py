@@ -130,8 +130,13 @@ def _specimen(
     cells = {name: str(row.get(name) or "").strip() for name in COLUMNS}
     columns = cells["input"] or input, cells["output"] or output
     for what, value in zip(COLUMNS, (cells["specimen"], cells["file"], *columns), strict=True):
-        if not value or "\0" in value:
+        if not value:
             raise RecordError(f"line {line} of {path} has no {what}; fill the column in")
+        if any(letter < " " or letter == "\x7f" for letter in value):
+            raise RecordError(
+                f"line {line} of {path} has the {what} {value[:60]!r}; leave out what cannot be "
+                "printed"
+            )
     if None in row:
         raise RecordError(f"line {line} of {path} has more cells than the header")
     return Specimen(

@@ -11,7 +11,7 @@ from minorloop.lab.drivers.link import Link
 
 __all__ = ["ScpiMeter", "ScpiSource"]
 
-_NO_ERROR = re.compile(r"[+-]?0+(?=[\s,]|$)", re.ASCII)
+_NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 
 
 class ScpiSource:
