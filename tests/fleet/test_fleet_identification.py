@@ -159,13 +159,13 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
         def scheduler_info(self, n_workers):
             return {"workers": {"one": None}}
 
-        def submit(self, function, batch, options, pure):
+        def submit(self, function, batch, options, place, pure):
             def work():
                 if any(one.name == "s3" for _, one in batch):
                     raise distributed.scheduler.KilledWorker(
                         "task", mock.Mock(address="tcp://one"), 3
                     )
-                return function(batch, options)
+                return function(batch, options, place)
 
             Client.count += 1
             return Future(str(Client.count), work)
