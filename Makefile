@@ -3,6 +3,8 @@
 PYTHON ?= $(shell if python3.11 -c '' 2>/dev/null; then echo python3.11; else echo python3; fi)
 UV ?= .venv/bin/uv
 UPGRADE ?=
+CASES ?= 100000
+EXTRAS ?=
 
 BIN := .venv/bin
 STAMP := .venv/.installed
@@ -13,7 +15,7 @@ PAGES := src/minorloop/teleop/static/index.html
 BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo docs pages console screenshots studies test torture check bench figures format lock wheel clean
+.PHONY: help setup demo docs pages console screenshots studies test torture check bench figures format lock wheel sdist smoke fuzz clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -75,6 +77,15 @@ lock: ## write requirements.lock anew; UPGRADE="numpy scipy" moves those package
 
 wheel: setup $(PAGES) ## build the wheel into dist/, pages included
 	$(BIN)/hatchling build -t wheel
+
+sdist: setup $(PAGES) ## build the source distribution into dist/, pages included
+	$(BIN)/hatchling build -t sdist
+
+smoke: setup $(BUILT) ## build, install in fresh environments and use, with each extra alone; EXTRAS="jax mesh" for some
+	$(BIN)/python tests/packaging/smoke.py $(EXTRAS)
+
+fuzz: setup ## damaged model files, tables and answers of instruments, CASES=100000 of them; prints counts
+	PYTHONPATH=tests $(BIN)/python -m fuzz $(CASES)
 
 clean: ## remove what was built or cached; .venv stays
 	rm -rf build dist demo studies console web/node_modules src/minorloop/teleop/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -35,6 +35,7 @@ that says more has a higher version.
 
 from __future__ import annotations
 
+import json
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -196,6 +197,7 @@ def read(path: PathLike) -> ModelFile:
     _check_header(path, data)
     try:
         content = msgspec.json.decode(data, type=Content)
+        _check_repeats(data)
         model = content.model.build()
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
@@ -226,6 +228,21 @@ def _bytes_of(path: PathLike) -> bytes:
         raise
     except ValueError as error:
         raise ModelFileError(f"{path!r} cannot be the name of a file: {error}") from None
+
+
+def _check_repeats(data: bytes) -> None:
+    """Refuse an object that says a key twice: readers differ in which of the two they take."""
+    number: Any = float  # whole numbers may have more digits than int() takes
+    json.loads(data.decode(), object_pairs_hook=_once, parse_int=number)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    known = dict(pairs)
+    if len(known) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in known if names.count(name) > 1)
+        raise ParameterError(f"it says {twice!r} twice; keep one of the two")
+    return known
 
 
 def _check_header(path: PathLike, data: bytes) -> None:

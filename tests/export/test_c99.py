@@ -8,10 +8,13 @@ from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, OutputError, ParameterError
 from minorloop.export.c99 import export_c, source
+from minorloop.operators.dead_zones import DeadZones
+from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.memory import Memory
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
 
 LAGS = Linear.lags(0.05, 0.02, dc_gain=1.5, delay=0.03).discretise(0.01)
 
@@ -267,7 +270,7 @@ def test_numbers_too_large_for_a_float_are_refused():
 
 
 def test_other_models_are_refused():
-    with pytest.raises(ParameterError, match="models and plays, and this is a Polynomial"):
+    with pytest.raises(ParameterError, match="models, relays and plays, and this is a Polynomial"):
         source(Polynomial([1.0, 0.0], -1, 1))
 
 
@@ -277,6 +280,7 @@ def test_a_folder_that_is_not_empty_is_refused(tmp_path):
         export_c(operator(), tmp_path)
 
 
+UNBOUNDED = compiled.HARNESS.replace("minorloop_error_bound(&state)", "0")
 PLAYS = PrandtlIshlinskii([0.0, 0.2, 0.5, 1.5], [1.0, 0.5, -0.3, 0.7], 0.1)
 
 
@@ -288,10 +292,69 @@ def test_plays_pass_their_own_test(inverse, float32, cc, tmp_path):
     compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
 
 
-@pytest.mark.parametrize("model", [PLAYS, PrandtlIshlinskii([0.0], [2.0], -1.0)])
+BENT = [
+    GeneralisedPrandtlIshlinskii(
+        PLAYS, DeadZones([-0.5, 0.0, 0.5, 2.0], [0.2, 1.0, -0.3, 0.4]), 2.0
+    ),
+    GeneralisedPrandtlIshlinskii(PLAYS, DeadZones([0.3, 1.0], [0.5, -0.2]), -1.0),
+    GeneralisedPrandtlIshlinskii(PLAYS, DeadZones([-2.0, -1.0], [0.5, 0.2])),
+    GeneralisedPrandtlIshlinskii(PLAYS, DeadZones([0.0], [0.7]), 1.0),
+]
+
+
+@pytest.mark.parametrize(("cc", "float32"), [("gcc", True), ("clang", False)])
+def test_bent_plays_pass_their_own_test(float32, cc, tmp_path):
+    code = source(BENT[0], float32=float32)
+    compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
+
+
+@pytest.mark.parametrize("model", BENT[1:3])
+def test_bent_plays_that_stand_still_somewhere_have_no_inverse(model, tmp_path):
+    with pytest.raises(NotInvertibleError, match="--no-inverse"):
+        source(model)
+    code = compiled.Compiled(source(model, inverse=False), tmp_path, UNBOUNDED)
+    u = np.random.default_rng(0).uniform(-3, 3, 20_000)
+    expected = model.simulate(u, "demagnetised")
+    assert np.abs(code.walk(u)[0] - expected).max() <= 1e-12 * np.ptp(expected)
+
+
+def relays(count, relay="bipolar"):
+    rng = np.random.default_rng(count)
+    levels = np.cumsum(rng.uniform(0.1, 1, count)) - 1
+    return RelayModel(levels, np.tril(rng.normal(size=(count, count))), 0.3, relay)
+
+
+@pytest.mark.parametrize(("cc", "float32"), [("gcc", True), ("clang", False)])
+def test_relays_pass_their_own_test(float32, cc, tmp_path):
+    code = source(relays(9), float32=float32, inverse=False)
+    compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
+
+
+@pytest.mark.parametrize(("count", "relay"), [(2, "unipolar"), (30, "bipolar")])
+def test_relays_give_what_python_gives(count, relay, tmp_path):
+    model = relays(count, relay)
+    code = compiled.Compiled(source(model, inverse=False), tmp_path, UNBOUNDED)
+    assert code.state_bytes == source(model, inverse=False).state_bytes
+    low, high = model.levels[[0, -1]]
+    u = np.random.default_rng(0).uniform(low - 0.5, high + 0.5, 50_000)
+    u[::7] = np.random.default_rng(1).choice(model.levels, u[::7].size)  # on the thresholds too
+    expected = model.simulate(u)
+    assert np.abs(code.walk(u)[0] - expected).max() <= 1e-12 * np.ptp(expected)
+
+
+def test_relays_that_cannot_be_exported():
+    with pytest.raises(NotInvertibleError, match=r"come in steps.*--no-inverse"):
+        source(relays(4))
+    with pytest.raises(ParameterError, match="RelayModel has no linear part"):
+        source(relays(4), linear=LAGS, inverse=False)
+    close = RelayModel([1.0, 1.0 + 1e-9], np.tril(np.ones((2, 2))))
+    with pytest.raises(ParameterError, match="export doubles"):
+        source(close, float32=True, inverse=False)
+
+
+@pytest.mark.parametrize("model", [PLAYS, PrandtlIshlinskii([0.0], [2.0], -1.0), BENT[0], BENT[3]])
 def test_plays_give_what_python_gives(model, tmp_path):
-    harness = compiled.HARNESS.replace("minorloop_error_bound(&state)", "0")
-    code = compiled.Compiled(source(model), tmp_path, harness)
+    code = compiled.Compiled(source(model), tmp_path, UNBOUNDED)
     assert code.state_bytes == source(model).state_bytes
     u = np.random.default_rng(0).uniform(-3, 3, 100_000)
     y, expected = code.walk(u)[0], model.simulate(u, "demagnetised")

@@ -159,13 +159,13 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
         def scheduler_info(self, n_workers):
             return {"workers": {"one": None}}
 
-        def submit(self, function, batch, options, pure):
+        def submit(self, function, batch, options, place, pure):
             def work():
                 if any(one.name == "s3" for _, one in batch):
                     raise distributed.scheduler.KilledWorker(
                         "task", mock.Mock(address="tcp://one"), 3
                     )
-                return function(batch, options)
+                return function(batch, options, place)
 
             Client.count += 1
             return Future(str(Client.count), work)
@@ -201,6 +201,7 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
         (f"{HEADER}\na,a.csv,u,y\na,b.csv,u,y\n", "line 3 of .* names 'a' again"),
         (f"{HEADER}\n,a.csv,u,y\n", "line 2 of .* has no specimen"),
         (f"{HEADER}\na,,u,y\n", "has no file"),
+        (f'{HEADER}\n"a\nb",a.csv,u,y\n', "line 2 of .* leave out what cannot be"),
         (f"{HEADER}\na,a.csv,,y\n", "has no input"),
         (f"{HEADER}\na,a.csv,u,y,z\n", "more cells than the header"),
         (f'{HEADER}\n"a,a.csv,u,y\n', "is not a CSV file"),

@@ -97,6 +97,11 @@ class TestTexts:
         again = Plan.from_csv(tmp_path / "plan.csv", **kept)
         assert again.difference(plan) == ""
 
+    def test_a_hold_too_long_for_a_number_is_refused(self, tmp_path):
+        (tmp_path / "plan.csv").write_text("u,hold [min]\n1,1e308\n")
+        with pytest.raises((RecordError, ParameterError), match="inf"):
+            Plan.from_csv(tmp_path / "plan.csv")
+
     def test_zero_has_one_sign(self):
         assert Plan([-0.0], 10.0).to_json() == Plan([0.0], 10.0).to_json()
 

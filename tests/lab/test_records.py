@@ -113,7 +113,7 @@ def test_gaps_are_legal_only_where_asked(table):
     assert np.isnan(Record.from_csv(file, input="u", output="y", gaps=True).y).sum() == 3
 
 
-@pytest.mark.parametrize("text", ["oops", "1_000", "1.2.3", "0x10", "--1", "1 2"])
+@pytest.mark.parametrize("text", ["oops", "1_000", "1.2.3", "0x10", "--1", "1 2", "٣", "1𝟙"])
 def test_text_among_the_numbers_is_named(table, text):
     file = table(f"t,u\n1,2\n2,{text}\n3,4\n")
     with pytest.raises(
@@ -181,6 +181,10 @@ def test_a_name_with_two_units_must_be_given_whole(table):
         (b"1,2\n3,4\n", "begins with numbers; it needs a header line"),
         (b'u,v\n"1,2\n' + b"3,4\n" * 40_000, "is not a table"),
         (b"u\n1\n\x00\n", "has the text"),
+        (b'u,"v\n1,2\n', "is not a table"),
+        (b'u,"v\nw"\n1,2\n', "is not a table"),
+        (b'u,v\n1,"2\n', "is not a table"),
+        (b'u,v\n1,"2"3\n', "is not a table"),
     ],
 )
 def test_what_is_no_table_is_refused_in_one_sentence(table, content, complaint):

@@ -159,6 +159,8 @@ def test_fit_refuses_what_it_cannot_use(u, y, degree, error, what):
         (["x"], 0, 1, "not numbers"),
         ([1.0], 1, 1, "low < high"),
         ([1.0], 0, np.inf, "high is inf"),
+        ([0.0, 1.0, 0.2], -1e155, 1.0, "reach beyond 1e"),
+        ([0.0, 1e308], 0.0, 1e308, "reach beyond 1e"),
     ],
 )
 def test_refuses_bad_parameters(coefficients, low, high, what):

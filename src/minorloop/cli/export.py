@@ -85,7 +85,7 @@ def run(
 
     with _common.working("writing C"):
         code = export_c(
-            known.model,  # type: ignore[arg-type]
+            known.model,
             out,
             **options,
             float32=float32,

@@ -1,23 +1,22 @@
-"""What the templates need to know of a Prandtl-Ishlinskii operator."""
+"""What the templates need to know of a Prandtl-Ishlinskii operator, bent or not."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import NotInvertibleError
-from minorloop.export._tables import Numbers
+from minorloop.export._tables import Numbers, Parts
+from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 
 _VECTORS = 200
 
 
-def plays_tables(
-    model: PrandtlIshlinskii, numbers: Numbers, inverse: bool
-) -> tuple[dict[str, Any], int, int]:
-    """Context, bytes of tables, bytes of a state.
+def plays_parts(
+    model: PrandtlIshlinskii | GeneralisedPrandtlIshlinskii, numbers: Numbers, inverse: bool
+) -> Parts:
+    """Context, vectors and bytes of plays.
 
     Raises
     ------
@@ -26,19 +25,46 @@ def plays_tables(
     """
     if inverse and not model.invertible:
         raise NotInvertibleError(
-            "the plays have no linear term or a running sum of their weights is not positive, so "
-            "their C cannot have an inverse; export it without (inverse=False, --no-inverse)"
+            "the plays have no linear term, or a running sum of their weights or a slope of their "
+            "dead zones is not positive, so their C cannot have an inverse; export it without "
+            "(inverse=False, --no-inverse)"
         )
-    count = model.radii.size
-    context = {
-        "plays": count,
-        "offset": numbers.one(model.offset),
-        "tables": {"radii": numbers.table(model.radii), "slopes": numbers.table(model.slopes)},
-    }
-    return context, 2 * count * numbers.size, (count + 1) * numbers.size
+    bent = isinstance(model, GeneralisedPrandtlIshlinskii)
+    plays = model.plays if isinstance(model, GeneralisedPrandtlIshlinskii) else model
+    count = plays.radii.size
+    tables = {"radii": numbers.table(plays.radii), "slopes": numbers.table(plays.slopes)}
+    context = {"plays": count, "offset": numbers.one(plays.offset), "bent": bent, "tables": tables}
+    numbers_kept = 2 * count
+    if isinstance(model, GeneralisedPrandtlIshlinskii):
+        # Corners with the origin among them, and the slopes of the pieces between and beyond.
+        zones = model.zones
+        centre = int(np.count_nonzero(zones.knots < 0))
+        corners, heights = (np.insert(x, centre, 0.0) for x in (zones.knots, zones._heights))
+        gains = np.insert(zones.slopes, centre, zones.slopes[centre])
+        tables |= {
+            "corners": numbers.table(corners),
+            "heights": numbers.table(heights),
+            "gains": numbers.table(gains),
+        }
+        context |= {
+            "corners": corners.size,
+            "origin": centre,
+            "shift": numbers.one(model.offset),
+        }
+        numbers_kept += 3 * corners.size + 1
+    return Parts(
+        context,
+        table_bytes=numbers_kept * numbers.size,
+        state_bytes=(count + 1) * numbers.size,
+        memory=count,
+        inputs=_inputs(plays),
+        start="demagnetised",
+        template="plays",
+        title=f"{'bent' if bent else 'weighted'} plays, a Prandtl-Ishlinskii operator",
+    )
 
 
-def plays_vectors(model: PrandtlIshlinskii) -> FloatArray:
+def _inputs(model: PrandtlIshlinskii) -> FloatArray:
     """Inputs that move every play."""
     reach = 2 * float(model.radii[-1]) or 1.0
     return np.random.default_rng(0).uniform(-reach, reach, _VECTORS)

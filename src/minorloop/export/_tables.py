@@ -68,6 +68,20 @@ class Numbers:
         return wrapped(self.one(value).strip("()") for value in values)
 
 
+@dataclass(frozen=True)
+class Parts:
+    """C of a model whose memory is of one size: what its templates need, and its self-test."""
+
+    context: dict[str, Any]
+    table_bytes: int
+    state_bytes: int
+    memory: int
+    inputs: FloatArray
+    start: str
+    template: str
+    title: str
+
+
 def wrapped(words: Iterable[str]) -> str:
     """Words with commas, in lines of bounded length."""
     lines, line = [], ""

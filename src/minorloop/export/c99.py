@@ -16,11 +16,14 @@ from minorloop.arrays import FloatArray, check_option
 from minorloop.dynamics.cascade import Cascade, First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.export._plays import plays_tables, plays_vectors
-from minorloop.export._tables import Numbers, operator_tables, text_only
+from minorloop.export._plays import plays_parts
+from minorloop.export._relays import relay_parts
+from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.files import PathLike, make_folder, write_atomically
+from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
 
 __all__ = ["CSource", "export_c", "source"]
 
@@ -28,6 +31,7 @@ LEAST_MEMORY = 6
 MOST_MEMORY = 10_000
 _VECTORS = 200
 _RESERVED = 40
+_OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel)
 
 
 @dataclass(frozen=True)
@@ -68,12 +72,12 @@ class CSource:
         return place
 
 
-def export_c(model: Preisach | PrandtlIshlinskii, folder: PathLike, **options: Any) -> CSource:
+def export_c(model: Any, folder: PathLike, **options: Any) -> CSource:
     """Write a model as C into a folder.
 
     Parameters
     ----------
-    model : Preisach or PrandtlIshlinskii
+    model : Preisach, RelayModel, PrandtlIshlinskii or GeneralisedPrandtlIshlinskii
         The model.
     folder : str or path
         Where the files go; it is made, or has to be empty.
@@ -114,8 +118,8 @@ def source(
 
     Parameters
     ----------
-    model : Preisach or PrandtlIshlinskii
-        The operator; plays without linear part.
+    model : Preisach, RelayModel, PrandtlIshlinskii or GeneralisedPrandtlIshlinskii
+        The operator; all but the first without linear part, and relays without inverse.
     name : str
         Of the files, and what every public name in them begins with.
     memory : int
@@ -140,7 +144,7 @@ def source(
     Raises
     ------
     NotInvertibleError
-        If an inverse is asked for and the model is not monotone.
+        If an inverse is asked for and the model has none.
     ParameterError
         If C of this kind cannot hold the model, it needs more bytes than allowed, or an
         option is out of its range.
@@ -148,12 +152,13 @@ def source(
     _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))
     words = {"name": name, "input": input, "output": output}
-    if isinstance(model, PrandtlIshlinskii):
+    if isinstance(model, _OTHERS):
         if linear is not None or firmware:
             raise ParameterError(
-                "C of plays has no linear part and no firmware; identify a Preisach model for these"
+                f"C of a {type(model).__name__} has no linear part and no firmware; identify a "
+                "Preisach model for these"
             )
-        return _plays_source(model, Numbers(float32), inverse, largest, words)
+        return _other_source(model, Numbers(float32), inverse, largest, words)
     operator = _as_preisach(model, inverse)
     numbers = Numbers(float32)
     context, table_bytes = operator_tables(operator, numbers)
@@ -186,25 +191,27 @@ def source(
     return CSource(files, table_bytes, state_bytes, memory, drop_error)
 
 
-def _plays_source(
-    model: PrandtlIshlinskii,
+def _other_source(
+    model: Any,
     numbers: Numbers,
     inverse: bool,
     largest: int | None,
     words: Mapping[str, str],
 ) -> CSource:
-    context, table_bytes, state_bytes = plays_tables(model, numbers, inverse)
-    _check_bytes(table_bytes, state_bytes, largest)
-    context |= _common("weighted plays, a Prandtl-Ishlinskii operator", numbers, inverse, words)
-    u = numbers.array(plays_vectors(model)).astype(np.float64)
-    y = model.simulate(u, "demagnetised")
+    """C of plays, bent or not, and of relays: their memory never overflows."""
+    make: Any = relay_parts if isinstance(model, RelayModel) else plays_parts
+    parts: Parts = make(model, numbers, inverse)
+    _check_bytes(parts.table_bytes, parts.state_bytes, largest)
+    context = parts.context | _common(parts.title, numbers, inverse, words)
+    u = numbers.array(parts.inputs).astype(np.float64)
+    y = model.simulate(u, parts.start)
     name = words["name"]
     files = {
-        f"{name}.h": _render("plays.h", context),
-        f"{name}.c": _render("plays.c", context),
+        f"{name}.h": _render(f"{parts.template}.h", context),
+        f"{name}.c": _render(f"{parts.template}.c", context),
         f"{name}_selftest.c": _vectors(context, numbers, u, y, float(np.ptp(y)), inverse),
     }
-    return CSource(files, table_bytes, state_bytes, model.radii.size, 0.0)
+    return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0)
 
 
 def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]) -> dict[str, Any]:
@@ -222,7 +229,8 @@ def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]
 def _as_preisach(model: Any, inverse: bool) -> Preisach:
     if not isinstance(model, Preisach):
         raise ParameterError(
-            f"C is written for Preisach models and plays, and this is a {type(model).__name__}; "
+            f"C is written for Preisach models, relays and plays, and this is a "
+            f"{type(model).__name__}; "
             "identify a Preisach model from the same record"
         )
     if inverse and not model.monotone:

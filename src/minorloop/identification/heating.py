@@ -86,7 +86,7 @@ class HeatedWire:
 
     References
     ----------
-    Boudjabi, Ferreira and Krupa, Proc. IEEE IROS 2003, section 4: a heating lag and a Preisach
+    Boudjabi, Ferreira and Krupa, Proc. IEEE ICRA 2003, section 4: a heating lag and a Preisach
     operator in series.
     """
 

@@ -131,7 +131,7 @@ def _table(path: PathLike) -> Iterator[tuple[Path, Iterator[list[str]], list[str
         with file.open(encoding="utf-8-sig", newline="") as text:
             headers, delimiter = _read_header(text, file)
             lines = iter(partial(text.readline, MAX_LINE), "")
-            yield file, csv.reader(lines, delimiter=delimiter), headers
+            yield file, csv.reader(lines, delimiter=delimiter, strict=True), headers
     except UnicodeDecodeError:
         raise RecordError(f"{file} is not UTF-8 text; save it as CSV in UTF-8") from None
     except csv.Error as error:
@@ -167,7 +167,7 @@ def _read_header(text: TextIO, file: Path) -> tuple[list[str], str]:
     if "\0" in line or len(line) == MAX_LINE:
         raise RecordError(f"{file} looks like a binary file; give a CSV file")
     delimiter = max(DELIMITERS, key=line.count)
-    headers = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    headers = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, strict=True))]
     for header in headers:
         if header and headers.count(header) > 1:
             raise RecordError(f"{file} has two columns named '{header}'; rename one")
@@ -205,10 +205,13 @@ class _Cells:
             values = np.fromiter(map(float, cells), np.float64, len(cells))
         except ValueError:
             values = self._one_by_one(cells)
-        # float() takes 1_000 for a number; a logger that writes it means something else.
-        if "_" in "".join(cells):
-            index = next(i for i, cell in enumerate(cells) if "_" in cell)
-            raise self._not_a_number(index, cells[index])
+        # float() takes 1_000 and digits of other scripts for numbers; a logger that writes them
+        # means something else.
+        together = "".join(cells)
+        if "_" in together or not together.isascii():
+            for index, cell in enumerate(cells):
+                if "_" in cell or not cell.strip().isascii():
+                    raise self._not_a_number(index, cell)
         usable = ~np.isinf(values) if self.gaps else np.isfinite(values)
         if not usable.all():
             index = int(np.argmin(usable))

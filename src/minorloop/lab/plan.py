@@ -153,8 +153,9 @@ class Plan:
         wanted = [name for name in (header, hold, least) if name is not None]
         columns = read_columns(path, wanted, gaps=(header,))
         if least is not None:
-            settings.setdefault("shortest", columns[least] * _seconds(least, path))
-        return cls(columns[header], columns[hold] * _seconds(hold, path), input=header, **settings)
+            settings.setdefault("shortest", _seconds(columns[least], least, path))
+        longest = _seconds(columns[hold], hold, path)
+        return cls(columns[header], longest, input=header, **settings)
 
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
         """Write inputs, longest and shortest holds as CSV; the settings stay behind.
@@ -305,9 +306,10 @@ def _time_column(name: str, headers: list[str]) -> str | None:
     return name if name in headers else next(iter(found), None)
 
 
-def _seconds(header: str, path: PathLike) -> float:
+def _seconds(times: FloatArray, header: str, path: PathLike) -> FloatArray:
     unit = split_header(header)[1]
     if unit not in SECONDS:
         units = ", ".join(unit for unit in SECONDS if unit)
         raise RecordError(f"column '{header}' of {path} must be in one of {units}")
-    return SECONDS[unit]
+    with np.errstate(over="ignore"):  # what is infinite then is refused as such
+        return np.asarray(times * SECONDS[unit])

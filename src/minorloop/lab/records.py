@@ -251,7 +251,8 @@ class Record:
         if clock.unit not in SECONDS:
             units = ", ".join(unit for unit in SECONDS if unit)
             raise RecordError(f"time in column '{found[time]}' must be in one of {units}")
-        t = columns[time] * SECONDS[clock.unit]
+        with np.errstate(over="ignore"):  # what is infinite then is refused as such
+            t = columns[time] * SECONDS[clock.unit]
         return cls(t, u, y, *names, time=Quantity(clock.name, "s"))
 
     def _check(self) -> None:

@@ -22,6 +22,7 @@ from minorloop.operators.inversion import (
 from minorloop.operators.step_tracker import StepTracker
 
 _HALVINGS = 64
+_LARGEST = 1e300
 _FLAT = 1e-12
 _UNFELT = 1e-17
 
@@ -69,6 +70,14 @@ class Polynomial:
             object.__setattr__(self, name, as_finite(name, getattr(self, name)))
         if not self.low < self.high:
             raise ParameterError(f"inputs from {self.low:g} to {self.high:g}; give low < high")
+        reach = max(abs(self.low), abs(self.high))
+        with np.errstate(over="ignore", invalid="ignore"):
+            largest = polynomial.polyval(reach, np.abs(coefficients))
+        if not largest <= _LARGEST:
+            raise ParameterError(
+                f"outputs reach beyond {_LARGEST:g} at inputs of {reach:g}; give inputs or outputs "
+                "in a larger unit"
+            )
 
     @classmethod
     def fit(

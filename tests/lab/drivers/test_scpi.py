@@ -1,3 +1,5 @@
+import re
+
 import pytest
 
 from minorloop.errors import InstrumentError, ParameterError
@@ -38,10 +40,24 @@ def test_another_input_than_the_one_set_is_an_error():
         source.set(0.5)
 
 
-def test_an_error_of_the_instrument_is_an_error():
-    script = Script([("VOLT 0.5", None), ("E?", '-222,"Data out of range"')])
-    with pytest.raises(InstrumentError, match="Data out of range"):
+def test_what_is_not_a_number_confirms_nothing():
+    source = ScpiSource(Script([("VOLT 0.5", None), ("VOLT?", "nan")]), confirm="VOLT?")
+    with pytest.raises(InstrumentError, match=r"told 0.5 and says nan"):
+        source.set(0.5)
+
+
+@pytest.mark.parametrize("said", ['-222,"Data out of range"', '05e-3,"x"', "0.5", "", "o"])
+def test_an_error_of_the_instrument_is_an_error(said):
+    script = Script([("VOLT 0.5", None), ("E?", said)])
+    with pytest.raises(InstrumentError, match=re.escape(f"reports {said!r}")):
         ScpiSource(script, errors="E?").set(0.5)
+
+
+@pytest.mark.parametrize("said", ["0", "+0", '0,"No error"', '00 "No error"'])
+def test_zero_is_no_error(said):
+    script = Script([("VOLT 0.5", None), ("E?", said)])
+    ScpiSource(script, errors="E?").set(0.5)
+    assert script.finished()
 
 
 @pytest.mark.parametrize("answer", ["", "1,2", "1 V", "abc", "1_0", "٣", "0x10", "1e", SILENCE])

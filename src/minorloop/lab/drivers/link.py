@@ -72,7 +72,7 @@ class VisaLink:
         if not 0 < timeout <= 3600:
             raise ParameterError(f"timeout is {timeout!r} s; give a time up to an hour")
         self.name = resource
-        self._timeout = timeout
+        self._timeout, self._late = timeout, False
         try:
             self._manager = pyvisa.ResourceManager(library)
             self._resource: Any = self._manager.open_resource(resource)
@@ -88,6 +88,9 @@ class VisaLink:
 
     def tell(self, text: str) -> None:
         """Send one line."""
+        if self._late:  # an answer that was given up may have come since
+            self.flush()
+            self._late = False
         try:
             self._resource.write(text)
         except Exception as error:
@@ -107,6 +110,7 @@ class VisaLink:
             answer = str(self._resource.read())
         except Exception as error:
             # What comes late must not be taken for the answer to the next question.
+            self._late = True
             self.flush()
             raise InstrumentError(
                 f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}"

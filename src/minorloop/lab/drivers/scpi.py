@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.drivers.link import Link
 
 __all__ = ["ScpiMeter", "ScpiSource"]
+
+_NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 
 
 class ScpiSource:
@@ -31,7 +34,7 @@ class ScpiSource:
         In the unit of the input.
     errors : str, optional
         What asks for an error, ``SYST:ERR?``, after each input; an answer that does not begin
-        with 0 or +0 is one.
+        with the number 0 is one.
 
     Raises
     ------
@@ -80,13 +83,13 @@ class ScpiSource:
             self._is_on = True
         if self._confirm is not None:
             found = number(self._link.ask(self._confirm), self._link.name)
-            if abs(found - value) > self._tolerance:
+            if not abs(found - value) <= self._tolerance:  # not a number is not the input either
                 raise InstrumentError(
                     f"{self._link.name} was told {value:g} and says {found:g}; check its range"
                 )
         if self._errors is not None:
             answer = self._link.ask(self._errors)
-            if not answer.startswith(("0", "+0")):
+            if _NO_ERROR.match(answer) is None:
                 raise InstrumentError(f"{self._link.name} reports {answer[:100]!r}")
 
     def safe(self) -> None:

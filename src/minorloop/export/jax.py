@@ -1,0 +1,356 @@
+"""A model as a differentiable function in JAX, to sit inside a larger learned model.
+
+The compiled loops of the operator do the work, called back from JAX, and gradients are loops
+too: their exact transpose. Nothing is smoothed. The output is linear in the weights, so that
+gradient is exact; in the input it is exact wherever there is one, which is almost everywhere.
+Where inputs repeat, meet a remembered extremum or lie on a threshold, it is one of those beside
+it; beyond the levels the relays give none.
+
+What goes in and comes out has the type of the arrays, float32 unless ``jax_enable_x64`` is set;
+inside, everything is float64. Only reverse mode is there: `jax.grad` and `jax.vjp`, under
+`jax.jit` and `jax.vmap` too, but no derivative of a gradient. If an argument is not finite, the
+output is NaN throughout, and so are its gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.export import _gradient_kernels
+from minorloop.identification import _kernels as tree_kernels
+from minorloop.operators import _kernels, _play_kernels, plane
+from minorloop.operators._parallel import in_parallel
+from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
+from minorloop.operators.preisach import Preisach, Start, _swing
+
+try:
+    import jax
+    from jax import numpy as jnp
+    from jax.core import ShapedArray
+    from jax.extend.core import Primitive
+    from jax.interpreters import batching, mlir
+except ImportError:
+    raise MissingExtraError("jax", "jax") from None
+
+__all__ = ["Parameters", "as_function", "as_model"]
+
+Parameters: TypeAlias = dict[str, Any]
+"""Arrays of JAX by name: what a model learns."""
+
+
+class _Operator(Protocol):
+    """Loops on numpy arrays: arguments in the order of ``names``, the input last."""
+
+    names: tuple[str, ...]
+    shapes: tuple[tuple[int, ...], ...]
+
+    def forward(self, *arrays: FloatArray) -> FloatArray:
+        """The (T,) output."""
+
+    def backward(self, *arrays: FloatArray) -> Sequence[FloatArray]:
+        """Gradients in all arguments; the cotangent of the output comes last."""
+
+
+def as_function(
+    model: Preisach | PrandtlIshlinskii, start: Start | PlayStart = "negative"
+) -> tuple[Callable[[Parameters, Any], Any], Parameters]:
+    """A model as a function of its parameters and its input.
+
+    Parameters
+    ----------
+    model : Preisach or PrandtlIshlinskii
+        Says which levels, or radii, and where learning begins.
+    start : start state of the operator
+        Memory before the first sample; a constant.
+
+    Returns
+    -------
+    function : callable
+        ``function(parameters, u)`` gives the (T,) output for a (T,) input; for many signals
+        at once, ``jax.vmap(function, in_axes=(None, 0))``.
+    parameters : dict of str to array
+        ``weights`` and ``offset``, and ``slope`` of a Preisach operator, of the model. Weights
+        above the diagonal are not looked at.
+
+    Raises
+    ------
+    ParameterError
+        If the model is of another kind. The function raises it where shapes are wrong.
+    """
+    operator = _operator(model, start)
+    call = _differentiable(operator)
+
+    def function(parameters: Parameters, u: Any) -> Any:
+        arrays = _checked(operator, parameters, u)
+        return call(*arrays)
+
+    floating = jnp.result_type(float)
+    return function, {
+        name: jnp.asarray(getattr(model, name), dtype=floating) for name in operator.names
+    }
+
+
+def as_model(
+    model: Preisach | PrandtlIshlinskii, parameters: Mapping[str, Any]
+) -> Preisach | PrandtlIshlinskii:
+    """The model that parameters stand for, for everything else that can be done with one.
+
+    Parameters
+    ----------
+    model : Preisach or PrandtlIshlinskii
+        The one that `as_function` was given.
+    parameters : dict of str to array
+        As they were learned.
+
+    Returns
+    -------
+    Preisach or PrandtlIshlinskii
+
+    Raises
+    ------
+    ParameterError
+        If the model is of another kind, or a parameter is not finite.
+    """
+    _operator(model, "negative")
+    known = {name: np.asarray(value, dtype=np.float64) for name, value in parameters.items()}
+    offset = float(known["offset"])
+    if isinstance(model, PrandtlIshlinskii):
+        return PrandtlIshlinskii(model.radii, known["weights"], offset)
+    weights, slope = np.tril(known["weights"]), float(known["slope"])
+    return Preisach(model.levels, weights, offset, model.relay, model.diagonal, slope)
+
+
+class _Preisach:
+    """Forward loop and transpose of a Preisach operator on given levels."""
+
+    names: tuple[str, ...] = ("weights", "offset", "slope")
+
+    def __init__(self, model: Preisach, start: Start) -> None:
+        self.shapes: tuple[tuple[int, ...], ...] = (model.weights.shape, (), ())
+        self._spread = model.diagonal == "uniform"
+        self._swing, self._shift = _swing(model.relay), float(model.relay == "bipolar")
+        self._plane = model._plane
+        self._past = np.array(model.memory(start).extrema[1:])
+
+    def forward(self, *arrays: FloatArray) -> FloatArray:
+        weights, offset, slope, u = arrays
+        inputs = np.concatenate([self._past, u])
+        y, stack = np.empty(inputs.size), np.empty((inputs.size + 2, 4))
+        known = self._with(weights, float(offset), float(slope))
+        _kernels.simulate(known, stack, _kernels.saturate(known, stack), inputs, y)
+        return y[self._past.size :]
+
+    def backward(self, *arrays: FloatArray) -> Sequence[FloatArray]:
+        weights, _, slope, u, cotangent = arrays
+        inputs, spread = np.concatenate([self._past, u]), np.zeros(self._past.size + u.size)
+        spread[self._past.size :] = cotangent
+        for_weights, parent = self._pull_weights(inputs, spread)
+        for_inputs = np.zeros(inputs.size)
+        known = self._with(weights, 0.0, 0.0)
+        _gradient_kernels.pull_inputs(known, inputs, parent, spread, for_inputs)
+        total = cotangent.sum()
+        for_weights = np.tril(self._swing * for_weights - self._shift * total)
+        for_inputs = for_inputs[self._past.size :] + slope * cotangent
+        return for_weights, total, cotangent @ u, for_inputs
+
+    def _pull_weights(self, inputs: FloatArray, spread: FloatArray) -> tuple[FloatArray, Any]:
+        """Transpose of the map from cells to switched-on weight; ``spread`` is summed up."""
+        index = np.zeros((inputs.size, 6), dtype=np.int32)
+        coefficient = np.zeros((inputs.size, 6))
+        parent, corner = np.empty((2, inputs.size), dtype=np.int32)
+        axes = self._plane[:4]
+        tree_kernels.trace(*axes, self._spread, inputs, index, coefficient, parent, corner)
+        bands = self.shapes[0][0]
+        sums = np.zeros((bands * (bands + 1) // 2, 1))
+        tree_kernels.adjoint(index, coefficient, parent, spread, sums[:, 0])
+        tree_kernels.nodes_to_cells(bands, sums)
+        square = np.zeros((bands, bands))
+        square[np.tril_indices(bands)] = sums[:, 0]
+        return square, parent
+
+    def _with(self, weights: FloatArray, offset: float, slope: float) -> _kernels.Plane:
+        nodes = self._swing * plane.nodes_from_weights(np.tril(weights))
+        bow = nodes.diagonal(-1).copy() if self._spread else np.zeros(len(weights))
+        off = offset - self._shift * float(np.tril(weights).sum())
+        return self._plane._replace(nodes=nodes, bow=bow, saturation=off, slope=slope)
+
+
+class _Plays:
+    """Forward loop and transpose of weighted plays of given radii."""
+
+    names: tuple[str, ...] = ("weights", "offset")
+
+    def __init__(self, model: PrandtlIshlinskii, start: PlayStart) -> None:
+        self.shapes: tuple[tuple[int, ...], ...] = (model.weights.shape, ())
+        self._radii, self._start = model.radii, model.positions(start)
+
+    def forward(self, *arrays: FloatArray) -> FloatArray:
+        weights, offset, u = arrays
+        y, slopes = np.empty(u.size), np.cumsum(weights)
+        _play_kernels.simulate(u, self._radii, slopes, float(offset), self._start.copy(), y)
+        return y
+
+    def backward(self, *arrays: FloatArray) -> Sequence[FloatArray]:
+        weights, _, u, cotangent = arrays
+        for_weights, for_inputs = np.zeros(weights.size), np.zeros(u.size)
+        movers = np.full(weights.size, -1)
+        _gradient_kernels.pull_plays(
+            u,
+            self._radii,
+            weights,
+            self._start.copy(),
+            cotangent,
+            for_weights,
+            for_inputs,
+            movers,
+        )
+        return for_weights, cotangent.sum(), for_inputs
+
+
+def _operator(model: Any, start: Any) -> _Operator:
+    if isinstance(model, Preisach):
+        return _Preisach(model, start)
+    if isinstance(model, PrandtlIshlinskii):
+        return _Plays(model, start)
+    raise ParameterError(
+        f"a {type(model).__name__} is no function here; give a Preisach or a PrandtlIshlinskii"
+    )
+
+
+def _checked(operator: _Operator, parameters: Parameters, u: Any) -> list[Any]:
+    """Arguments as floating arrays of the shapes that the loops rely on."""
+    if set(parameters) != set(operator.names):
+        raise ParameterError(
+            f"parameters are {', '.join(sorted(parameters)) or 'none'}; give "
+            f"{', '.join(operator.names)}, as as_function does"
+        )
+    arrays = [_floating(parameters[name]) for name in operator.names]
+    for name, array, shape in zip(operator.names, arrays, operator.shapes, strict=True):
+        if array.shape != shape:
+            raise ParameterError(f"{name} has shape {array.shape}; it must be {shape}")
+    signal = _floating(u)
+    if signal.ndim != 1:
+        raise ParameterError(
+            f"u has shape {signal.shape}; give (T,) inputs, and jax.vmap for several signals"
+        )
+    return [*arrays, signal]
+
+
+def _floating(value: Any) -> Any:
+    array = jnp.asarray(value)
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    if jnp.issubdtype(array.dtype, jnp.complexfloating):
+        raise ParameterError("an argument is complex; give real numbers")
+    return array.astype(jnp.result_type(float))
+
+
+def _differentiable(operator: _Operator) -> Callable[..., Any]:
+    """The operator as JAX sees it: a primitive, and another for its gradient."""
+    cores = [len(shape) for shape in operator.shapes] + [1]
+    loop = _primitive("hysteresis", operator.forward, cores, lambda *given: given[-1:])
+    back = _primitive("hysteresis_gradient", operator.backward, [*cores, 1], lambda *g: g[:-1])
+
+    def plain(*arrays: Any) -> Any:
+        wide = jnp.result_type(*arrays)
+        return loop.bind(*(array.astype(wide) for array in arrays))[0]
+
+    def forward(*arrays: Any) -> tuple[Any, tuple[Any, ...]]:
+        return call(*arrays), arrays
+
+    def backward(arrays: tuple[Any, ...], cotangent: Any) -> Any:
+        return tuple(back.bind(*arrays, cotangent))
+
+    call: Any = jax.custom_vjp(plain)
+    call.defvjp(forward, backward)
+    return lambda *arrays: call(*arrays)
+
+
+def _primitive(
+    name: str, function: Callable[..., Any], cores: Sequence[int], like: Callable[..., Any]
+) -> Any:
+    """A loop on numpy arrays as a primitive of JAX, with its rules for jit and vmap.
+
+    `jax.pure_callback` would do, but it hands the callback arrays that are copied by the very
+    pool of threads in which the callback runs: on one core that never ends.
+
+    Parameters
+    ----------
+    name : str
+        What JAX calls it.
+    function : callable
+        Gives one array, or several, for arrays without axes of `jax.vmap`.
+    cores : sequence of int
+        Axes of each argument; whatever axes stand before them are those of `jax.vmap`.
+    like : callable
+        Which of the arguments the results are like.
+    """
+    primitive = Primitive(name)
+    primitive.multiple_results = True
+
+    def abstract(*given: Any) -> list[Any]:
+        lead = _lead(given, cores)
+        return [
+            ShapedArray(lead + one.shape[one.ndim - core :], one.dtype)
+            for one, core in zip(like(*given), like(*cores), strict=True)
+        ]
+
+    def run(*given: Any) -> tuple[Any, ...]:
+        answers = [(x.shape, x.dtype) for x in abstract(*given)]
+        return _each(function, cores, answers, *given)
+
+    def batched(given: Sequence[Any], axes: Sequence[Any]) -> tuple[Any, list[int]]:
+        moved = [
+            jnp.expand_dims(x, 0) if axis is None else jnp.moveaxis(x, axis, 0)
+            for x, axis in zip(given, axes, strict=True)
+        ]
+        found = primitive.bind(*moved)
+        return found, [0] * len(found)
+
+    def lowered(context: Any, *given: Any) -> Any:
+        return mlir.emit_python_callback(
+            context, run, None, given, context.avals_in, context.avals_out, has_side_effect=False
+        )[0]
+
+    primitive.def_impl(lambda *given: [jnp.asarray(x) for x in run(*given)])
+    primitive.def_abstract_eval(abstract)
+    batching.primitive_batchers[primitive] = batched
+    mlir.register_lowering(primitive, lowered)
+    return primitive
+
+
+def _lead(given: Sequence[Any], cores: Sequence[int]) -> tuple[int, ...]:
+    """Axes of `jax.vmap`, which stand in front."""
+    return np.broadcast_shapes(
+        *(x.shape[: x.ndim - core] for x, core in zip(given, cores, strict=True))
+    )
+
+
+def _each(
+    function: Callable[..., Any], cores: Sequence[int], answers: Sequence[Any], *given: Any
+) -> tuple[Any, ...]:
+    """Apply a loop over the axes that `jax.vmap` put in front, in parallel."""
+    lead = _lead(given, cores)
+    rows = []
+    for one, core in zip(given, cores, strict=True):
+        array = np.asarray(one, dtype=np.float64)
+        own = array.shape[array.ndim - core :]
+        rows.append(np.broadcast_to(array, lead + own).reshape(-1, *own))
+    found = [np.full((len(rows[0]), *shape[len(lead) :]), np.nan) for shape, _ in answers]
+
+    def fill(row: int) -> None:
+        mine = [np.array(array[row]) for array in rows]
+        if all(np.isfinite(array).all() for array in mine):
+            results = function(*mine)
+            for out, result in zip(found, [results] if len(found) == 1 else results, strict=True):
+                out[row] = result
+
+    in_parallel(fill, len(rows[0]))
+    return tuple(
+        out.reshape(shape).astype(kind) for out, (shape, kind) in zip(found, answers, strict=True)
+    )

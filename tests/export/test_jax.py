@@ -1,0 +1,214 @@
+"""The differentiable function against finite differences, the design matrix, and by learning."""
+
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from minorloop import PrandtlIshlinskii, Preisach
+from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.identification.areas import Areas, Form, pack
+
+jax = pytest.importorskip("jax", reason="jax is not installed; pip install 'minorloop[jax]'")
+jnp = jax.numpy
+
+from minorloop.export.jax import as_function, as_model  # noqa: E402
+
+STARTS = ("negative", "positive", "demagnetised")
+
+
+@pytest.fixture(autouse=True)
+def _wide():
+    with jax.enable_x64(True):
+        yield
+
+
+def preisach(seed=0, bands=5, **options):
+    rng = np.random.default_rng(seed)
+    levels = np.cumsum(rng.uniform(0.2, 0.5, bands + 1)) - 1.0
+    weights = np.tril(rng.normal(size=(bands, bands)))
+    return Preisach(levels, weights, offset=0.3, slope=rng.normal(), **options)
+
+
+def plays(seed=0):
+    rng = np.random.default_rng(seed)
+    return PrandtlIshlinskii([0.0, 0.2, 0.5, 0.9], rng.normal(size=4), 0.7)
+
+
+def inputs(model, seed, size=40):
+    """Inputs on and off the grid; no two equal, so that there is a gradient."""
+    low, high = (-1.2, 1.2) if isinstance(model, PrandtlIshlinskii) else model.levels[[0, -1]]
+    return np.random.default_rng(seed).uniform(low - 0.2, high + 0.2, size)
+
+
+def models():
+    for relay in ("bipolar", "unipolar"):
+        for diagonal in ("uniform", "reversible"):
+            yield preisach(relay=relay, diagonal=diagonal)
+    yield plays()
+
+
+MODELS = list(models())
+CASES = [(model, STARTS[k % 3]) for k, model in enumerate(MODELS)]
+CASES += [(MODELS[0], "positive"), (MODELS[0], "demagnetised"), (MODELS[-1], "negative")]
+
+
+@pytest.mark.parametrize(("model", "start"), CASES)
+def test_it_gives_what_the_model_gives(model, start):
+    function, parameters = as_function(model, start)
+    u = inputs(model, 1)
+    np.testing.assert_array_equal(jax.jit(function)(parameters, u), model.simulate(u, start))
+    assert as_model(model, parameters) == model
+
+
+@pytest.mark.parametrize("diagonal", ["uniform", "reversible"])
+@pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
+@pytest.mark.parametrize("start", STARTS)
+def test_the_gradient_in_the_weights_is_the_design_matrix(start, relay, diagonal):
+    model = preisach(3, relay=relay, diagonal=diagonal)
+    u, r = inputs(model, 4), np.random.default_rng(5).normal(size=40)
+    function, parameters = as_function(model, start)
+    _, pull = jax.vjp(lambda p: function(p, u), parameters)
+    found = pull(jnp.asarray(r))[0]
+    form = Form(model.levels, relay, diagonal, offset=True, slope=True)
+    wanted = Areas(form, u, np.ones(u.size, dtype=bool), start).matrix().T @ r
+    np.testing.assert_allclose(pack(np.asarray(found["weights"])), wanted[:-2], atol=1e-12)
+    np.testing.assert_allclose([found["offset"], found["slope"]], wanted[-2:], atol=1e-12)
+    assert not np.triu(found["weights"], 1).any()
+
+
+@pytest.mark.parametrize(("model", "start"), CASES)
+def test_gradients_in_the_input_are_finite_differences(model, start):
+    step, size = 1e-7, 40
+    for seed in range(3):
+        u, r = inputs(model, seed, size), np.random.default_rng(seed).normal(size=size)
+        function, parameters = as_function(model, start)
+        found = jax.grad(lambda u: r @ function(parameters, u))(jnp.asarray(u))  # noqa: B023
+        ahead, behind = (
+            model.simulate(u + sign * step * np.eye(size), start) @ r for sign in (1, -1)
+        )
+        np.testing.assert_allclose(found, (ahead - behind) / (2 * step), atol=1e-5)
+
+
+@pytest.mark.parametrize("model", [preisach(), plays()], ids=repr)
+def test_a_step_in_the_parameters_changes_the_output_by_the_gradient(model):
+    rng, u = np.random.default_rng(2), inputs(model, 2)
+    function, parameters = as_function(model)
+    step = {name: rng.normal(size=np.shape(value)) for name, value in parameters.items()}
+    r = rng.normal(size=u.size)
+    slopes = jax.grad(lambda p: r @ function(p, u))(parameters)
+    moved = {name: parameters[name] + step[name] for name in step}
+    change = r @ (function(moved, u) - function(parameters, u))  # linear: exact for any step
+    np.testing.assert_allclose(sum(np.vdot(slopes[n], step[n]) for n in step), change, rtol=1e-9)
+
+
+@pytest.mark.parametrize("model", [preisach(), plays()], ids=repr)
+def test_vmap_is_a_loop(model):
+    function, parameters = as_function(model)
+    u = np.stack([inputs(model, seed) for seed in range(3)])
+    many = jax.jit(jax.vmap(function, in_axes=(None, 0)))
+    np.testing.assert_array_equal(many(parameters, u), model.simulate(u))
+
+    def score(p, u):
+        return (function(p, u) ** 2).sum()
+
+    each = [jax.grad(score)(parameters, row) for row in u]
+    total = jax.grad(lambda p: (many(p, u) ** 2).sum())(parameters)
+    apart = jax.vmap(jax.grad(score), in_axes=(None, 0))(parameters, u)
+    for name in parameters:
+        np.testing.assert_allclose(total[name], sum(one[name] for one in each), rtol=1e-12)
+        np.testing.assert_allclose(apart[name], np.stack([one[name] for one in each]), rtol=1e-12)
+    stacked = {n: jnp.stack([p, 2 * p]) for n, p in parameters.items()}
+    twice = jax.vmap(function, in_axes=(0, None))(stacked, u[0])
+    np.testing.assert_allclose(twice[1], 2 * twice[0], rtol=1e-12)
+
+
+def test_single_precision_only_rounds_what_goes_in_and_out():
+    model, u = preisach(), inputs(preisach(), 0)
+    with jax.enable_x64(False):
+        function, parameters = as_function(model)
+        y = function(parameters, u)
+        slopes = jax.grad(lambda p: function(p, u).sum())(parameters)
+    assert y.dtype == slopes["weights"].dtype == np.float32
+    assert np.abs(y - model.simulate(u)).max() < 1e-5 * np.abs(y).max()
+
+
+def test_what_is_not_finite_gives_nan():
+    model = preisach()
+    function, parameters = as_function(model)
+    u = inputs(model, 0)
+    u[7] = np.nan
+    assert np.isnan(function(parameters, u)).all()
+    assert np.isnan(jax.grad(lambda u: function(parameters, u).sum())(u)).all()
+
+
+def test_inputs_that_repeat_or_saturate_have_a_gradient_too():
+    model = preisach()
+    low, high = map(float, model.levels[[0, -1]])
+    function, parameters = as_function(model)
+    u = jnp.array([low - 1, high + 1, high + 1, low, 0.5 * (low + high), 0.5 * (low + high)])
+    slopes = jax.grad(lambda u: function(parameters, u).sum())(u)
+    assert np.isfinite(slopes).all()
+    np.testing.assert_allclose(slopes[:3], model.slope, rtol=1e-12)
+
+
+def test_a_filter_and_a_hysteresis_are_learned_together():
+    rng = np.random.default_rng(0)
+    levels = np.linspace(-1.5, 1.5, 7)
+    truth = Preisach(levels, np.tril(rng.uniform(0.02, 0.1, (6, 6))))
+    voltage = rng.uniform(-1, 1, 300)
+
+    def filtered(pole, signal):
+        def step(x, v):
+            x = pole * x + (1 - pole) * v
+            return x, x
+
+        return jax.lax.scan(step, 0.0, signal)[1]
+
+    measured = truth.simulate(np.asarray(filtered(0.6, voltage)))
+    blank = Preisach(levels, np.tril(np.full((6, 6), 0.05)))
+    function, parameters = as_function(blank)
+
+    @jax.jit
+    @jax.value_and_grad
+    def loss(learned):
+        error = function(learned["operator"], filtered(learned["pole"], voltage)) - measured
+        return (error**2).mean() / measured.var()
+
+    learned = {"operator": parameters, "pole": jnp.asarray(0.3)}
+    moments = jax.tree.map(lambda x: (0 * x, 0 * x), learned)
+    first = float(loss(learned)[0])
+    for k in range(1, 301):  # Adam
+        value, slopes = loss(learned)
+        moments = jax.tree.map(
+            lambda g, m: (0.9 * m[0] + 0.1 * g, 0.99 * m[1] + 0.01 * g**2), slopes, moments
+        )
+        learned = jax.tree.map(
+            lambda x, m: x - 0.02 * (m[0] / (1 - 0.9**k)) / (jnp.sqrt(m[1] / (1 - 0.99**k)) + 1e-9),  # noqa: B023
+            learned,
+            moments,
+        )
+    assert value < 1e-3 * first
+    assert abs(learned["pole"] - 0.6) < 0.02
+
+
+def test_wrong_shapes_are_refused():
+    function, parameters = as_function(preisach())
+    for wrong, u, said in (
+        ({"weights": parameters["weights"]}, np.zeros(3), "give weights, offset, slope"),
+        ({**parameters, "weights": np.zeros((2, 2))}, np.zeros(3), r"weights has shape \(2, 2\)"),
+        (parameters, np.zeros((2, 3)), "jax.vmap for several"),
+        (parameters, np.zeros(3, dtype=complex), "complex"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            function(wrong, u)
+    with pytest.raises(ParameterError, match="a list is no function"):
+        as_function([])
+
+
+def test_without_jax_it_says_what_brings_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "jax", None)
+    monkeypatch.delitem(sys.modules, "minorloop.export.jax")
+    with pytest.raises(MissingExtraError, match=r"pip install 'minorloop\[jax\]'"):
+        import_module("minorloop.export.jax")

@@ -1,0 +1,226 @@
+"""``python tests/packaging/smoke.py [EXTRA ...]``: does what is built work where nothing else is?
+
+Builds the source distribution, and the wheel from that; installs the wheel in a fresh environment
+and uses it; then each extra alone, in an environment of its own on top of the plain one, and uses
+what it brings. Before that, the plain one has to say which extra is missing. All of it is in
+build/smoke, with the locked versions.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import time
+import tomllib
+import venv
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PLACE = ROOT / "build" / "smoke"
+INSTALL, USE = 900, 300
+"""Seconds that an installation and a use may take."""
+
+MODEL = """
+import numpy as np
+from minorloop import Preisach
+model = Preisach(np.linspace(-1, 1, 6), np.tril(np.ones((5, 5))))
+"""
+USES = {
+    "frames": """
+import pandas
+from minorloop import Record
+frame = pandas.DataFrame({"voltage [V]": [0.0, 1.0], "tip [mm]": [0.0, 2.0]})
+assert len(Record.from_frame(frame, input="voltage", output="tip")) == 2
+""",
+    "mesh": """
+import numpy as np
+from minorloop.inspection.mesh import mesh_of
+from minorloop.inspection.unrolled import Patch, WallMap
+patch = Patch(0.0, 0.0, 4, 5, step=0.001)
+flat = np.zeros((patch.rows, patch.columns))
+wall = WallMap(patch, flat, flat + 1e-5, flat.astype(np.uint8) + 1)
+assert len(mesh_of(wall).vertices) == flat.size
+""",
+    "fmi": MODEL
+    + """
+import shutil, sys, tempfile
+import fmpy
+if shutil.which("cc"):
+    from minorloop.export.fmu import export_fmu
+    path = tempfile.mkdtemp() + "/model.fmu"
+    export_fmu(model, path)
+    found = fmpy.simulate_fmu(path, stop_time=0.1)
+    assert len(found) > 1
+    assert not fmpy.validation.validate_fmu(path)
+""",
+    "control": MODEL
+    + """
+from minorloop.export.python_control import as_system
+assert as_system(model).ninputs == 1
+""",
+    "sklearn": """
+import numpy as np
+from minorloop.export.sklearn import PreisachRegressor
+u = np.sin(np.arange(60.0))[:, None]
+assert PreisachRegressor(levels=4).fit(u, u[:, 0] ** 3).score(u, u[:, 0] ** 3) > 0.9
+""",
+    "jax": MODEL
+    + """
+import jax
+from minorloop.export.jax import as_function
+function, parameters = as_function(model)
+slopes = jax.grad(lambda p: function(p, [0.1, 0.9, -0.3]).sum())(parameters)
+assert slopes["weights"].shape == (5, 5)
+""",
+    "fleet": MODEL
+    + """
+import tempfile
+from pathlib import Path
+from minorloop.fleet import identify_fleet, read_manifest
+if __name__ == "__main__":
+    folder = Path(tempfile.mkdtemp())
+    u = np.sin(np.arange(80.0))
+    table = np.column_stack([u, model.simulate(u)])
+    np.savetxt(folder / "a.csv", table, delimiter=",", header="u,y", comments="")
+    (folder / "m.csv").write_text("specimen,file\\na,a.csv\\n")
+    specimens = read_manifest(folder / "m.csv", input="u", output="y")
+    summary = identify_fleet(specimens, folder / "out", workers=1, levels=4, prior="none")
+    assert len(summary.identified) == 1, summary.failures
+""",
+    "instruments": """
+from minorloop.errors import InstrumentError
+from minorloop.lab.drivers.link import VisaLink
+try:
+    VisaLink("ASRL/dev/does-not-exist::INSTR")
+except InstrumentError as error:
+    assert "cannot be opened" in str(error)
+""",
+    "console": """
+import cv2
+from minorloop.teleop.doors import Doors
+from minorloop.teleop.loop import LoopSettings
+from minorloop.teleop.server import STATIC, Console
+import uvicorn, websockets
+app = Console(doors=Doors("127.0.0.1"), loop=LoopSettings(address="twin:rig")).app()
+assert app.routes
+""",
+}
+SAYS = {
+    "mesh": (USES["mesh"], "trimesh"),
+    "control": (USES["control"], "python-control"),
+    "sklearn": ("import minorloop.export.sklearn", "scikit-learn"),
+    "jax": ("import minorloop.export.jax", "jax"),
+    "fleet": (USES["fleet"], "dask.distributed"),
+    "instruments": (USES["instruments"], "pyvisa"),
+    "console": ("import minorloop.teleop.server", "starlette"),
+}
+"""What each extra is asked for by, and what is said to be missing without it."""
+
+PLAIN = """
+minorloop --version
+minorloop --help
+minorloop demo --out demo
+minorloop export c demo/model.json --out c
+python -m minorloop --version
+"""
+
+
+def main(extras: list[str]) -> None:
+    began = time.perf_counter()
+    shutil.rmtree(PLACE, ignore_errors=True)
+    PLACE.mkdir(parents=True)
+    wheel = build()
+    (PLACE / "constraints.txt").write_text(constraints())
+    plain = environment("plain", None)
+    install(plain, str(wheel))
+    for line in PLAIN.split("\n")[1:-1]:
+        program, *words = line.split()
+        run([str(plain / "bin" / program), *words], USE)
+    for extra, (code, package) in SAYS.items():
+        said = use(plain, code, fails=True)
+        wanted = f"{package} is not installed; pip install 'minorloop[{extra}]' brings it"
+        assert wanted in said, f"without {extra}: {said}"
+    say(began, "plain", f"{wheel.name} works, and says what is missing")
+    for extra in extras or wanted_extras():
+        place = environment(extra, plain)
+        install(place, f"{wheel}[{extra}]")
+        use(place, USES[extra])
+        shutil.rmtree(place)
+        say(began, extra, "installs alone and works")
+
+
+def wanted_extras() -> list[str]:
+    """The extras of the project; each has to have a use here."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        extras = list(tomllib.load(file)["project"]["optional-dependencies"])
+    assert set(extras) == set(USES), f"extras and uses differ: {set(extras) ^ set(USES)}"
+    return extras
+
+
+def build() -> Path:
+    """The wheel that the source distribution makes; it has to be that of the tree."""
+    hatchling = [sys.executable, "-m", "hatchling", "build"]
+    run([*hatchling, "-d", str(PLACE / "dist")], USE, ROOT)
+    (sdist,) = (PLACE / "dist").glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(PLACE / "source", filter="data")
+    (source,) = (PLACE / "source").iterdir()
+    run([*hatchling, "-t", "wheel", "-d", str(PLACE / "rebuilt")], USE, source)
+    (first,), (second,) = ((PLACE / at).glob("*.whl") for at in ("dist", "rebuilt"))
+    inside = [set(zipfile.ZipFile(file).namelist()) for file in (first, second)]
+    assert inside[0] == inside[1], f"wheels differ: {sorted(inside[0] ^ inside[1])[:9]}"
+    return second
+
+
+def constraints() -> str:
+    """The locked versions, without the digests, which only fit some files."""
+    lock = (ROOT / "requirements.lock").read_text()
+    return "\n".join(line.rstrip(" \\") for line in lock.splitlines() if re.match(r"\w", line))
+
+
+def environment(name: str, below: Path | None) -> Path:
+    """A fresh environment; what is below is there too, and nothing else."""
+    place = PLACE / name
+    venv.create(place, with_pip=True)
+    if below is not None:
+        (packages,) = (below / "lib").glob("*/site-packages")
+        (mine,) = (place / "lib").glob("*/site-packages")
+        (mine / "below.pth").write_text(f"{packages}\n")
+    return place
+
+
+def install(place: Path, what: str) -> None:
+    pip = [str(place / "bin" / "python"), "-m", "pip", "install", "--quiet"]
+    limits = ["--disable-pip-version-check", "-c", str(PLACE / "constraints.txt")]
+    run([*pip, *limits, what], INSTALL)
+
+
+def use(place: Path, code: str, *, fails: bool = False) -> str:
+    script = PLACE / "use.py"  # a file, for workers import the script that started them
+    script.write_text(code)
+    return run([str(place / "bin" / "python"), "-W", "ignore", str(script)], USE, fails=fails)
+
+
+def run(command: list[str], seconds: float, folder: Path = PLACE, *, fails: bool = False) -> str:
+    blank = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
+    known = {name: value for name, value in os.environ.items() if name not in blank}
+    done = subprocess.run(
+        command, cwd=folder, env=known, capture_output=True, text=True, timeout=seconds, check=False
+    )
+    said = done.stdout + done.stderr
+    if (done.returncode != 0) != fails:
+        raise SystemExit(f"{' '.join(command)} ended with {done.returncode}:\n{said[-4000:]}")
+    return said
+
+
+def say(began: float, what: str, text: str) -> None:
+    print(f"{time.perf_counter() - began:6.0f} s  {what}: {text}", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
