@@ -99,7 +99,7 @@ class Findings:
         Strongest first.
     verdict : str
         ``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``,
-        ``frozen``, ``torn``, ``wrong size``.
+        ``frozen``, ``torn``, ``wrong size``, ``angle unknown``.
     wall : WallMap, optional
         The map on which they were found; None where the verdict is not ``good``.
     """
