@@ -51,10 +51,10 @@ def limits(outcomes: Sequence[Outcome]) -> str:
     return (
         f"Missed were {len(missed)} of {sum(each.hole for each in own)} holes, {dark} of them dark "
         f"and {unseen} without any outline at their place. What limits it is a dark hole in the "
-        "shadow of a dent, as dark as the shadow under the lights that do not reach it, and whose "
-        f"edge noise hides; and, among the {false} false findings in {len(own)} acquisitions, "
-        "beads as large as a hole, whose foot is a circle under every light, and round spots of "
-        "dirt, which images alone cannot tell from a hole."
+        "shadow of a dent, where noise hides an edge that part of the lights do not reach, and a "
+        "white one hardly brighter than the wall. The finder stood at "
+        f"{false} false findings in {len(own)} acquisitions; such are round spots of dirt, which "
+        "images alone cannot tell from a hole, and beads, whose foot is a circle under every light."
     )
 
 
@@ -117,7 +117,8 @@ def draw_scenes(shown: Sequence[tuple[str, Search, Hole | None]]) -> Any:
         about = true if rim is None else rim
         middle = np.zeros(2) if about is None else about.mean(axis=0)
         for one, frame, light in zip(row, _FRAMES, _LIGHTS, strict=True):
-            one.imshow(search.looks[frame].image, cmap="gray", vmin=0, vmax=255)
+            root = np.sqrt(search.looks[frame].image, dtype=np.float32)  # shadows are seen so
+            one.imshow(root, cmap="gray", vmin=0, vmax=16)
             for line, colour in ((true, "C0"), (rim, "C1")):
                 if line is not None:
                     one.plot(*np.vstack([line, line[:1]]).T, color=colour, lw=0.8)
