@@ -5,7 +5,15 @@ import pytest
 
 from minorloop.studies import inspection, inspection_report, soundings
 from minorloop.studies.claims import claim_table, figure
-from minorloop.studies.detection import Outcome, detection_figures, score_scene, wilson
+from minorloop.studies.detection import (
+    Outcome,
+    detection_figures,
+    plain_edges,
+    recall_curve,
+    score_scene,
+    wilson,
+)
+from minorloop.studies.detection_report import limits
 from minorloop.studies.inspection_servo import ServoRun
 from minorloop.studies.mission import run_mission
 
@@ -33,7 +41,26 @@ def test_a_dark_hole_is_found_and_an_empty_wall_stays_empty():
     ]
     assert [outcome.hole for outcome in outcomes] == [True, False]
     assert outcomes[0].found
+    assert outcomes[0].evidence > 0
     assert outcomes[1].false == 0
+    assert max(outcomes[1].alarms) < outcomes[0].evidence
+
+
+def test_the_outline_of_a_plain_hole_is_its_edge():
+    assert np.quantile(plain_edges(3_000_001), 0.9) < 1.0
+
+
+def test_more_holes_are_found_as_less_evidence_is_asked_for():
+    outcomes = [
+        Outcome("switched", True, True, 0.0, 0.0, 0, evidence=2.0, alarms=(1.0,)),
+        Outcome("switched", True, False, 0.0, 0.0, 0),
+        Outcome("switched", False, False, 0.0, 0.0, 0, alarms=(3.0, -1.0)),
+        Outcome("switched", False, False, 0.0, 0.0, 0),
+    ]
+    false, recall = recall_curve(outcomes)
+    np.testing.assert_allclose(false, [0.25, 0.25, 0.5, 0.75])
+    np.testing.assert_allclose(recall, [0.0, 0.5, 0.5, 0.5])
+    assert "Missed were 1 of 2 holes" in limits(outcomes)
 
 
 def test_recall_and_false_findings_are_shares():
@@ -85,7 +112,7 @@ def test_everything_is_gathered_and_reported(mission):
     }
     study = inspection.InspectionStudy(
         1, servo, dict.fromkeys(("sensor", "camera", "swayed", "still", "motion"), run),
-        tuple(outcomes), kinds, mission, 1.0,
+        tuple(outcomes), np.full(48, 0.3), kinds, mission, 1.0,
     )  # fmt: skip
     runs = [study.figures()] * 2
     found = inspection.gather(runs)
@@ -93,5 +120,6 @@ def test_everything_is_gathered_and_reported(mission):
     assert found["modality"]["wrong"] == 0
     assert figure(found, "mission.measured") == 1.0
     page = inspection_report.study_report(study, found, runs).html()
-    assert page.count("<img") == 3
+    assert found["detection"]["plain_edge_px_p90"] == 0.3
+    assert page.count("<img") == 4
     assert "Fig 14" in page

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop.studies import soundings
 from minorloop.studies.claims import Claim, medians
-from minorloop.studies.detection import Outcome, detection_figures, score_scene
+from minorloop.studies.detection import Outcome, detection_figures, plain_edges, score_scene
 from minorloop.studies.inspection_servo import Scene, ServoRun, servo_figures
 from minorloop.studies.mission import Mission, run_mission
 from minorloop.studies.soundings import Scored
@@ -24,8 +25,10 @@ from minorloop.twins.pipe import Bore
 
 TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
-FIRST_SCENE, SCENES, FIRST_SOUNDING = 50_000, 4, 60_000
+FIRST_SCENE, SCENES, FIRST_SOUNDING, FIRST_PLAIN = 50_000, 4, 60_000, 2_000_000
 """Seeds of what is scored, and scenes with and without a hole for each specimen."""
+_PLAIN_SHARE = 4
+_SCORED = ("outcomes", "edges", "scored")
 
 CLAIMS = (
     Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
@@ -44,6 +47,9 @@ CLAIMS = (
     Claim("centre, 90th percentile [mm]", "detection.centre_mm_p90", "-", most=0.07),
     Claim(
         "sizes within 15 %", "detection.size_within_15pct", "not studied", least=0.95, percent=True
+    ),
+    Claim(
+        "plain edges, 90th percentile [px]", "detection.plain_edge_px_p90", "not studied", most=1.0
     ),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
@@ -72,6 +78,7 @@ class InspectionStudy:
     servo: dict[str, Any]
     runs: dict[str, ServoRun]
     outcomes: tuple[Outcome, ...]
+    edges: FloatArray
     scored: dict[str, Scored]
     mission: Mission
     seconds: float
@@ -81,6 +88,7 @@ class InspectionStudy:
         return {
             **self.servo,
             "outcomes": self.outcomes,
+            "edges": self.edges,
             "scored": self.scored,
             "mission": self.mission.figures(),
             "seconds": self.seconds,
@@ -95,10 +103,12 @@ def run_study(seed: int, scenes: int = SCENES) -> InspectionStudy:
     seed : int
         Draws head, pipe, camera, probe and noise.
     scenes : int
-        Scenes with a hole, and as many without, that the finder is scored on.
+        Scenes with a hole, and as many without, that the finder is scored on; plain edges on a
+        quarter as many.
     """
     began = time.perf_counter()
     servo, runs = servo_figures(Scene(seed))
+    plain = -(-scenes // _PLAIN_SHARE)
     outcomes = [
         outcome
         for k in range(scenes)
@@ -110,6 +120,7 @@ def run_study(seed: int, scenes: int = SCENES) -> InspectionStudy:
         servo=servo,
         runs=runs,
         outcomes=tuple(outcomes),
+        edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
         scored=_soundings(FIRST_SOUNDING + 10 * seed),
         mission=run_mission(seed),
         seconds=time.perf_counter() - began,
@@ -118,16 +129,20 @@ def run_study(seed: int, scenes: int = SCENES) -> InspectionStudy:
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Medians over specimens; what is a share or a spread, over all that was scored."""
-    plain = [{k: v for k, v in run.items() if k not in ("outcomes", "scored")} for run in runs]
+    plain = [{k: v for k, v in run.items() if k not in _SCORED} for run in runs]
     found = medians([{k: v for k, v in run.items() if k != "mission"} for run in plain])
     every = [outcome for run in runs for outcome in run["outcomes"]]
+    edges = np.concatenate([run["edges"] for run in runs])
     kinds = {kind: [run["scored"][kind] for run in runs] for kind in runs[0]["scored"]}
     depth = soundings.depth_figures(kinds["pit"])
     unfocused = soundings.depth_figures(kinds["unfocused"])
     missions = [run["mission"] for run in runs]
     measured = [mission for mission in missions if mission["measured"]]
     found |= {
-        "detection": detection_figures(every),
+        "detection": {
+            **detection_figures(every),
+            "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
+        },
         "depth": {
             **depth,
             **{f"unfocused_{key}": value for key, value in unfocused.items()},
