@@ -36,18 +36,13 @@ class Solution:
     ----------
     unknowns : (8,) array
         In the order of ``pitmodel.NAMES``.
-    covariance : (8, 8) array
-        From the curvature of the misfit and the noise of the traces alone.
     cost : float
-        Half the sum of squares over the noise, far traces counted less, and the prior.
-    misfit : float
-        Median over the traces of the mean square over the noise; 1 where all is explained.
+        Half the sum of squares over the noise, traces that do not fit counted less, and the
+        prior.
     """
 
     unknowns: FloatArray
-    covariance: FloatArray
     cost: float
-    misfit: float
 
 
 @dataclass(eq=False)
@@ -145,10 +140,15 @@ class JointFit:
             theta, model, cost = trial, candidate, new
             if gained < 1e-3 + 1e-5 * cost:
                 break
+        return Solution(theta, cost)
+
+    def deviations(self, unknowns: FloatArray) -> FloatArray:
+        """Standard deviations (8,) by the curvature of the misfit and the noise of the traces."""
+        model = self.model.echo(unknowns)
         self.cost_of(model)
-        normal, _ = self._normal(theta, model, centre, prior)
-        misfit = float(np.median(self._misfit(model)))
-        return Solution(theta, np.linalg.inv(normal).astype(np.float64), cost, misfit)
+        normal, _ = self._normal(unknowns, model, CENTRE, PRIOR)
+        deviations: FloatArray = np.sqrt(np.diag(np.linalg.inv(normal)))
+        return deviations
 
     def refine_pulse(self, unknowns: FloatArray) -> None:
         """Estimate the pulse again from all traces, as the fit explains them."""

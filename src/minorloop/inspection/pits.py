@@ -253,7 +253,7 @@ def _judged(fit: JointFit, best: Solution) -> PitDepth:
     """The verdict on a fit, with what of it can be told."""
     ear, centre = fit.model.ear, fit.model.centre
     x, y, size, depth, gain, u, v, dish = best.unknowns
-    sd = np.sqrt(np.diag(best.covariance))
+    sd = fit.deviations(best.unknowns)
     mouth = 2 * fit.model.radius * np.exp(size)
     count = len(fit.spectra.heard)
     phi, z = centre[0] + x / ear.radius, centre[1] + y
