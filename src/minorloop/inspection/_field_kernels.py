@@ -143,6 +143,4 @@ def mode_squares(around, radial, wave, out):
                 for r in range(radial.shape[1]):
                     real += radial[m, r] * around[0, b, f, r, w]
                     imaginary += radial[m, r] * around[1, b, f, r, w]
-                out[b, f, m] = complex(
-                    real * real - imaginary * imaginary, 2 * real * imaginary
-                )
+                out[b, f, m] = complex(real * real - imaginary * imaginary, 2 * real * imaginary)

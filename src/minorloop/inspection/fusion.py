@@ -17,7 +17,7 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEPTHS, PitDepth
+from minorloop.inspection.pits import DEPTHS, PitDepth, usable
 from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.unrolled import CAMERA, SONAR, Patch, WallMap
 
@@ -61,7 +61,7 @@ def mean_depths(
     second times its depth is, to first order, the mean of the depth over the footprint, which is
     the square of the pressure.
     """
-    good = [burst for burst in bursts if not burst.verdict]
+    good = usable(bursts)
     spectra = spectra_of(good, ear, (pit.phi, pit.z)) if len(good) >= 5 else None
     if spectra is None:
         return None
