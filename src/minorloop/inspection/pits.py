@@ -159,20 +159,29 @@ def measure_pit(
     if not as_finite("diameter of a mouth", diameter) > 0:
         raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
     good = usable(bursts)
-    known = {"bursts": len(good), "planned": len(bursts) if planned is None else planned}
+    found = _measured(good, bursts, ear, centre, diameter)
+    return replace(found, bursts=len(good), planned=len(bursts) if planned is None else planned)
+
+
+def _measured(
+    good: Sequence[Burst],
+    bursts: Sequence[Burst],
+    ear: Ear,
+    centre: tuple[float, float],
+    diameter: float,
+) -> PitDepth:
     nothing = _too_little(bursts, good, ear, centre, diameter)
     if nothing:
-        return PitDepth(nothing, *centre, **known)
+        return PitDepth(nothing, *centre)
     spectra = spectra_of(good, ear, centre)
     if spectra is None:
-        return PitDepth("no coupling", *centre, **known)
+        return PitDepth("no coupling", *centre)
     fit = JointFit(PitModel(ear, spectra.angles, centre, diameter / 2), spectra)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
-        return PitDepth("no pit", *centre, **known)
+        return PitDepth("no pit", *centre)
     start[3] = DEPTHS[np.argmin(costs)]
-    best, ambiguous = _surest(fit, _best(fit, start))
-    return replace(_judged(fit, best, ambiguous), **known)
+    return _judged(fit, *_surest(fit, _best(fit, start)))
 
 
 def usable(bursts: Sequence[Burst]) -> list[Burst]:
