@@ -69,7 +69,9 @@ def test_everything_is_gathered_and_reported(mission):
     sounding = soundings.draw_sounding(60_000)
     scored = soundings.examined(sounding, [], "sonar")
     dry = soundings.examined(soundings.draw_sounding(60_003, kind="dry"), [], "camera")
-    kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), scored) | {"dry": dry}
+    kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), (scored,)) | {
+        "dry": (dry,)
+    }
     run = ServoRun("x", np.array([13.0, 14.0]), np.ones(2), ("tracked",) * 2, np.zeros((2, 2)))
     outcomes = [
         Outcome(mode, hole, hole, 1e-5, 0.0, 0)

@@ -39,9 +39,10 @@ _OPEN, _FAINT, _UNEVEN, _UNSURE = 0.1, 0.3, 0.6, 0.88
 _WIDER, _UNMODELLED = 2.0, 3.1e-6
 _FLAT = 0.02e-3
 _POINTING, _SIZE = 34e-6, 0.018
-_STRAINED, _LOST = 2.5, 20e-6
-"""Prior deviations of the size, off what the camera saw, from which on the difference counts as
-the uncertainty, and what the depth is unsure by then."""
+_STRAINED = 2.5
+"""Prior deviations of the size, off what the camera saw, from which on the echoes are those of
+something else too, and the outline of the camera is kept."""
+_WIDE = 0.1e-3
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
 
@@ -54,9 +55,11 @@ class PitDepth:
     ----------
     verdict : str
         ``measured``; ``through-hole`` (no floor is heard); ``uneven floor`` (heard, but not as a
-        flat one: the depth is a mean, with a wide band); ``ambiguous depth`` (another depth
-        explains nearly as much); ``no pit`` (a plain wall explains all); or why there is no
-        depth: ``too few echoes``, ``no coupling``, and words of ``Burst``.
+        flat one: the depth is a mean, with a wide band); ``disturbed`` (something beside the
+        mouth, such as a bead, echoes too: the outline is the camera's, the band wide);
+        ``ambiguous depth`` (another depth explains nearly as much); ``no pit`` (a plain wall
+        explains all); or why there is no depth: ``too few echoes``, ``no coupling``, and words of
+        ``Burst``.
     phi, z : float
         Centre, in radians and metres.
     diameter, depth : float
@@ -340,29 +343,36 @@ def _shaped(
 def _judged(fit: JointFit, best: Solution, ambiguous: bool) -> PitDepth:
     """The verdict on a fit, with what of it can be told."""
     ear, centre = fit.model.ear, fit.model.centre
+    disturbed = abs(best.unknowns[2]) > _STRAINED * PRIOR[2]
+    verdict, depth_sd = _verdict(fit, best, _hole(fit, best))
+    if verdict == MEASURED and (disturbed or ambiguous):
+        verdict, depth_sd = ("disturbed", _WIDE) if disturbed else ("ambiguous depth", np.nan)
+    if verdict == "disturbed":
+        best = _as_seen(fit, best)
     x, y, size, depth, gain, u, v, dish = best.unknowns
-    sd = fit.deviations(best.unknowns)
+    sd = PRIOR if verdict == "disturbed" else fit.deviations(best.unknowns)
     mouth = 2 * fit.model.radius * np.exp(size)
-    strained = abs(size) > _STRAINED * PRIOR[2]
-    plain = fit.cost_of(fit.model.plain)
-    verdict, depth_sd = _verdict(best, float(sd[3]), plain, _hole(fit, best))
-    if verdict == MEASURED and ambiguous:
-        verdict = "ambiguous depth"
-    told = verdict in (MEASURED, "uneven floor")
     return PitDepth(
         verdict,
         float(centre[0] + x / ear.radius),
         float(centre[1] + y),
         float(mouth),
-        depth=float(depth) if told else np.nan,
-        place_sd=float(np.hypot(np.hypot(sd[0], sd[1]) / np.sqrt(2), _POINTING))
-        + strained * float(np.hypot(x, y)),
-        diameter_sd=float(mouth * np.hypot(np.hypot(sd[2], _SIZE), strained * size)),
-        depth_sd=float(np.hypot(depth_sd, strained * _LOST)) if told else np.nan,
+        depth=float(depth) if np.isfinite(depth_sd) else np.nan,
+        place_sd=float(np.hypot(np.hypot(sd[0], sd[1]) / np.sqrt(2), _POINTING)),
+        diameter_sd=float(mouth * np.hypot(sd[2], _SIZE)),
+        depth_sd=depth_sd,
         gain=float(gain),
         tilt=(float(u), float(v)),
         dish=float(dish),
     )
+
+
+def _as_seen(fit: JointFit, best: Solution) -> Solution:
+    """The fit with the outline that the camera saw, and a flat floor."""
+    start, prior = best.unknowns.copy(), PRIOR.copy()
+    start[:3], start[5:] = 0.0, 0.0
+    prior[:3], prior[5:] = PRIOR[:3] / 10, PRIOR[5:] / 10
+    return fit.solve(start, prior=prior)
 
 
 def _hole(fit: JointFit, best: Solution) -> float:
@@ -373,14 +383,16 @@ def _hole(fit: JointFit, best: Solution) -> float:
     return fit.solve(without, centre=without, prior=prior, rounds=3).cost
 
 
-def _verdict(best: Solution, raw_sd: float, plain: float, hole: float) -> tuple[str, float]:
-    gain = best.unknowns[4]
+def _verdict(fit: JointFit, best: Solution, hole: float) -> tuple[str, float]:
+    """A verdict and the standard deviation of the depth, NaN where there is none."""
+    gain, raw_sd = best.unknowns[4], float(fit.deviations(best.unknowns)[3])
+    plain = fit.cost_of(fit.model.plain)
     if plain < (1 + _NOTICED) * best.cost:
         return "no pit", np.nan
     if gain < _OPEN or _gains_nothing(best, hole):
         return "through-hole", np.nan
     if gain < _UNEVEN:
-        return "uneven floor", 0.1e-3
+        return "uneven floor", _WIDE
     # What a floor that is not flat returns weighs its middle and its rim in its own way.
     bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
     return MEASURED, float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))

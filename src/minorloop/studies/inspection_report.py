@@ -177,7 +177,7 @@ def _detection_table(figures: Mapping[str, Any]) -> Table:
 
 def _depth_table(study: InspectionStudy) -> Table:
     rows = []
-    for kind, scored in study.scored.items():
+    for kind, scored in [(kind, one) for kind, each in study.scored.items() for one in each]:
         pit, truth = scored.found, scored.sounding.depth
         rows.append(
             (

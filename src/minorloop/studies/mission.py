@@ -289,7 +289,7 @@ def run_mission(seed: int) -> Mission:
             mission, looks=looks, first=first, pixel=pixel, centred=centred_image, found=seen,
             pit=pit, wall=wall, ring=ring, water=water, touch=touch, finding=finding_of(pit),
         )  # fmt: skip
-        if pit.verdict in ("measured", "through-hole", "uneven floor"):
+        if np.isfinite(pit.diameter):
             size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
             crew.say("reconstruct", f"{finding_of(pit).kind} of {size}")
             break
@@ -404,7 +404,7 @@ def _measure(
     pit = measure_pit(bursts, ear, (phi, z), hole.diameter)
     crew.say("measure", f"{modality}; {pit.bursts} of {len(targets)} places; {pit.verdict}")
     patch = Patch.around(phi, z, size=PATCH)
-    heard = mean_depths(bursts, ear, patch, pit) if pit.measured else None
+    heard = mean_depths(bursts, ear, patch, pit) if np.isfinite(pit.depth) else None
     image = None if view is None else _laid(view, patch)
     outline = None if image is None else outline_of(image, patch, (phi, z), hole.diameter)
     wall = fuse(pit, heard, patch, image=image, outline=outline)
