@@ -111,8 +111,11 @@ def _report(
     as_json: bool,
 ) -> None:
     path = folder / "report.html"
-    draw = import_module(f"minorloop.studies.{name}_report").study_report
+    page = import_module(f"minorloop.studies.{name}_report")
     with _common.working("drawing the report"):
-        _common.write_report(partial(draw, first, figures, runs), path, force=False)
+        _common.write_report(partial(page.study_report, first, figures, runs), path, force=False)
+        beside = page.save_beside(first, folder) if hasattr(page, "save_beside") else []
     if not as_json:
         typer.echo(f"report written to {path}; open it in a browser")
+        for written in beside:
+            typer.echo(f"written: {written}")

@@ -73,15 +73,35 @@ def mean_depths(
     power = np.abs(expected) ** 2
     depth = pit.depth if np.isfinite(pit.depth) else _common_depth(spectra.heard, expected, k)
     values, sds = _shares(spectra.heard, expected, k, depth, spectra.noise)
-    origins, axes = ear.beams(spectra.angles)
+    return MeanDepths(values, sds, footprints_of(model, patch, power))
+
+
+def footprints_of(model: PitModel, patch: Patch, power: FloatArray | None = None) -> FloatArray:
+    """Share (K, P) of the echo of a plain wall that each texel sends back to each beam.
+
+    Parameters
+    ----------
+    model : PitModel
+        Of the beams.
+    patch : Patch
+        Where.
+    power : (K, F) array, optional
+        Weights of the frequencies; without it, as the middle third of them has it.
+    """
+    ear, k = model.ear, model.sound.wavenumbers
+    if power is None:
+        third = len(k) // 3
+        middle = np.abs(np.arange(len(k)) - len(k) / 2) < third / 2
+        power = np.tile(middle.astype(np.float64), (len(model.angles), 1))
+    origins, axes = ear.beams(model.angles)
     places = patch.places.reshape(-1, 2)
     points = wall_point(places[:, 0], places[:, 1], ear.radius)
     pressure = model.sound.at(origins, axes, model.spots[:, 2].copy(), points)
     square = 2j * k[:, None] * pressure**2 * patch.step**2
     ratio = square / model.plain[:, :, None]
     weight = power / power.sum(axis=1, keepdims=True)
-    footprints = (ratio.real * weight[:, :, None]).sum(axis=1)
-    return MeanDepths(values, sds, footprints)
+    footprints: FloatArray = (ratio.real * weight[:, :, None]).sum(axis=1)
+    return footprints
 
 
 def _shares(

@@ -57,17 +57,21 @@ class JointFit:
         What they are.
     scale : float
         Misfit of a trace from which on it counts less, in units of its noise.
+    far : array of int, optional
+        Traces of plain wall, which tell the pulse; without it, the farthest from the pit.
     """
 
     model: PitModel
     spectra: Spectra
     scale: float = 1.0
+    far: npt.NDArray[np.intp] | None = None
     pulse: ComplexArray = field(init=False)
     shift: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        off = np.linalg.norm(self.model.off(), axis=1)
-        far = np.argsort(-off)[:FAR]
+        far = self.far
+        if far is None:
+            far = np.argsort(-np.linalg.norm(self.model.off(), axis=1))[:FAR]
         self._k = self.model.sound.wavenumbers
         self.shift = np.zeros(len(self.spectra.heard))
         plain, heard = self.model.plain[far], self.spectra.heard[far]

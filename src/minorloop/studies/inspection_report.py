@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from minorloop.studies.mission_report import (
     draw_ring,
     draw_soundings,
     finding_rows,
+    save_finding,
 )
 
 if TYPE_CHECKING:
@@ -110,6 +112,11 @@ def study_report(
             ],
         )
     return report
+
+
+def save_beside(study: InspectionStudy, folder: Path) -> list[Path]:
+    """Write the finding of the first specimen's mission beside the report: PLY, glTF, a table."""
+    return save_finding(study.mission, folder)
 
 
 def draw_servo(study: InspectionStudy) -> Any:

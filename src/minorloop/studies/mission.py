@@ -372,8 +372,9 @@ def _extract(crew: _Crew, picked: Hole) -> tuple[Findings, Hole, Shades | None]:
 
 def _touch(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], float]:
     """Send the axis, along which the tool's point goes, to the finding as it was extracted."""
-    crew.turn(CONE.clip(crew.aim(hole)))
+    crew.turn(CONE.clip(NEARER * crew.aim(hole)))
     crew.meter()
+    _centre(crew, np.asarray(crew.eye.pixel(hole.place, *crew.angles.tolist())))
     touch = _apart(tuple(crew.true_line().tolist()), crew.bore)
     phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]
     crew.say("touch", f"the tool's point is sent to phi {phi:.1f} deg, z {z:.2f} mm")

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.inspection.findings import Finding
+from minorloop.errors import MissingExtraError
+from minorloop.inspection.findings import Finding, save_findings
+from minorloop.inspection.mesh import save_mesh
 from minorloop.inspection.unrolled import WallMap
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
@@ -18,6 +22,24 @@ BAND = 1.6449
 _SOURCES = ("unseen", "camera", "sonar", "both")
 _SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
+
+
+def save_finding(mission: Mission, folder: Path) -> list[Path]:
+    """Write the finding as PLY, glTF and a table; without trimesh, the table alone.
+
+    Parameters
+    ----------
+    mission : Mission
+        Nothing is written of one that found nothing.
+    folder : path
+        That exists.
+    """
+    if mission.wall is None or mission.finding is None:
+        return []
+    written = [save_findings([mission.finding], folder / "findings.csv")]
+    with suppress(MissingExtraError):
+        written += [save_mesh(mission.wall, folder / f"finding.{kind}") for kind in ("ply", "glb")]
+    return written
 
 
 def draw_images(mission: Mission) -> Any:
