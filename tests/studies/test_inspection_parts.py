@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from minorloop.inspection.unrolled import BOTH, CAMERA, SONAR, UNSEEN
 from minorloop.studies import inspection, inspection_report, soundings
 from minorloop.studies.claims import claim_table, figure
 from minorloop.studies.detection import Outcome, detection_figures, score_scene, wilson
 from minorloop.studies.inspection_servo import ServoRun
 from minorloop.studies.mission import run_mission
+from minorloop.studies.mission_report import save_finding
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +27,16 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     assert figures["depth_error_mm"] <= 0.1
     assert figures["touch_mm"] <= 1.0
     assert mission.wall.depth.max() == pytest.approx(mission.truth.depth, rel=0.1)
+    assert figures["water_error_mm"] <= 0.5
+    assert set(np.unique(mission.ring.source)) == {UNSEEN, CAMERA, SONAR, BOTH}
+
+
+def test_a_finding_is_saved_as_meshes_and_a_table(mission, tmp_path):
+    written = save_finding(mission, tmp_path)
+    assert [path.name for path in written] == ["findings.csv", "finding.ply", "finding.glb"]
+    header, row = written[0].read_text(encoding="utf-8").splitlines()
+    assert "depth_sd [mm]" in header
+    assert row.startswith("1,pit,measured,")
 
 
 def test_a_dark_hole_is_found_and_an_empty_wall_stays_empty():
@@ -95,5 +107,5 @@ def test_everything_is_gathered_and_reported(mission):
     assert found["modality"]["wrong"] == 0
     assert figure(found, "mission.measured") == 1.0
     page = inspection_report.study_report(study, found, runs).html()
-    assert page.count("<img") == 3
+    assert page.count("<img") == 5
     assert "Fig 14" in page

@@ -175,7 +175,7 @@ def _told(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
     before, here, after = costs[best - 1 : best + 2]
     step = float(DEPTHS[1] - DEPTHS[0])
     bend = max(before - 2 * here + after, 1e-9)
-    depth = float(DEPTHS[best]) + step * 0.5 * float(before - after) / bend
+    depth = float(DEPTHS[best] + 0.5 * step * (before - after) / bend)
     return CrackDepth(
         MEASURED, depth, float(np.hypot(2 * step / np.sqrt(bend), _UNMODELLED)), least
     )
