@@ -329,8 +329,8 @@ def _pick(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], FloatArray]:
     return crew.head.frame().image, np.asarray(pixel)
 
 
-def _centre(crew: _Crew, pixel: FloatArray) -> None:
-    """Bring the picked point to the middle of the image."""
+def _centre(crew: _Crew, pixel: FloatArray, step: str = "centre") -> None:
+    """Bring a point to the middle of the image."""
     eye = crew.eye
     tracker = Tracker(eye)
     servo = Servo(eye, gain=0.8, delay=0.2, cone=CONE)
@@ -339,10 +339,10 @@ def _centre(crew: _Crew, pixel: FloatArray) -> None:
     error = np.nan
     for _ in range(round(CENTRE_TIME / TICK)):
         now, track = tracker.step(track, crew.head.frame().image, *crew.angles.tolist())
-        step, state = servo.step(state, now.pixel if now.verdict == TRACKED else None, crew.angles)
-        error = step.error
-        crew.tick(step.angles)
-    crew.say("centre", f"{error / 2:.2f} px from the middle of a 320 by 240 image")
+        move, state = servo.step(state, now.pixel if now.verdict == TRACKED else None, crew.angles)
+        error = move.error
+        crew.tick(move.angles)
+    crew.say(step, f"{error / 2:.2f} px from the middle of a 320 by 240 image")
 
 
 def _focus(crew: _Crew) -> None:
@@ -374,7 +374,7 @@ def _touch(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], float]:
     """Send the axis, along which the tool's point goes, to the finding as it was extracted."""
     crew.turn(CONE.clip(NEARER * crew.aim(hole)))
     crew.meter()
-    _centre(crew, np.asarray(crew.eye.pixel(hole.place, *crew.angles.tolist())))
+    _centre(crew, np.asarray(crew.eye.pixel(hole.place, *crew.angles.tolist())), "return")
     touch = _apart(tuple(crew.true_line().tolist()), crew.bore)
     phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]
     crew.say("touch", f"the tool's point is sent to phi {phi:.1f} deg, z {z:.2f} mm")
