@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from minorloop.inspection.unrolled import BOTH, CAMERA, SONAR, UNSEEN
 from minorloop.studies import inspection, inspection_report, soundings
 from minorloop.studies.claims import claim_table, figure
 from minorloop.studies.detection import (
@@ -16,11 +17,14 @@ from minorloop.studies.detection import (
 from minorloop.studies.detection_report import limits
 from minorloop.studies.inspection_servo import ServoRun
 from minorloop.studies.mission import run_mission
+from minorloop.studies.mission_report import save_finding
 
 
 @pytest.fixture(scope="module")
 def mission():
-    return run_mission(1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("minorloop.studies.mission.TURNS", 16)
+        return run_mission(1)
 
 
 def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
@@ -33,6 +37,16 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     assert figures["depth_error_mm"] <= 0.1
     assert figures["touch_mm"] <= 1.0
     assert mission.wall.depth.max() == pytest.approx(mission.truth.depth, rel=0.1)
+    assert figures["water_error_mm"] <= 1.0
+    assert set(np.unique(mission.ring.source)) == {UNSEEN, CAMERA, SONAR, BOTH}
+
+
+def test_a_finding_is_saved_as_meshes_and_a_table(mission, tmp_path):
+    written = save_finding(mission, tmp_path)
+    assert [path.name for path in written] == ["findings.csv", "finding.ply", "finding.glb"]
+    header, row = written[0].read_text(encoding="utf-8").splitlines()
+    assert "depth_sd [mm]" in header
+    assert row.startswith("1,pit,measured,")
 
 
 def test_a_dark_hole_is_found_and_an_empty_wall_stays_empty():
@@ -96,7 +110,9 @@ def test_everything_is_gathered_and_reported(mission):
     sounding = soundings.draw_sounding(60_000)
     scored = soundings.examined(sounding, [], "sonar")
     dry = soundings.examined(soundings.draw_sounding(60_003, kind="dry"), [], "camera")
-    kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), scored) | {"dry": dry}
+    kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), (scored,)) | {
+        "dry": (dry,)
+    }
     run = ServoRun("x", np.array([13.0, 14.0]), np.ones(2), ("tracked",) * 2, np.zeros((2, 2)))
     outcomes = [
         Outcome(mode, hole, hole, 1e-5, 0.0, 0)
@@ -121,5 +137,5 @@ def test_everything_is_gathered_and_reported(mission):
     assert figure(found, "mission.measured") == 1.0
     page = inspection_report.study_report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3
-    assert page.count("<img") == 4
+    assert page.count("<img") == 6
     assert "Fig 14" in page
