@@ -21,7 +21,7 @@ _Host = Annotated[
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
     str,
-    typer.Option(help="What to steer: twin:rig with plain pictures, or twin:pipe with a camera."),
+    typer.Option(help="What to steer: twin:pipe, a simulated head in a pipe, with camera and probe."),
 ]
 _Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
 _Specimen = Annotated[
@@ -42,7 +42,7 @@ _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private ke
 def run(
     host: _Host = "127.0.0.1",
     port: _Port = 8765,
-    plant: _Plant = "twin:rig",
+    plant: _Plant = "twin:pipe",
     folder: _Folder = Path("console"),
     specimen: _Specimen = None,
     seed: _Seed = 0,

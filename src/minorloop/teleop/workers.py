@@ -29,10 +29,12 @@ class Workers:
     count : int
     longest : float
         Seconds that a task may take.
+    tasks : str
+        Module of the tasks; it has ``warm_up``.
     """
 
-    def __init__(self, count: int, *, longest: float = 180.0) -> None:
-        self._count, self._longest = count, longest
+    def __init__(self, count: int, *, longest: float = 180.0, tasks: str = TASKS) -> None:
+        self._count, self._longest, self._tasks = count, longest, tasks
         self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
         self._all: set[_Worker] = set()
 
@@ -78,16 +80,16 @@ class Workers:
         return last
 
     def _add(self) -> None:
-        worker = _Worker()
+        worker = _Worker(self._tasks)
         self._all.add(worker)
         self._idle.put_nowait(worker)
 
 
 class _Worker:
-    def __init__(self) -> None:
+    def __init__(self, tasks: str) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self._process = context.Process(target=serve, args=(theirs, tasks), daemon=True)
         self._process.start()
         theirs.close()
 
@@ -107,11 +109,11 @@ class _Worker:
         self._process.terminate()
 
 
-def serve(pipe: Connection) -> None:
+def serve(pipe: Connection, module: str = TASKS) -> None:
     """Do tasks until the other end goes away; for a process of its own."""
     with contextlib.suppress(OSError, AttributeError):
         os.nice(10)  # a computation must not hold up who steers
-    tasks = importlib.import_module(TASKS)
+    tasks = importlib.import_module(module)
     tasks.warm_up()
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
         while True:
