@@ -45,10 +45,10 @@ def rows(quick: bool) -> list[Row]:
 class _Server:
     """A console, and the cookie of a browser that came with its key."""
 
-    def __init__(self, folder: str) -> None:
+    def __init__(self, folder: str, *options: str) -> None:
         command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
         self.process = subprocess.Popen(
-            [*command, "--folder", folder], stdout=subprocess.PIPE, text=True
+            [*command, "--folder", folder, *options], stdout=subprocess.PIPE, text=True
         )
         assert self.process.stdout is not None
         address = re.search(r"http://([^/]+)(/\S*)", self.process.stdout.readline())

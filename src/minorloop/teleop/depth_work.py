@@ -10,7 +10,8 @@ import numpy as np
 
 from minorloop.errors import MissingExtraError
 from minorloop.inspection.echoes import Burst
-from minorloop.inspection.field import Ear
+from minorloop.geometry import Mount, Probe
+from minorloop.inspection.field import Ear, sound_field
 from minorloop.inspection.findings import finding_of
 from minorloop.inspection.fusion import fuse, mean_depths
 from minorloop.inspection.mesh import mesh_of
@@ -22,7 +23,8 @@ SIZE = 2.4e-3
 
 
 def warm_up() -> None:
-    """Nothing is known of a pipe before it is scanned."""
+    """Prepare what is the same for every scan with the usual probe."""
+    sound_field(Ear(Probe(), Mount()))
 
 
 def depth(

@@ -19,9 +19,10 @@ from minorloop.teleop.sounding import scan_targets
 
 Stage: TypeAlias = Literal["travel", "settle", "turn", "points", "back", "done"]
 _FASTEST, _NEAR = (8.0, 40.0), (0.05, 0.3)
+_HOME = (1.0, 3.0)  # near enough for a picture; nearer, the friction of the tube holds it
 _GAIN = 2.0
-_PATIENCE = {"travel": 40.0, "settle": 0.4, "turn": 6.0, "back": 20.0}
-_DWELL, _MOST_DWELL, _AIMED = 0.48, 1.2, 0.6
+_PATIENCE = {"travel": 40.0, "settle": 0.4, "turn": 5.0, "back": 10.0}
+_DWELL, _MOST_DWELL, _AIMED = 0.4, 0.8, 1.0
 _SQUARELY = (25.0, 0.0)
 
 
@@ -94,7 +95,7 @@ def scanned(scan: Scan, view: View, where: Where, interval: float) -> tuple[Scan
         return _next(scan, "points", there or late), Asked(scan.targets[0])
     if scan.stage == "points":
         return _points(scan, where)
-    rates, there = _towards(scan.home[2:], where)
+    rates, there = _towards(scan.home[2:], where, _HOME)
     return _next(scan, "done", there or late), Asked(scan.home[:2], rates)
 
 
@@ -124,10 +125,10 @@ def _nearest_turn(phi: float, roll: float) -> float:
     return roll + math.degrees(float(wrapped(math.radians(phi - roll))))
 
 
-def _towards(goal: Pair, where: Where) -> tuple[Pair, bool]:
+def _towards(goal: Pair, where: Where, near: Pair = _NEAR) -> tuple[Pair, bool]:
     """Rates towards advance and roll, and whether they are reached."""
     off = goal[0] - where[2], goal[1] - where[3]
-    if all(abs(o) < near for o, near in zip(off, _NEAR, strict=True)):
+    if all(abs(o) < enough for o, enough in zip(off, near, strict=True)):
         return (0.0, 0.0), True
     advance, roll = (
         min(max(_GAIN * o, -most), most) for o, most in zip(off, _FASTEST, strict=True)

@@ -120,7 +120,8 @@ class Session:
         for seen in self.sight.seen():
             self._take(seen)
         before = self.state.mode
-        self.state = advance(self.seat, self.state, self._heard(now), self.interval)
+        heard = self._heard(now)  # a scan that has ended holds
+        self.state = advance(self.seat, self.state, heard, self.interval)
         self._changed(before)
         self._request = None
         reference = np.add(self.state.command, MIDDLE)
