@@ -4,9 +4,12 @@ import math
 import warnings
 from functools import cache
 
-from minorloop.teleop import depth_work, messages
+import numpy as np
+
+from minorloop.geometry import Pinhole
+from minorloop.teleop import messages
 from minorloop.teleop.eyes import Eyes
-from minorloop.teleop.plant import head_of, open_plant, open_tip
+from minorloop.teleop.plant import View, head_of, open_plant, open_tip
 from minorloop.teleop.session import Session
 from minorloop.teleop.sight import Seen
 
@@ -15,10 +18,22 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     from starlette.testclient import TestClient
 
-__all__ = ["AHEAD", "Open", "Pilot", "Shut", "SilentLoop", "TestClient", "control", "right", "tip"]
+__all__ = [
+    "AHEAD",
+    "PIT",
+    "Open",
+    "Pilot",
+    "Shut",
+    "SilentLoop",
+    "TestClient",
+    "control",
+    "right",
+    "tip",
+    "view",
+]
 ADDRESS = "twin:pipe"
 AHEAD = (0.0, 0.0, 0.0, 1.0)
-PIT = (0.45, 24e-3, 1e-3, 0.5e-3)
+PIT = (0.45, 20e-3, 1e-3, 0.5e-3)
 """Phi, z, diameter and depth of the first pit of the pipe behind the address."""
 
 
@@ -82,8 +97,8 @@ class Shut:
 class Pilot:
     """A session and somebody who steers it."""
 
-    def __init__(self, sight=None, rig=None):
-        self.plant = rig or open_plant(ADDRESS)
+    def __init__(self, sight=None):
+        self.plant = open_plant(ADDRESS)
         self.sight = sight or Shut()
         self.session = Session(self.plant, view(), control(), self.sight)
         self.now, self.seq = 100.0, 0
@@ -124,10 +139,19 @@ class Pilot:
         self.drive(ticks)
         return self
 
+    def following(self, pixel=(400.0, 200.0)):
+        """In TRACK, on a point that shut eyes see at a pixel."""
+        self.steering()
+        self.sight.target = (*pixel, 1.0, True)
+        self.drive(2)
+        self.mode("TRACK")
+        self.drive()
+        return self
+
     def tracking(self):
         """In TRACK, on the likeliest candidate, which has come to rest in the middle, in focus."""
-        self.steering(25)
-        self.until(lambda s: s.seen.spots)
+        self.steering(2)
+        self.until(lambda s: s.seen.spots, pose=right(27.0, -12.0))
         self.order(messages.Pick, u=self.session.seen.spots[0][0], v=self.session.seen.spots[0][1])
         self.until(lambda s: s.seen.target is not None)
         self.mode("TRACK")
@@ -140,16 +164,6 @@ class Pilot:
         self.until(lambda s: s.findings)
         return self
 
-    def sounded(self):
-        """A scan of the newest finding, and its fit."""
-        self.order(messages.Scan)
-        self.until(lambda s: s.state.mode == "SCAN")
-        self.until(lambda s: s.state.mode == "HOLD")
-        (job,) = self.sight.eyes.jobs
-        *_, last = depth_work.depth(**job)
-        self.session.hear(messages.Sounded(finding=job["finding"], told=last["told"]), self.now)
-        return last
-
 
 class SilentLoop:
     """Stands in for the control loop: keeps what it is ordered, and says what it is told to."""
@@ -158,11 +172,8 @@ class SilentLoop:
         self.settings, self.said, self.orders = settings, said, []
 
     def start(self):
-        self.said(
-            messages.encode(
-                "hello", view={"width": 64, "height": 48, "focal": 50.0}, cone=28.0, planes=[]
-            )
-        )
+        small = View(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+        self.said(messages.encode("hello", view={}, known=small.told(), cone=28.0, planes=[]))
 
     def order(self, message):
         self.orders.append(message)

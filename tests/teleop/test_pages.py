@@ -171,8 +171,11 @@ def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
         operator.wait("document.body.dataset.pilot === 'yes'")
         operator.enter("1", "HEAD")
         page.keyboard.down("ArrowRight")
-        operator.moved("pan > 3")
+        operator.moved("pan > 15")
         page.keyboard.up("ArrowRight")
+        page.keyboard.down("ArrowDown")
+        operator.moved("tilt < -6")
+        page.keyboard.up("ArrowDown")
         operator.pick()
         operator.enter("2", "TRACK")
         page.wait_for_selector(step.format(4))  # it has come to the middle, and into focus

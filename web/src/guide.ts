@@ -3,7 +3,7 @@
 import { heard, type Finding, type State } from "./talk";
 
 const STEPS = [
-  ["Look", "Take the controls (T), press Head (1) and look round: drag the image, or use the arrow keys. W pushes the catheter in. What could be a defect is framed when the head rests."],
+  ["Look", "Take the controls (T), press Head (1) and look round: drag the image, or use the arrow keys. W pushes the catheter in. Turn well to the side: where the wall is near and the head rests, what could be a defect is framed."],
   ["Pick", "Click what you want to inspect, or press N to go through the frames and Enter to pick one."],
   ["Focus", "Press Track (2): the camera centres the point, keeps it there whatever your head does, and focuses on it."],
   ["Extract", "Press Measure (M): three lights flash one by one, and the outline that is the same under all of them gives place and size."],

@@ -21,7 +21,9 @@ _Host = Annotated[
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
     str,
-    typer.Option(help="What to steer: twin:pipe, a simulated head in a pipe, with camera and probe."),
+    typer.Option(
+        help="What to steer: twin:pipe, a simulated head in a pipe, with camera and probe."
+    ),
 ]
 _Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
 _Specimen = Annotated[

@@ -43,7 +43,9 @@ class Finder:
         self._lately.append(where)
         if len(self._lately) < _REST_TICKS or (np.ptp(self._lately, axis=0) > _REST).any():
             return False
-        return self._looked is None or bool((np.abs(np.subtract(where, self._looked)) > _NEWS).any())
+        return self._looked is None or bool(
+            (np.abs(np.subtract(where, self._looked)) > _NEWS).any()
+        )
 
     def looked(self, where: Where) -> None:
         """Remember that defects were looked for from here."""
@@ -92,6 +94,7 @@ def nearest(
     holes: Sequence[Hole], place: Sequence[float], reach: float, radius: float
 ) -> Hole | None:
     """The hole nearest to phi and z, if it is within some metres."""
+
     def off(hole: Hole) -> float:
         around = radius * float(wrapped(hole.place[0] - place[0]))
         return float(np.hypot(around, hole.place[1] - place[1]))

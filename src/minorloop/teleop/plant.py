@@ -132,7 +132,9 @@ class View:
     def told(self) -> dict[str, Any]:
         """As plain values, for messages."""
         plain = {name: getattr(self, name) for name in ("offset", "lever", "radius", "thickness")}
-        lens, probe = (msgspec.to_builtins(part) for part in (self.lens, self.probe))
+        lens, probe = (
+            msgspec.to_builtins(part, enc_hook=float) for part in (self.lens, self.probe)
+        )
         return {"lens": lens, "probe": probe, "leds": self.leds.tolist(), **plain}
 
     @classmethod
@@ -197,9 +199,7 @@ def open_tip(
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
     known = np.array(offset) + rng.normal(0.0, _CALIBRATED, 2)
     pipe = _pipe(seed)
-    tip = SimulatedTip(
-        pipe, offset=offset, specimen=specimen, seed=seed, optics=LENS.scaled(scale)
-    )
+    tip = SimulatedTip(pipe, offset=offset, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
     view = View(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
@@ -215,8 +215,8 @@ def _pipe(seed: int) -> Any:
     from minorloop.twins.pipe import Bore, Pipe
 
     rng = np.random.default_rng([seed, 43])
-    bores = [Bore(0.45, 24e-3, 1e-3, depth=0.5e-3, brightness=0.0, lining=0.08)]
-    for n, z in enumerate((31e-3, 44e-3, 58e-3, 73e-3, 87e-3)):
+    bores = [Bore(0.45, 20e-3, 1e-3, depth=0.5e-3, brightness=0.0, lining=0.08)]
+    for n, z in enumerate((33e-3, 46e-3, 60e-3, 74e-3, 88e-3)):
         pit = rng.uniform(0.3e-3, 0.8e-3) if n % 2 else math.inf
         phi, size = float(rng.uniform(-math.pi, math.pi)), float(rng.uniform(0.9e-3, 1.1e-3))
         bores.append(Bore(phi, z, size, depth=float(pit), brightness=0.0, lining=0.08))

@@ -13,7 +13,9 @@ from minorloop.teleop import messages
 from minorloop.teleop.modes import Seat
 from minorloop.teleop.plant import MIDDLE, View
 
-_PLACE_SD = 0.085  # mm, of an outline in a picture, and share of its diameter: what the fit starts from
+_PLACE_SD = (
+    0.085  # mm, of an outline in a picture, and share of its diameter: what the fit starts from
+)
 _SIZE_SD = 0.08
 NOT_HEARD = "not heard"
 
@@ -141,9 +143,7 @@ def introduction(interval: float, view: View, seat: Seat, wires: Iterable[Any]) 
         cone=seat.gaze.cone,
         middle=MIDDLE,
         stick=[seat.stick.advance, seat.stick.roll],
-        planes=[
-            {"levels": wire.levels.tolist(), "weights": _rows(wire.weights)} for wire in wires
-        ],
+        planes=[{"levels": wire.levels.tolist(), "weights": _rows(wire.weights)} for wire in wires],
     )
 
 

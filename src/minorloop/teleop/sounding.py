@@ -17,7 +17,9 @@ POINTS, PITCH = 5, 0.36e-3
 _MOST_OFF = 0.6e-3
 
 
-def scan_targets(view: View, where: Where, centre: tuple[float, float]) -> list[tuple[float, float]]:
+def scan_targets(
+    view: View, where: Where, centre: tuple[float, float]
+) -> list[tuple[float, float]]:
     """Pan and tilt in degrees at which the probe hears each point of a raster about a place.
 
     Raises
@@ -62,9 +64,7 @@ class Sounding:
         if not self.bursts and not burst.verdict:
             heard = choose_modality(shots, ear.radius - ear.probe.face, ear.speed)
             if heard != "sonar":
-                burst = Burst(
-                    np.empty(0), 0.0, burst.angles, 0, SHOTS, float("nan"), "no coupling"
-                )
+                burst = Burst(np.empty(0), 0.0, burst.angles, 0, SHOTS, float("nan"), "no coupling")
         self.bursts.append(burst)
         return burst.verdict
 
