@@ -11,7 +11,7 @@ import type { Finding } from "./talk";
 export class Solid {
   private readonly renderer = new WebGLRenderer({ antialias: true });
   private readonly scene = new Scene();
-  private readonly camera = new PerspectiveCamera(45, 1, 1, 500);
+  private readonly camera = new PerspectiveCamera(45, 1, 0.5, 500);
   private readonly controls: OrbitControls;
   private readonly wall = new MeshStandardMaterial({ side: BackSide, roughness: 0.55, metalness: 0.1, alphaTest: 0.5 });
   private readonly pipe: Mesh;
@@ -67,8 +67,8 @@ export class Solid {
     if (at) {
       // From the far side of the axis, so that the newest finding is in front.
       const out = outward(at.phi);
-      const far = at.patch ? 0.1 : 2.2; // from the axis, away from it
-      this.camera.position.set(at.z - 3.5, -out.y * far * this.radius * 0.4, -out.z * far * this.radius * 0.4);
+      const far = this.radius * (at.patch ? 0.6 : -0.8); // from the axis: near to a relief, over against a mark
+      this.camera.position.set(at.z - 3, out.y * far, out.z * far);
       this.controls.target.set(at.z, out.y * this.radius, out.z * this.radius);
     }
     this.controls.update();

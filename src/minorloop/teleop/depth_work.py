@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from minorloop.errors import MissingExtraError
-from minorloop.inspection.echoes import Burst
 from minorloop.geometry import Mount, Probe
+from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear, sound_field
 from minorloop.inspection.findings import finding_of
 from minorloop.inspection.fusion import fuse, mean_depths

@@ -60,6 +60,7 @@ class Eyes:
         self._finder = Finder(view)
         self._tracker = Tracker(view.eye((0.0, 0.0, 0.0, 0.0)))
         self._track: TrackState | None = None
+        self._picked: tuple[float, float] | None = None
         self._seen, self._score = False, 0.0
         self._loan: Loan | None = None
         self._after: Callable[[Any, list[tuple[float, float]]], None] | None = None
@@ -88,10 +89,10 @@ class Eyes:
         self._where = look.where
         self._tip.stand(look.stance)
         for name, numbers in look.wishes:
-            self._do(name, numbers)
-        if self._loan is None and self._sounding is None:
-            if self._finder.at_rest_somewhere_new(look.where):
-                self._find()
+            self._do(self.wishes[name], numbers)
+        idle = self._loan is None and self._sounding is None
+        if idle and self._finder.at_rest_somewhere_new(look.where):
+            self._find()
         if self._loan is None:
             self._meter_focus()
         lit = self._loan is None or self._loan.all_lit
@@ -100,6 +101,8 @@ class Eyes:
             self._lend(frame)
         if lit:
             self.image = frame.image
+            if self._picked is not None:
+                self._do(self._begin, [frame.image])
         target = self._follow(frame.image, lit and self._loan is None)
         if self._loan is None and lit:
             self._meter(frame.image)
@@ -118,9 +121,9 @@ class Eyes:
         self._finder, self._track, self._seen = Finder(self._view), None, False
         self._pending, self._events = [], []
 
-    def _do(self, name: str, numbers: list[float]) -> None:
+    def _do(self, work: Callable[..., None], given: list[Any]) -> None:
         try:
-            self.wishes[name](*numbers)
+            work(*given)
         except MinorloopError as error:
             self._tell("notice", text=str(error))
 
@@ -130,8 +133,12 @@ class Eyes:
     # --- the point that is followed
 
     def _pick(self, u: float, v: float) -> None:
-        """Follow what is at a pixel; what is known there is taken for meant."""
-        assert self.image is not None
+        """Follow what is at a pixel, from the next frame under all lights."""
+        self._picked = (u, v)
+
+    def _begin(self, image: Image) -> None:
+        """Follow what was picked; what is known there is taken for meant."""
+        (u, v), self._picked = self._picked or (0.0, 0.0), None
         eye, angles = self._view.eye(self._where), angles_of(self._where)
         pixel = np.array([u, v])
         for spot in self._finder.shown(self._where):
@@ -139,7 +146,7 @@ class Eyes:
                 pixel = np.array(spot[:2])
                 break
         tracker = replace(self._tracker, eye=eye)
-        track, self._track = tracker.begin(self.image, pixel, *angles)
+        track, self._track = tracker.begin(image, pixel, *angles)
         self._seen, self._score = True, track.score
         self._tell("picked")
 
@@ -265,7 +272,8 @@ class Eyes:
 
     def _lend(self, frame: Any) -> None:
         loan, after = self._loan, self._after
-        assert loan is not None and after is not None
+        assert loan is not None
+        assert after is not None
         loan.give(frame, self._where)
         if loan.done:
             loan.end()

@@ -76,9 +76,9 @@ class Finder:
         for hole, pixel in zip(self.known, pixels, strict=True):
             if not ((pixel > 0) & (pixel < size)).all():  # NaN is behind the camera
                 continue
-            end = eye.pixel(hole.place + (0.0, hole.diameter / 2), *angles)
-            side = eye.pixel(hole.place + (hole.diameter / 2 / eye.radius, 0.0), *angles)
-            across = 2 * max(float(np.hypot(*(tip - pixel))) for tip in (end, side))
+            half = np.diag([hole.diameter / 2 / eye.radius, hole.diameter / 2])
+            rim = eye.pixel(hole.place + half, *angles)  # round the pipe, and along it
+            across = 2 * float(np.hypot(*(rim - pixel).T).max())
             if across > _LEAST_PIXELS:
                 shown.append((float(pixel[0]), float(pixel[1]), across, float(hole.evidence)))
         return sorted(shown, key=lambda spot: -spot[3])[:_MOST_SHOWN]

@@ -309,7 +309,7 @@ class Session:
             self.scan, asked = scanned(self.scan, self.view, self.where(), self.interval)
             self._wishes += asked.wishes
             if self.scan.stage == "done":
-                self.hold("the scan is done; the echoes are being fitted")
+                self.hold("the scan is done; press a mode to go on")
                 self.events.append(messages.encode("scanned", finding=self.scan.number))
                 return None
             return asked.angles, asked.rates

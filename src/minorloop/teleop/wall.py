@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from minorloop.arrays import FloatArray
-
 from minorloop.teleop.plant import View, Where, angles_of
 from minorloop.vision.eye import Image, Image32, Window, unroll
 
