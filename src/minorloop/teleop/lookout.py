@@ -19,7 +19,7 @@ from minorloop.teleop.eyes import Eyes
 from minorloop.teleop.imaging import opencv
 from minorloop.teleop.loop import PICTURED, LoopSettings
 from minorloop.teleop.plant import open_tip
-from minorloop.teleop.sight import Look
+from minorloop.teleop.sight import Look, Wish
 from minorloop.vision.eye import Image
 
 _QUALITY = 78
@@ -103,6 +103,7 @@ def _warm_up(eyes: Eyes) -> None:
     look = Look(number=0, t=0.0, where=(0.0, 0.0, 0.0, 0.0), stance=(0.0,) * 6)
     for _ in range(8):
         eyes.tick(look)
-    for wishes in ([("pick", [320.0, 400.0])], [("find", [])], *([],) * 8):
+    first: list[Wish] = [("pick", [320.0, 400.0]), ("find", [])]
+    for wishes in (first, *([],) * 8):
         eyes.tick(msgspec.structs.replace(look, wishes=wishes))
     eyes.forget()

@@ -64,7 +64,7 @@ class Wall:
         x, y = radius * np.cos(self._phi) - lens[0], radius * np.sin(self._phi) - lens[1]
         outward = np.cos(self._phi) * x + np.sin(self._phi) * y
         square = (x * x + y * y)[None, :] + ((z - lens[2]) ** 2)[:, None]
-        return (outward[None, :] / square**1.5).astype(np.float32)
+        return np.asarray(outward[None, :] / square**1.5, dtype=np.float32)
 
     def window(self, advance: float) -> tuple[Image, float, float]:
         """The map about an advance in mm: an image, and the z in mm of its first and last row."""

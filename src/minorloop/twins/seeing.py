@@ -213,8 +213,8 @@ class Tip:
         }
         self._wet = False
 
-    def stand(self, stance: Stance) -> None:
-        """Say where the rig stands."""
+    def stand(self, stance: tuple[float, ...]) -> None:
+        """Say where the rig stands, by its `Stance`."""
         pan, tilt, pan_rate, tilt_rate, advance, roll = stance
         mount = replace(self._mount, advance=advance, roll=roll)
         self.camera.move(mount)
