@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from contextlib import suppress
 from pathlib import Path
@@ -99,6 +100,8 @@ def run(
         typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
     typer.echo(f"open {scheme}://{_shown(host)}:{listening.getsockname()[1]}/?key={doors.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
+    with suppress(OSError, AttributeError):
+        os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
     with suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])
 

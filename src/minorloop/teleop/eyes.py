@@ -95,15 +95,16 @@ class Eyes:
             self._find()
         if self._loan is None:
             self._meter_focus()
-        lit = self._loan is None or self._loan.all_lit
+        lit, fresh = self._loan is None or self._loan.all_lit, True
         frame = self._tip.frame()
         if self._loan is not None:
             self._lend(frame)
         if lit:
             self.image = frame.image
-            if self._picked is not None:
+            fresh = self._picked is None
+            if not fresh:  # the frame that it was picked in is no news of it
                 self._do(self._begin, [frame.image])
-        target = self._follow(frame.image, lit and self._loan is None)
+        target = self._follow(frame.image, lit and fresh and self._loan is None)
         if self._loan is None and lit:
             self._meter(frame.image)
         self._take_results()

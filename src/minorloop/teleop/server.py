@@ -99,7 +99,7 @@ class _Server:
         self._meshes: dict[int, dict[str, bytes]] = {}
         self._fitting: set[asyncio.Task[None]] = set()
         many = min(self._workers, 1)
-        self._fitters = Workers(many, tasks="minorloop.teleop.depth_work", longest=300.0, nice=1)
+        self._fitters = Workers(many, tasks="minorloop.teleop.depth_work", longest=300.0, nice=7)
         # What the first picture would wait for, and everybody with it.
         lens = Pinhole(32, 24, 26.0, (15.5, 11.5))
         small = View(lens=lens, leds=np.zeros((3, 3)))
