@@ -66,6 +66,7 @@ class Eyes:
         self._after: Callable[[Any, list[tuple[float, float]]], None] | None = None
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._gain, self._by_wall, self._ticks = 1.0, True, 0
+        self._queue: list[Callable[[], None]] = []
         self._sounding: Sounding | None = None
         self._where: Where = (0.0, 0.0, 0.0, 0.0)
         self._events: list[dict[str, Any]] = []
@@ -90,6 +91,8 @@ class Eyes:
         self._tip.stand(look.stance)
         for name, numbers in look.wishes:
             self._do(self.wishes[name], numbers)
+        if self._queue and self._loan is None:  # what came while the camera was lent
+            self._queue.pop(0)()
         idle = self._loan is None and self._sounding is None
         if idle and self._finder.at_rest_somewhere_new(look.where):
             self._find()
@@ -198,7 +201,10 @@ class Eyes:
 
     def _sharpen(self) -> None:
         """Sweep the focus on the point that is followed."""
-        if self._loan is not None or self._track is None:
+        if self._track is None:
+            return
+        if self._loan is not None:
+            self._queue.append(self._sharpen)
             return
         eye, guess = self._view.eye(self._where), self._ahead()
         pixel = eye.pixel(self._track.place, *angles_of(self._where))
@@ -253,7 +259,7 @@ class Eyes:
     def _acquired(self, then: Callable[[Findings], None]) -> None:
         """Borrow the camera for five frames, then look for defects in them."""
         if self._loan is not None:
-            self._tell("notice", text="the camera is busy; try again in a moment")
+            self._queue.append(lambda: self._acquired(then))
             return
         where, gain = self._where, self._gain
         self._finder.looked(where)
