@@ -22,7 +22,7 @@ _FASTEST, _NEAR = (8.0, 40.0), (0.05, 0.3)
 _HOME = (1.0, 3.0)  # near enough for a picture; nearer, the friction of the tube holds it
 _GAIN = 2.0
 _PATIENCE = {"travel": 40.0, "settle": 0.4, "turn": 5.0, "back": 10.0}
-_DWELL, _MOST_DWELL, _AIMED = 0.4, 0.8, 1.0
+_DWELL, _MOST_DWELL, _AIMED = 0.48, 1.2, 0.6
 _SQUARELY = (25.0, 0.0)
 
 
