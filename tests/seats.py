@@ -74,13 +74,15 @@ class Open:
 
 
 class Shut:
-    """Eyes that see what a test says: ``target`` always, ``events`` once."""
+    """Eyes that see what a test says: ``target`` always, ``events`` once; they hear at once."""
 
     def __init__(self):
         self.target, self.events, self.spots, self.looks = None, [], [], []
 
     def look(self, look):
         self.looks.append(look)
+        heard = sum(name == "shoot" for name, _ in look.wishes)
+        self.events += [{"what": "burst", "verdict": ""}] * heard
 
     def seen(self):
         if not self.looks:

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,6 +108,19 @@ def test_a_place_beside_the_probe_is_not_reached_and_the_scan_goes_back():
             break
     assert scan.stage == "done"
     assert max(abs(ask.rates[0]) for ask in asked) <= 8.0
+
+
+def test_the_head_stays_at_a_point_until_its_echoes_are_there():
+    where, targets = (1.0, 2.0, 0.0, 0.0), ((1.0, 2.0), (5.0, 6.0))
+    scan = replace(scan_of(where), stage="points", targets=targets)
+    wishes = []
+    for _ in range(40):  # 1.6 s: the eyes are late
+        scan, ask = scanned(scan, view(), where, 0.04)
+        wishes += ask.wishes
+        assert ask.angles == targets[0]
+    assert wishes == [("shoot", [1.0, 2.0])]
+    scan, _ = scanned(replace(scan, heard=True), view(), where, 0.04)
+    assert (scan.point, scan.fired, scan.progress) == (1, False, 0.5)
 
 
 def sounded(flooded):

@@ -23,6 +23,7 @@ _HOME = (1.0, 3.0)  # near enough for a picture; nearer, the friction of the tub
 _GAIN = 2.0
 _PATIENCE = {"travel": 40.0, "settle": 0.4, "turn": 5.0, "back": 10.0}
 _DWELL, _MOST_DWELL, _AIMED = 0.48, 1.2, 0.6
+_MOST_UNHEARD = 2.0
 _SQUARELY = (25.0, 0.0)
 
 
@@ -47,6 +48,8 @@ class Scan:
         Seconds in this stage, or at this point.
     targets : tuple of (float, float)
         Pan and tilt of the points, in degrees.
+    fired, heard : bool
+        Whether the probe was told to fire at this point, and has.
     """
 
     number: int
@@ -57,6 +60,8 @@ class Scan:
     point: int = 0
     waited: float = 0.0
     targets: tuple[Pair, ...] = ()
+    fired: bool = False
+    heard: bool = False
 
     @property
     def progress(self) -> float:
@@ -100,16 +105,20 @@ def scanned(scan: Scan, view: View, where: Where, interval: float) -> tuple[Scan
 
 
 def _points(scan: Scan, where: Where) -> tuple[Scan, Asked]:
-    """Fire where the head has come to rest, and go on."""
+    """Fire where the head has come to rest, and stay until the echoes are there."""
     target = scan.targets[scan.point]
-    aimed = math.dist(where[:2], target) < _AIMED
-    if scan.waited < (_DWELL if aimed else _MOST_DWELL):
+    if not scan.fired:
+        aimed = math.dist(where[:2], target) < _AIMED
+        if scan.waited < (_DWELL if aimed else _MOST_DWELL):
+            return scan, Asked(target)
+        fire: Wish = ("shoot", list(target))
+        return replace(scan, fired=True, heard=False, waited=0.0), Asked(target, wishes=(fire,))
+    if not scan.heard and scan.waited < _MOST_UNHEARD:
         return scan, Asked(target)
-    fire: Wish = ("shoot", list(target))
-    if scan.point + 1 == len(scan.targets):
-        done = replace(_next(scan, "back", True), point=len(scan.targets))
-        return done, Asked(target, wishes=(fire, ("heard", [])))
-    return replace(scan, point=scan.point + 1, waited=0.0), Asked(target, wishes=(fire,))
+    scan = replace(scan, point=scan.point + 1, fired=False, waited=0.0)
+    if scan.point == len(scan.targets):
+        return _next(scan, "back", True), Asked(target, wishes=(("heard", []),))
+    return scan, Asked(target)
 
 
 def _begin(scan: Scan) -> Wish:

@@ -229,6 +229,8 @@ class Session:
                 self.events.append(messages.encode("focused", **event))
             elif kind == "extracted":
                 self._extracted(event)
+            elif kind == "burst" and self.scan is not None:
+                self.scan = replace(self.scan, heard=True)
             elif kind == "found":
                 self.events.append(messages.encode("found", **event))
         self._watch_centre()
