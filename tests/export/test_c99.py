@@ -302,8 +302,7 @@ BENT = [
 ]
 
 
-@pytest.mark.parametrize("cc", ["gcc", "clang"])
-@pytest.mark.parametrize("float32", [False, True], ids=["double", "float"])
+@pytest.mark.parametrize(("cc", "float32"), [("gcc", True), ("clang", False)])
 def test_bent_plays_pass_their_own_test(float32, cc, tmp_path):
     code = source(BENT[0], float32=float32)
     compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
@@ -325,15 +324,13 @@ def relays(count, relay="bipolar"):
     return RelayModel(levels, np.tril(rng.normal(size=(count, count))), 0.3, relay)
 
 
-@pytest.mark.parametrize("cc", ["gcc", "clang"])
-@pytest.mark.parametrize("float32", [False, True], ids=["double", "float"])
+@pytest.mark.parametrize(("cc", "float32"), [("gcc", True), ("clang", False)])
 def test_relays_pass_their_own_test(float32, cc, tmp_path):
     code = source(relays(9), float32=float32, inverse=False)
     compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
 
 
-@pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
-@pytest.mark.parametrize("count", [2, 7, 30])
+@pytest.mark.parametrize(("count", "relay"), [(2, "unipolar"), (30, "bipolar")])
 def test_relays_give_what_python_gives(count, relay, tmp_path):
     model = relays(count, relay)
     code = compiled.Compiled(source(model, inverse=False), tmp_path, UNBOUNDED)

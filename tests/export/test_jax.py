@@ -50,10 +50,11 @@ def models():
 
 
 MODELS = list(models())
+CASES = [(model, STARTS[k % 3]) for k, model in enumerate(MODELS)]
+CASES += [(MODELS[0], "positive"), (MODELS[0], "demagnetised"), (MODELS[-1], "negative")]
 
 
-@pytest.mark.parametrize("start", STARTS)
-@pytest.mark.parametrize("model", MODELS, ids=repr)
+@pytest.mark.parametrize(("model", "start"), CASES)
 def test_it_gives_what_the_model_gives(model, start):
     function, parameters = as_function(model, start)
     u = inputs(model, 1)
@@ -77,8 +78,7 @@ def test_the_gradient_in_the_weights_is_the_design_matrix(start, relay, diagonal
     assert not np.triu(found["weights"], 1).any()
 
 
-@pytest.mark.parametrize("start", STARTS)
-@pytest.mark.parametrize("model", MODELS, ids=repr)
+@pytest.mark.parametrize(("model", "start"), CASES)
 def test_gradients_in_the_input_are_finite_differences(model, start):
     step, size = 1e-7, 40
     for seed in range(3):

@@ -1,6 +1,5 @@
 import contextlib
 import dataclasses
-import hashlib
 import json
 import os
 import signal
@@ -165,13 +164,13 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
         def scheduler_info(self, n_workers):
             return {"workers": {"one": None}}
 
-        def submit(self, function, batch, options, pure):
+        def submit(self, function, batch, options, place, pure):
             def work():
                 if any(one.name == "s3" for _, one in batch):
                     raise distributed.scheduler.KilledWorker(
                         "task", mock.Mock(address="tcp://one"), 3
                     )
-                return function(batch, options)
+                return function(batch, options, place)
 
             Client.count += 1
             return Future(str(Client.count), work)
@@ -267,10 +266,8 @@ def outcomes_of(seen):
     def outcomes(pending, place, workers, address, options):
         for one in pending:
             seen.append(one.name)
-            data = one.read()
-            found = identification.identify_one(data, one, options, place / "scratch.csv")
-            digest = hashlib.sha256(data).hexdigest()
-            yield identification._settle(place, (one, digest), found)
+            found = identification.identify_one(None, one, options, place / "scratch.csv")
+            yield identification._settle(place, one, found)
 
     return outcomes
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote
 
 import numpy as np
@@ -90,17 +90,28 @@ class Specimen:
         digest = hashlib.sha256(self.name.encode()).hexdigest()
         return f"{name[: _LONGEST_KEY // 2]}_{digest}"
 
+    def open(self) -> BinaryIO:
+        """Its file, to be read.
+
+        Raises
+        ------
+        OSError, ValueError
+            If it cannot be opened, or is no regular file: a pipe may never end.
+        """
+        if self.file.exists() and not self.file.is_file():
+            raise OSError(errno.EINVAL, "it is no regular file")
+        return self.file.open("rb")
+
     def read(self) -> bytes:
         """What its file holds.
 
         Raises
         ------
         OSError, ValueError
-            If it cannot be read, or is no regular file: a pipe may never end.
+            If it cannot be read.
         """
-        if self.file.exists() and not self.file.is_file():
-            raise OSError(errno.EINVAL, "it is no regular file")
-        return self.file.read_bytes()
+        with self.open() as file:
+            return file.read()
 
 
 def read_manifest(
@@ -253,16 +264,29 @@ def identify_fleet(
 
 
 def identify_batch(
-    batch: Sequence[tuple[bytes, Specimen]], options: Mapping[str, Any]
-) -> list[dict[str, Any]]:
-    """Identify some specimens from the bytes of their records; runs on a worker."""
+    batch: Sequence[tuple[bytes | None, Specimen]],
+    options: Mapping[str, Any],
+    place: Path | None = None,
+) -> list[dict[str, Any]] | list[Outcome]:
+    """Identify some specimens; runs on a worker.
+
+    Parameters
+    ----------
+    batch : sequence of (bytes or None, Specimen)
+        Records as they are in their files, or None where the worker is to read them.
+    options : mapping
+        Of `minorloop.identify`.
+    place : Path, optional
+        Folder in which the worker writes down what it finds. Without it that comes back.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "record.csv"
-        return [identify_one(data, one, options, path) for data, one in batch]
+        found = [identify_one(data, one, options, path) for data, one in batch]
+    return found if place is None else _settle_all(place, [one for _, one in batch], found)
 
 
 def identify_one(
-    data: bytes, specimen: Specimen, options: Mapping[str, Any], scratch: Path
+    data: bytes | None, specimen: Specimen, options: Mapping[str, Any], scratch: Path
 ) -> dict[str, Any]:
     """Identify one specimen from the bytes of its record.
 
@@ -272,6 +296,11 @@ def identify_one(
     from minorloop.identification import identify
 
     began = time.perf_counter()
+    try:
+        data = specimen.read() if data is None else data
+    except (OSError, ValueError) as error:
+        return {"error": _one_line(_unreadable(specimen, error))}
+    digest = hashlib.sha256(data).hexdigest()
     try:
         record = _record(data, specimen, scratch)
         result = identify(record.u, record.y, **options)
@@ -285,10 +314,11 @@ def identify_one(
             "opening": opening(model),
             "samples": int(result.samples),
             "seconds": time.perf_counter() - began,
+            "sha256": digest,
         }
     except Exception as error:
         kind = "" if isinstance(error, MinorloopError) else f"{type(error).__name__}: "
-        return {"error": _one_line(f"{kind}{error}")}
+        return {"error": _one_line(f"{kind}{error}"), "sha256": digest}
 
 
 def opening(model: Preisach) -> float:
@@ -318,14 +348,14 @@ def _outcomes(
     readable = []
     for one in pending:
         try:
-            one.read()
+            with one.open():
+                readable.append(one)
         except (OSError, ValueError) as error:
             yield _fail(place, one, _unreadable(one, error))
-        else:
-            readable.append(one)
     if readable:
         with _cluster(workers, address) as (client, as_completed):
-            yield from _Flow(client, as_completed, place, options).run(readable)
+            flow = _Flow(client, as_completed, place, options, shared=address is None)
+            yield from flow.run(readable)
 
 
 class _Flow:
@@ -333,70 +363,70 @@ class _Flow:
 
     They go in batches of about a third of a second of work, so that sending them costs little;
     a batch that no worker survives is taken apart, so that one specimen fails and not its
-    neighbours.
+    neighbours. Workers on this machine share its files: they read records and write results down
+    themselves, so that this process has next to nothing to do and is no brake on them.
     """
 
     def __init__(
-        self, client: Any, as_completed: Any, place: Path, options: Mapping[str, Any]
+        self,
+        client: Any,
+        as_completed: Any,
+        place: Path,
+        options: Mapping[str, Any],
+        *,
+        shared: bool,
     ) -> None:
         self._client, self._place, self._options = client, place, dict(options)
-        self._flow = as_completed(loop=client.loop)
-        self._sent: dict[str, list[tuple[Specimen, str]]] = {}
-        self._size = 1
+        self._flow, self._shared = as_completed(loop=client.loop), shared
+        self._sent: dict[str, list[Specimen]] = {}
+        self._size, self._workers, self._left = 1, 1, 0
 
     def run(self, specimens: Sequence[Specimen]) -> Iterator[Outcome]:
-        waiting = iter(specimens)
-        ahead = _AHEAD * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
-        yield from self._fill(waiting, ahead)
+        waiting, self._left = iter(specimens), len(specimens)
+        self._workers = max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        yield from self._fill(waiting)
         for future in self._flow:
             batch = self._sent.pop(future.key)
             yield from self._settle(future, batch)
             future.release()
-            yield from self._fill(waiting, ahead)
+            yield from self._fill(waiting)
 
-    def _fill(self, waiting: Iterator[Specimen], ahead: int) -> Iterator[Outcome]:
+    def _fill(self, waiting: Iterator[Specimen]) -> Iterator[Outcome]:
         """Send until enough is on its way; gives what cannot be sent."""
-        while len(self._sent) < ahead:
-            batch, digests, some = [], [], False
-            for one in islice(waiting, self._size):
-                some = True
-                try:
-                    data = one.read()
-                except (OSError, ValueError) as error:
-                    yield _fail(self._place, one, _unreadable(one, error))
-                    continue
-                batch.append((data, one))
-                digests.append((one, hashlib.sha256(data).hexdigest()))
-            if not some:
-                return
-            if batch:
-                self._send(batch, digests)
+        while self._left and len(self._sent) < _AHEAD * self._workers:
+            # Small batches at the end, so that the workers end together.
+            size = min(self._size, max(1, self._left // (2 * self._workers)))
+            some = list(islice(waiting, size))
+            self._left -= len(some)
+            yield from self._send(some)
 
-    def _send(
-        self, batch: list[tuple[bytes, Specimen]], digests: list[tuple[Specimen, str]]
-    ) -> None:
-        future = self._client.submit(identify_batch, batch, self._options, pure=False)
-        self._sent[future.key] = digests
-        self._flow.add(future)
+    def _send(self, some: Sequence[Specimen]) -> Iterator[Outcome]:
+        """Send a batch; gives the outcomes of those that cannot be read here."""
+        batch: list[tuple[bytes | None, Specimen]] = []
+        for one in some:
+            try:
+                batch.append((None if self._shared else one.read(), one))
+            except (OSError, ValueError) as error:
+                yield _fail(self._place, one, _unreadable(one, error))
+        if batch:
+            place = self._place.absolute() if self._shared else None
+            future = self._client.submit(identify_batch, batch, self._options, place, pure=False)
+            self._sent[future.key] = [one for _, one in batch]
+            self._flow.add(future)
 
-    def _settle(self, future: Any, batch: list[tuple[Specimen, str]]) -> Iterator[Outcome]:
+    def _settle(self, future: Any, batch: list[Specimen]) -> Iterator[Outcome]:
         try:
             found = future.result()
         except Exception as error:  # the worker died, again and again, or could not take the task
             if len(batch) == 1:
-                reason = f"no worker lived to the end: {error}"
-                yield _fail(self._place, batch[0][0], reason, batch[0][1])
+                yield _fail(self._place, batch[0], f"no worker lived to the end: {error}")
                 return
-            for one, digest in batch:
-                try:
-                    self._send([(one.read(), one)], [(one, digest)])
-                except OSError as gone:
-                    yield _fail(self._place, one, _unreadable(one, gone))
+            for one in batch:
+                yield from self._send([one])
             return
-        # Each file is waited for until it is on the disk; together they wait no longer than one.
-        with ThreadPoolExecutor(_MOST_EACH) as pool:
-            yield from pool.map(partial(_settle, self._place), batch, found)
-        slowest = max(result.get("seconds", 0.0) for result in found)
+        outcomes = found if self._shared else _settle_all(self._place, batch, found)
+        yield from outcomes
+        slowest = max((one.seconds or 0.0 for one in outcomes), default=0.0)
         self._size = min(_MOST_EACH, max(1, round(_STINT / max(slowest, 1e-3))))
 
 
@@ -433,9 +463,17 @@ def _cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, An
         yield client, as_completed
 
 
-def _settle(place: Path, sent: tuple[Specimen, str], found: Mapping[str, Any]) -> Outcome:
+def _settle_all(
+    place: Path, batch: Sequence[Specimen], found: Sequence[Mapping[str, Any]]
+) -> list[Outcome]:
+    """Write down a batch. Each file is waited for until it is on the disk, all at once."""
+    with ThreadPoolExecutor(_MOST_EACH) as pool:
+        return list(pool.map(partial(_settle, place), batch, found))
+
+
+def _settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
     """Write down what a worker found."""
-    one, digest = sent
+    digest = found.get("sha256")
     if "error" in found:
         return _fail(place, one, found["error"], digest)
     model = found["model"]

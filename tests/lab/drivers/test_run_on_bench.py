@@ -9,6 +9,7 @@ from minorloop.cli import main
 from minorloop.errors import InstrumentError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.drivers.link import VisaLink
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import run
 from minorloop.lab.store import Setup, Store
@@ -65,7 +66,9 @@ def test_points_measured_are_kept_the_input_is_safe_and_the_run_goes_on(tmp_path
     assert plant.value == 0.0
 
 
-def test_the_command_line_runs_on_a_simulated_bench(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def simulated(tmp_path, monkeypatch):
+    """A folder with a simulated bench and a plan of two levels; the line that runs it."""
     pytest.importorskip("pyvisa_sim", reason="needs pyvisa and pyvisa-sim: minorloop[instruments]")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bench.yaml").write_bytes((Path(__file__).parent / "bench.yaml").read_bytes())
@@ -81,9 +84,74 @@ def test_the_command_line_runs_on_a_simulated_bench(tmp_path, monkeypatch, capsy
         "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2},
         "output": {"name": "tip", "unit": "mm"},
         "tick": 0.001,
+        "timeout": 0.1,
     }
     (tmp_path / "bench.json").write_text(json.dumps(bench))
     Plan([0.5, -0.5], 0.02, input="voltage [V]").to_csv("plan.csv")
-    line = ["run", "--actuator", "visa:bench.json", "--plan", "plan.csv", "--store", "s.sqlite"]
-    assert main([*line, "--json"]) == 0
+    return ["run", "--actuator", "visa:bench.json", "--plan", "plan.csv", "--store", "s.sqlite"]
+
+
+def test_the_command_line_runs_on_a_simulated_bench(simulated, capsys):
+    assert main([*simulated, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["points"] == 2
+
+
+def garbage(link, text):
+    return "?\x07?"
+
+
+def overloaded(link, text):
+    return "9.9E37"
+
+
+def silent(link, text):
+    return link.read()  # nothing was asked, so nothing comes
+
+
+def late(link, text):
+    try:
+        return link.read()
+    finally:
+        link._resource.write(text)
+
+
+@pytest.mark.parametrize(
+    ("trouble", "message"),
+    [
+        (garbage, "which is no number"),
+        (overloaded, "overloaded, or not connected"),
+        (silent, "gave no answer within 0.1 s"),
+        (late, "gave no answer within 0.1 s"),
+    ],
+)
+def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
+    trouble, message, simulated, monkeypatch, capsys
+):
+    told, ask, tell = [], VisaLink.ask, VisaLink.tell
+
+    def listening(link, text):
+        told.append(text)
+        tell(link, text)
+
+    def troubled(link, text):
+        set_to = [line for line in told if line.startswith("VOLT ")][-1]
+        if text == "READ?" and set_to.startswith("VOLT -0.5"):
+            return trouble(link, text)
+        return ask(link, text)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VisaLink, "tell", listening)
+        patch.setattr(VisaLink, "ask", troubled)
+        assert main(simulated) == 2
+    *progress, last = capsys.readouterr().err.splitlines()
+    assert last.startswith("error: ")
+    assert message in last
+    assert not any("Traceback" in line for line in progress)
+    assert told[-2:] == ["VOLT 0.000000000", "OUTP OFF"]
+    with Store.open("s.sqlite") as store:
+        kept = [(point.input, point.value) for point in store.points()]
+    assert [point[0] for point in kept] == [0.5]
+    assert main(["resume", "--store", "s.sqlite", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["points"] == 2
+    with Store.open("s.sqlite") as store:
+        assert [(point.input, point.value) for point in store.points()][:1] == kept

@@ -81,6 +81,15 @@ def test_silence_is_an_error_and_what_comes_late_is_forgotten():
     link.close()
 
 
+def test_an_answer_that_comes_after_it_was_given_up_is_not_taken_for_the_next():
+    link = VisaLink("ASRL2::INSTR", library=LIBRARY, timeout=0.1)
+    with pytest.raises(InstrumentError, match="no answer"):
+        link.read()
+    link._resource.write("READ?")  # what it answers is on the line now
+    assert link.ask("*IDN?") == "meter"
+    link.close()
+
+
 def test_an_instrument_that_is_not_there(opened):
     with pytest.raises(InstrumentError, match="ASRL9::INSTR"):
         opened(meter={"resource": "ASRL9::INSTR"})

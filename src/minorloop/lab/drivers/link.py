@@ -75,7 +75,7 @@ class VisaLink:
         if not 0 < timeout <= 3600:
             raise ParameterError(f"timeout is {timeout!r} s; give a time up to an hour")
         self.name = resource
-        self._timeout, self._baud = timeout, baud
+        self._timeout, self._baud, self._late = timeout, baud, False
         try:
             self._manager = pyvisa.ResourceManager(library)
         except Exception as error:  # each backend has errors of its own
@@ -96,8 +96,7 @@ class VisaLink:
     def ask(self, text: str) -> str:
         """Send one line and give the line that comes back; what came before it is forgotten."""
         try:
-            if self._resource is not None and self._streams:
-                self._drain(_AT_ONCE)
+            self._forget_late()
             self.tell(text)
             return self.read()
         except InstrumentError as error:
@@ -111,6 +110,7 @@ class VisaLink:
             line = self._line()
         except Exception as error:
             # What comes late must not be taken for the answer to the next question.
+            self._late = True
             self._forget()
             raise InstrumentError(
                 f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}"
@@ -170,6 +170,14 @@ class VisaLink:
         with suppress(Exception):
             self.flush()
 
+    def _forget_late(self) -> None:
+        """Forget what came since the last answer, or since one was given up."""
+        if self._resource is not None and self._streams:
+            self._drain(_AT_ONCE)
+        elif self._late:
+            self.flush()
+        self._late = False
+
     def _line(self) -> bytes:
         """Bytes to the end of a line, which has to come by one deadline.
 
@@ -180,12 +188,21 @@ class VisaLink:
         while not found.endswith(b"\n"):
             if len(found) > LONGEST or time.monotonic() > deadline:
                 raise InstrumentError(f"{found[:40]!r} and so on, without the end of a line")
-            found += self._resource.read_bytes(
-                1 if self._streams else LONGEST + 1, break_on_termchar=True
-            )
+            found += self._some(1 if self._streams else LONGEST + 1)
             if not self._streams and len(found) <= LONGEST:
                 break  # a message has an end of its own
         return found
+
+    def _some(self, most: int) -> bytes:
+        """What one read of the library gives: not nothing, whatever it says of the reason."""
+        from pyvisa.constants import StatusCode
+
+        status = StatusCode.success_max_count_read, StatusCode.success_device_not_present
+        with self._resource.ignore_warning(*status):
+            found, _ = self._resource.visalib.read(self._resource.session, most)
+        if not found:
+            raise InstrumentError("nothing came")
+        return bytes(found)
 
     def _drain(self, quiet: int) -> None:
         """Read a stream until nothing comes for so many milliseconds."""
@@ -193,7 +210,7 @@ class VisaLink:
         self._resource.timeout = quiet
         try:
             while time.monotonic() < deadline:
-                self._resource.read_bytes(1)
+                self._some(1)
         except Exception:  # how each backend says that nothing comes
             return
         finally:
