@@ -124,6 +124,7 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
         "state_bytes": code.state_bytes,
         "memory": code.memory,
         "drop_error": code.drop_error,
+        "input_error": code.input_error,
     }
     if as_json:
         _common.print_json(figures)
@@ -134,6 +135,7 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
         ("one state", f"{code.state_bytes} bytes"),
         ("extrema remembered", f"{code.memory}"),
         ("dropping one pair costs at most", f"{code.drop_error:.3g} {known.output.unit}".rstrip()),
+        ("rounding an input costs at most", f"{code.input_error:.2g} of the range"),
     ]
     _common.print_table(("", ""), rows, f"{known.output} against {known.input}, written to {out}")
     if known.lag:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,10 @@ LEAST_MEMORY = 6
 MOST_MEMORY = 10_000
 _VECTORS = 200
 _RESERVED = 40
+_COARSEST = 0.01
+"""Share of the range that the last digit of an input may be worth."""
+_DIGITS = 8
+"""Last digits by which thresholds, inputs and what is made of them may be off together."""
 _OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel)
 
 
@@ -50,6 +54,9 @@ class CSource:
         Extrema that a state remembers.
     drop_error : float
         Most that dropping one pair of extrema can change the output by, in its unit.
+    input_error : float
+        Most that rounding the input to the type of the C changes the output by, on the inputs of
+        the self-test, as a share of its range.
     """
 
     files: dict[str, str]
@@ -57,6 +64,7 @@ class CSource:
     state_bytes: int
     memory: int
     drop_error: float
+    input_error: float
 
     def write(self, folder: PathLike) -> Path:
         """Write the files into a folder, which is made or has to be empty.
@@ -146,8 +154,9 @@ def source(
     NotInvertibleError
         If an inverse is asked for and the model has none.
     ParameterError
-        If C of this kind cannot hold the model, it needs more bytes than allowed, or an
-        option is out of its range.
+        If C of this kind cannot hold the model, the last digit of an input is worth more than
+        1 % of the output's range, it needs more bytes than allowed, or an option is out of its
+        range.
     """
     _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))
@@ -171,10 +180,12 @@ def source(
         state_bytes += numbers.size * (states + (context["linear"]["lag"] > 0))
     _check_bytes(table_bytes, state_bytes, largest)
     drop_error = context["swing"] / (memory - 3)
+    u, y, digit = _examples(operator, numbers, memory, linear, first)
     context |= {
         "single": f"{drop_error:.3g}",
         "sqrt": "sqrtf" if float32 else "sqrt",
         "memory": memory,
+        "input_error": f"{digit:.2g}",
         "linear": context.get("linear"),
         "about": _about(operator, linear, first),
         **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
@@ -182,13 +193,13 @@ def source(
     files = {
         f"{name}.h": _render("model.h", context),
         f"{name}.c": _render("model.c", context),
-        f"{name}_selftest.c": _selftest(operator, context, numbers, memory, linear, first),
+        f"{name}_selftest.c": _selftest(operator, context, numbers, linear, u, y, digit),
     }
     if firmware:
         low, high = map(float, operator.levels[[0, -1]])
         safe = numbers.one(min(max(0.0, low), high))
         files[f"{name}_firmware.c"] = _render("firmware.c", {**context, "safe": safe})
-    return CSource(files, table_bytes, state_bytes, memory, drop_error)
+    return CSource(files, table_bytes, state_bytes, memory, drop_error, digit)
 
 
 def _other_source(
@@ -204,6 +215,8 @@ def _other_source(
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
     context = parts.context | _common(parts.title, numbers, inverse, words)
     u = numbers.array(parts.inputs).astype(np.float64)
+    if isinstance(model, RelayModel):  # whose outputs jump where the C has its thresholds
+        model = replace(model, levels=numbers.array(model.levels).astype(np.float64))
     y = model.simulate(u, parts.start)
     name = words["name"]
     files = {
@@ -211,7 +224,7 @@ def _other_source(
         f"{name}.c": _render(f"{parts.template}.c", context),
         f"{name}_selftest.c": _vectors(context, numbers, u, y, float(np.ptp(y)), inverse),
     }
-    return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0)
+    return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0, 0.0)
 
 
 def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]) -> dict[str, Any]:
@@ -310,20 +323,51 @@ def _about(model: Preisach, linear: Linear | None, first: First) -> str:
     return f"{parts}; a linear part of order {linear.order} {order} it."
 
 
+def _examples(
+    model: Preisach, numbers: Numbers, memory: int, linear: Linear | None, first: First
+) -> tuple[FloatArray, FloatArray, float]:
+    """Inputs as the C can have them, their outputs, and what the last digits of inputs are worth.
+
+    Raises
+    ------
+    ParameterError
+        If that is more than a share of the range that no one would accept.
+    """
+    typed = numbers.array(_inputs(model, memory))
+    ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
+    neighbours = np.nextafter(typed, ways.astype(typed.dtype)).astype(np.float64)
+    u = typed.astype(np.float64)
+    y, beside = (
+        model.simulate(x) if linear is None else _stepped(Cascade(model, linear, first), x)
+        for x in (u, neighbours)
+    )
+    digit = float(np.abs(beside - y).max()) / _width(model, linear)
+    if digit > _COARSEST:
+        raise ParameterError(
+            f"the last digit of a {numbers.type} near {np.abs(u).max():g} changes the output by "
+            f"{100 * digit:.2g} % of its range; "
+            + ("export doubles, or " if numbers.single else "")
+            + "identify against the input less its offset"
+        )
+    return u, y, digit
+
+
+def _width(model: Preisach, linear: Linear | None) -> float:
+    low, high = model.range
+    return (high - low) * (1.0 if linear is None else abs(linear.dc_gain)) or 1.0
+
+
 def _selftest(
     model: Preisach,
     context: dict[str, Any],
     numbers: Numbers,
-    memory: int,
     linear: Linear | None,
-    first: First,
+    u: FloatArray,
+    y: FloatArray,
+    digit: float,
 ) -> str:
-    u = numbers.array(_inputs(model, memory)).astype(np.float64)
-    y = model.simulate(u) if linear is None else _stepped(Cascade(model, linear, first), u)
-    low, high = model.range
-    width = (high - low) * (1.0 if linear is None else abs(linear.dc_gain))
-    both_ways = context["inverse"] and linear is None and high > low
-    return _vectors(context, numbers, u, y, width, both_ways)
+    both_ways = context["inverse"] and linear is None and model.range[0] < model.range[1]
+    return _vectors(context, numbers, u, y, _width(model, linear), both_ways, digit)
 
 
 def _vectors(
@@ -333,8 +377,9 @@ def _vectors(
     y: FloatArray,
     width: float,
     both_ways: bool,
+    digit: float = 0.0,
 ) -> str:
-    """The self-test: what Python gave for these inputs."""
+    """The self-test: what Python gave for these inputs, whose last digits are worth so much."""
     width = width or 1.0
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
     scale = 1 + float(np.abs(y).max()) / width
@@ -351,7 +396,7 @@ def _vectors(
             "count": u.size,
             "both_ways": both_ways,
             "width": repr(width),
-            "tolerance": f"{max(1e-12, 300 * rounding) * scale:.3g}",
+            "tolerance": f"{max(1e-12, 300 * rounding) * scale + _DIGITS * digit:.3g}",
         },
     )
 
