@@ -37,8 +37,11 @@ def run(
         bool, typer.Option("--float32", help="C: compute in single precision.")
     ] = False,
     memory: Annotated[
-        int, _common.whole_option("Extrema of the input that are remembered, at least 6.")
-    ] = 32,
+        int | None,
+        _common.whole_option(
+            "Extrema of the input that are remembered, at least 6; 32 if not given."
+        ),
+    ] = None,
     largest: Annotated[
         int | None, _common.whole_option("C: most bytes for the tables and one state.")
     ] = None,
@@ -53,8 +56,9 @@ def run(
         ),
     ] = None,
     first: Annotated[
-        str, typer.Option(help="Which the input meets first: operator or linear.")
-    ] = "operator",
+        str | None,
+        typer.Option(help="Which the input meets first, with --linear: operator or linear."),
+    ] = None,
     firmware: Annotated[
         bool, typer.Option("--firmware", help="C: a sketch of firmware too.")
     ] = False,
@@ -67,17 +71,31 @@ def run(
     """Write a model as C99, without allocation or libraries, or as a co-simulation unit."""
     if target not in _TARGETS:
         raise ParameterError(f"there is no export {target!r}; give one of {', '.join(_TARGETS)}")
+    only_c = {"--float32": float32, "--largest": largest, "--firmware": firmware}
+    only_c |= {"--no-inverse": no_inverse}
+    for option, given in (only_c if target == "fmu" else {"--interval": interval}).items():
+        if given not in (None, False):
+            raise ParameterError(f"{option} does nothing for {target}; leave it out")
+    if first is not None and linear is None:
+        raise ParameterError("--first does nothing without --linear; leave it out")
     from minorloop import modelfile
+    from minorloop.operators.preisach import Preisach
 
     known = modelfile.read(model)
+    if memory is not None and not isinstance(known.model, Preisach):
+        raise ParameterError(
+            f"--memory does nothing for a {type(known.model).__name__}, whose memory is of one "
+            "size; leave it out"
+        )
     options: dict[str, Any] = {
         "name": name,
-        "memory": memory,
-        "first": first,
+        "first": first or "operator",
         "linear": None if linear is None else _linear(linear),
         "input": str(known.input),
         "output": str(known.output),
     }
+    if memory is not None:
+        options["memory"] = memory
     if target == "fmu":
         _write_unit(known, model, out, options, interval, force, as_json)
         return
@@ -88,6 +106,7 @@ def run(
             known.model,
             out,
             **options,
+            force=force,
             float32=float32,
             inverse=not no_inverse,
             largest=largest,
@@ -162,4 +181,7 @@ def _linear(path: Path) -> Linear:
         raise ModelFileError(
             f"{path} has the key {strange[0]!r}; allowed are {', '.join(sorted(_LINEAR_KEYS))}"
         )
+    for key in ("interval", "delay"):
+        if isinstance(content.get(key), bool):
+            raise ModelFileError(f"{path} has the {key} {content[key]}; give a number of seconds")
     return Linear(**content)

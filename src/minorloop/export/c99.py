@@ -21,6 +21,7 @@ from minorloop.export._relays import relay_parts
 from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.files import PathLike, make_folder, write_atomically
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.memory import ROOM
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
@@ -31,6 +32,7 @@ LEAST_MEMORY = 6
 MOST_MEMORY = 10_000
 _VECTORS = 200
 _RESERVED = 40
+_MOST_LAG = 100_000
 _COARSEST = 0.01
 """Share of the range that the last digit of an input may be worth."""
 _DIGITS = 8
@@ -66,21 +68,28 @@ class CSource:
     drop_error: float
     input_error: float
 
-    def write(self, folder: PathLike) -> Path:
+    def write(self, folder: PathLike, *, force: bool = False) -> Path:
         """Write the files into a folder, which is made or has to be empty.
+
+        Parameters
+        ----------
+        folder : str or path
+            Where they go.
+        force : bool
+            Whether the folder may hold files, of which those of the same names are replaced.
 
         Raises
         ------
         OutputError
             If the folder is not empty or cannot be written to.
         """
-        place = make_folder(folder)
+        place = make_folder(folder, force=force)
         for name, text in self.files.items():
             write_atomically(place / name, text)
         return place
 
 
-def export_c(model: Any, folder: PathLike, **options: Any) -> CSource:
+def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:
     """Write a model as C into a folder.
 
     Parameters
@@ -89,6 +98,8 @@ def export_c(model: Any, folder: PathLike, **options: Any) -> CSource:
         The model.
     folder : str or path
         Where the files go; it is made, or has to be empty.
+    force : bool
+        Whether it may hold files, of which those of the same names are replaced.
     **options
         Of `source`.
 
@@ -104,7 +115,7 @@ def export_c(model: Any, folder: PathLike, **options: Any) -> CSource:
         As for `source`.
     """
     code = source(model, **options)
-    code.write(folder)
+    code.write(folder, force=force)
     return code
 
 
@@ -112,7 +123,7 @@ def source(
     model: Any,
     *,
     name: str = "minorloop",
-    memory: int = 32,
+    memory: int = ROOM,
     float32: bool = False,
     inverse: bool = True,
     linear: Linear | None = None,
@@ -291,6 +302,11 @@ def _linear_context(
         raise ParameterError(
             "the linear part is continuous; give linear.discretise(interval) with the interval at "
             "which the C will step"
+        )
+    if linear._lag > _MOST_LAG:
+        raise ParameterError(
+            f"the linear part has a delay of {linear.delay:g} s, and the C would have to "
+            f"remember {linear._lag} intervals; give at most {_MOST_LAG}"
         )
     if not np.isfinite(linear.dc_gain) or linear.dc_gain == 0:
         raise ParameterError(

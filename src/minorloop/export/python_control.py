@@ -148,7 +148,7 @@ def as_memory(state: npt.ArrayLike) -> Memory:
     changes = np.flatnonzero(np.diff(values))
     extrema = values[: changes[-1] + 2] if changes.size else values[:1]
     try:
-        return Memory(extrema)
+        return Memory(extrema.tolist())
     except ParameterError as error:
         raise ParameterError(
             "a state is no memory; begin from as_state(model) with the room of the system, which "
