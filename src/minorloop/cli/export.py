@@ -154,8 +154,9 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
         ("one state", f"{code.state_bytes} bytes"),
         ("extrema remembered", f"{code.memory}"),
         ("dropping one pair costs at most", f"{code.drop_error:.3g} {known.output.unit}".rstrip()),
-        ("rounding an input costs at most", f"{code.input_error:.2g} of the range"),
     ]
+    if code.input_error:
+        rows.append(("rounding an input costs at most", f"{code.input_error:.2g} of the range"))
     _common.print_table(("", ""), rows, f"{known.output} against {known.input}, written to {out}")
     if known.lag:
         typer.echo(f"the output follows the model by {known.lag} samples, which is not in the C")

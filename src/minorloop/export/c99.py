@@ -58,7 +58,7 @@ class CSource:
         Most that dropping one pair of extrema can change the output by, in its unit.
     input_error : float
         Most that rounding the input to the type of the C changes the output by, on the inputs of
-        the self-test, as a share of its range.
+        the self-test, as a share of its range; 0 for relays and plays, for which it is not weighed.
     """
 
     files: dict[str, str]
