@@ -40,14 +40,14 @@ def number(text: str) -> float:
         raise typer.BadParameter(f"{text!r} is not a number") from None
 
 
-def whole_option(help: str) -> Any:
-    """An option that takes a whole number."""
-    return typer.Option(parser=whole, metavar="N", help=help)
+def whole_option(help: str, *, panel: str | None = None) -> Any:
+    """An option that takes a whole number; its help stands in a panel of that title."""
+    return typer.Option(parser=whole, metavar="N", help=help, rich_help_panel=panel)
 
 
-def number_option(help: str) -> Any:
-    """An option that takes a number."""
-    return typer.Option(parser=number, metavar="X", help=help)
+def number_option(help: str, *, panel: str | None = None) -> Any:
+    """An option that takes a number; its help stands in a panel of that title."""
+    return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
 
 
 DataFile = Annotated[

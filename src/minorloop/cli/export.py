@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 NAME = "export"
 EXAMPLE = "minorloop export c model.json --out firmware --float32 --memory 32"
 _TARGETS = ("c", "fmu")
+_FOR_C, _FOR_FMU = "Options of export c", "Options of export fmu"
 _LINEAR_KEYS = {"numerator", "denominator", "interval", "delay"}
 
 
@@ -34,7 +35,7 @@ def run(
         str, typer.Option(help="Of the files, and what every name in the C begins with.")
     ] = "minorloop",
     float32: Annotated[
-        bool, typer.Option("--float32", help="C: compute in single precision.")
+        bool, typer.Option("--float32", help="Compute in single precision.", rich_help_panel=_FOR_C)
     ] = False,
     memory: Annotated[
         int | None,
@@ -43,10 +44,10 @@ def run(
         ),
     ] = None,
     largest: Annotated[
-        int | None, _common.whole_option("C: most bytes for the tables and one state.")
+        int | None, _common.whole_option("Most bytes for the tables and one state.", panel=_FOR_C)
     ] = None,
     no_inverse: Annotated[
-        bool, typer.Option("--no-inverse", help="C: leave the inverse out.")
+        bool, typer.Option("--no-inverse", help="Leave the inverse out.", rich_help_panel=_FOR_C)
     ] = False,
     linear: Annotated[
         Path | None,
@@ -60,10 +61,11 @@ def run(
         typer.Option(help="Which the input meets first, with --linear: operator or linear."),
     ] = None,
     firmware: Annotated[
-        bool, typer.Option("--firmware", help="C: a sketch of firmware too.")
+        bool, typer.Option("--firmware", help="A sketch of firmware too.", rich_help_panel=_FOR_C)
     ] = False,
     interval: Annotated[
-        float | None, _common.number_option("FMU: seconds that a simulator should step by.")
+        float | None,
+        _common.number_option("Seconds that a simulator should step by.", panel=_FOR_FMU),
     ] = None,
     force: _common.Force = False,
     as_json: _common.Json = False,

@@ -16,6 +16,7 @@ class Instrument:
 
     def __init__(self, badly):
         self.badly, self.heard, self.over = badly, [], threading.Event()
+        self.began = threading.Event()
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.resource = f"TCPIP::127.0.0.1::{self.listener.getsockname()[1]}::SOCKET"
         threading.Thread(target=self.accept, daemon=True).start()
@@ -57,6 +58,7 @@ def drip(instrument, line):
 def flood(instrument, line):
     while not instrument.over.is_set():
         line.sendall(b"1" * 65536)
+        instrument.began.set()
 
 
 def half(instrument, line):
@@ -111,6 +113,34 @@ def test_an_answer_that_does_not_end_is_an_error_and_the_next_is_sound(linked, b
     link.tell("VOLT 0")
     assert link.ask("READ?") == "1.5"
     assert instrument.heard == ["READ?", "VOLT 0", "READ?"]
+
+
+class Unplugged:
+    """What is left of a line when the cable is out: whatever is done with it fails."""
+
+    def __setattr__(self, name, value):
+        raise OSError("no such device")
+
+    def __getattr__(self, name):
+        raise OSError("no such device")
+
+
+def test_a_line_that_is_gone_is_an_error_and_opened_anew(linked):
+    _, link = linked(None)
+    link._resource.close()
+    link._resource = Unplugged()
+    with pytest.raises(InstrumentError, match="in no state to be asked"):
+        link.ask("READ?")
+    assert link.ask("READ?") == "1.5"
+
+
+def test_a_line_that_never_stops_is_no_line_to_ask_on(linked):
+    instrument, link = linked(flood)
+    link.tell("READ?")
+    assert instrument.began.wait(10)
+    with pytest.raises(InstrumentError, match="does not stop sending"):
+        link.ask("READ?")
+    assert link.ask("READ?") == "1.5"
 
 
 def test_a_second_answer_is_not_taken_for_that_to_the_next_question(linked):

@@ -167,15 +167,23 @@ class VisaLink:
         self._resource = None
 
     def _forget(self) -> None:
-        with suppress(Exception):
+        try:
             self.flush()
+        except Exception:
+            self._let_go()
 
     def _forget_late(self) -> None:
         """Forget what came since the last answer, or since one was given up."""
-        if self._resource is not None and self._streams:
-            self._drain(_AT_ONCE)
-        elif self._late:
-            self.flush()
+        try:
+            if self._resource is not None and self._streams:
+                self._drain(_AT_ONCE)
+            elif self._late:
+                self.flush()
+        except Exception as error:
+            self._let_go()
+            raise InstrumentError(
+                f"{self.name} is in no state to be asked: {_short(error)}"
+            ) from None
         self._late = False
 
     def _line(self) -> bytes:
