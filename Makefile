@@ -15,7 +15,7 @@ PAGES := src/minorloop/teleop/static/index.html
 BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo pages console screenshots studies test torture check bench figures format lock wheel sdist smoke fuzz clean
+.PHONY: help setup demo docs pages console screenshots studies test torture check bench figures format lock wheel sdist smoke fuzz clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' Makefile
@@ -56,8 +56,13 @@ check: setup ## check format, style, types and who imports whom
 bench: setup ## measure speed and accuracy
 	$(BIN)/python -m benchmarks
 
-figures: setup ## draw the figures of the README anew
+figures: setup ## draw the figures of the README and the docs anew
+	$(BIN)/python examples/docs_figures.py
 	$(BIN)/python examples/readme_figures.py
+
+docs: setup ## build the documentation into build/docs; every warning is an error
+	$(BIN)/python -m sphinx --quiet --nitpicky --fail-on-warning --keep-going docs build/docs
+	@echo "open build/docs/index.html"
 
 format: setup ## format the code and mend what ruff can mend
 	$(BIN)/ruff check --fix .

@@ -13,6 +13,7 @@ PARTS = (
     "identification",
     "prior",
     "twins",
+    "eyes",
     "startup",
     "firmware",
     "fleet",

@@ -1,27 +1,54 @@
-"""Sessions for tests: a rig, a pilot who sends what a page would send, and a loop that is none."""
+"""Sessions for tests: a rig, its eyes, a pilot who sends what a page would, a loop that is none."""
 
 import math
 import warnings
 from functools import cache
 
+import numpy as np
+
+from minorloop.geometry import Pinhole
 from minorloop.teleop import messages
-from minorloop.teleop.plant import head_of, open_plant
+from minorloop.teleop.eyes import Eyes
+from minorloop.teleop.plant import View, head_of, open_plant, open_tip
 from minorloop.teleop.session import Session
-from minorloop.teleop.sight import PlainSight
+from minorloop.teleop.sight import Seen
 
 with warnings.catch_warnings():
     # Newer ones warn that the client of another package is preferred to httpx.
     warnings.simplefilter("ignore")
     from starlette.testclient import TestClient
 
-__all__ = ["AHEAD", "Pilot", "SilentLoop", "TestClient", "control", "right"]
-ADDRESS = "twin:rig"
+__all__ = [
+    "AHEAD",
+    "PIT",
+    "Open",
+    "Pilot",
+    "Shut",
+    "SilentLoop",
+    "TestClient",
+    "control",
+    "right",
+    "tip",
+    "view",
+]
+ADDRESS = "twin:pipe"
 AHEAD = (0.0, 0.0, 0.0, 1.0)
+PIT = (0.45, 20e-3, 1e-3, 0.5e-3)
+"""Phi, z, diameter and depth of the first pit of the pipe behind the address."""
 
 
 @cache
 def control():
     return head_of(ADDRESS, None)
+
+
+@cache
+def view():
+    return tip()[1]
+
+
+def tip():
+    return open_tip(ADDRESS)
 
 
 def right(yaw, pitch=0.0):
@@ -31,13 +58,49 @@ def right(yaw, pitch=0.0):
     return x[3] * y[0], x[1] * y[3], -x[1] * y[0], x[3] * y[3]
 
 
+class Open:
+    """Eyes that see at once."""
+
+    def __init__(self):
+        real, _ = tip()
+        self.eyes, self._seen = Eyes(real, view()), []
+
+    def look(self, look):
+        self._seen.append(self.eyes.tick(look))
+
+    def seen(self):
+        seen, self._seen = self._seen, []
+        return seen
+
+
+class Shut:
+    """Eyes that see what a test says: ``target`` always, ``events`` once."""
+
+    def __init__(self):
+        self.target, self.events, self.spots, self.looks = None, [], [], []
+
+    def look(self, look):
+        self.looks.append(look)
+
+    def seen(self):
+        if not self.looks:
+            return []
+        events, self.events = self.events, []
+        number = self.looks[-1].number
+        return [Seen(number=number, target=self.target, spots=self.spots, events=events)]
+
+    @property
+    def wishes(self):
+        return [name for look in self.looks for name, _ in look.wishes]
+
+
 class Pilot:
     """A session and somebody who steers it."""
 
-    def __init__(self):
-        plant, view = open_plant(ADDRESS)
-        self.plant, self.view = plant, view
-        self.session = Session(plant, view, control(), PlainSight(view=view))
+    def __init__(self, sight=None):
+        self.plant = open_plant(ADDRESS)
+        self.sight = sight or Shut()
+        self.session = Session(self.plant, view(), control(), self.sight)
         self.now, self.seq = 100.0, 0
 
     def order(self, kind, **content):
@@ -58,6 +121,14 @@ class Pilot:
             self.session.tick(self.now)
             self.now += self.session.interval
 
+    def until(self, holds, ticks=1500, pose=AHEAD):
+        """Drive until something holds."""
+        for _ in range(ticks):
+            if holds(self.session):
+                return
+            self.drive(pose=pose)
+        raise AssertionError("it never came to that")
+
     def mode(self, mode):
         self.order(messages.Mode, mode=mode)
 
@@ -68,17 +139,30 @@ class Pilot:
         self.drive(ticks)
         return self
 
-    def tracking(self):
-        """In TRACK, on the brightest spot, which has come to rest in the middle."""
-        self.steering(150)
-        self.pick()
+    def following(self, pixel=(400.0, 200.0)):
+        """In TRACK, on a point that shut eyes see at a pixel."""
+        self.steering()
+        self.sight.target = (*pixel, 1.0, True)
+        self.drive(2)
         self.mode("TRACK")
-        self.drive(180)
+        self.drive()
         return self
 
-    def pick(self):
-        spot = max(self.session.spots, key=lambda s: s.contrast)
-        self.order(messages.Pick, u=spot.u, v=spot.v)
+    def tracking(self):
+        """In TRACK, on the likeliest candidate, which has come to rest in the middle, in focus."""
+        self.steering(2)
+        self.until(lambda s: s.seen.spots, pose=right(27.0, -12.0))
+        self.order(messages.Pick, u=self.session.seen.spots[0][0], v=self.session.seen.spots[0][1])
+        self.until(lambda s: s.seen.target is not None)
+        self.mode("TRACK")
+        self.until(lambda s: s.focus not in ("", "searching"))
+        return self
+
+    def measured(self):
+        """What was tracked, by its outline."""
+        self.order(messages.Measure)
+        self.until(lambda s: s.findings)
+        return self
 
 
 class SilentLoop:
@@ -88,11 +172,8 @@ class SilentLoop:
         self.settings, self.said, self.orders = settings, said, []
 
     def start(self):
-        self.said(
-            messages.encode(
-                "hello", view={"width": 64, "height": 48, "focal": 50.0}, cone=28.0, planes=[]
-            )
-        )
+        small = View(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+        self.said(messages.encode("hello", view={}, known=small.told(), cone=28.0, planes=[]))
 
     def order(self, message):
         self.orders.append(message)

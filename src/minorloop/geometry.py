@@ -157,11 +157,11 @@ class Probe:
 
     Notes
     -----
-    The default squint of 65 degrees meets the wall squarely at a pan of 25 degrees, which leaves
-    5 degrees of a head that reaches 30 to scan with. The default face leaves 8 mm of water.
+    The default squint of 72 degrees meets the wall squarely at a pan of 18 degrees: a raster takes
+    5 degrees more, and a weak head reaches no more than 23. The default face leaves 8 mm of water.
     """
 
-    squint: float = float(np.radians(65.0))
+    squint: float = float(np.radians(72.0))
     face: float = 2e-3
     aperture: float = 5e-3
     focus: float = 8e-3

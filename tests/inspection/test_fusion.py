@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from minorloop.errors import SignalError
-from minorloop.inspection.fusion import MeanDepths, fuse, inside_probability
+from minorloop.inspection.fusion import MeanDepths, fuse, inside_probability, outline_of
 from minorloop.inspection.pits import PitDepth
-from minorloop.inspection.unrolled import BOTH, CAMERA, Patch
+from minorloop.inspection.unrolled import BOTH, CAMERA, SONAR, UNSEEN, Patch
 
 PATCH = Patch.around(0.0, 20e-3, size=2.4e-3)
 PIT = PitDepth("measured", 0.0, 20e-3, 1e-3, 0.5e-3, 20e-6, 30e-6, 8e-6, gain=1.0)
@@ -28,7 +28,7 @@ def test_the_floor_and_the_wall_are_where_they_should_be():
     wall = fuse(PIT, heard(TRUTH), PATCH)
     assert wall.depth[OFF < 0.35e-3] == pytest.approx(0.5e-3, abs=20e-6)
     assert wall.depth[OFF > 0.75e-3] == pytest.approx(0.0, abs=5e-6)
-    assert (wall.source == BOTH).all()
+    assert (wall.source[OFF < 0.8e-3] == BOTH).all()
 
 
 def test_the_rim_is_the_least_sure():
@@ -83,3 +83,26 @@ def test_shapes_must_agree():
         inside_probability(PATCH, PIT, np.zeros((2, 2)))
     with pytest.raises(SignalError, match="image"):
         fuse(PIT, heard(TRUTH), PATCH, image=np.zeros((2, 2)))
+
+
+def test_what_neither_has_seen_is_marked():
+    x = PATCH.off(0.0, 20e-3)[..., 0]
+    image = np.where(x > 0, np.nan, 0.0)
+    alone = fuse(PIT, None, PATCH, image=image)
+    assert (alone.source == np.where(x > 0, UNSEEN, CAMERA)).all()
+    assert np.isnan(alone.depth[x > 0]).all()
+    both = fuse(PIT, heard(TRUTH), PATCH, image=image)
+    assert (both.source[(x > 0) & (OFF < 0.6e-3)] == SONAR).all()
+    assert both.unseen > 0
+
+
+def test_the_image_moves_the_outline_of_the_map():
+    rng = np.random.default_rng(2)
+    wide = np.where(OFF < 0.6e-3, -2.0, 0.0) + 0.05 * rng.standard_normal(OFF.shape)
+    inside = outline_of(wide, PATCH, (0.0, 20e-3), 1.1e-3)
+    assert ((inside > 0.5) == (OFF < 0.6e-3)).mean() > 0.99
+    ring = (OFF > 0.52e-3) & (OFF < 0.58e-3)
+    guided = fuse(PIT, heard(TRUTH), PATCH, image=wide, outline=inside)
+    assert guided.depth[ring].mean() > 1.2 * fuse(PIT, heard(TRUTH), PATCH).depth[ring].mean()
+    faint = outline_of(0.0 * wide, PATCH, (0.0, 20e-3), 1.1e-3)
+    assert ((faint > 0.5) == (OFF < 0.55e-3)).all()

@@ -5,10 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minorloop.errors import ParameterError
 from minorloop.geometry import Mount, Probe, wall_point
 from minorloop.inspection.echoes import average
 from minorloop.inspection.field import Ear
+from minorloop.inspection.findings import finding_of
+from minorloop.inspection.fusion import mean_depths
 from minorloop.inspection.pits import measure_pit, raster, same_place
+from minorloop.inspection.unrolled import Patch
+from minorloop.lab.actuator import Shot
 from minorloop.twins.pipe import Bore, Pipe
 from minorloop.twins.ultrasound import Ultrasound
 
@@ -81,6 +86,63 @@ def test_lost_bursts_are_left_out_and_their_reason_told(bursts):
     found = measure_pit(few, EAR, CENTRE, 1.1e-3)
     assert found.bursts == 28
     assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
+
+
+def test_half_a_scan_is_kept_and_marked(bursts):
+    found = measure_pit(bursts[:18], EAR, CENTRE, 1.15e-3, planned=36)
+    assert found.verdict == "measured"
+    assert not found.whole
+    assert found.depth == pytest.approx(0.6e-3, abs=max(3 * found.depth_sd, 10e-6))
+    assert finding_of(found).verdict == "measured (18 of 36 places)"
+    assert measure_pit(bursts[:10], EAR, CENTRE, 1.15e-3, planned=36).planned == 36
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        {"trace": np.full(2048, np.nan)},
+        {"trace": np.empty(0)},
+        {"trace": np.zeros(1500)},
+        {"trace": np.zeros((2, 2048))},
+        {"angles": np.array([np.nan, 0.1])},
+        {"noise": np.nan},
+    ],
+)
+def test_spoilt_bursts_are_left_out(bursts, spoilt):
+    few = [replace(burst, **spoilt) for burst in bursts]
+    assert measure_pit(few[:15], EAR, CENTRE, 1.1e-3).verdict == "too few echoes"
+    found = measure_pit(few[:4] + bursts[4:], EAR, CENTRE, 1.1e-3)
+    assert found.bursts == 32
+    assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
+    assert mean_depths(few[:4], EAR, Patch.around(*CENTRE, size=1e-3), found) is None
+
+
+def test_traces_of_zeros_have_no_depth(bursts):
+    dead = [replace(burst, trace=np.zeros(2048), noise=0.0) for burst in bursts]
+    found = measure_pit(dead, EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "no coupling"
+    assert np.isnan(found.depth)
+
+
+def test_faulty_shots_end_in_a_verdict_and_no_depth():
+    zeros, loud = np.zeros(2048), np.clip(3 * np.random.default_rng(1).normal(size=2048), -1, 1)
+    for trace, verdict in (
+        (zeros, "dropout"),
+        (loud, "clipped"),
+        (np.full(2048, np.nan), "not a trace"),
+        (np.zeros(9), "not a trace"),
+    ):
+        shots = [Shot(0.0, trace, 10e-9)] * 4
+        burst = average(shots, np.zeros((4, 2)), np.zeros(4))
+        found = measure_pit([burst] * 36, EAR, CENTRE, 1.1e-3)
+        assert np.isnan(found.depth)
+        assert found.verdict in (verdict, "no coupling")
+
+
+@pytest.mark.parametrize("diameter", [0.0, -1e-3, np.nan])
+def test_a_mouth_without_a_size_is_refused(bursts, diameter):
+    with pytest.raises(ParameterError, match="mouth"):
+        measure_pit(bursts, EAR, CENTRE, diameter)
 
 
 def test_a_raster_aims_at_the_wall_about_its_centre():

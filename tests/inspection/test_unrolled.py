@@ -14,6 +14,7 @@ from minorloop.inspection.unrolled import (
     blend,
     camera_map,
     find_water,
+    paste,
     sonar_map,
     unseen_map,
 )
@@ -131,3 +132,15 @@ def test_what_does_not_fit_is_refused():
         find_water([0.0], [True, False], 10e-3)
     with pytest.raises(SignalError, match="1 spots"):
         sonar_map(PATCH, [(0.0, 0.0)], [0.0, 1.0], [1.0])
+
+
+def test_a_part_that_is_pasted_keeps_its_texels():
+    wall = unseen_map(Patch.around(3.1, 20e-3, size=4e-3))
+    small = Patch.around(3.1, 20e-3, size=1e-3)
+    shape = (small.rows, small.columns)
+    depth = np.arange(small.rows * small.columns, dtype=float).reshape(shape)
+    part = WallMap(small, depth, np.ones(shape), np.full(shape, SONAR, dtype=np.uint8))
+    found = paste(wall, part)
+    assert (found.source == SONAR).sum() == depth.size
+    assert found.depth[found.source == SONAR] == pytest.approx(depth.ravel())
+    assert (paste(found, unseen_map(small)).source == found.source).all()

@@ -14,6 +14,7 @@ from minorloop.inspection.unrolled import Patch
 from minorloop.studies.soundings import (
     Scored,
     Sounding,
+    band_figures,
     depth_figures,
     dished_figure,
     draw_sounding,
@@ -47,8 +48,10 @@ def test_bias_and_deviation_are_those_of_what_was_measured():
 def test_coverage_counts_depths_inside_the_band():
     runs = [run(replace(FOUND, depth=0.5e-3 + error)) for error in (0.0, 8e-6, 9e-6, 1e-4)]
     figures = fusion_figures(runs)
-    assert figures["coverage"] == 0.5
-    assert figures["band_mm"] == pytest.approx(1.645 * 5e-3)
+    bands = band_figures([*runs, run(replace(FOUND, verdict="disturbed"))])
+    assert bands["coverage"] == 0.5
+    assert bands["scans"] == 4
+    assert bands["band_mm"] == pytest.approx(1.645 * 5e-3)
     assert figures["depth_error_mm"] == pytest.approx(0.1)
     assert figures["position_mm"] == pytest.approx(0.0, abs=1e-9)
 

@@ -5,7 +5,9 @@ import msgspec
 import pytest
 
 from minorloop.teleop import loop, messages
-from minorloop.teleop.recording import TEXT, entries
+from minorloop.teleop.recording import PICTURE, TEXT, entries
+from minorloop.teleop.sight import Look
+from seats import view
 
 AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
 
@@ -16,10 +18,13 @@ class Running:
     def __init__(self, folder, **settings):
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
+        self.eyes, looking = context.Pipe()
         wanted = loop.LoopSettings(folder=str(folder), timeout=5.0, **settings)
-        self.process = context.Process(target=loop.run, args=(theirs, wanted), daemon=True)
+        self.process = context.Process(target=loop.run, args=(theirs, looking, wanted), daemon=True)
         self.process.start()
         theirs.close()
+        looking.close()
+        self.eyes.send_bytes(msgspec.json.encode(view().told()))
         self.seq = 0
 
     def order(self, kind, **content):
@@ -53,6 +58,10 @@ def test_what_is_recorded_survives_the_end_of_the_server(running, tmp_path):
     running.order(messages.Mode, mode="HEAD")
     running.order(messages.Record, on=True)
     name = running.until("recording")["name"]
+    while not msgspec.msgpack.decode(running.eyes.recv_bytes(), type=Look).keep:
+        pass
+    picture = messages.picture(messages.IMAGE, 1, 2.0, (0.0, 0.0, 0.0, 0.0), b"jpeg")
+    running.eyes.send_bytes(loop.PICTURED + picture)
     last = running.until("state", lambda told: told["mode"] == "HEAD")
     for _ in range(10):
         last = running.until("state")
@@ -64,6 +73,7 @@ def test_what_is_recorded_survives_the_end_of_the_server(running, tmp_path):
     states = [each for each in told if each["type"] == "state"]
     assert told[0]["type"] == "hello"
     assert last["seq"] in [state["seq"] for state in states]
+    assert [content for kind, _, content in entries(path) if kind == PICTURE] == [picture]
     numbers = [state["seq"] for state in states]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
@@ -88,5 +98,26 @@ def test_the_outbox_keeps_events_and_of_states_the_newest():
     box = loop._Outbox()
     for k in range(5):
         box.event(b"%d" % k)
-        box.newest(b"state %d" % k, k)
-    assert box.wait() == ([b"0", b"1", b"2", b"3", b"4"], b"state 4", 4)
+        box.newest(b"state %d" % k)
+    assert box.wait() == ([b"0", b"1", b"2", b"3", b"4"], b"state 4")
+
+
+def test_eyes_that_stand_still_cost_the_loop_no_tick_and_lose_no_wish(running):
+    running.until("hello")
+    running.order(messages.Pick, u=3.0, v=4.0)  # nobody reads what is told to the eyes
+    running.order(messages.Find)
+    first = running.until("state")
+    later = running.until("state", lambda told: told["seq"] >= first["seq"] + 60)
+    assert later["target"] is None
+    wishes = []
+    while len(wishes) < 2:
+        wishes += msgspec.msgpack.decode(running.eyes.recv_bytes(), type=Look).wishes
+    assert wishes == [("pick", [3.0, 4.0]), ("find", [])]
+
+
+def test_eyes_that_do_not_open_are_told_of(tmp_path):
+    context = multiprocessing.get_context("spawn")
+    (pipe, theirs), (eyes, looking) = context.Pipe(), context.Pipe()
+    eyes.close()
+    loop.run(theirs, looking, loop.LoopSettings(folder=str(tmp_path)))
+    assert "eyes did not start" in json.loads(pipe.recv_bytes())["text"]

@@ -43,6 +43,13 @@ heards = st.builds(
     stick=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
     clutch=st.booleans(),
     servo=st.one_of(st.none(), st.tuples(st.floats(-50, 50), st.floats(-50, 50))),
+    scan=st.one_of(
+        st.none(),
+        st.tuples(
+            st.tuples(st.floats(-60, 60), st.floats(-60, 60)),
+            st.tuples(st.floats(-8, 8), st.floats(-40, 40)),
+        ),
+    ),
 )
 
 
@@ -53,8 +60,8 @@ def test_whatever_is_heard_nothing_jumps(all_heard):
         after = advance(SEAT, state, heard, TICK)
         moved = math.dist(after.command, state.command)
         assert moved <= 2 * math.hypot(12, 12) * TICK + 1e-9
-        assert math.hypot(*after.command) <= SEAT.gaze.cone * (1 + 1e-12)
-        if after.mode != state.mode and after.mode != "TRACK":
+        assert math.hypot(*after.command) <= SEAT.reach * (1 + 1e-12)
+        if after.mode != state.mode and after.mode not in ("TRACK", "SCAN"):
             assert after.command == state.command
         if after.mode == "HOLD":
             assert after.rates == (0.0, 0.0)

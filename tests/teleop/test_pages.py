@@ -14,6 +14,7 @@ import pytest
 
 from minorloop.operators.preisach import Preisach
 from minorloop.teleop.server import STATIC
+from seats import PIT
 
 ROOT = Path(__file__).resolve().parents[2]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -94,7 +95,7 @@ class Operator:
         self.wait(f"document.body.dataset.mode === '{mode}'")
 
     def pick(self):
-        """Pick the first candidate by keyboard; it may take a picture until there is one."""
+        """Pick the first candidate by keyboard; there is one when the head has come to rest."""
         picked = self.page.locator("#guide li:nth-child(3).now")
         for _ in range(40):
             self.page.keyboard.press("n")
@@ -162,39 +163,51 @@ def shoot(page, name, *, whole=False):
         page.screenshot(path=str(ROOT / SCREENSHOTS / f"{name}.png"), full_page=whole)
 
 
-def test_a_hole_is_inspected_with_the_keyboard_alone(browser, address):
+def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
     with operating(browser, address) as operator:
         page = operator.page
+        step = "#guide li:nth-child({}).now"
         page.keyboard.press("t")
         operator.wait("document.body.dataset.pilot === 'yes'")
         operator.enter("1", "HEAD")
         page.keyboard.down("ArrowRight")
-        operator.moved("pan > 6")
+        operator.moved("pan > 15")
         page.keyboard.up("ArrowRight")
         page.keyboard.down("ArrowDown")
-        operator.moved("tilt < -3")
+        operator.moved("tilt < -6")
         page.keyboard.up("ArrowDown")
         operator.pick()
-        page.keyboard.press("2")
-        operator.in_mode("TRACK")
-        page.fill("#focus", "24")
-        page.wait_for_selector("#guide li:nth-child(4).now")
+        operator.enter("2", "TRACK")
+        page.wait_for_selector(step.format(4))  # it has come to the middle, and into focus
         page.keyboard.press("m")
         page.wait_for_selector("#findings li")
-        assert re.search(r"⌀ (0\.[89]|1\.[012])\d mm", page.inner_text("#findings"))
-        page.wait_for_selector("#solid canvas")
-        page.click("text=Go on without depth")
-        page.wait_for_selector("#guide li:nth-child(6).now")
+        assert re.search(r"⌀ (0\.9|1\.0)\d ±", page.inner_text("#findings"))
+        page.wait_for_selector("#depth:not([disabled])")
+        page.keyboard.press("e")
+        operator.in_mode("SCAN")
+        page.wait_for_selector("#guide progress:not([hidden])")
+        operator.in_mode("HOLD")
+        page.wait_for_selector(step.format(6), timeout=240_000)  # the fit shares two cores
+        finding = downloaded(page, "/api/findings.json")["findings"][0]
+        assert finding["verdict"] == "measured"
+        assert finding["diameter"] == pytest.approx(1e3 * PIT[2], abs=0.06)
+        assert finding["depth"] == pytest.approx(1e3 * PIT[3], abs=0.015)
+        assert finding["z"] == pytest.approx(1e3 * PIT[1], abs=4 * finding["z_sd"])
         with page.expect_download() as waiting:
-            page.click("a[href='/api/findings.json']")
-        told = json.loads(Path(waiting.value.path()).read_text())
-        assert told["findings"][0]["diameter"] == pytest.approx(1.0, abs=0.25)
+            page.click("a[href='/api/findings/1.ply']")
+        assert Path(waiting.value.path()).read_bytes().startswith(b"ply")
+        page.wait_for_selector("#solid canvas")
         assert fits(page)
         shoot(page, "operate")
         page.keyboard.press("Escape")
-        operator.in_mode("HOLD")
         page.click("[aria-label='Drop finding 1']")
         page.wait_for_selector("#findings li", state="detached")
+
+
+def downloaded(page, path):
+    with page.expect_download() as waiting:
+        page.click(f"a[href='{path}']")
+    return json.loads(Path(waiting.value.path()).read_text())
 
 
 def test_the_mouse_looks_picks_and_clutches(browser, address):

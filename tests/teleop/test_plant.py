@@ -1,18 +1,31 @@
+import msgspec
 import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.teleop.plant import MIDDLE, Plant, head_of, open_plant
+from minorloop.teleop.plant import MIDDLE, Plant, Tip, View, head_of, open_plant, open_tip
+from seats import tip
 
 
-def test_a_rig_is_a_plant_with_the_camera_that_the_view_describes():
-    plant, view = open_plant("twin:rig", specimen=2, seed=1)
+def test_plant_and_tip_are_what_the_seat_needs_with_the_camera_that_the_view_describes():
+    found, view = tip()
+    plant = open_plant("twin:pipe", specimen=2, seed=1)
     assert isinstance(plant, Plant)
-    assert plant.frame().image.shape[:2] == (view.height, view.width)
+    assert isinstance(found, Tip)
+    plant.exchange(np.zeros(4))
+    found.stand(plant.stance())
+    assert found.frame().image.shape == (view.lens.height, view.lens.width)
+
+
+def test_a_view_comes_through_a_message_unchanged():
+    _, view = open_tip("twin:pipe", specimen=3)
+    again = View.heard(msgspec.json.decode(msgspec.json.encode(view.told())))
+    assert (again.lens, again.probe, again.offset) == (view.lens, view.probe, view.offset)
+    np.testing.assert_array_equal(again.leds, view.leds)
 
 
 def test_a_head_that_was_identified_is_brought_to_the_middle():
-    control, (plant, _) = head_of("twin:rig", 3), open_plant("twin:rig", specimen=3)
+    control, plant = head_of("twin:pipe", 3), open_plant("twin:pipe", specimen=3)
     state, y = control.begin(), np.zeros(4)
     for _ in range(300):
         u, state = control.step(state, [MIDDLE, MIDDLE], y[:2])
@@ -21,6 +34,6 @@ def test_a_head_that_was_identified_is_brought_to_the_middle():
 
 
 def test_other_addresses_are_refused():
-    for ask in (open_plant, lambda address: head_of(address, None)):
-        with pytest.raises(ParameterError, match="twin:rig"):
+    for ask in (open_plant, open_tip, lambda address: head_of(address, None)):
+        with pytest.raises(ParameterError, match="twin:pipe"):
             ask("twin:ipmc")

@@ -9,6 +9,7 @@ from minorloop.teleop.doors import Doors
 from minorloop.teleop.hub import SILENCE
 from minorloop.teleop.loop import LoopSettings
 from minorloop.teleop.recording import PICTURE, TEXT, Recorder
+from minorloop.teleop.reports import camera_finding
 from minorloop.teleop.server import Console
 from seats import SilentLoop, TestClient
 
@@ -163,6 +164,8 @@ HOSTILE = [
     '{"type":"ping","seq":1,"t":NaN}',
     json.dumps({"type": "drive", "seq": 1, "t": 0, "grant": 1, **DRIVE}),
     json.dumps({"type": "mode", "seq": 1, "t": 0, "grant": 0, "mode": "HEAD"}),
+    json.dumps({"type": "sounded", "finding": 1, "told": {}}),
+    json.dumps({"type": "scan", "seq": 1, "t": 0, "grant": 1}),
     json.dumps({"type": "record", "seq": 1, "t": 0, "grant": 9, "on": True}),
     b"\x00\xff",
     b"{}",
@@ -199,15 +202,19 @@ def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
 
 
 def test_findings_are_exported(served):
-    finding = {"number": 1, "t": 2.0, "phi": 3.0, "z": 30.0, "diameter": 1.0, "depth": None}
+    hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": 1.0}
+    finding = vars(camera_finding(1, 2.0, hole, 10e-3))
     served.client.portal.call(served.link.said, messages.encode("findings", findings=[finding]))
     told = served.client.get("/api/findings.json").json()
     assert told["findings"] == [finding]
     lines = served.client.get("/api/findings.csv").text.splitlines()
-    assert lines == [
-        "number,t [s],phi [deg],z [mm],diameter [mm],depth [mm]",
-        "1,2.0,3.0,30.0,1.0,",
-    ]
+    row = dict(zip(lines[0].split(","), lines[1].split(","), strict=True))
+    assert (row["verdict"], row["depth [mm]"]) == ("not heard", "")
+    assert float(row["z [mm]"]) == 30.0
+    assert float(row["phi [deg]"]) == pytest.approx(2.865)
+    missing = served.client.get("/api/findings/1.ply")
+    assert missing.status_code == 404
+    assert "measure its depth" in missing.json()["error"]
     assert served.client.get("/api/map.png").content.startswith(b"\x89PNG")
 
 

@@ -6,7 +6,20 @@ import pytest
 
 from minorloop.teleop import messages
 from minorloop.twins.sensor import Fault
-from seats import AHEAD, Pilot, right
+from seats import AHEAD, PIT, Open, Pilot, right, view
+
+HOLE = {"phi": PIT[0], "z": PIT[1], "diameter": PIT[2], "evidence": 1.0}
+EXTRACTED = {"what": "extracted", "hole": HOLE, "verdict": "dark"}
+HEARD = {
+    "phi": 0.451, "z": 24.01e-3, "diameter": 0.99e-3, "depth": 0.502e-3, "place_sd": 34e-6,
+    "diameter_sd": 18e-6, "depth_sd": 3e-6, "verdict": "measured", "kind": "pit", "patch": {},
+}  # fmt: skip
+
+
+def told(session, kind):
+    """What the pages were told of a kind."""
+    every = [msgspec.json.decode(event) for event in session.events]
+    return [each for each in every if each["type"] == kind]
 
 
 def test_the_head_goes_where_the_operator_looks():
@@ -32,33 +45,65 @@ def test_the_catheter_goes_where_the_stick_says_and_stops_when_nothing_is_heard(
     assert pilot.session.where()[2] == pytest.approx(before[2], abs=0.3)
 
 
-def test_a_hole_is_picked_tracked_and_measured():
-    pilot = Pilot().tracking()
+def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
+    pilot = Pilot(Open()).tracking()
     session = pilot.session
     assert session.state.mode == "TRACK"
-    middle = (session.view.width - 1) / 2, (session.view.height - 1) / 2
-    assert math.dist((session.target.u, session.target.v), middle) < 3.0
-    pilot.order(messages.Measure)
+    assert session.focus == "sharp"
+    assert math.dist(session.seen.target[:2], view().lens.centre) < 6.0
+    pilot.measured()
     (finding,) = session.findings
-    # The picture has a white hole of 1 mm at 0.35 rad and 30 mm.
-    assert finding.diameter == pytest.approx(1.0, rel=0.15)
-    assert finding.phi == pytest.approx(math.degrees(0.35), abs=0.5)
-    assert finding.z == pytest.approx(30.0, abs=0.3)
-    assert finding.bright
-    assert finding.depth is None
-    pilot.order(messages.Forget, finding=finding.number)
-    assert session.findings == []
+    assert finding.diameter == pytest.approx(1e3 * PIT[2], abs=2.5 * finding.diameter_sd)
+    assert finding.phi == pytest.approx(math.degrees(PIT[0]), abs=2.5 * finding.phi_sd)
+    assert finding.z == pytest.approx(1e3 * PIT[1], abs=2.5 * finding.z_sd)
+    assert (finding.depth, finding.verdict) == (None, "not heard")
+    seen = []
+    for k in range(60):
+        pose = right(30 * math.sin(k / 8), 30 * math.cos(k / 11))
+        pilot.drive(pose=pose, look=lambda s: seen.append(s.seen.target[:2]))
+    assert np.abs(np.subtract(seen, np.mean(seen, axis=0))).max() < 2.0
 
 
 def test_the_operators_head_does_not_move_a_tracked_target():
-    still, moving = Pilot().tracking(), Pilot().tracking()
-    seen = ([], [])
-    still.drive(60, look=lambda s: seen[0].append((s.target.u, s.target.v)))
+    still, moving = Pilot().following(), Pilot().following()
+    commands = ([], [])
+    still.drive(60, look=lambda s: commands[0].append(s.state.command))
     for k in range(60):
         pose = right(30 * math.sin(k / 8), 30 * math.cos(k / 11))
-        moving.drive(1, pose=pose, look=lambda s: seen[1].append((s.target.u, s.target.v)))
-    assert np.abs(np.subtract(*seen)).max() == 0.0
-    assert np.ptp(seen[1], axis=0).max() < 2.0
+        moving.drive(1, pose=pose, look=lambda s: commands[1].append(s.state.command))
+    assert still.session.state.mode == moving.session.state.mode == "TRACK"
+    np.testing.assert_array_equal(*commands)
+
+
+def test_a_target_is_brought_to_the_middle():
+    pilot = Pilot().following((500.0, 240.0))
+    pilot.drive(20)
+    assert pilot.session.state.command[0] > 1.0  # to the right
+    pilot.sight.target = (319.5, 440.0, 1.0, True)
+    before = pilot.session.state.command[1]
+    pilot.drive(20)
+    assert pilot.session.state.command[1] < before  # down
+
+
+def test_a_target_that_rests_in_the_middle_is_focused_on_once():
+    pilot = Pilot().following((319.5, 239.5))
+    pilot.drive(20)
+    pilot.sight.events = [{"what": "focused", "distance": 0.02, "verdict": "sharp"}]
+    pilot.drive(40)
+    assert pilot.sight.wishes.count("sharpen") == 1
+    assert pilot.session.focus == "sharp"
+
+
+@pytest.mark.parametrize("lost", ["target", "eyes"])
+def test_a_target_out_of_sight_holds(lost):
+    pilot = Pilot().following()
+    if lost == "target":
+        pilot.sight.target = (400.0, 200.0, 0.2, False)
+    else:
+        pilot.sight.seen = list  # nothing comes any more
+    pilot.drive(40)
+    assert pilot.session.state.mode == "HOLD"
+    assert "lost from sight" in pilot.session.state.reason
 
 
 def test_the_clutch_does_not_jump():
@@ -90,15 +135,16 @@ def test_a_pose_that_is_too_old_holds():
     assert "pose" in pilot.session.state.reason
 
 
-def test_a_lost_sensor_holds():
+def test_a_lost_sensor_holds_within_200_ms():
     pilot = Pilot().steering(20)
-    fault = Fault("pan", "lost", pilot.plant._head.clock)
-    pilot.plant._head._sensor = type(pilot.plant._head._sensor)(
-        pilot.plant._head.outputs, 0.05, 0, [fault]
-    )
-    pilot.drive(30)
+    head = pilot.plant.head
+    fault = Fault("pan", "lost", head.clock)
+    head._sensor = type(head._sensor)(head.outputs, 0.05, 0, [fault])
+    pilot.drive(5, stick=(1.0, 0.0))
     assert pilot.session.state.mode == "HOLD"
+    assert pilot.session.state.rates == (0.0, 0.0)
     assert "sensor" in pilot.session.state.reason
+    pilot.drive(25)
     state = msgspec.json.decode(pilot.session.report(pilot.now))
     assert state["angle"][0] is None
     assert "pan" in state["trouble"]
@@ -114,11 +160,80 @@ def test_a_release_holds_and_forgets_the_pilot():
     assert pilot.session.state.mode == "HOLD"
 
 
-def test_what_cannot_be_measured_is_said():
+def test_what_cannot_be_measured_or_scanned_is_said():
     pilot = Pilot().steering(5)
     pilot.order(messages.Measure)
+    pilot.order(messages.Scan)
+    pilot.sight.events = [{"what": "extracted", "hole": None, "verdict": "nothing round"}]
+    pilot.drive(2)
+    sentences = " ".join(notice["text"] for notice in told(pilot.session, "notice"))
+    for part in ("pick a point", "measure a finding first", "nothing round"):
+        assert part in sentences
     assert pilot.session.findings == []
-    assert "pick one" in pilot.session.events[-1].decode()
+    assert pilot.session.state.mode == "HEAD"
+
+
+def scanning():
+    """In SCAN, over what the eyes saw."""
+    pilot = Pilot().following((319.5, 239.5))
+    pilot.sight.events = [EXTRACTED]
+    pilot.drive(2)
+    pilot.order(messages.Scan)
+    pilot.drive(2)
+    assert pilot.session.state.mode == "SCAN"
+    return pilot
+
+
+def test_a_scan_goes_there_and_back_and_its_depth_goes_with_the_finding():
+    pilot = scanning()
+    home = pilot.session.state.command
+    pilot.until(lambda s: s.state.mode != "SCAN")
+    session = pilot.session
+    assert session.state.mode == "HOLD"
+    assert "the scan is done" in session.state.reason
+    wishes = pilot.sight.wishes
+    assert [wishes.count(name) for name in ("sound", "shoot", "heard")] == [1, 25, 1]
+    assert session.state.command == pytest.approx(home, abs=0.5)
+    assert session.where()[2] == pytest.approx(0.0, abs=2.0)
+    session.hear(messages.Sounded(finding=1, told=HEARD), pilot.now)
+    (finding,) = session.findings
+    assert (finding.depth, finding.depth_sd) == (0.502, 0.003)
+    assert finding.diameter == 0.99
+    assert told(session, "findings")[-1]["findings"][0]["verdict"] == "measured"
+
+
+@pytest.mark.parametrize("how", ["mode", "silence", "release"])
+def test_a_scan_is_broken_off_and_nothing_jumps(how):
+    pilot = scanning()
+    pilot.drive(60)
+    before = pilot.session.state.command
+    if how == "mode":
+        pilot.mode("HOLD")
+        pilot.drive()
+    elif how == "silence":
+        pilot.silence(4)
+    else:
+        pilot.order(messages.Release)
+        pilot.silence()
+    session = pilot.session
+    assert session.state.mode == "HOLD"
+    assert session.state.rates == (0.0, 0.0)
+    assert math.dist(session.state.command, before) < 2.0
+    assert pilot.sight.looks[-1].wishes or "dry" in pilot.sight.wishes
+    assert session.scan is None
+    assert any("broken off" in notice["text"] for notice in told(session, "notice"))
+
+
+def test_what_echoes_could_not_tell_leaves_the_outline():
+    pilot = scanning()
+    before = pilot.session.findings[0]
+    nothing = {"verdict": "no coupling", "kind": "pit", "diameter": None, "depth": None}
+    pilot.session.hear(messages.Sounded(finding=1, told=nothing), pilot.now)
+    (after,) = pilot.session.findings
+    assert (after.verdict, after.depth) == ("no coupling", None)
+    assert (after.phi, after.z, after.diameter) == (before.phi, before.z, before.diameter)
+    pilot.order(messages.Forget, finding=1)
+    assert pilot.session.findings == []
 
 
 def test_pages_are_told_of_plane_and_memory():

@@ -33,6 +33,9 @@ def test_a_hole_beside_a_glint_is_found_and_measured(inside):
     assert np.hypot(turn, first.place[1] - place[1]) < 0.1e-3
     assert first.diameter == pytest.approx(view.hole.diameter, rel=0.12)
     assert "diameter" in str(findings)
+    around = 10e-3 * wrapped(first.rim[:, 0] - first.place[0])
+    radius = np.hypot(around, first.rim[:, 1] - first.place[1])
+    assert radius.mean() == pytest.approx(first.diameter / 2, rel=0.02)
 
 
 def test_an_acquisition_is_each_led_alone_none_and_all():
@@ -65,6 +68,12 @@ def spoilt(index, image):
         (spoilt(4, np.full((480, 640), 255, np.uint8)), "saturated"),
         (spoilt(2, np.zeros((240, 320), np.uint8)), "wrong size"),
         (spoilt(2, None), "wrong size"),
+        (spoilt(2, np.full((480, 640), np.nan)), "wrong size"),
+        (spoilt(2, LOOKS[2].image.astype(np.uint16)), "wrong size"),
+        (spoilt(2, [[1, 2], [3]]), "wrong size"),
+        ([replace(LOOKS[0], pan=np.nan), *LOOKS[1:]], "angle unknown"),
+        ([*LOOKS[:2], replace(LOOKS[2], tilt=np.inf), *LOOKS[3:]], "angle unknown"),
+        ([*LOOKS[:4], replace(LOOKS[4], pan=None)], "angle unknown"),
         (spoilt(1, LOOKS[0].image), "frozen"),
         (spoilt(4, np.roll(LOOKS[4].image, 240, axis=0)), "torn"),
         ([LOOKS[3]], "black"),

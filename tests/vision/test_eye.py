@@ -72,8 +72,16 @@ def test_light_falls_as_cosine_over_the_square_of_the_distance():
         assert level[30, 10] == pytest.approx(expected, rel=1e-5)
 
 
+def test_nothing_is_seen_by_a_lens_that_is_nowhere():
+    window = window_around(EYE, 0.5, 20e-3, size=1e-3)
+    assert np.isnan(unroll(photograph(*AIM), EYE, window, np.nan, 0.0)).all()
+
+
 def test_bad_frames_and_windows_are_refused():
     with pytest.raises(SignalError, match="this camera gives"):
         EYE.check(np.zeros((4, 4), np.uint8))
+    for image in (None, [[1, 2], [3, 4]], np.full((480, 640), np.nan)):
+        with pytest.raises(SignalError, match="this camera gives"):
+            EYE.check(image)
     with pytest.raises(ParameterError, match="empty"):
         Window(0.0, 0.0, 1e-4, 0, 4)

@@ -79,6 +79,8 @@ def test_it_leaves_the_view_and_comes_back():
         (np.full((480, 640), 255, np.uint8), "saturated"),
         (np.zeros((240, 320), np.uint8), "wrong size"),
         (None, "wrong size"),
+        (np.full((480, 640), np.nan), "wrong size"),
+        (np.roll(photograph(*AIM), 240, axis=0), "torn"),
     ],
 )
 def test_a_bad_frame_is_said_to_be_bad_and_passed_over(frame, verdict):

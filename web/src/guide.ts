@@ -1,77 +1,88 @@
 /** The six steps of an inspection; each is ticked off by what happens, not by the reader. */
 
-import type { Finding, State } from "./talk";
+import { heard, type Finding, type State } from "./talk";
 
 const STEPS = [
-  ["Look", "Take the controls and press Head. Look round with the mouse, a phone or a headset; push the catheter in with W."],
-  ["Pick", "Click what you want to inspect, or press N to go through the candidates and Enter to pick one."],
-  ["Focus", "Press Track: the camera now keeps the point centred whatever your head does. Then set the focus."],
-  ["Extract", "Wait until the point stands still in the middle, and press Measure: its outline gives place and size."],
-  ["Depth", "This head carries no ultrasonic sensor, so the depth stays open."],
-  ["Finding", "The finding is in the list, on the map and in three dimensions. Download it, or go on to the next."],
+  ["Look", "Take the controls (T), press Head (1) and look round: drag the image, or use the arrow keys. W pushes the catheter in. Turn well to the side: where the wall is near and the head rests, what could be a defect is framed."],
+  ["Pick", "Click what you want to inspect, or press N to go through the frames and Enter to pick one."],
+  ["Focus", "Press Track (2): the camera centres the point, keeps it there whatever your head does, and focuses on it."],
+  ["Extract", "Press Measure (M): three lights flash one by one, and the outline that is the same under all of them gives place and size."],
+  ["Depth", "Press Depth (E): the pipe is flooded, and the head brings its ultrasonic probe over the finding, point by point. Hold stops it."],
+  ["Finding", "It is in the list, on the map and in three dimensions. Download it, or press Head and go on to the next."],
 ] as const;
 
 export class Guide {
-  private now = 0;
+  private now = -1;
   private moved = 0;
-  private skipped = false;
-  private focused = false;
+  private count = 0;
   private readonly items: HTMLLIElement[];
-  private readonly hint: HTMLLIElement;
-  private readonly skip: HTMLButtonElement;
   private readonly text: HTMLSpanElement;
+  private readonly bar: HTMLProgressElement;
 
   constructor(list: HTMLElement) {
     this.items = STEPS.map(([name], k) => {
       const item = document.createElement("li");
-      item.innerHTML = `${k + 1}<b>${name}</b>`;
+      item.innerHTML = `<i>${k + 1}</i><b>${name}</b>`;
       return item;
     });
-    this.hint = document.createElement("li");
-    this.hint.className = "hint";
-    this.hint.setAttribute("role", "status");
+    const hint = document.createElement("li");
+    hint.className = "hint";
+    hint.setAttribute("role", "status");
     this.text = document.createElement("span");
-    this.skip = document.createElement("button");
-    this.skip.textContent = "Go on without depth";
-    this.skip.onclick = () => (this.skipped = true);
-    this.hint.append(this.text, this.skip);
-    list.append(...this.items, this.hint);
-    this.draw();
+    this.bar = document.createElement("progress");
+    this.bar.hidden = true;
+    hint.append(this.text, this.bar);
+    list.append(...this.items, hint);
+    this.draw(0, STEPS[0][1]);
   }
 
-  focusSet(): void {
-    this.focused = true;
-  }
-
-  /** Start over, for the next defect. */
-  again(): void {
-    this.skipped = this.focused = false;
-  }
+  /** What is going on with the echoes of a scan; empty where nothing is. */
+  fitting = "";
 
   update(state: State, findings: Finding[]): void {
     if (state.mode === "HEAD") this.moved = Math.max(this.moved, Math.hypot(...state.command));
+    // To look on after a finding is to begin with the next.
+    if (state.mode === "HEAD" && findings.length > 0) this.count = findings.length;
+    const fresh = findings.slice(this.count);
     const done = [
-      this.moved > 3 || state.target !== null,
-      state.target !== null,
-      state.mode === "TRACK" && (this.focused || findings.length > 0),
-      findings.length > 0,
-      findings.length > 0 && (this.skipped || findings.some((finding) => finding.depth !== null)),
+      this.moved > 3 || state.target !== null || fresh.length > 0,
+      state.target !== null || fresh.length > 0,
+      (state.mode === "TRACK" && state.focus !== "" && state.focus !== "searching") || fresh.length > 0,
+      fresh.length > 0,
+      fresh.length > 0 && heard(fresh[fresh.length - 1]!),
       false,
     ];
-    const first = done.indexOf(false);
-    if (first !== this.now) {
-      this.now = first;
-      this.draw();
-    }
+    const step = done.indexOf(false);
+    this.draw(step, this.sentence(step, state));
+    const share = state.mode === "SCAN" ? (state.scan?.progress ?? 0) : null;
+    this.bar.hidden = share === null && !this.fitting;
+    if (share !== null) this.bar.value = share;
+    else this.bar.removeAttribute("value");
   }
 
-  private draw(): void {
+  private sentence(step: number, state: State): string {
+    if (step === 2 && state.mode === "TRACK") return state.centred ? "In the middle: focusing on it." : "Turning until the point is in the middle.";
+    if (step === 4 && state.mode === "SCAN") return SCANNING[state.scan?.stage ?? ""] ?? "";
+    if (step === 4 && this.fitting) return `Scanned; ${this.fitting}. You may go on meanwhile.`;
+    return STEPS[step]![1];
+  }
+
+  private draw(step: number, sentence: string): void {
+    if (this.text.textContent !== sentence) this.text.textContent = sentence;
+    if (step === this.now) return;
+    this.now = step;
     this.items.forEach((item, k) => {
-      item.className = k < this.now ? "done" : k === this.now ? "now" : "";
-      if (k === this.now) item.setAttribute("aria-current", "step");
+      item.className = k < step ? "done" : k === step ? "now" : "";
+      if (k === step) item.setAttribute("aria-current", "step");
       else item.removeAttribute("aria-current");
     });
-    this.text.textContent = STEPS[this.now]![1];
-    this.skip.hidden = this.now !== 4;
   }
 }
+
+const SCANNING: Record<string, string> = {
+  travel: "The catheter brings the probe to the finding.",
+  settle: "Coming to rest.",
+  turn: "Turning the beam to the first point.",
+  points: "Listening, point by point.",
+  back: "Going back to where you looked from.",
+};

@@ -9,6 +9,8 @@ export interface Wishes {
   confirm(): void;
   mode(mode: "HEAD" | "TRACK" | "HOLD"): void;
   measure(): void;
+  depth(): void;
+  sharpen(): void;
   record(): void;
   take(): void;
 }
@@ -162,6 +164,7 @@ export class Hands {
     if (fresh(2)) this.wishes.mode("HEAD");
     if (fresh(3)) this.wishes.mode("HOLD");
     if (fresh(9)) this.wishes.measure();
+    if (fresh(8)) this.wishes.depth();
     this.buttons = pressed;
     const quiet = (value: number) => (Math.abs(value) < 0.1 ? 0 : value);
     return [quiet(axis(2)), -quiet(axis(3))];
@@ -193,6 +196,8 @@ export class Hands {
       n: () => this.wishes.next(),
       enter: () => this.wishes.confirm(),
       m: () => this.wishes.measure(),
+      e: () => this.wishes.depth(),
+      f: () => this.wishes.sharpen(),
       r: () => this.wishes.record(),
       t: () => this.wishes.take(),
     };

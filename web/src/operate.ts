@@ -6,7 +6,7 @@ import { Hands } from "./hands";
 import { drawPlane } from "./plane";
 import type { Solid } from "./solid";
 import { Stage } from "./stage";
-import { byId, Connection, now, type Finding, type Hello, type Mode, type Picture, type Seats, type State } from "./talk";
+import { byId, Connection, heard, now, type Finding, type Hello, type Mode, type Picture, type Seats, type State } from "./talk";
 import { WallMap } from "./wall";
 
 const SENT_EVERY = 20; // ms
@@ -46,6 +46,7 @@ const wishes = {
   next() {
     const count = state?.spots.length ?? 0;
     stage.chosen = count ? (stage.chosen + 1) % count : -1;
+    if (count === 0 && seats?.grant) order("find");
   },
   confirm() {
     const spot = state?.spots[stage.chosen];
@@ -58,6 +59,12 @@ const wishes = {
   },
   measure() {
     order("measure");
+  },
+  depth() {
+    order("scan");
+  },
+  sharpen() {
+    order("sharpen");
   },
   record() {
     order("record", { on: recording === null });
@@ -110,6 +117,17 @@ const connection = new Connection(
         case "pong":
           byId("latency").textContent = `${(1000 * (now() - message.t)).toFixed(0)} ms`;
           break;
+        case "depth":
+          guide.fitting = message.stage;
+          break;
+        case "found":
+          if (seats?.grant && message.verdict !== "good" && message.verdict !== "no wall in view") notice(`The picture cannot be searched: it is ${message.verdict}.`);
+          break;
+        case "focused":
+          if (message.verdict === "sharp") setFocus(1000 * message.distance);
+          break;
+        case "scanned":
+          break;
         case "ended":
           notice("The recording has ended.");
       }
@@ -151,6 +169,7 @@ function showState(s: State): void {
   text("roll", `${plain(s.place[1], 0)}°`);
   text("pan", angle(s.angle[0]));
   text("tilt", angle(s.angle[1]));
+  byId<HTMLButtonElement>("depth").disabled = !seats?.grant || findings.length === 0 || s.mode === "SCAN";
   if (s.heard && seats?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.heard.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
   else if (s.mode === "HOLD" && s.reason && seats?.grant) notice((held = s.reason));
@@ -176,7 +195,7 @@ function showSeats(): void {
   take.classList.toggle("leaving", mine);
   text("viewers", seats ? `${seats.viewers} ${seats.viewers === 1 ? "page" : "pages"}` : "");
   document.body.dataset.pilot = mine ? "yes" : "no";
-  for (const id of ["clutch", "measure", "record"]) byId<HTMLButtonElement>(id).disabled = !mine;
+  for (const id of ["clutch", "measure", "record", "sharpen"]) byId<HTMLButtonElement>(id).disabled = !mine;
   for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) button.disabled = !mine;
 }
 
@@ -186,18 +205,40 @@ function showFindings(): void {
     ...findings.map((f) => {
       const item = document.createElement("li");
       const said = document.createElement("span");
-      said.textContent = `${f.number} · ⌀ ${f.diameter.toFixed(2)} mm at ${f.z.toFixed(1)} mm, ${f.phi.toFixed(0)}°`;
+      said.append(...told(f));
       const forget = document.createElement("button");
       forget.className = "plain";
       forget.textContent = "×";
       forget.setAttribute("aria-label", `Drop finding ${f.number}`);
       forget.onclick = () => order("forget", { finding: f.number });
-      item.append(said, forget);
+      item.append(said, ...meshes(f), forget);
       return item;
     }),
   );
   if (findings.length === 0 && !solid) return;
   void showSolid();
+}
+
+/** A finding in words: what, how large, how deep, how sure, where. */
+function told(f: Finding): (string | HTMLElement)[] {
+  const name = document.createElement("b");
+  name.textContent = `${f.number} · ${heard(f) ? f.kind : "hole or pit"}`;
+  const rest = document.createElement("small");
+  rest.textContent = `at ${f.z.toFixed(2)} ± ${f.z_sd.toFixed(2)} mm, ${f.phi.toFixed(1)} ± ${f.phi_sd.toFixed(1)}°`;
+  const depth = f.depth === null ? (heard(f) ? `depth open: ${f.verdict}` : "depth not measured yet") : `${f.depth.toFixed(3)} ± ${(f.depth_sd ?? 0).toFixed(3)} mm deep`;
+  return [name, ` ⌀ ${f.diameter.toFixed(2)} ± ${f.diameter_sd.toFixed(2)} mm · ${depth}`, rest];
+}
+
+function meshes(f: Finding): HTMLElement[] {
+  if (!f.patch) return [];
+  return ["ply", "glb"].map((kind) => {
+    const link = document.createElement("a");
+    link.href = `/api/findings/${f.number}.${kind}`;
+    link.download = "";
+    link.textContent = kind.toUpperCase();
+    link.title = "The wall about it, in three dimensions";
+    return link;
+  });
 }
 
 async function showSolid(): Promise<void> {
@@ -240,6 +281,11 @@ const press = (element: HTMLElement, on: boolean): void => element.setAttribute(
 /** A number without a minus before nothing. */
 const plain = (value: number, digits: number): string => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
 const angle = (value: number | null): string => (value === null ? "lost" : `${plain(value, 1)}°`);
+
+function setFocus(mm: number): void {
+  byId<HTMLInputElement>("focus").value = mm.toFixed(0);
+  text("focus-shown", `${mm.toFixed(1)} mm`);
+}
 
 async function changeSource(): Promise<void> {
   const select = byId<HTMLSelectElement>("source");
@@ -289,6 +335,8 @@ async function showMenu(): Promise<void> {
 
 byId("take").onclick = wishes.take;
 byId("measure").onclick = wishes.measure;
+byId("depth").onclick = wishes.depth;
+byId("sharpen").onclick = wishes.sharpen;
 byId("record").onclick = wishes.record;
 byId("menu").onclick = () => void showMenu();
 byId("source").onchange = () => void changeSource();
@@ -296,7 +344,6 @@ byId<HTMLInputElement>("focus").oninput = (event) => {
   const mm = Number((event.target as HTMLInputElement).value);
   text("focus-shown", `${mm} mm`);
   order("focus", { distance: mm / 1000 });
-  guide.focusSet();
 };
 for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) {
   button.onclick = () => wishes.mode(button.dataset.mode as Mode);

@@ -1,8 +1,8 @@
 /** The findings in three dimensions: a piece of the pipe's wall from inside, with what was measured. */
 
 import {
-  AmbientLight, BackSide, CanvasTexture, CircleGeometry, Color, ConeGeometry, CylinderGeometry, DirectionalLight,
-  Group, Mesh, MeshBasicMaterial, MeshStandardMaterial, PerspectiveCamera, RingGeometry, Scene, SRGBColorSpace,
+  AmbientLight, BackSide, BufferGeometry, CanvasTexture, CircleGeometry, Color, ConeGeometry, CylinderGeometry,
+  DirectionalLight, DoubleSide, Float32BufferAttribute, Group, Mesh, MeshBasicMaterial, MeshStandardMaterial, PerspectiveCamera, RingGeometry, Scene, SRGBColorSpace,
   Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
@@ -11,9 +11,9 @@ import type { Finding } from "./talk";
 export class Solid {
   private readonly renderer = new WebGLRenderer({ antialias: true });
   private readonly scene = new Scene();
-  private readonly camera = new PerspectiveCamera(45, 1, 1, 500);
+  private readonly camera = new PerspectiveCamera(45, 1, 0.5, 500);
   private readonly controls: OrbitControls;
-  private readonly wall = new MeshStandardMaterial({ side: BackSide, roughness: 0.55, metalness: 0.1 });
+  private readonly wall = new MeshStandardMaterial({ side: BackSide, roughness: 0.55, metalness: 0.1, alphaTest: 0.5 });
   private readonly pipe: Mesh;
   private readonly marks = new Group();
 
@@ -53,10 +53,10 @@ export class Solid {
     this.pipe.scale.set(1, last - first, 1);
     this.pipe.rotation.set(0, 0, -Math.PI / 2);
     this.pipe.position.x = (first + last) / 2;
-    if (bitmap) this.wall.map = this.texture(bitmap);
+    if (bitmap) this.wall.map = this.texture(bitmap, findings, range);
     this.wall.needsUpdate = true;
     this.marks.clear();
-    for (const finding of findings) this.marks.add(...this.mark(finding));
+    for (const finding of findings) this.marks.add(...(finding.patch ? [this.relief(finding.patch)] : this.mark(finding)));
     const head = new Mesh(new ConeGeometry(2, 5, 24), new MeshStandardMaterial({ color: "#ffb454" }));
     head.rotation.z = -Math.PI / 2;
     head.position.x = first + 10;
@@ -67,22 +67,66 @@ export class Solid {
     if (at) {
       // From the far side of the axis, so that the newest finding is in front.
       const out = outward(at.phi);
-      this.camera.position.set(at.z - 16, -out.y * 26 + 4, -out.z * 26);
+      const far = this.radius * (at.patch ? 0.6 : -0.8); // from the axis: near to a relief, over against a mark
+      this.camera.position.set(at.z - 3, out.y * far, out.z * far);
+      this.controls.target.set(at.z, out.y * this.radius, out.z * this.radius);
     }
     this.controls.update();
     this.render();
   }
 
-  private texture(bitmap: ImageBitmap): CanvasTexture {
+  /** The map, with openings where a relief stands for the wall. */
+  private texture(bitmap: ImageBitmap, findings: Finding[], [first, last]: [number, number]): CanvasTexture {
     const canvas = document.createElement("canvas");
-    [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+    [canvas.width, canvas.height] = [4 * bitmap.width, 4 * bitmap.height];
     const context = canvas.getContext("2d")!;
-    context.drawImage(bitmap, 0, 0);
+    context.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+    const round = 360 / (2 * Math.PI * this.radius); // degrees a millimetre
+    for (const { patch } of findings) {
+      if (!patch) continue;
+      const [rows, columns] = [patch.depth.length, patch.depth[0]!.length];
+      const x = ((((patch.phi % 360) + 360) % 360) / 360) * canvas.width;
+      const y = ((patch.z - first) / (last - first)) * canvas.height;
+      const width = (((columns - 1) * patch.step * round) / 360) * canvas.width;
+      const height = (((rows - 1) * patch.step) / (last - first)) * canvas.height;
+      context.clearRect(x, y, width, height);
+      context.clearRect(x - canvas.width, y, width, height); // what goes over the seam
+    }
     this.wall.map?.dispose();
     const texture = new CanvasTexture(canvas);
     texture.colorSpace = SRGBColorSpace;
     texture.flipY = false; // the first row lies at the first z
     return texture;
+  }
+
+  /** The wall about a finding, as deep as it was measured. */
+  private relief(patch: NonNullable<Finding["patch"]>): Mesh {
+    const rows = patch.depth.length;
+    const columns = patch.depth[0]!.length;
+    const deepest = Math.max(0.1, ...patch.depth.flat().map((depth) => depth ?? 0));
+    const places: number[] = [];
+    const colours: number[] = [];
+    const faces: number[] = [];
+    const [wall, deep, open] = [new Color("#aab4ba"), new Color("#d8502c"), new Color("#303840")];
+    patch.depth.forEach((row, i) =>
+      row.forEach((depth, j) => {
+        const phi = patch.phi + ((j * patch.step) / this.radius) * (180 / Math.PI);
+        const at = outward(phi).multiplyScalar(this.radius + (depth ?? 0));
+        places.push(patch.z + i * patch.step, at.y, at.z);
+        const colour = depth === null ? open : wall.clone().lerp(deep, Math.min(Math.max(depth / deepest, 0), 1));
+        colours.push(colour.r, colour.g, colour.b);
+        if (i + 1 < rows && j + 1 < columns) {
+          const a = i * columns + j;
+          faces.push(a, a + columns, a + 1, a + 1, a + columns, a + columns + 1);
+        }
+      }),
+    );
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new Float32BufferAttribute(places, 3));
+    geometry.setAttribute("color", new Float32BufferAttribute(colours, 3));
+    geometry.setIndex(faces);
+    geometry.computeVertexNormals();
+    return new Mesh(geometry, new MeshStandardMaterial({ vertexColors: true, side: DoubleSide, roughness: 0.7 }));
   }
 
   /** A dark disc of the size that was measured, on the wall, with a ring round it. */
@@ -91,7 +135,7 @@ export class Solid {
     const place = new Vector3(finding.z, 0, 0).addScaledVector(out, this.radius - 0.06);
     const hole = new Mesh(
       new CircleGeometry(finding.diameter / 2, 40),
-      new MeshBasicMaterial({ color: finding.bright ? "#ffffff" : "#000000", side: 2 }),
+      new MeshBasicMaterial({ color: "#000000", side: 2 }),
     );
     const ring = new Mesh(
       new RingGeometry(finding.diameter / 2 + 0.25, finding.diameter / 2 + 0.55, 48),

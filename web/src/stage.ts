@@ -83,8 +83,8 @@ export class Stage {
     const [pan, tilt] = state.angle;
     if (pan === null || tilt === null) return;
     const focal = hello.view.focal * scale;
-    const x = canvas.width / 2 - focal * Math.tan((pan * Math.PI) / 180);
-    const y = canvas.height / 2 + focal * Math.tan((tilt * Math.PI) / 180);
+    const x = hello.view.centre[0] * scale - focal * Math.tan((pan * Math.PI) / 180);
+    const y = hello.view.centre[1] * scale + focal * Math.tan((tilt * Math.PI) / 180);
     context.strokeStyle = "#6cb6ff66";
     context.setLineDash([10, 8]);
     context.lineWidth = 1.5;

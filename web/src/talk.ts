@@ -1,12 +1,12 @@
 /** What is said between this page and the server, and the connection it is said over. */
 
-export type Mode = "HEAD" | "TRACK" | "HOLD";
+export type Mode = "HEAD" | "TRACK" | "SCAN" | "HOLD";
 export type Quaternion = [number, number, number, number];
 
 export interface Hello {
   type: "hello";
   interval: number;
-  view: { width: number; height: number; focal: number; lever: number; radius: number };
+  view: { width: number; height: number; focal: number; centre: [number, number]; lever: number; radius: number };
   cone: number;
   middle: number;
   stick: [number, number];
@@ -32,6 +32,9 @@ export interface State {
   late: number;
   target: [number, number, number, number] | null;
   spots: [number, number, number, number][];
+  centred: boolean;
+  focus: string;
+  scan: { finding: number; stage: string; progress: number } | null;
 }
 
 export interface Finding {
@@ -40,9 +43,19 @@ export interface Finding {
   z: number;
   diameter: number;
   depth: number | null;
-  distance: number;
-  bright: boolean;
+  depth_sd: number | null;
+  diameter_sd: number;
+  phi_sd: number;
+  z_sd: number;
+  kind: string;
+  verdict: string;
+  evidence: number;
+  /** Depths about it in mm, rows along the pipe and columns round it, from phi in degrees and z in mm. */
+  patch: { phi: number; z: number; step: number; depth: (number | null)[][] } | null;
 }
+
+/** Whether echoes have told of a finding, if only that they cannot tell its depth. */
+export const heard = (finding: Finding): boolean => finding.verdict !== "not heard";
 
 export interface Seats {
   type: "seats";
@@ -60,6 +73,10 @@ type Said =
   | { type: "recording"; name: string | null }
   | { type: "notice" | "failed"; text: string }
   | { type: "pong"; t: number }
+  | { type: "found"; count: number; verdict: string }
+  | { type: "focused"; distance: number; verdict: string }
+  | { type: "scanned"; finding: number }
+  | { type: "depth"; finding: number; stage: string; seconds: number }
   | { type: "ended" };
 
 export interface Picture {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from contextlib import suppress
 from pathlib import Path
@@ -21,7 +22,9 @@ _Host = Annotated[
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
     str,
-    typer.Option(help="What to steer: twin:rig with plain pictures, or twin:pipe with a camera."),
+    typer.Option(
+        help="What to steer: twin:pipe, a simulated head in a pipe, with camera and probe."
+    ),
 ]
 _Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
 _Specimen = Annotated[
@@ -42,7 +45,7 @@ _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private ke
 def run(
     host: _Host = "127.0.0.1",
     port: _Port = 8765,
-    plant: _Plant = "twin:rig",
+    plant: _Plant = "twin:pipe",
     folder: _Folder = Path("console"),
     specimen: _Specimen = None,
     seed: _Seed = 0,
@@ -97,6 +100,8 @@ def run(
         typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
     typer.echo(f"open {scheme}://{_shown(host)}:{listening.getsockname()[1]}/?key={doors.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
+    with suppress(OSError, AttributeError):
+        os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
     with suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])
 

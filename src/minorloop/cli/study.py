@@ -36,6 +36,10 @@ def run(
             "Scenes with a hole, and as many without, that inspection scores its finder on."
         ),
     ] = None,
+    soundings: Annotated[
+        int | None,
+        _common.whole_option("Pits with a flat floor that inspection scores its depths on."),
+    ] = None,
     as_json: _common.Json = False,
 ) -> None:
     """Carry a whole experiment out on simulated specimens, and compare what is claimed."""
@@ -45,7 +49,8 @@ def run(
         raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
     if seed < 0:
         raise ParameterError(f"--seed is {seed}; give 0 or more")
-    options = _scenes(name, scenes, specimens)
+    counts = {"scenes": scenes, "soundings": soundings}
+    options = _shared_out(name, counts, specimens)
     if out is not None:
         from minorloop.files import make_folder
 
@@ -64,15 +69,18 @@ def run(
     _common.do_all(steps)
 
 
-def _scenes(name: str, scenes: int | None, specimens: int) -> dict[str, int]:
-    """How many scenes each specimen is to score."""
-    if scenes is None:
-        return {}
-    if name != "inspection":
-        raise ParameterError(f"--scenes is for the study inspection; {name} has none")
-    if not 1 <= scenes <= _MOST_SCENES:
-        raise ParameterError(f"--scenes is {scenes}; give 1 to {_MOST_SCENES}")
-    return {"scenes": -(-scenes // specimens)}
+def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> dict[str, int]:
+    """How many scenes and soundings each specimen is to score."""
+    shares = {}
+    for option, count in counts.items():
+        if count is None:
+            continue
+        if name != "inspection":
+            raise ParameterError(f"--{option} is for the study inspection; {name} has none")
+        if not 1 <= count <= _MOST_SCENES:
+            raise ParameterError(f"--{option} is {count}; give 1 to {_MOST_SCENES}")
+        shares[option] = -(-count // specimens)
+    return shares
 
 
 def _figures_of(name: str, options: Mapping[str, int], seed: int) -> dict[str, Any]:
@@ -103,8 +111,11 @@ def _report(
     as_json: bool,
 ) -> None:
     path = folder / "report.html"
-    draw = import_module(f"minorloop.studies.{name}_report").study_report
+    page = import_module(f"minorloop.studies.{name}_report")
     with _common.working("drawing the report"):
-        _common.write_report(partial(draw, first, figures, runs), path, force=False)
+        _common.write_report(partial(page.study_report, first, figures, runs), path, force=False)
+        beside = page.save_beside(first, folder) if hasattr(page, "save_beside") else []
     if not as_json:
         typer.echo(f"report written to {path}; open it in a browser")
+        for written in beside:
+            typer.echo(f"written: {written}")

@@ -87,7 +87,15 @@ class HeadControl:
     def begin(
         self, measurement: npt.ArrayLike | None = None, current: npt.ArrayLike | None = None
     ) -> HeadState:
-        """State of a head that is found settled at angles (axes,) under currents (axes,)."""
+        """State of a head that is found settled at angles (axes,) under currents (axes,).
+
+        Parameters
+        ----------
+        measurement : (axes,) array_like, optional
+            Angles read, in degrees.
+        current : (axes,) array_like, optional
+            Currents that hold them, in A.
+        """
         count = len(self.axes)
         angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
         currents = np.zeros(count) if current is None else _numbers(current, count)

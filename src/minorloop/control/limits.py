@@ -72,7 +72,13 @@ class WireLimits:
         return (self.hottest - self.ambient) / (self.margin * self.rise)
 
     def temperature(self, effective: float) -> float:
-        """Highest temperature that a wire of an effective power may have, degrees Celsius."""
+        """Highest temperature that a wire of an effective power may have, degrees Celsius.
+
+        Parameters
+        ----------
+        effective : float
+            Effective power, in A^2.
+        """
         return self.ambient + self.margin * self.rise * max(effective, 0.0)
 
     def allowed(self, wire: HeatedWire, effective: float, bias: float, interval: float) -> float:
@@ -94,7 +100,13 @@ class WireLimits:
         return max(effective + room - bias, 0.0)
 
     def stressed(self, angle: float) -> bool:
-        """Whether the spring pulls the wire beyond the stress that its maker advises."""
+        """Whether the spring pulls the wire beyond the stress that its maker advises.
+
+        Parameters
+        ----------
+        angle : float
+            In degrees.
+        """
         compression = self.pulley * math.radians(max(angle, 0.0))
         area = 0.25 * math.pi * self.diameter**2
         return self.preload + self.spring * compression > self.stress * area

@@ -209,7 +209,15 @@ class Planner:
         return replace(best, feedforward_cost=tries[0].cost)
 
     def improve(self, plan: PlannedPowers, start: HeatedState | None = None) -> PlannedPowers:
-        """The plan after one damped Gauss-Newton step on all its powers; never a worse one."""
+        """The plan after one damped Gauss-Newton step on all its powers; never a worse one.
+
+        Parameters
+        ----------
+        plan : PlannedPowers
+            A plan of this planner.
+        start : HeatedState, optional
+            State from which it begins; settled without power if not given.
+        """
         check_kind("plan", plan, PlannedPowers)
         state = self._start(start)
         power = self._improved(plan.power, plan.targets, state, float(plan.power[0]))

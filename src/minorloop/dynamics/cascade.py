@@ -202,6 +202,13 @@ class Cascade:
 
         Nothing is changed in place.
 
+        Parameters
+        ----------
+        state : CascadeState
+            Memory of the operator and state of the linear part.
+        u : float
+            Input held over the interval.
+
         Raises
         ------
         ParameterError

@@ -75,7 +75,21 @@ class Linear:
         interval: float | None = None,
         delay: float = 0.0,
     ) -> Linear:
-        """System with these poles and zeros, in 1/s, or in the z-plane if it is sampled."""
+        """System with these poles and zeros, in 1/s, or in the z-plane if it is sampled.
+
+        Parameters
+        ----------
+        poles : sequence of complex
+            In 1/s, or in the z-plane.
+        zeros : sequence of complex
+            In the same plane.
+        dc_gain : float
+            Output per input at rest.
+        interval : float, optional
+            Seconds between samples; continuous without it.
+        delay : float
+            Dead time, in seconds.
+        """
         poles, zeros = np.atleast_1d(poles), np.atleast_1d(zeros)
         numerator, denominator = _polynomial("zeros", zeros), _polynomial("poles", poles)
         unit = cls(numerator, denominator, interval, delay)
@@ -83,7 +97,17 @@ class Linear:
 
     @classmethod
     def lags(cls, *times: float, dc_gain: float = 1.0, delay: float = 0.0) -> Linear:
-        """First-order lags one after the other, by their time constants in seconds."""
+        """First-order lags one after the other, by their time constants in seconds.
+
+        Parameters
+        ----------
+        *times : float
+            Time constants, in seconds.
+        dc_gain : float
+            Output per input at rest.
+        delay : float
+            Dead time, in seconds.
+        """
         each = [-1 / _positive("time constant", time) for time in times]
         return cls.from_poles(each, dc_gain=dc_gain, delay=delay)
 
@@ -153,7 +177,13 @@ class Linear:
         return self._with_dc_gain(1.0)
 
     def response(self, frequency: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-        """Complex gain at frequencies in Hz, of the shape given."""
+        """Complex gain at frequencies in Hz, of the shape given.
+
+        Parameters
+        ----------
+        frequency : array_like
+            Frequencies, in Hz.
+        """
         s = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
         at = s if self.interval is None else np.exp(s * self.interval)
         ratio = np.polyval(self.numerator, at) / np.polyval(self.denominator, at)
@@ -218,6 +248,11 @@ class Linear:
 
         Between the samples of a sampled system the line from one to the next is given.
 
+        Parameters
+        ----------
+        t : (T,) array_like
+            Times, in seconds.
+
         Raises
         ------
         SignalError
@@ -234,6 +269,11 @@ class Linear:
 
     def discretise(self, interval: float) -> Linear:
         """The sampled system with the same outputs for inputs held over each interval.
+
+        Parameters
+        ----------
+        interval : float
+            Seconds between samples.
 
         Raises
         ------
@@ -265,6 +305,11 @@ class Linear:
 
     def settled(self, u: float) -> FloatArray:
         """State (n + delayed samples,) of a sampled system that has settled under an input.
+
+        Parameters
+        ----------
+        u : float
+            The input that was held.
 
         Raises
         ------

@@ -455,7 +455,7 @@ def _cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, An
             n_workers=count,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # any port: a fixed one may be another fleet's
             silence_logs=logging.CRITICAL,  # a worker that died is retried, or a failure by name
         ) as cluster,
         Client(cluster, set_as_default=False) as client,

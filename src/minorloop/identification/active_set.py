@@ -1,6 +1,6 @@
 """Least squares under bounds: block pivoting inside a proximal-point iteration.
 
-Minimise 1/2 |y - A z|^2 + 1/2 z'Qz with some unknowns not below zero. Block pivoting (Portugal,
+Minimise ``1/2 |y - A z|^2 + 1/2 z'Qz`` with some unknowns not below zero. Block pivoting (Portugal,
 Judice and Vicente, Math. Comp. 63, 1994) guesses which unknowns are at the bound, solves for
 the others, and exchanges all that turn out wrong: a dozen factorisations of the free part,
 whatever the number of unknowns, so long as the problem is well conditioned. A plane that the
@@ -98,7 +98,7 @@ def solve(
     bounded : (n,) array of bool
         Which unknowns must not be negative.
     scale : float
-        What violations are relative to: |y|.
+        What violations are relative to: the norm of y.
     penalty : Sparse, optional
         Q.
     guess : (n,) array, optional

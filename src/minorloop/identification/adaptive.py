@@ -182,7 +182,15 @@ class Adaptive:
         return self.holds + VALIDATION + REPEATS
 
     def choose(self, u: Sequence[float], y: Sequence[float]) -> float | None:
-        """The next input after inputs u and settled outputs y; None when there are enough."""
+        """The next input after inputs u and settled outputs y; None when there are enough.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+            Inputs applied so far, in their unit.
+        y : (n,) array_like
+            Settled outputs; NaN where none was read.
+        """
         course = self._course(u, y)
         if course.pending:
             return float(u[-1])
@@ -195,18 +203,39 @@ class Adaptive:
         return self._validation_level(course.tested, float(u[-1]))
 
     def roles(self, u: Sequence[float], y: Sequence[float]) -> list[Role]:
-        """What each point is for; ``knocked`` ones are not fitted."""
+        """What each point is for; ``knocked`` ones are not fitted.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+            Inputs applied so far, in their unit.
+        y : (n,) array_like
+            Settled outputs; NaN where none was read.
+        """
         return self._course(u, y).roles
 
     def changes(self, u: Sequence[float], y: Sequence[float]) -> list[int]:
         """Points that contradict the model though their repetition gave the same.
 
         About there the actuator or its sensor changed, or no such model follows it.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+            Inputs applied so far, in their unit.
+        y : (n,) array_like
+            Settled outputs; NaN where none was read.
         """
         return sorted(self._course(u, y).changes)
 
     def learn_noise(self, sd: Sequence[float]) -> None:
-        """Take the noise from the standard deviations of the first settled outputs."""
+        """Take the noise from the standard deviations of the first settled outputs.
+
+        Parameters
+        ----------
+        sd : (n,) array_like
+            Standard deviations of settled outputs, in the unit of the output.
+        """
         known = [value for value in sd[:_FIRST] if np.isfinite(value)]
         if known:
             self.noise = float(np.median(known))
@@ -217,6 +246,15 @@ class Adaptive:
         """The model of the points that are there to be fitted; those of the validation held out.
 
         ``options`` of `identify` take the place of those of the experiment.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+            Inputs applied so far, in their unit.
+        y : (n,) array_like
+            Settled outputs; NaN where none was read.
+        **options
+            Further ones of `identify`.
         """
         course = self._course(u, y)
         fit = self._fit(u, y, course, **options)
@@ -227,7 +265,15 @@ class Adaptive:
         return replace(fit, u=np.array(u), y=outputs, fitted=fitted, held_out=held)
 
     def validation(self, u: Sequence[float], y: Sequence[float]) -> Validation | None:
-        """The score on the points that were not fitted; None where there are none yet."""
+        """The score on the points that were not fitted; None where there are none yet.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+            Inputs applied so far, in their unit.
+        y : (n,) array_like
+            Settled outputs; NaN where none was read.
+        """
         if "validation" not in self.roles(u, y):
             return None
         fit = self.identification(u, y)

@@ -54,7 +54,13 @@ class Prediction:
         return self.y + self.half_width
 
     def covers(self, y: FloatArray) -> float:
-        """Share of outputs (T,) that lie within their bands; NaN counts for nothing."""
+        """Share of outputs (T,) that lie within their bands; NaN counts for nothing.
+
+        Parameters
+        ----------
+        y : (T,) array_like
+            Outputs that were measured.
+        """
         known = np.isfinite(y)
         inside = (y >= self.lower) & (y <= self.upper)
         return float(np.mean(inside[known])) if known.any() else float("nan")
@@ -75,7 +81,15 @@ class Prediction:
         return "\n".join(lines)
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw outputs with their bands, in order and against the input."""
+        """Draw outputs with their bands, in order and against the input.
+
+        Parameters
+        ----------
+        input_label : str
+            Name and unit of the input, for the axes.
+        output_label : str
+            Name and unit of the output.
+        """
         from minorloop.identification.drawing import draw_prediction
 
         return draw_prediction(self, input_label=input_label, output_label=output_label)

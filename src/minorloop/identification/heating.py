@@ -103,7 +103,15 @@ class HeatedWire:
             raise ParameterError(f"latent is {self.latent}; give at least 0 A^2 s per degree")
 
     def begin(self, power: float = 0.0, start: Start = "negative") -> HeatedState:
-        """State of a wire that has settled under a power."""
+        """State of a wire that has settled under a power.
+
+        Parameters
+        ----------
+        power : float
+            Heating power, in A^2.
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before it.
+        """
         tracker = self.operator.track(start)
         return HeatedState(as_finite("power", power), tracker.push(power), tracker)
 
@@ -175,7 +183,15 @@ class HeatedWire:
         return self.moved(state, state.power + change)
 
     def moved(self, state: HeatedState, power: float) -> HeatedState:
-        """State when the effective power has gone straight to a value."""
+        """State when the effective power has gone straight to a value.
+
+        Parameters
+        ----------
+        state : HeatedState
+            Before the move.
+        power : float
+            Effective power afterwards, in A^2.
+        """
         tracker = state.tracker.copy()
         return HeatedState(power, tracker.push(power), tracker)
 

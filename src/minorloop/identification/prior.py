@@ -52,7 +52,7 @@ _NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "own"
 _CENTRES = np.log([0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.3])
 _SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0, 2.0])
 _NOISE_CENTRE, _NOISE_SPREAD = float(np.log(0.003)), 1.0
-_HEAVY = np.array([False] * 5 + [True, False, True])
+_HEAVY = np.array([False] * 7 + [True])
 _TAIL = 3.0
 _FURTHEST = 4.0
 _FURTHEST_HEAVY = 5.0
@@ -429,8 +429,9 @@ def search(
 def _unlikely(away: FloatArray) -> float:
     """Minus the logarithm of the density of hyperparameters, in spreads from their centres.
 
-    Tails of noise and discrepancy are those of a t distribution: sensors are good as a rule, and
-    where one is fifty times worse the measurements must be able to say so.
+    The tail of the noise is that of a t distribution: sensors are good as a rule, and where one
+    is fifty times worse the measurements must be able to say so. The discrepancy has none: on
+    rough planes it would take for its own what more holds can still tell.
     """
     heavy = _HEAVY[: away.size]
     tails = (_TAIL + 1) / 2 * np.log1p(away[heavy] ** 2 / _TAIL)

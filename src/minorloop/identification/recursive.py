@@ -180,13 +180,29 @@ class Recursive:
         return RecursiveState(memory, theta, information, vector, state.updates + 1)
 
     def run(self, state: RecursiveState, u: npt.ArrayLike, y: npt.ArrayLike) -> RecursiveState:
-        """Learn from a sequence of settled samples."""
+        """Learn from a sequence of settled samples.
+
+        Parameters
+        ----------
+        state : RecursiveState
+            What is known before.
+        u : (n,) array_like
+            Inputs.
+        y : (n,) array_like
+            Settled outputs; NaN where none was read.
+        """
         for value, output in zip(np.asarray(u).ravel(), np.asarray(y).ravel(), strict=True):
             state = self.update(state, float(value), float(output))
         return state
 
     def model(self, state: RecursiveState) -> Preisach:
-        """The operator as it is believed to be now."""
+        """The operator as it is believed to be now.
+
+        Parameters
+        ----------
+        state : RecursiveState
+            What is known.
+        """
         return self.form.model(state.theta)
 
     def excitation(self, state: RecursiveState) -> float:
@@ -194,6 +210,11 @@ class Recursive:
 
         Zero where some combination of the weights has not been excited within memory; that of
         a decaying staircase of 10 bands is about 0.005. The leak does not count.
+
+        Parameters
+        ----------
+        state : RecursiveState
+            What is known.
         """
         leak = self.prior * np.eye(state.theta.size)
         remembered = (1 - self.forgetting**state.updates) / (1 - self.forgetting or np.inf)
@@ -202,7 +223,13 @@ class Recursive:
         return max(least, 0.0) / max(count, 1.0)
 
     def regressor(self, memory: Memory) -> FloatArray:
-        """(n,) signed area fractions of all cells, and one for the offset."""
+        """(n,) signed area fractions of all cells, and one for the offset.
+
+        Parameters
+        ----------
+        memory : Memory
+            Of the relays.
+        """
         row = np.ones(self.form.unknowns)
         extrema = np.array(memory.extrema)
         _kernels.switched_on(self.levels, extrema, self.diagonal == "uniform", row[:-1])

@@ -237,7 +237,15 @@ class Identification:
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw the loop, the fit, the residual and the plane; gives the matplotlib figure."""
+        """Draw the loop, the fit, the residual and the plane; gives the matplotlib figure.
+
+        Parameters
+        ----------
+        input_label : str
+            Name and unit of the input, for the axes.
+        output_label : str
+            Name and unit of the output.
+        """
         from minorloop.identification.drawing import draw_identification
 
         return draw_identification(self, input_label=input_label, output_label=output_label)

@@ -109,3 +109,38 @@ def floors(squares, first, turns, out):
                     total += term[m]
                     term[m] *= turns[f, m]
                 out[d, b, f] += total
+
+
+@njit(cache=True, nogil=True)
+def square_sum(pressure, area, out):
+    """Sum over points of pressure squared (K, F, Q) times an area (Q,), into (K, F)."""
+    for b in range(pressure.shape[0]):
+        for f in range(pressure.shape[1]):
+            total = 0j
+            for q in range(pressure.shape[2]):
+                total += pressure[b, f, q] * pressure[b, f, q] * area[q]
+            out[b, f] = total
+
+
+@njit(cache=True, nogil=True)
+def turned(pressure, turn, out):
+    """Pressure (K, F, Q) times turn (F, Q), its parts in single precision (2, K, F, Q)."""
+    for b in range(pressure.shape[0]):
+        for f in range(pressure.shape[1]):
+            for q in range(pressure.shape[2]):
+                value = pressure[b, f, q] * turn[f, q]
+                out[0, b, f, q] = value.real
+                out[1, b, f, q] = value.imag
+
+
+@njit(cache=True, nogil=True)
+def mode_squares(around, radial, wave, out):
+    """Squares (K, F, M) of amplitudes from waves around rings (2, K, F, R, W)."""
+    for b in range(out.shape[0]):
+        for f in range(out.shape[1]):
+            for m in range(out.shape[2]):
+                w, real, imaginary = wave[m], 0.0, 0.0
+                for r in range(radial.shape[1]):
+                    real += radial[m, r] * around[0, b, f, r, w]
+                    imaginary += radial[m, r] * around[1, b, f, r, w]
+                out[b, f, m] = complex(real * real - imaginary * imaginary, 2 * real * imaginary)

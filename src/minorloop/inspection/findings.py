@@ -24,7 +24,7 @@ class Finding:
     kind : str
         ``pit``, ``hole``, ``crack`` or ``mark``.
     verdict : str
-        Of the echoes, as in ``PitDepth``; ``not heard`` where there is none.
+        Of the echoes, as in ``PitDepth``, with what was heard of an interrupted scan.
     phi, z, width, length, depth : float
         Centre, extents around and along the pipe, and depth under the wall.
     phi_sd, z_sd, width_sd, length_sd, depth_sd : float
@@ -59,9 +59,12 @@ def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
     radius : float
         Of the pipe, in metres.
     """
+    verdict = pit.verdict
+    if not pit.whole:
+        verdict += f" ({pit.bursts} of {pit.planned} places)"
     return Finding(
         _KINDS.get(pit.verdict, "pit"),
-        pit.verdict,
+        verdict,
         pit.phi,
         pit.place_sd / radius,
         pit.z,

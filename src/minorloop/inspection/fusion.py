@@ -17,9 +17,9 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEPTHS, PitDepth
+from minorloop.inspection.pits import DEPTHS, PitDepth, usable
 from minorloop.inspection.spectra import spectra_of
-from minorloop.inspection.unrolled import CAMERA, SONAR, Patch, WallMap
+from minorloop.inspection.unrolled import CAMERA, SONAR, UNSEEN, Patch, WallMap
 
 SHARE_ERROR = 0.08
 """Standard deviation of what a two-echo share misses of the waves in a pit, as a share of depth."""
@@ -61,7 +61,7 @@ def mean_depths(
     second times its depth is, to first order, the mean of the depth over the footprint, which is
     the square of the pressure.
     """
-    good = [burst for burst in bursts if not burst.verdict]
+    good = usable(bursts)
     spectra = spectra_of(good, ear, (pit.phi, pit.z)) if len(good) >= 5 else None
     if spectra is None:
         return None
@@ -73,15 +73,35 @@ def mean_depths(
     power = np.abs(expected) ** 2
     depth = pit.depth if np.isfinite(pit.depth) else _common_depth(spectra.heard, expected, k)
     values, sds = _shares(spectra.heard, expected, k, depth, spectra.noise)
-    origins, axes = ear.beams(spectra.angles)
+    return MeanDepths(values, sds, footprints_of(model, patch, power))
+
+
+def footprints_of(model: PitModel, patch: Patch, power: FloatArray | None = None) -> FloatArray:
+    """Share (K, P) of the echo of a plain wall that each texel sends back to each beam.
+
+    Parameters
+    ----------
+    model : PitModel
+        Of the beams.
+    patch : Patch
+        Where.
+    power : (K, F) array, optional
+        Weights of the frequencies; without it, as the middle third of them has it.
+    """
+    ear, k = model.ear, model.sound.wavenumbers
+    if power is None:
+        third = len(k) // 3
+        middle = np.abs(np.arange(len(k)) - len(k) / 2) < third / 2
+        power = np.tile(middle.astype(np.float64), (len(model.angles), 1))
+    origins, axes = ear.beams(model.angles)
     places = patch.places.reshape(-1, 2)
     points = wall_point(places[:, 0], places[:, 1], ear.radius)
     pressure = model.sound.at(origins, axes, model.spots[:, 2].copy(), points)
     square = 2j * k[:, None] * pressure**2 * patch.step**2
     ratio = square / model.plain[:, :, None]
     weight = power / power.sum(axis=1, keepdims=True)
-    footprints = (ratio.real * weight[:, :, None]).sum(axis=1)
-    return MeanDepths(values, sds, footprints)
+    footprints: FloatArray = (ratio.real * weight[:, :, None]).sum(axis=1)
+    return footprints
 
 
 def _shares(
@@ -143,9 +163,53 @@ def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | Non
     if seen.shape != disc.shape:
         raise SignalError(f"the outline has shape {seen.shape}; the patch has {disc.shape}")
     sure = np.clip(disc, 1e-4, 1 - 1e-4)
+    seen = np.where(np.isfinite(seen), seen, sure)
     logit = 0.5 * (np.log(seen / (1 - seen)) + np.log(sure / (1 - sure)))
     both: FloatArray = 1 / (1 + np.exp(-logit))
     return both
+
+
+def outline_of(
+    image: npt.ArrayLike, patch: Patch, place: tuple[float, float], diameter: float
+) -> FloatArray:
+    """Probability (rows, columns) by the image that a texel is in a mouth; NaN where not seen.
+
+    Parameters
+    ----------
+    image : (rows, columns) array_like
+        Logarithm of the image laid flat; NaN where nothing is seen.
+    patch : Patch
+        Where.
+    place : (float, float)
+        Phi and z of the mouth as the camera saw it.
+    diameter : float
+        In metres.
+
+    Notes
+    -----
+    The level half way between the median inside and that of a ring around, with the scatter of
+    both; texels farther than a third of the diameter from the outline follow the outline alone.
+    """
+    shade = np.asarray(image, dtype=np.float64)
+    off = np.linalg.norm(patch.off(*place), axis=-1)
+    if shade.shape != off.shape:
+        raise SignalError(f"the image has shape {shade.shape}; the patch has {off.shape}")
+    seen = np.isfinite(shade)
+    inner = seen & (off < 0.35 * diameter)
+    outer = seen & (off > 0.65 * diameter) & (off < 1.1 * diameter)
+    disc: FloatArray = ndtr((diameter / 2 - off) / (0.08 * diameter))
+    if inner.sum() < 4 or outer.sum() < 8:
+        return np.where(seen, disc, np.nan)
+    inside, around = float(np.median(shade[inner])), float(np.median(shade[outer]))
+    scatter = float(np.median(np.abs(shade[outer] - around))) * 1.4826
+    contrast = inside - around
+    if abs(contrast) <= 3 * scatter:
+        return np.where(seen, disc, np.nan)
+    share = (np.nan_to_num(shade, nan=around) - (inside + around) / 2) / contrast
+    width = max(scatter / abs(contrast), 0.12)
+    by_level = 1 / (1 + np.exp(np.clip(-share / width, -30.0, 30.0)))
+    near = np.abs(off - diameter / 2) < diameter / 3
+    return np.where(seen, np.where(near, by_level, disc), np.nan)
 
 
 def fuse(
@@ -167,33 +231,68 @@ def fuse(
     patch : Patch
         Where.
     image : (rows, columns) array_like, optional
-        Logarithm of the image laid flat; neighbours across its edges are not tied together.
+        Logarithm of the image laid flat, NaN where nothing is seen; neighbours across its edges
+        are not tied together. Without it the camera counts as having seen all of the patch.
     outline : (rows, columns) array_like, optional
-        Probability of a defect by the image.
+        Probability of a defect by the image, NaN where nothing is seen.
 
     Returns
     -------
     WallMap
         Infinitely deep inside a through-hole. Where there was no echo, the wall outside the
-        outline is that of the camera and inside it nothing is known.
+        outline is that of the camera and inside it nothing is known; where neither has been,
+        nothing is.
 
     Notes
     -----
-    The least of sum (a - H d)^2 / sd^2 + stiffness * sum g |grad d|^2 + sum (d - m)^2 / s^2: the
-    mean m and deviation s of a texel are those of a mixture of wall and floor by the probability
-    that it is inside. The posterior is Gaussian about it; its deviations are the roots of the
-    diagonal of the inverse.
+    The least of
+    ``sum (a - H d)^2 / sd^2 + stiffness * sum g |grad d|^2 + sum (d - m)^2 / s^2``:
+    the mean m and deviation s of a texel are those of a mixture of wall and floor by the
+    probability that it is inside. The posterior is Gaussian about it; its deviations are the
+    roots of the diagonal of the inverse.
     """
     inside = inside_probability(patch, pit, outline)
-    shape = inside.shape
+    seen = np.ones(inside.shape, bool)
+    if image is not None:
+        seen = np.isfinite(np.asarray(image, dtype=np.float64))
+        if seen.shape != inside.shape:
+            raise SignalError(f"the image has shape {seen.shape}; the patch has {inside.shape}")
+    source = np.where(seen, CAMERA, UNSEEN)
+    if heard is not None:
+        source = source | np.where(_reached(heard, patch), SONAR, UNSEEN)
     if pit.verdict == "through-hole":
-        depth = np.where(inside >= 0.5, np.inf, 0.0)
-        sd = np.where(inside >= 0.5, np.nan, _LEAST_RIM)
-        return WallMap(patch, depth, sd, np.full(shape, SONAR | CAMERA, dtype=np.uint8))
-    if heard is None:
-        depth = np.where(inside < 0.5, 0.0, np.nan)
-        sd = np.where(inside < 0.5, 0.05e-3, np.inf)
-        return WallMap(patch, depth, sd, np.full(shape, CAMERA, dtype=np.uint8))
+        depth, sd = (
+            np.where(inside >= 0.5, np.inf, 0.0),
+            np.where(inside >= 0.5, np.nan, _LEAST_RIM),
+        )
+    elif heard is None:
+        depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, 0.05e-3, np.inf)
+    else:
+        depth, sd = _fused(pit, heard, patch, inside, image)
+    known = source != UNSEEN
+    return WallMap(
+        patch,
+        np.where(known, depth, np.nan),
+        np.where(known, sd, np.inf),
+        source.astype(np.uint8),
+    )
+
+
+def _reached(heard: MeanDepths, patch: Patch) -> BoolArray:
+    """Where the footprint of any trace is more than a twentieth of its highest."""
+    height = np.abs(heard.footprints).max(axis=0, initial=0.0).reshape(patch.rows, patch.columns)
+    reached: BoolArray = height > 0.05 * max(float(height.max()), 1e-12)
+    return reached
+
+
+def _fused(
+    pit: PitDepth,
+    heard: MeanDepths,
+    patch: Patch,
+    inside: FloatArray,
+    image: npt.ArrayLike | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Depth and its deviation where there were echoes."""
     mean, spread, rim = _before(patch, pit, inside)
     mask = (inside > 0.003).ravel()
     depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
@@ -202,8 +301,7 @@ def fuse(
         depth[mask], sd[mask] = _solve(heard, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
     # No footprint is fine enough to tell on which side of the rim a single texel lies.
     sd = np.hypot(sd, _RIM * rim.ravel())
-    source = np.full(shape, SONAR | CAMERA, dtype=np.uint8)
-    return WallMap(patch, depth.reshape(shape), sd.reshape(shape), source)
+    return depth.reshape(inside.shape), sd.reshape(inside.shape)
 
 
 def _before(
@@ -229,8 +327,6 @@ def _ties(
 ) -> FloatArray:
     """(M, M) matrix of the squared differences of neighbours inside, weak across edges."""
     shade = np.zeros(inside.shape) if image is None else np.asarray(image, dtype=np.float64)
-    if shade.shape != inside.shape:
-        raise SignalError(f"the image has shape {shade.shape}; the patch has {inside.shape}")
     shade = np.nan_to_num(shade)
     flat = np.full(mask.size, -1)
     flat[mask] = np.arange(mask.sum())

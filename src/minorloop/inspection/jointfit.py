@@ -36,18 +36,13 @@ class Solution:
     ----------
     unknowns : (8,) array
         In the order of ``pitmodel.NAMES``.
-    covariance : (8, 8) array
-        From the curvature of the misfit and the noise of the traces alone.
     cost : float
-        Half the sum of squares over the noise, far traces counted less, and the prior.
-    misfit : float
-        Median over the traces of the mean square over the noise; 1 where all is explained.
+        Half the sum of squares over the noise, traces that do not fit counted less, and the
+        prior.
     """
 
     unknowns: FloatArray
-    covariance: FloatArray
     cost: float
-    misfit: float
 
 
 @dataclass(eq=False)
@@ -62,17 +57,21 @@ class JointFit:
         What they are.
     scale : float
         Misfit of a trace from which on it counts less, in units of its noise.
+    far : array of int, optional
+        Traces of plain wall, which tell the pulse; without it, the farthest from the pit.
     """
 
     model: PitModel
     spectra: Spectra
     scale: float = 1.0
+    far: npt.NDArray[np.intp] | None = None
     pulse: ComplexArray = field(init=False)
     shift: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        off = np.linalg.norm(self.model.off(), axis=1)
-        far = np.argsort(-off)[:FAR]
+        far = self.far
+        if far is None:
+            far = np.argsort(-np.linalg.norm(self.model.off(), axis=1))[:FAR]
         self._k = self.model.sound.wavenumbers
         self.shift = np.zeros(len(self.spectra.heard))
         plain, heard = self.model.plain[far], self.spectra.heard[far]
@@ -145,10 +144,15 @@ class JointFit:
             theta, model, cost = trial, candidate, new
             if gained < 1e-3 + 1e-5 * cost:
                 break
+        return Solution(theta, cost)
+
+    def deviations(self, unknowns: FloatArray) -> FloatArray:
+        """Standard deviations (8,) by the curvature of the misfit and the noise of the traces."""
+        model = self.model.echo(unknowns)
         self.cost_of(model)
-        normal, _ = self._normal(theta, model, centre, prior)
-        misfit = float(np.median(self._misfit(model)))
-        return Solution(theta, np.linalg.inv(normal).astype(np.float64), cost, misfit)
+        normal, _ = self._normal(unknowns, model, CENTRE, PRIOR)
+        deviations: FloatArray = np.sqrt(np.diag(np.linalg.inv(normal)))
+        return deviations
 
     def refine_pulse(self, unknowns: FloatArray) -> None:
         """Estimate the pulse again from all traces, as the fit explains them."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
 from minorloop.geometry import wall_point
 from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
@@ -24,7 +25,13 @@ MEASURED = "measured"
 _FEWEST_INSIDE = 3
 _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
-_NOTICED = 0.05
+_NOTICED, _HOPELESS = 0.05, 1.15
+"""How much better than a plain wall a pit must explain the traces; how much worse, before any
+fit, that none is tried."""
+_RIVAL, _AMBIGUOUS = 0.8, 0.87
+"""Share of what the best depth explains beyond a plain wall from which on another depth is tried
+too, and from which on neither can be told."""
+_APART = 0.02e-3
 _USUAL, _STRANGE = 1.06, 1.2  # times the cost of noise alone
 _OPEN, _FAINT, _UNEVEN, _UNSURE = 0.1, 0.3, 0.6, 0.88
 # What the curvature of the misfit does not tell, calibrated on scans of its own: broken edges of
@@ -32,6 +39,10 @@ _OPEN, _FAINT, _UNEVEN, _UNSURE = 0.1, 0.3, 0.6, 0.88
 _WIDER, _UNMODELLED = 2.0, 3.1e-6
 _FLAT = 0.02e-3
 _POINTING, _SIZE = 34e-6, 0.018
+_STRAINED = 2.5
+"""Prior deviations of the size, off what the camera saw, from which on the echoes are those of
+something else too, and the outline of the camera is kept."""
+_WIDE = 0.1e-3
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
 _SLOPES = (-0.06, 0.0, 0.06)
 
@@ -44,8 +55,11 @@ class PitDepth:
     ----------
     verdict : str
         ``measured``; ``through-hole`` (no floor is heard); ``uneven floor`` (heard, but not as a
-        flat one: the depth is a mean, with a wide band); ``no pit`` (a plain wall explains all);
-        or why there is no depth: ``too few echoes``, ``no coupling``, and words of ``Burst``.
+        flat one: the depth is a mean, with a wide band); ``disturbed`` (something beside the
+        mouth, such as a bead, echoes too: the outline is the camera's, the band wide);
+        ``ambiguous depth`` (another depth explains nearly as much); ``no pit`` (a plain wall
+        explains all); or why there is no depth: ``too few echoes``, ``no coupling``, and words of
+        ``Burst``.
     phi, z : float
         Centre, in radians and metres.
     diameter, depth : float
@@ -58,8 +72,8 @@ class PitDepth:
         Slopes of the floor around and along the pipe.
     dish : float
         How much deeper the middle of the floor is than its mean, in metres.
-    bursts : int
-        How many were used.
+    bursts, planned : int
+        How many were used, and how many were to be.
     """
 
     verdict: str
@@ -74,11 +88,17 @@ class PitDepth:
     tilt: tuple[float, float] = (0.0, 0.0)
     dish: float = np.nan
     bursts: int = 0
+    planned: int = 0
 
     @property
     def measured(self) -> bool:
         """Whether there is a depth to rely on."""
         return self.verdict == MEASURED
+
+    @property
+    def whole(self) -> bool:
+        """Whether nothing of the scan is missing."""
+        return self.bursts >= self.planned
 
 
 def raster(
@@ -107,7 +127,12 @@ def raster(
 
 
 def measure_pit(
-    bursts: Sequence[Burst], ear: Ear, centre: tuple[float, float], diameter: float
+    bursts: Sequence[Burst],
+    ear: Ear,
+    centre: tuple[float, float],
+    diameter: float,
+    *,
+    planned: int | None = None,
 ) -> PitDepth:
     """Measure the depth of a pit from the bursts of a raster, whole or interrupted.
 
@@ -121,26 +146,62 @@ def measure_pit(
         Of the mouth as the camera saw it, phi and z.
     diameter : float
         Of the mouth as the camera saw it, in metres.
+    planned : int, optional
+        Bursts of the whole raster, where a scan was interrupted; without it, those given.
 
     Returns
     -------
     PitDepth
         With a verdict; no depth is made up where the echoes do not hold one.
+
+    Raises
+    ------
+    ParameterError
+        If the diameter is not a positive number.
     """
-    good = [burst for burst in bursts if not burst.verdict]
+    if not as_finite("diameter of a mouth", diameter) > 0:
+        raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
+    good = usable(bursts)
+    found = _measured(good, bursts, ear, centre, diameter)
+    return replace(found, bursts=len(good), planned=len(bursts) if planned is None else planned)
+
+
+def _measured(
+    good: Sequence[Burst],
+    bursts: Sequence[Burst],
+    ear: Ear,
+    centre: tuple[float, float],
+    diameter: float,
+) -> PitDepth:
     nothing = _too_little(bursts, good, ear, centre, diameter)
     if nothing:
-        return PitDepth(nothing, *centre, bursts=len(good))
+        return PitDepth(nothing, *centre)
     spectra = spectra_of(good, ear, centre)
     if spectra is None:
-        return PitDepth("no coupling", *centre, bursts=len(good))
+        return PitDepth("no coupling", *centre)
     fit = JointFit(PitModel(ear, spectra.angles, centre, diameter / 2), spectra)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
-    plain = fit.cost_of(fit.model.plain)
-    if plain < (1 + _NOTICED) * costs.min():
-        return PitDepth("no pit", *centre, bursts=len(good))
+    if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
+        return PitDepth("no pit", *centre)
     start[3] = DEPTHS[np.argmin(costs)]
-    return _judged(fit, _best(fit, start))
+    return _judged(fit, *_surest(fit, _best(fit, start)))
+
+
+def usable(bursts: Sequence[Burst]) -> list[Burst]:
+    """Bursts that can be used together: heard, finite, and of one length and interval."""
+    good = [
+        burst
+        for burst in bursts
+        if not burst.verdict
+        and burst.trace.ndim == 1
+        and burst.trace.size > 0
+        and np.isfinite(burst.trace).all()
+        and np.isfinite(burst.angles).all()
+        and np.isfinite(burst.noise)
+    ]
+    kinds = [(burst.trace.size, burst.sample_interval) for burst in good]
+    usual = max(set(kinds), key=kinds.count, default=None)
+    return [burst for burst, kind in zip(good, kinds, strict=True) if kind == usual]
 
 
 def _too_little(
@@ -186,6 +247,36 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
         best = _better(fit, best, _shaped(fit, flat, _SLOPES, _DISHES, depths)[: 2 * _STARTS])
     fit.refine_pulse(best.unknowns)
     return fit.solve(best.unknowns)
+
+
+def _surest(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
+    """The best of a solution and its rival at another depth, and whether both are as good.
+
+    Through a lens the floor outweighs the wall, and the starts have tried what else fits.
+    """
+    if np.isfinite(fit.model.ear.probe.focus):
+        return best, False
+    rival, share = _rival(fit, best)
+    if share < _RIVAL:
+        return best, False
+    other = fit.solve(_at_depth(best.unknowns, rival))
+    fit.refine_pulse(other.unknowns)
+    other = fit.solve(other.unknowns)
+    if other.cost > best.cost:
+        fit.refine_pulse(best.unknowns)
+        other = fit.solve(best.unknowns)
+    return other, _rival(fit, other)[1] > _AMBIGUOUS
+
+
+def _rival(fit: JointFit, best: Solution) -> tuple[float, float]:
+    """The depth of the second best dip, and what it explains of what the best explains."""
+    costs = fit.sweep(best.unknowns, DEPTHS)
+    gained = max(fit.cost_of(fit.model.plain) - best.cost, 1e-9)
+    taken = float(best.unknowns[3])
+    for n in _lowest(costs):
+        if abs(DEPTHS[n] - taken) > _APART:
+            return float(DEPTHS[n]), float(1 - (costs[n] - best.cost) / gained)
+    return np.nan, 0.0
 
 
 def _is_open(fit: JointFit, best: Solution) -> bool:
@@ -249,32 +340,39 @@ def _shaped(
     return [begun for _, begun in found]
 
 
-def _judged(fit: JointFit, best: Solution) -> PitDepth:
+def _judged(fit: JointFit, best: Solution, ambiguous: bool) -> PitDepth:
     """The verdict on a fit, with what of it can be told."""
     ear, centre = fit.model.ear, fit.model.centre
+    disturbed = abs(best.unknowns[2]) > _STRAINED * PRIOR[2]
+    verdict, depth_sd = _verdict(fit, best, _hole(fit, best))
+    if verdict == MEASURED and (disturbed or ambiguous):
+        verdict, depth_sd = ("disturbed", _WIDE) if disturbed else ("ambiguous depth", np.nan)
+    if verdict == "disturbed":
+        best = _as_seen(fit, best)
     x, y, size, depth, gain, u, v, dish = best.unknowns
-    sd = np.sqrt(np.diag(best.covariance))
+    sd = PRIOR if verdict == "disturbed" else fit.deviations(best.unknowns)
     mouth = 2 * fit.model.radius * np.exp(size)
-    count = len(fit.spectra.heard)
-    phi, z = centre[0] + x / ear.radius, centre[1] + y
-    place_sd = float(np.sqrt((sd[0] ** 2 + sd[1] ** 2) / 2 + _POINTING**2))
-    size_sd = float(mouth * np.hypot(sd[2], _SIZE))
-    known = (float(phi), float(z), float(mouth))
-    plain = fit.cost_of(fit.model.plain)
-    verdict, depth_sd = _verdict(best, float(sd[3]), plain, _hole(fit, best))
-    told = verdict in (MEASURED, "uneven floor")
     return PitDepth(
         verdict,
-        *known,
-        depth=float(depth) if told else np.nan,
-        place_sd=place_sd,
-        diameter_sd=size_sd,
-        depth_sd=depth_sd if told else np.nan,
+        float(centre[0] + x / ear.radius),
+        float(centre[1] + y),
+        float(mouth),
+        depth=float(depth) if np.isfinite(depth_sd) else np.nan,
+        place_sd=float(np.hypot(np.hypot(sd[0], sd[1]) / np.sqrt(2), _POINTING)),
+        diameter_sd=float(mouth * np.hypot(sd[2], _SIZE)),
+        depth_sd=depth_sd,
         gain=float(gain),
         tilt=(float(u), float(v)),
         dish=float(dish),
-        bursts=count,
     )
+
+
+def _as_seen(fit: JointFit, best: Solution) -> Solution:
+    """The fit with the outline that the camera saw, and a flat floor."""
+    start, prior = best.unknowns.copy(), PRIOR.copy()
+    start[:3], start[5:] = 0.0, 0.0
+    prior[:3], prior[5:] = PRIOR[:3] / 10, PRIOR[5:] / 10
+    return fit.solve(start, prior=prior)
 
 
 def _hole(fit: JointFit, best: Solution) -> float:
@@ -285,14 +383,16 @@ def _hole(fit: JointFit, best: Solution) -> float:
     return fit.solve(without, centre=without, prior=prior, rounds=3).cost
 
 
-def _verdict(best: Solution, raw_sd: float, plain: float, hole: float) -> tuple[str, float]:
-    gain = best.unknowns[4]
+def _verdict(fit: JointFit, best: Solution, hole: float) -> tuple[str, float]:
+    """A verdict and the standard deviation of the depth, NaN where there is none."""
+    gain, raw_sd = best.unknowns[4], float(fit.deviations(best.unknowns)[3])
+    plain = fit.cost_of(fit.model.plain)
     if plain < (1 + _NOTICED) * best.cost:
         return "no pit", np.nan
     if gain < _OPEN or _gains_nothing(best, hole):
         return "through-hole", np.nan
     if gain < _UNEVEN:
-        return "uneven floor", 0.1e-3
+        return "uneven floor", _WIDE
     # What a floor that is not flat returns weighs its middle and its rim in its own way.
     bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
     return MEASURED, float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))

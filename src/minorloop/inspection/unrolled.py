@@ -215,6 +215,32 @@ def blend(first: WallMap, second: WallMap) -> WallMap:
     return WallMap(first.patch, depth, np.where(through, np.nan, sd), source)
 
 
+def paste(wall: WallMap, part: WallMap) -> WallMap:
+    """A map with the texels of another, where it knows something, in place of its own.
+
+    Parameters
+    ----------
+    wall : WallMap
+        Of the larger patch.
+    part : WallMap
+        Of a smaller one; the nearest of its texels counts.
+    """
+    places, patch = wall.patch.places, part.patch
+    middle = patch.phi + 0.5 * (patch.columns - 1) * patch.step / patch.radius
+    around = (places[..., 0] - middle + np.pi) % (2 * np.pi) - np.pi
+    column = np.rint(around * patch.radius / patch.step + 0.5 * (patch.columns - 1)).astype(int)
+    row = np.rint((places[..., 1] - patch.z) / patch.step).astype(int)
+    inside = (column >= 0) & (column < patch.columns) & (row >= 0) & (row < patch.rows)
+    i, j = np.clip(row, 0, patch.rows - 1), np.clip(column, 0, patch.columns - 1)
+    inside &= part.source[i, j] != UNSEEN
+    depth, sd = (
+        np.where(inside, part.depth[i, j], wall.depth),
+        np.where(inside, part.sd[i, j], wall.sd),
+    )
+    source = np.where(inside, part.source[i, j] | wall.source, wall.source)
+    return WallMap(wall.patch, depth, sd, source.astype(np.uint8))
+
+
 @dataclass(frozen=True)
 class WaterLine:
     """The surface of the water in a pipe.

@@ -74,7 +74,13 @@ class Setup:
             raise ParameterError(f"the setup cannot be written as JSON: {error}") from None
 
     def difference(self, other: Setup) -> str:
-        """The first thing in which another setup differs, in words; empty if it is the same."""
+        """The first thing in which another setup differs, in words; empty if it is the same.
+
+        Parameters
+        ----------
+        other : Setup
+            To compare with.
+        """
         for name, mine in asdict(self).items():
             theirs = getattr(other, name)
             if mine != theirs:

@@ -135,6 +135,11 @@ class Actuator(Protocol):
     def exchange(self, u: Value) -> Value:
         """Hold an input for one tick and give the output at its end.
 
+        Parameters
+        ----------
+        u : float or (channels,) array
+            The input, in its unit.
+
         Raises
         ------
         LimitError

@@ -160,6 +160,13 @@ class Plan:
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
         """Write inputs, longest and shortest holds as CSV; the settings stay behind.
 
+        Parameters
+        ----------
+        path : str or path
+            Where.
+        force : bool
+            Replace a file that exists.
+
         Raises
         ------
         OutputError
@@ -191,6 +198,11 @@ class Plan:
     def from_json(cls, text: str) -> Plan:
         """The plan that ``to_json`` wrote.
 
+        Parameters
+        ----------
+        text : str
+            What ``to_json`` gave.
+
         Raises
         ------
         ParameterError
@@ -204,7 +216,13 @@ class Plan:
             raise ParameterError(f"that is not a plan: {error}") from None
 
     def difference(self, other: Plan) -> str:
-        """The first thing in which another plan differs, in words; empty if it is the same."""
+        """The first thing in which another plan differs, in words; empty if it is the same.
+
+        Parameters
+        ----------
+        other : Plan
+            To compare with.
+        """
         for name in ("input", "window", "tolerance", "sample_interval"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:

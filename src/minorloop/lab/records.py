@@ -184,6 +184,11 @@ class Record:
     def joined(cls, records: Sequence[Record]) -> Record:
         """One record of several that follow each other on the same clock.
 
+        Parameters
+        ----------
+        records : sequence of Record
+            In the order of their times.
+
         Raises
         ------
         RecordError

@@ -54,6 +54,13 @@ class Store:
     """A plan, what it is carried out on, and the points that have settled so far.
 
     Make one with ``Store.create`` or ``Store.open``; use it as a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    connection : sqlite3.Connection
+        To it, as ``create`` and ``open`` make it.
     """
 
     path: Path
@@ -169,6 +176,13 @@ class Store:
     def check_same(self, plan: Plan, setup: Setup | None = None) -> None:
         """Refuse to go on with another plan or on another actuator than the store is about.
 
+        Parameters
+        ----------
+        plan : Plan
+            What is going to be carried out.
+        setup : Setup, optional
+            On what; not compared without it.
+
         Raises
         ------
         StoreError
@@ -196,6 +210,11 @@ class Store:
 
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Times and outputs of the whole hold of a point, (T,) each.
+
+        Parameters
+        ----------
+        index : int
+            Of the point.
 
         Raises
         ------
@@ -249,7 +268,13 @@ class Store:
             return json.loads(rows.unsealed(found[0])[1]) if found else None
 
     def set_origin(self, checkpoint: dict[str, Any]) -> None:
-        """Keep the state of the actuator before the first level, once."""
+        """Keep the state of the actuator before the first level, once.
+
+        Parameters
+        ----------
+        checkpoint : dict
+            State of the actuator, as its ``checkpoint`` gave it.
+        """
         with self._transaction():
             self._execute(rows.INSERT_ABOUT, *rows.sealed("origin", json.dumps(checkpoint)))
 
@@ -259,7 +284,13 @@ class Store:
             self._execute(rows.INSERT_ABOUT, *rows.sealed("enough", "true"))
 
     def begin_sitting(self, way: str) -> int:
-        """Note that the run goes on from here, and in which way the actuator got here."""
+        """Note that the run goes on from here, and in which way the actuator got here.
+
+        Parameters
+        ----------
+        way : str
+            How the actuator got here.
+        """
         number = len(self.sittings()) + 1
         row = rows.sealed(number, _now(), None, len(self), way, None)
         with self._transaction():
@@ -267,7 +298,15 @@ class Store:
         return number
 
     def end_sitting(self, number: int, end: str) -> None:
-        """Note how a sitting ended."""
+        """Note how a sitting ended.
+
+        Parameters
+        ----------
+        number : int
+            Of the sitting.
+        end : str
+            How it ended.
+        """
         sitting = self.sittings()[number - 1]
         row = rows.sealed(number, sitting.began, _now(), sitting.first, sitting.way, end)
         with self._transaction():
@@ -275,6 +314,15 @@ class Store:
 
     def add(self, point: Point, t: FloatArray, y: FloatArray) -> None:
         """Write a settled point and its trace, both or neither, before the run goes on.
+
+        Parameters
+        ----------
+        point : Point
+            What settled.
+        t : (T,) array_like
+            Times of the hold, in seconds.
+        y : (T,) array_like
+            Outputs during it.
 
         Raises
         ------

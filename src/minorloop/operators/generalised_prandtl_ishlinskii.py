@@ -125,11 +125,25 @@ class GeneralisedPrandtlIshlinskii:
         return -np.inf, np.inf
 
     def positions(self, start: PlayStart) -> FloatArray:
-        """(n,) play positions of a start state, as `PrandtlIshlinskii.positions`."""
+        """(n,) play positions of a start state, as `PrandtlIshlinskii.positions`.
+
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or (n,) array_like
+            Positions of the plays before the first input, or a state by name.
+        """
         return self.plays.positions(start)
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
-        """Outputs for whole input signals, as `PrandtlIshlinskii.simulate`."""
+        """Outputs for whole input signals, as `PrandtlIshlinskii.simulate`.
+
+        Parameters
+        ----------
+        u : (T,) or (S, T) array_like
+            Inputs.
+        start : {"negative", "positive", "demagnetised"} or (n,) array_like
+            Positions of the plays before the first input, or a state by name.
+        """
         return self.offset + self.zones(self.plays.simulate(u, start))
 
     def invert(
@@ -162,15 +176,37 @@ class GeneralisedPrandtlIshlinskii:
         return Inversion(inner.u, y, y - wanted, inner.reachable)
 
     def step(self, memory: PlayStart, u: float) -> tuple[float, FloatArray]:
-        """Output and play positions after one input, as `PrandtlIshlinskii.step`."""
+        """Output and play positions after one input, as `PrandtlIshlinskii.step`.
+
+        Parameters
+        ----------
+        memory : (n,) array_like or state by name
+            Positions of the plays.
+        u : float
+            The input, in its unit.
+        """
         inner, after = self.plays.step(memory, u)
         return self.offset + float(self.zones(inner)), after
 
     def aim(self, memory: PlayStart, y: float) -> float:
-        """Input that brings the output to y from a start state."""
+        """Input that brings the output to y from a start state.
+
+        Parameters
+        ----------
+        memory : (n,) array_like or state by name
+            Positions of the plays.
+        y : float
+            Output wanted.
+        """
         inner = self.zones.invert(as_finite("target", y) - self.offset)
         return self.plays.aim(memory, float(inner))
 
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
-        """Follow a live input sample by sample."""
+        """Follow a live input sample by sample.
+
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or (n,) array_like
+            Positions of the plays before the first input, or a state by name.
+        """
         return StepTracker(self, self.positions(start))

@@ -72,7 +72,15 @@ class Inversion:
         return "\n".join(lines)
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw targets with outputs, and the inputs below; gives the matplotlib figure."""
+        """Draw targets with outputs, and the inputs below; gives the matplotlib figure.
+
+        Parameters
+        ----------
+        input_label : str
+            Name and unit of the input, for the axes.
+        output_label : str
+            Name and unit of the output.
+        """
         from minorloop.operators.drawing import draw_inversion
 
         return draw_inversion(self, input_label=input_label, output_label=output_label)

@@ -69,12 +69,26 @@ class Memory:
 
     @classmethod
     def negative(cls, low: float) -> Memory:
-        """Negative saturation of a plane that begins at ``low``."""
+        """Negative saturation of a plane that begins at ``low``.
+
+        Parameters
+        ----------
+        low : float
+            Least threshold of the plane, in the unit of the input.
+        """
         return cls((low,))
 
     @classmethod
     def positive(cls, low: float, high: float) -> Memory:
-        """Positive saturation of a plane from ``low`` to ``high``."""
+        """Positive saturation of a plane from ``low`` to ``high``.
+
+        Parameters
+        ----------
+        low : float
+            Least threshold of the plane, in the unit of the input.
+        high : float
+            Greatest threshold.
+        """
         return cls((low, high))
 
     @classmethod
@@ -83,6 +97,13 @@ class Memory:
 
         The swing shrinks by 1/512 of the plane a turn, so a plane symmetric about its middle
         is left within about 1/512 of its range of its middle output.
+
+        Parameters
+        ----------
+        low : float
+            Least threshold of the plane, in the unit of the input.
+        high : float
+            Greatest threshold.
         """
         turns = DEMAGNETISING_TURNS
         middle, half = (low + high) / 2, (high - low) / 2

@@ -236,6 +236,13 @@ class Polynomial:
     def step(self, memory: object, u: float) -> tuple[float, object]:
         """Output for one input, and the memory as it was.
 
+        Parameters
+        ----------
+        memory : object
+            Given back as it is.
+        u : float
+            The input, in its unit.
+
         Raises
         ------
         ParameterError
@@ -245,6 +252,13 @@ class Polynomial:
 
     def aim(self, memory: object, y: float) -> float:
         """Input whose output comes nearest to y.
+
+        Parameters
+        ----------
+        memory : object
+            Not looked at.
+        y : float
+            Output wanted.
 
         Raises
         ------
@@ -256,7 +270,13 @@ class Polynomial:
         return float(self.invert([as_finite("target", y)], unreachable="clip").u[0])
 
     def track(self, start: object = None) -> StepTracker[object]:
-        """Follow a live input sample by sample; there is nothing to remember."""
+        """Follow a live input sample by sample; there is nothing to remember.
+
+        Parameters
+        ----------
+        start : object
+            Not looked at.
+        """
         return StepTracker(self, start)
 
     @cached_property

@@ -156,6 +156,11 @@ class PrandtlIshlinskii:
     def positions(self, start: PlayStart) -> FloatArray:
         """(n,) play positions of a start state; infinite for the two saturations.
 
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or (n,) array_like
+            Positions of the plays before the first input, or a state by name.
+
         Raises
         ------
         ParameterError
@@ -275,6 +280,11 @@ class PrandtlIshlinskii:
     def inverse_positions(self, start: PlayStart) -> FloatArray:
         """(n,) start of `inverse` that belongs to a start of this operator.
 
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or (n,) array_like
+            Positions of the plays before the first input, or a state by name.
+
         Raises
         ------
         NotInvertibleError
@@ -331,6 +341,13 @@ class PrandtlIshlinskii:
 
     def aim(self, memory: PlayStart, y: float) -> float:
         """Input that brings the output to y from a start state.
+
+        Parameters
+        ----------
+        memory : (n,) array_like or state by name
+            Positions of the plays.
+        y : float
+            Output wanted.
 
         Raises
         ------

@@ -346,7 +346,13 @@ class Preisach:
         return Tracker(self, start)
 
     def memory(self, start: Start) -> Memory:
-        """A start state by name, or a memory fitted to the range of this plane."""
+        """A start state by name, or a memory fitted to the range of this plane.
+
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or Memory
+            The start state.
+        """
         low, high = float(self.levels[0]), float(self.levels[-1])
         if isinstance(start, Memory):
             if start.extrema[0] == low and max(start.extrema) <= high:

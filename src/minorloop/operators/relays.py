@@ -91,6 +91,11 @@ class RelayModel:
         reached the upper end of band i, off when it has fallen to the lower end of band j. The
         column at the lowest level stays empty, for it would never switch off again.
 
+        Parameters
+        ----------
+        model : Preisach
+            With levels that become the dots' values.
+
         Raises
         ------
         ParameterError
@@ -105,7 +110,15 @@ class RelayModel:
     def states(
         self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
     ) -> FloatArray:
-        """(N, N) array of relays after an input: 1 on, 0 off, zero above the diagonal."""
+        """(N, N) array of relays after an input: 1 on, 0 off, zero above the diagonal.
+
+        Parameters
+        ----------
+        u : float or (T,) array_like
+            Inputs, in order.
+        start : {"negative", "positive"}
+            Relays before them.
+        """
         on, level = self._start(start)
         inputs = as_signal(u, name="u")
         _kernels.simulate(self.levels, self.weights, on, level, inputs, np.empty_like(inputs))

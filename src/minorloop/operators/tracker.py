@@ -41,6 +41,11 @@ class Tracker:
     def push(self, u: float) -> float:
         """Output after the next input, which is committed to memory.
 
+        Parameters
+        ----------
+        u : float
+            The next input, in its unit.
+
         Raises
         ------
         ParameterError
@@ -55,13 +60,29 @@ class Tracker:
         return float(self._y[0])
 
     def peek(self, u: float) -> float:
-        """Output that the next input would give; nothing is committed."""
+        """Output that the next input would give; nothing is committed.
+
+        Parameters
+        ----------
+        u : float
+            An input, in its unit.
+
+        Returns
+        -------
+        float
+            In the unit of the output.
+        """
         return self.copy().push(u)
 
     def aim(self, y: float) -> float:
         """Nearest input that brings the output to y; nothing is committed.
 
         Beyond the range of the model it is the end of the grid that comes nearest.
+
+        Parameters
+        ----------
+        y : float
+            Output wanted, in its unit.
 
         Raises
         ------

@@ -338,12 +338,12 @@ def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str
                 seed=seed,
                 faults=[Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)],
             )
-        nearly_all = STROKE_SHARE * control.axes[0].observer.wire.operator.range[1]
+        nearly_all = [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
         for what, surroundings in HOT.items():
             runs[what, name] = run_loop(
                 name,
                 control,
-                constant(nearly_all, nearly_all),
+                constant(*nearly_all),
                 HOT_SECONDS,
                 specimen=seed,
                 seed=seed,
@@ -355,7 +355,7 @@ def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str
             runs[what, name] = run_loop(
                 name,
                 control,
-                constant(nearly_all),
+                constant(nearly_all[0]),
                 IMPOSSIBLE_SECONDS,
                 specimen=seed,
                 seed=seed,

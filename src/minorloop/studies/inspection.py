@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop.studies import soundings
 from minorloop.studies.claims import Claim, medians
-from minorloop.studies.detection import Outcome, detection_figures, score_scene
+from minorloop.studies.detection import Outcome, detection_figures, plain_edges, score_scene
 from minorloop.studies.inspection_servo import Scene, ServoRun, servo_figures
 from minorloop.studies.mission import Mission, run_mission
 from minorloop.studies.soundings import Scored
@@ -24,8 +25,11 @@ from minorloop.twins.pipe import Bore
 
 TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
-FIRST_SCENE, SCENES, FIRST_SOUNDING = 50_000, 4, 60_000
-"""Seeds of what is scored, and scenes with and without a hole for each specimen."""
+FIRST_SCENE, SCENES, FIRST_PLAIN = 50_000, 4, 2_000_000
+FIRST_SOUNDING, SOUNDINGS = 60_000, 6
+"""Seeds of what is scored; scenes with and without a hole, and flat pits, for each specimen."""
+_PLAIN_SHARE = 4
+_SCORED = ("outcomes", "edges", "scored")
 
 CLAIMS = (
     Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
@@ -45,22 +49,39 @@ CLAIMS = (
     Claim(
         "sizes within 15 %", "detection.size_within_15pct", "not studied", least=0.95, percent=True
     ),
+    Claim(
+        "plain edges, 90th percentile [px]", "detection.plain_edge_px_p90", "not studied", most=1.0
+    ),
     Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
     Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
     Claim("depth: bias [um]", "depth.bias_um", "announced", least=-10, most=10),
     Claim("depth: deviation [um]", "depth.sd_um", "announced", most=20),
     Claim("pits measured", "depth.measured_fraction", "announced", least=0.95, percent=True),
     Claim("unfocused probe: deviation [um]", "depth.unfocused_sd_um", "-"),
+    Claim("unfocused probe: pits measured", "depth.unfocused_measured_fraction", "-", percent=True),
     Claim("dished floors: worst error [mm]", "depth.dished_error_mm", "-", most=0.1),
-    Claim("seconds for a scan", "depth.seconds", "-", most=5),
+    Claim("slowest scan of any kind [s, one core]", "depth.seconds_worst", "-", most=5),
     Claim("finding: position [mm]", "fusion.position_mm", "announced", most=0.3),
     Claim("finding: diameter [%]", "fusion.diameter_error_pct", "announced", most=15),
     Claim("finding: depth [mm]", "fusion.depth_error_mm", "announced", most=0.1),
     Claim("bands of 90 % cover", "fusion.coverage", "-", least=0.85, most=0.95, percent=True),
+    Claim("scans that the bands were scored on", "fusion.scans", "-"),
+    Claim("half the 90 % band of a depth, median [mm]", "fusion.band_mm", "-"),
     Claim("wrong modality or depth made up", "modality.wrong", "-", most=0),
     Claim("missions that measured their pit", "mission.measured", "announced", percent=True),
     Claim("mission: depth error, median [mm]", "mission.depth_error_mm", "announced"),
+    Claim("mission: water line, median error [mm]", "mission.water_error_mm", "-"),
     Claim("mission: seconds of the head", "mission.seconds", "-"),
+    Claim("processor time of a specimen [s]", "seconds", "-"),
+)
+
+
+_OF_MISSIONS = (
+    "touch_mm",
+    "position_mm",
+    "diameter_error_pct",
+    "depth_error_mm",
+    "water_error_mm",
 )
 
 
@@ -72,7 +93,8 @@ class InspectionStudy:
     servo: dict[str, Any]
     runs: dict[str, ServoRun]
     outcomes: tuple[Outcome, ...]
-    scored: dict[str, Scored]
+    edges: FloatArray
+    scored: dict[str, tuple[Scored, ...]]
     mission: Mission
     seconds: float
 
@@ -81,13 +103,14 @@ class InspectionStudy:
         return {
             **self.servo,
             "outcomes": self.outcomes,
+            "edges": self.edges,
             "scored": self.scored,
             "mission": self.mission.figures(),
             "seconds": self.seconds,
         }
 
 
-def run_study(seed: int, scenes: int = SCENES) -> InspectionStudy:
+def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> InspectionStudy:
     """Carry everything out for one specimen.
 
     Parameters
@@ -95,10 +118,15 @@ def run_study(seed: int, scenes: int = SCENES) -> InspectionStudy:
     seed : int
         Draws head, pipe, camera, probe and noise.
     scenes : int
-        Scenes with a hole, and as many without, that the finder is scored on.
+        Scenes with a hole, and as many without, that the finder is scored on; plain edges on a
+        quarter as many.
+    soundings : int
+        Pits with a flat floor that depths and their bands are scored on; the last is of the size
+        that fusion is scored on.
     """
-    began = time.perf_counter()
+    began = time.process_time()
     servo, runs = servo_figures(Scene(seed))
+    plain = -(-scenes // _PLAIN_SHARE)
     outcomes = [
         outcome
         for k in range(scenes)
@@ -110,32 +138,40 @@ def run_study(seed: int, scenes: int = SCENES) -> InspectionStudy:
         servo=servo,
         runs=runs,
         outcomes=tuple(outcomes),
-        scored=_soundings(FIRST_SOUNDING + 10 * seed),
+        edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
+        scored=_soundings(FIRST_SOUNDING + (soundings + 4) * seed, soundings),
         mission=run_mission(seed),
-        seconds=time.perf_counter() - began,
+        seconds=time.process_time() - began,
     )
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Medians over specimens; what is a share or a spread, over all that was scored."""
-    plain = [{k: v for k, v in run.items() if k not in ("outcomes", "scored")} for run in runs]
+    plain = [{k: v for k, v in run.items() if k not in _SCORED} for run in runs]
     found = medians([{k: v for k, v in run.items() if k != "mission"} for run in plain])
     every = [outcome for run in runs for outcome in run["outcomes"]]
-    kinds = {kind: [run["scored"][kind] for run in runs] for kind in runs[0]["scored"]}
+    edges = np.concatenate([run["edges"] for run in runs])
+    kinds = {
+        kind: [one for run in runs for one in run["scored"][kind]] for kind in runs[0]["scored"]
+    }
     depth = soundings.depth_figures(kinds["pit"])
     unfocused = soundings.depth_figures(kinds["unfocused"])
     missions = [run["mission"] for run in runs]
     measured = [mission for mission in missions if mission["measured"]]
     found |= {
-        "detection": detection_figures(every),
+        "detection": {
+            **detection_figures(every),
+            "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
+        },
         "depth": {
             **depth,
             **{f"unfocused_{key}": value for key, value in unfocused.items()},
             "dished_error_mm": soundings.dished_figure(kinds["dished"]),
+            "seconds_worst": max(one.seconds for each in kinds.values() for one in each),
         },
         "fusion": {
             **soundings.fusion_figures(kinds["fused"]),
-            "coverage": soundings.fusion_figures([*kinds["pit"], *kinds["fused"]])["coverage"],
+            **soundings.band_figures([*kinds["pit"], *kinds["fused"]]),
         },
         "modality": {
             "wrong": sum(bool(np.isfinite(one.found.depth)) for one in kinds["hole"])
@@ -148,20 +184,20 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
                 key: float(np.median([mission[key] for mission in measured]))
                 if measured
                 else np.nan
-                for key in ("touch_mm", "position_mm", "diameter_error_pct", "depth_error_mm")
+                for key in _OF_MISSIONS
             },
         },
     }
     return found
 
 
-def _soundings(seed: int) -> dict[str, Scored]:
+def _soundings(seed: int, pits: int) -> dict[str, tuple[Scored, ...]]:
     drawn = {
-        "pit": soundings.draw_sounding(seed),
-        "unfocused": soundings.draw_sounding(seed, lens=False),
-        "dished": soundings.draw_sounding(seed + 1, kind="dished"),
-        "hole": soundings.draw_sounding(seed + 2, kind="hole"),
-        "dry": soundings.draw_sounding(seed + 3, kind="dry"),
-        "fused": soundings.draw_sounding(seed + 4, bore=FUSED),
+        "pit": [soundings.draw_sounding(seed + 4 + k) for k in range(max(pits - 1, 1))],
+        "fused": [soundings.draw_sounding(seed, bore=FUSED)],
+        "unfocused": [soundings.draw_sounding(seed + 4, lens=False)],
+        "dished": [soundings.draw_sounding(seed + 1, kind="dished")],
+        "hole": [soundings.draw_sounding(seed + 2, kind="hole")],
+        "dry": [soundings.draw_sounding(seed + 3, kind="dry")],
     }
-    return {kind: soundings.sound(one) for kind, one in drawn.items()}
+    return {kind: tuple(soundings.sound(one) for one in each) for kind, each in drawn.items()}

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from minorloop.inspection.mesh import vertices_of
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
+from minorloop.studies.detection_report import detection_pictures, detection_table, limits
 from minorloop.studies.drawing import new_figure
 from minorloop.studies.inspection import CLAIMS, TITLE
 from minorloop.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
+from minorloop.studies.mission_report import (
+    draw_finding,
+    draw_images,
+    draw_ring,
+    draw_soundings,
+    finding_rows,
+    save_finding,
+)
 
 if TYPE_CHECKING:
     from minorloop.studies.inspection import InspectionStudy
@@ -35,6 +44,7 @@ def study_report(
         The figures of each specimen.
     """
     mission = study.mission
+    outcomes = [outcome for run in runs for outcome in run["outcomes"]]
     report = Report(
         TITLE,
         f"Servo, finding, tracking, depth and fusion on {specimens(runs)} with their own pipes; "
@@ -64,30 +74,62 @@ def study_report(
     )
     report.add(
         "Finding holes beside reflections (Fig 14)",
-        text="Three lights, one after the other, and one frame without any: a reflection moves "
-        "with its light, the edge of a hole does not, and light from behind is there without any.",
-        table=_detection_table(figures),
-        pictures=[Picture(draw_images(study), "The picked point as first seen, and centred.")]
-        if mission.first is not None
-        else (),
+        text=(
+            "Three lights, one after the other, and one frame without any: a reflection moves with "
+            "its light, the edge of a hole does not, and light from behind is there without any. "
+            "Where nothing is near, nine tenths of the outline of a dark hole are within "
+            f"{figures['detection']['plain_edge_px_p90']:.2f} pixels of its edge.",
+            limits(outcomes),
+        ),
+        table=detection_table(figures["detection"]),
+        pictures=[
+            *detection_pictures(outcomes),
+            *(
+                [
+                    Picture(
+                        draw_images(mission),
+                        "Fig 14 redrawn: the picked point as first seen, and with the axis sent "
+                        "to it.",
+                    )
+                ]
+                if mission.first is not None
+                else []
+            ),
+        ],
     )
     report.add(
         "Depths by echoes",
         text="A lens of 8 mm focus, a raster of 36 places, 16 shots at each while the head sways "
         "by a degree, and one fit of all waveforms. Without the lens the beam is as wide as the "
-        "disc, and many pits are not heard at all.",
+        "disc: where another depth explains the echoes nearly as well, none is given.",
         table=_depth_table(study),
+        pictures=[Picture(draw_soundings(runs), "Depths of all specimens, less the true ones.")],
     )
     rows = [(f"{step.t:.0f} s", step.what, step.outcome) for step in mission.log]
     report.add(
         "A mission without a hand",
         text="The six steps of the paper's section 5.2, with the two that it announces.",
         table=Table(("time", "step", "outcome"), rows),
-        pictures=[Picture(draw_wall(study), "The finding, unrolled, with its uncertainty, in 3-D.")]
-        if mission.wall is not None
-        else (),
     )
+    if mission.wall is not None and mission.finding is not None:
+        report.add(
+            "The finding",
+            text="The outline is that of the image and of the echoes together, the depth that of "
+            "the joint fit spread by the footprints of the beams; the rim is the least sure. Round "
+            "the pipe, what is under water has a profile by echoes, and what the camera saw in the "
+            "drained pipe lies on its cylinder. The dashed line is the water, as found.",
+            table=finding_rows(mission.finding),
+            pictures=[
+                Picture(draw_finding(mission.wall), "The finding, unrolled and in 3-D."),
+                Picture(draw_ring(mission), "Once round the pipe; the finding is circled."),
+            ],
+        )
     return report
+
+
+def save_beside(study: InspectionStudy, folder: Path) -> list[Path]:
+    """Write the finding of the first specimen's mission beside the report: PLY, glTF, a table."""
+    return save_finding(study.mission, folder)
 
 
 def draw_servo(study: InspectionStudy) -> Any:
@@ -108,76 +150,9 @@ def draw_servo(study: InspectionStudy) -> Any:
     return figure
 
 
-def draw_images(study: InspectionStudy) -> Any:
-    """The picked point as it was first seen, and when it had been centred."""
-    figure, axes = new_figure(1, 2, height=3.9)
-    mission = study.mission
-    pictures = ((mission.first, mission.pixel, "picked"), (mission.centred, None, "centred"))
-    for one, (image, pixel, title) in zip(axes, pictures, strict=True):
-        one.grid(False)
-        one.set_axis_off()
-        if image is None:
-            continue
-        one.imshow(image, cmap="gray", vmin=0, vmax=255)
-        middle = np.array(image.shape[::-1]) / 2 if pixel is None else pixel
-        one.plot(*middle, "s", ms=22, mec="C1", mfc="none", mew=1.4)
-        one.set_title(title)
-    return figure
-
-
-def draw_wall(study: InspectionStudy) -> Any:
-    """Depth, its standard deviation, and the wall in three dimensions."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.2, 3.4), layout="constrained")
-    wall = study.mission.wall
-    if wall is None:
-        return figure
-    depth = np.where(np.isfinite(wall.depth), wall.depth, np.nan)
-    half = wall.patch.columns * wall.patch.step * 5e2
-    extent = (-half, half, -half, half)
-    for place, (values, title) in enumerate(((depth, "depth [mm]"), (wall.sd, "deviation [mm]"))):
-        axes = figure.add_subplot(1, 3, place + 1)
-        shown = axes.imshow(1e3 * values, origin="lower", extent=extent, cmap="viridis")
-        figure.colorbar(shown, ax=axes, shrink=0.8)
-        axes.set(title=title, xlabel="around [mm]", ylabel="along [mm]")
-    solid: Any = figure.add_subplot(1, 3, 3, projection="3d")
-    points = vertices_of(wall)
-    around = points[..., :2] @ points.reshape(-1, 3)[:, :2].mean(axis=0)
-    height = around / np.linalg.norm(points.reshape(-1, 3)[:, :2].mean(axis=0))
-    x, y = np.meshgrid(
-        np.linspace(-half, half, depth.shape[1]), np.linspace(-half, half, depth.shape[0])
-    )
-    solid.plot_surface(x, y, 1e3 * (height - height.min()), cmap="viridis_r", linewidth=0)
-    solid.set(xlabel="around [mm]", ylabel="along [mm]", zlabel="outwards [mm]")
-    solid.view_init(elev=50)
-    return figure
-
-
-def _detection_table(figures: Mapping[str, Any]) -> Table:
-    found = figures["detection"]
-    low, high = found["recall_interval"]
-    rows = [
-        (
-            "three lights and none",
-            f"{found['recall']:.1%} ({low:.1%} to {high:.1%})",
-            f"{found['false_per_acquisition']:.3f}",
-        )
-    ]
-    for mode, words in (("single", "one frame"), ("dither", "five turns of 2 degrees")):
-        rows.append(
-            (
-                words,
-                f"{found[f'{mode}_recall']:.1%}",
-                f"{found[f'{mode}_false_per_acquisition']:.3f}",
-            )
-        )
-    return Table(("acquisition", f"found of {found['scenes']}", "false, an acquisition"), rows)
-
-
 def _depth_table(study: InspectionStudy) -> Table:
     rows = []
-    for kind, scored in study.scored.items():
+    for kind, scored in [(kind, one) for kind, each in study.scored.items() for one in each]:
         pit, truth = scored.found, scored.sounding.depth
         rows.append(
             (

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import map_coordinates
 
 from minorloop.arrays import FloatArray
 from minorloop.control.head import HeadControl, head_control
@@ -19,9 +20,19 @@ from minorloop.geometry import Mount, Probe, meet_wall, wall_point, wrapped
 from minorloop.inspection.echoes import average, choose_modality
 from minorloop.inspection.field import Ear
 from minorloop.inspection.findings import Finding, finding_of
-from minorloop.inspection.fusion import fuse, mean_depths
+from minorloop.inspection.fusion import fuse, mean_depths, outline_of
 from minorloop.inspection.pits import PitDepth, measure_pit, raster
-from minorloop.inspection.unrolled import Patch, WallMap
+from minorloop.inspection.profile import Profile, centred, joined, wall_profile
+from minorloop.inspection.unrolled import (
+    Patch,
+    WallMap,
+    WaterLine,
+    blend,
+    camera_map,
+    find_water,
+    paste,
+    sonar_map,
+)
 from minorloop.studies.head_static import identify_head
 from minorloop.twins.camera import Camera
 from minorloop.twins.catheter import Catheter
@@ -35,6 +46,7 @@ from minorloop.vision.focus import autofocus
 from minorloop.vision.jacobian import wall_depth
 from minorloop.vision.servo import Cone, Servo
 from minorloop.vision.tracking import TRACKED, Tracker
+from minorloop.vision.wallmap import WallMap as Shades
 
 TICK, RADIUS = 0.04, 10e-3
 RING, LOOKS = 23.0, 8
@@ -50,6 +62,11 @@ NEARER = 0.6
 SHOTS, GREY = 16, 95.0
 CONE = Cone(half=np.radians(30.0))
 PATCH = 2.4e-3
+NEAR = 8.0
+"""How much nearer than where it was centred a finding is looked at to extract it, in mm."""
+TURNS, RING_SHOTS = 48, 4
+"""Places of the sweep round the pipe for the water line and the profile, and shots at each."""
+RING_ROWS = 96
 
 
 @dataclass(frozen=True)
@@ -66,8 +83,9 @@ class Mission:
     """What a mission gave.
 
     ``log`` of the steps; ``first`` and ``centred`` images of the finding and its pixel in the
-    first; ``found`` by the camera and ``pit`` by the echoes; ``wall`` about it; ``truth``, for
-    scoring; ``touch`` how far the tool's point came to lie from the true centre, in m.
+    first; ``found`` by the camera and ``pit`` by the echoes; ``wall`` about it, and ``ring`` once
+    round the pipe; the ``water`` line and its true height ``water_truth``, for scoring as
+    ``truth`` is; ``touch`` how far the tool's point came to lie from the true centre, in m.
     """
 
     seed: int
@@ -80,8 +98,11 @@ class Mission:
     pit: PitDepth | None
     finding: Finding | None
     wall: WallMap | None
+    ring: WallMap | None
+    water: WaterLine | None
     touch: float
     truth: Bore
+    water_truth: float
 
     def figures(self) -> dict[str, Any]:
         """How far from the truth it came; NaN where nothing was found."""
@@ -98,6 +119,9 @@ class Mission:
             "position_mm": place,
             "diameter_error_pct": width,
             "depth_error_mm": depth,
+            "water_error_mm": np.nan
+            if self.water is None
+            else 1e3 * abs(self.water.height - self.water_truth),
         }
 
 
@@ -115,7 +139,7 @@ class _Crew:
             lining=0.08,
         )
         dry = replace(Pipe.draw(seed), bores=(self.bore,))
-        self.wet = replace(dry, water=-0.9999 * RADIUS)
+        self.wet = replace(dry, water=_level(self.bore.phi, np.random.default_rng([seed, 32])))
         self.off = tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
         self.known_off = tuple((np.array(self.off) + rng.normal(0, 0.05e-3, 2)).tolist())
         self.seed = seed
@@ -151,6 +175,11 @@ class _Crew:
     def eye(self) -> Eye:
         """The camera as calibrated, where the catheter is."""
         return Eye(self.head.camera.calibration, self.mount, self.head.camera.leds)
+
+    def aim(self, hole: Hole) -> FloatArray:
+        """(2,) pan and tilt that look at a thing on the wall."""
+        phi, z = hole.place.tolist()
+        return np.asarray(self.mount.aim(wall_point(phi, z, RADIUS)))
 
     def tick(self, wanted: FloatArray, rates: FloatArray | None = None) -> None:
         """One tick towards a line of sight (2,) in radians."""
@@ -218,6 +247,13 @@ class _Crew:
         return probe, Ear(Probe(), self.mount, thickness=self.wet.thickness)
 
 
+def _level(phi: float, rng: np.random.Generator) -> float:
+    """Height of the water, y pointing down: the finding and the probe before it are under it."""
+    highest = min(RADIUS, Probe().face) * np.sin(phi) - 1e-3
+    highest = min(float(highest), RADIUS * float(np.sin(phi)) - 2.5e-3)
+    return float(rng.uniform(-0.98 * RADIUS, highest)) if highest > -0.98 * RADIUS else -0.9999e-2
+
+
 class _Sight:
     """A camera that lets the head go on for a tick with every frame."""
 
@@ -236,28 +272,33 @@ class _Sight:
 def run_mission(seed: int) -> Mission:
     """Inspect one pipe with one pit in it, without a hand."""
     crew = _Crew(seed)
-    mission = Mission(seed, (), None, None, None, None, None, None, None, None, np.nan, crew.bore)
-    for hole in _search(crew)[:MOST_PICKS]:
+    mission = Mission(
+        seed, (), None, None, None, None, None, None, None, None, None, None, np.nan, crew.bore,
+        float(crew.wet.water or 0.0),
+    )  # fmt: skip
+    holes, views = _search(crew)
+    for hole in holes[:MOST_PICKS]:
         first, pixel = _pick(crew, hole)
         _centre(crew, pixel)
         _focus(crew)
-        looks, centred, seen = _extract(crew, hole)
-        touch = _apart(tuple(crew.true_line().tolist()), crew.bore)
-        crew.say("touch", f"the tool's point is sent to z {1e3 * seen.place[1]:.2f} mm")
-        pit, wall = _measure(crew, seen)
+        looks, seen, view = _extract(crew, hole)
+        centred_image, touch = _touch(crew, seen)
+        views = [*views, *([looks.wall] if looks.wall is not None else [])]
+        pit, wall, ring, water = _measure(crew, seen, view, views)
         mission = replace(
-            mission, looks=looks, first=first, pixel=pixel, centred=centred, found=seen, pit=pit,
-            wall=wall, touch=touch, finding=finding_of(pit),
+            mission, looks=looks, first=first, pixel=pixel, centred=centred_image, found=seen,
+            pit=pit, wall=wall, ring=ring, water=water, touch=touch, finding=finding_of(pit),
         )  # fmt: skip
-        if pit.verdict in ("measured", "through-hole", "uneven floor"):
+        if np.isfinite(pit.diameter):
             size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
             crew.say("reconstruct", f"{finding_of(pit).kind} of {size}")
             break
     return replace(mission, log=tuple(crew.log))
 
 
-def _search(crew: _Crew) -> list[Hole]:
+def _search(crew: _Crew) -> tuple[list[Hole], list[Shades]]:
     """Look around from one place after another until something is found; the likeliest first."""
+    views: list[Shades] = []
     for advance in ADVANCES:
         crew.travel(advance, 0.0)
         seen: list[Hole] = []
@@ -265,21 +306,22 @@ def _search(crew: _Crew) -> list[Hole]:
             way = 2 * np.pi * k / LOOKS
             crew.turn(np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
             crew.meter()
-            seen += crew.look().holes
+            found = crew.look()
+            seen += found.holes
+            views += [found.wall] if found.wall is not None else []
         each = strongest(seen, RADIUS, -np.inf)
         words = f"{len(each)} things" if each else "nothing"
         crew.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
         if each:
-            return list(each)
-    return []
+            return list(each), views
+    return [], views
 
 
 def _pick(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], FloatArray]:
     """Go to where a thing is well in the cone, turn towards it, and say where it is seen."""
     ahead = RADIUS / np.tan(np.radians(RING))
     crew.travel(1e3 * max(float(hole.place[1]) - ahead, 0.0), 0.0)
-    aim = np.array(crew.mount.aim(wall_point(hole.place[0], hole.place[1], RADIUS)))
-    crew.turn(CONE.clip(NEARER * aim))
+    crew.turn(CONE.clip(NEARER * crew.aim(hole)))
     crew.meter()
     place = f"phi {np.degrees(hole.place[0]):.0f} deg, z {1e3 * hole.place[1]:.1f} mm"
     crew.say("pick", f"{place}, evidence {hole.evidence:+.1f}")
@@ -287,8 +329,8 @@ def _pick(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], FloatArray]:
     return crew.head.frame().image, np.asarray(pixel)
 
 
-def _centre(crew: _Crew, pixel: FloatArray) -> None:
-    """Bring the picked point to the middle of the image."""
+def _centre(crew: _Crew, pixel: FloatArray, step: str = "centre") -> None:
+    """Bring a point to the middle of the image."""
     eye = crew.eye
     tracker = Tracker(eye)
     servo = Servo(eye, gain=0.8, delay=0.2, cone=CONE)
@@ -297,10 +339,10 @@ def _centre(crew: _Crew, pixel: FloatArray) -> None:
     error = np.nan
     for _ in range(round(CENTRE_TIME / TICK)):
         now, track = tracker.step(track, crew.head.frame().image, *crew.angles.tolist())
-        step, state = servo.step(state, now.pixel if now.verdict == TRACKED else None, crew.angles)
-        error = step.error
-        crew.tick(step.angles)
-    crew.say("centre", f"{error / 2:.2f} px from the middle of a 320 by 240 image")
+        move, state = servo.step(state, now.pixel if now.verdict == TRACKED else None, crew.angles)
+        error = move.error
+        crew.tick(move.angles)
+    crew.say(step, f"{error / 2:.2f} px from the middle of a 320 by 240 image")
 
 
 def _focus(crew: _Crew) -> None:
@@ -313,19 +355,36 @@ def _focus(crew: _Crew) -> None:
     crew.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
 
 
-def _extract(crew: _Crew, picked: Hole) -> tuple[Findings, npt.NDArray[np.uint8], Hole]:
-    """Five frames of the centred point, and the outline in them."""
+def _extract(crew: _Crew, picked: Hole) -> tuple[Findings, Hole, Shades | None]:
+    """Come nearer, take five frames, and find the outline in them; go back."""
+    advance, roll = crew.place.tolist()
+    crew.travel(advance + NEAR, roll)
+    crew.turn(CONE.clip(NEARER * crew.aim(picked)))
     crew.meter()
     looks = crew.look()
     near = [h for h in looks.holes if _distance(h.place, picked.place) < 1.5e-3]
     hole = max(near, key=lambda h: h.evidence) if near else picked
-    words = "seen again" if near else "not seen again; the first look counts"
+    words = "seen again from nearer" if near else "not seen again; the first look counts"
     crew.say("extract", f"{1e3 * hole.diameter:.2f} mm across, {words}")
-    return looks, crew.head.frame().image, hole
+    crew.travel(advance, roll)
+    return looks, hole, looks.wall
 
 
-def _measure(crew: _Crew, hole: Hole) -> tuple[PitDepth, WallMap]:
-    """Flood the pipe, bring the probe square to the finding, scan, fit and fuse."""
+def _touch(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], float]:
+    """Send the axis, along which the tool's point goes, to the finding as it was extracted."""
+    crew.turn(CONE.clip(NEARER * crew.aim(hole)))
+    crew.meter()
+    _centre(crew, np.asarray(crew.eye.pixel(hole.place, *crew.angles.tolist())), "return")
+    touch = _apart(tuple(crew.true_line().tolist()), crew.bore)
+    phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]
+    crew.say("touch", f"the tool's point is sent to phi {phi:.1f} deg, z {z:.2f} mm")
+    return crew.head.frame().image, touch
+
+
+def _measure(
+    crew: _Crew, hole: Hole, view: Shades | None, views: list[Shades]
+) -> tuple[PitDepth, WallMap, WallMap, WaterLine]:
+    """Let water in, bring the probe square to the finding, scan, sweep round, fit and fuse."""
     phi, z = hole.place.tolist()
     crew.travel(1e3 * z, float(np.degrees(wrapped(phi))))
     probe, ear = crew.probe()
@@ -336,11 +395,7 @@ def _measure(crew: _Crew, hole: Hole) -> tuple[PitDepth, WallMap]:
     modality = "camera"
     for k, target in enumerate(targets):
         crew.turn(target, RASTER_TIME)
-        shots = []
-        sight = crew.head._line_of_sight()
-        for _ in range(SHOTS):
-            probe.look(float(sight[0]), float(sight[1]))
-            shots.append(probe.shot())
+        shots = _shots(crew, probe, SHOTS)
         if k == 0:
             modality = choose_modality(shots, stand, ear.speed)
         angles = np.tile(crew.angles, (SHOTS, 1))
@@ -350,8 +405,63 @@ def _measure(crew: _Crew, hole: Hole) -> tuple[PitDepth, WallMap]:
     pit = measure_pit(bursts, ear, (phi, z), hole.diameter)
     crew.say("measure", f"{modality}; {pit.bursts} of {len(targets)} places; {pit.verdict}")
     patch = Patch.around(phi, z, size=PATCH)
-    heard = mean_depths(bursts, ear, patch, pit) if pit.measured else None
-    return pit, fuse(pit, heard, patch)
+    heard = mean_depths(bursts, ear, patch, pit) if np.isfinite(pit.depth) else None
+    image = None if view is None else _laid(view, patch)
+    outline = None if image is None else outline_of(image, patch, (phi, z), hole.diameter)
+    wall = fuse(pit, heard, patch, image=image, outline=outline)
+    profile, water = _sweep(crew, probe, (phi, z))
+    return pit, wall, _ring(z, profile, views, wall), water
+
+
+def _shots(crew: _Crew, probe: Ultrasound, count: int) -> list[Any]:
+    sight, shots = crew.head._line_of_sight(), []
+    for _ in range(count):
+        probe.look(float(sight[0]), float(sight[1]))
+        shots.append(probe.shot())
+    return shots
+
+
+def _sweep(crew: _Crew, probe: Ultrasound, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
+    """Roll the catheter once round: where the wall answers, and how far it is."""
+    crew.turn(raster(crew.probe()[1], place, points=1)[0])
+    profiles = []
+    for k in range(TURNS):
+        crew.travel(float(crew.place[0]), -180.0 + 360.0 * k / TURNS)
+        advance, roll = crew.catheter._output_now().tolist()
+        probe.move(crew._true_mount(advance, roll))
+        ear = Ear(Probe(), crew.mount, thickness=crew.wet.thickness)
+        shots = _shots(crew, probe, RING_SHOTS)
+        angles = np.tile(crew.angles, (RING_SHOTS, 1))
+        profiles.append(wall_profile([average(shots, angles, np.zeros(RING_SHOTS))], ear))
+    profile = joined(profiles)
+    water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)
+    words = f"{1e3 * water.height:+.1f} mm from the axis, within {1e3 * water.sd:.1f} mm"
+    crew.say("water line", f"{words}; {profile.heard.sum()} of {TURNS} places heard")
+    return centred(profile), water
+
+
+def _ring(z: float, profile: Profile, views: list[Shades], wall: WallMap) -> WallMap:
+    """Once round the pipe: what the camera saw, the profile, and the finding in one map."""
+    columns = int(2 * np.pi * RADIUS / wall.patch.step)
+    patch = Patch(-np.pi, z - 0.5 * RING_ROWS * wall.patch.step, RING_ROWS, columns)
+    seen = np.zeros((RING_ROWS, columns), dtype=bool)
+    for view in views:
+        seen |= np.isfinite(_laid(view, patch))
+    spoken = sonar_map(patch, profile.spots, profile.depths, profile.sds, footprint=0.35e-3)
+    return paste(blend(camera_map(patch, seen, np.zeros(seen.shape)), spoken), wall)
+
+
+def _laid(view: Shades, patch: Patch) -> FloatArray:
+    """What a view of the camera shows on a patch (rows, columns); NaN where it saw nothing."""
+    window, places = view.window, patch.places
+    half = 0.5 * (window.columns - 1)
+    middle = window.phi + half * window.step / patch.radius
+    x = wrapped(places[..., 0] - middle) * patch.radius / window.step + half
+    y = (places[..., 1] - window.z) / window.step
+    laid: FloatArray = map_coordinates(
+        np.asarray(view.whole, dtype=np.float64), [y, x], order=1, mode="constant", cval=np.nan
+    )
+    return laid
 
 
 def _distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:

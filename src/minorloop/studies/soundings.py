@@ -239,19 +239,28 @@ def dished_figure(scored: Iterable[Scored]) -> float:
 
 
 def fusion_figures(scored: Iterable[Scored]) -> dict[str, float]:
-    """Errors of findings, and how often the truth lies inside the 90 % band."""
+    """Largest errors of findings, and how often a texel lies inside its 90 % band."""
     runs = [run for run in scored if run.found.measured]
     depths = np.array([1e3 * _error(run) for run in runs])
-    bands = np.array([1e3 * BAND * run.found.depth_sd for run in runs])
     sizes = [run.found.diameter / run.sounding.truth.diameter - 1 for run in runs]
     texels = np.concatenate([_covered(run) for run in runs]) if runs else np.zeros(1, bool)
     return {
         "position_mm": max((1e3 * _miss(run) for run in runs), default=math.nan),
         "diameter_error_pct": 100 * float(np.abs(sizes).max()) if runs else math.nan,
         "depth_error_mm": float(np.abs(depths).max()) if runs else math.nan,
-        "coverage": float((np.abs(depths) <= bands).mean()) if runs else math.nan,
-        "band_mm": float(np.median(bands)) if runs else math.nan,
         "texel_coverage": float(texels.mean()),
+    }
+
+
+def band_figures(scored: Iterable[Scored]) -> dict[str, float]:
+    """How often the true depth lies inside the 90 % band, half its width, and of how many."""
+    runs = [run for run in scored if run.found.measured]
+    depths = np.array([abs(1e3 * _error(run)) for run in runs])
+    bands = np.array([1e3 * BAND * run.found.depth_sd for run in runs])
+    return {
+        "coverage": float((depths <= bands).mean()) if runs else math.nan,
+        "band_mm": float(np.median(bands)) if runs else math.nan,
+        "scans": len(runs),
     }
 
 

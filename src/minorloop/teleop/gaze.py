@@ -179,8 +179,9 @@ def slewed(how: GazeMap, before: Pair, wanted: Pair, interval: float) -> Pair:
     pan, tilt = (
         old + min(max(new - old, -down), up) for old, new in zip(before, wanted, strict=True)
     )
-    # Axes that slew at different rates could leave the cone on the way between two of its points.
-    return into_cone((pan, tilt), how.cone)
+    # Axes that slew at different rates could leave the cone on the way between two of its points;
+    # a command that a scan left outside comes back at the rate of the wires, and not at once.
+    return into_cone((pan, tilt), max(how.cone, math.hypot(*before)))
 
 
 def _turned(state: GazeState, pose: Quaternion) -> Pair:

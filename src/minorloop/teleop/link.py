@@ -1,4 +1,4 @@
-"""The server's end of the control loop: its process, and a thread each way."""
+"""The server's end of the control loop and of its eyes: two processes, and threads to hear them."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import multiprocessing
 import queue
 import threading
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 
 import msgspec
 
-from minorloop.teleop import loop, messages
+from minorloop.teleop import lookout, loop, messages
 
 _MOST_WAITING = 512
 
 
 class Link:
-    """A control loop in a process of its own.
+    """A control loop and its eyes, in processes of their own.
 
     Parameters
     ----------
@@ -34,14 +35,28 @@ class Link:
         """Start the process; has to be called where the event loop runs."""
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self.process = context.Process(target=loop.run, args=(theirs, self._settings), daemon=True)
+        self._pictures, shown = context.Pipe(duplex=False)
+        looking, seeing = context.Pipe()
+        self.process = context.Process(
+            target=loop.run, args=(theirs, looking, self._settings), daemon=True
+        )
+        self.eyes = context.Process(
+            target=lookout.run, args=(seeing, shown, self._settings), daemon=True
+        )
         self.process.start()
-        theirs.close()
+        self.eyes.start()
+        for end in (theirs, shown, looking, seeing):
+            end.close()
         events = asyncio.get_running_loop()
-        for work in (lambda: self._listen(events), self._speak):
+        gone = "the control loop has ended; start the console again"
+        for work in (
+            lambda: self._listen(self._pipe, events, gone),
+            lambda: self._listen(self._pictures, events, "the camera has gone"),
+            self._speak,
+        ):
             threading.Thread(target=work, daemon=True).start()
 
-    def order(self, message: messages.Order) -> None:
+    def order(self, message: messages.Inner) -> None:
         """Pass an order on; it is dropped where the loop has not taken in hundreds of them."""
         with contextlib.suppress(queue.Full):
             self._orders.put_nowait(msgspec.msgpack.encode(message))
@@ -51,17 +66,16 @@ class Link:
         with contextlib.suppress(queue.Full):
             self._orders.put_nowait(None)
         self.process.join(timeout=5.0)
-        if self.process.is_alive():
-            self.process.terminate()
+        for process in (self.process, self.eyes):
+            if process.is_alive():
+                process.terminate()
 
-    def _listen(self, events: asyncio.AbstractEventLoop) -> None:
+    def _listen(self, pipe: Connection, events: asyncio.AbstractEventLoop, gone: str) -> None:
         with contextlib.suppress(EOFError, OSError, RuntimeError):
             while True:
-                content = self._pipe.recv_bytes()
-                events.call_soon_threadsafe(self._said, content)
-        gone = messages.encode("failed", text="the control loop has ended; start the console again")
+                events.call_soon_threadsafe(self._said, pipe.recv_bytes())
         with contextlib.suppress(RuntimeError):  # the event loop may have ended, too
-            events.call_soon_threadsafe(self._said, gone)
+            events.call_soon_threadsafe(self._said, messages.encode("failed", text=gone))
 
     def _speak(self) -> None:
         with contextlib.suppress(OSError):

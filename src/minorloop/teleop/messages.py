@@ -17,8 +17,8 @@ LONGEST = 2048
 """Bytes of a message from a page."""
 HEADER = struct.Struct("<B3xIdffff")
 """Kind, number, time in s, pan, tilt, advance and roll in degrees and mm."""
-IMAGE, MAP = 1, 2
-"""Kinds of pictures."""
+IMAGE, MAP, JOB = 1, 2, 3
+"""Kinds of pictures; a job is one byte of kind and then what the workers are to do, pickled."""
 
 _Number: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 _Time: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
@@ -80,6 +80,20 @@ class Focus(_Order, frozen=True, kw_only=True):
     distance: _Distance
 
 
+class Find(_Order, frozen=True, kw_only=True):
+    """Look for defects in what is in view, with the lights one after the other."""
+
+
+class Sharpen(_Order, frozen=True, kw_only=True):
+    """Focus on what is tracked."""
+
+
+class Scan(_Order, frozen=True, kw_only=True):
+    """Measure the depth of a finding with the probe; of the newest one without a number."""
+
+    finding: _Number | None = None
+
+
 class Record(_Order, frozen=True, kw_only=True):
     """Begin or end a recording."""
 
@@ -104,7 +118,18 @@ class Ping(_Sent, frozen=True, kw_only=True):
     """Ask for an answer, to see how long it takes."""
 
 
-Order: TypeAlias = Drive | Mode | Pick | Measure | Focus | Record | Forget | Release
+class Sounded(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="sounded"):
+    """What the echoes told of a finding, from the process that fitted them; no page sends it."""
+
+    finding: int
+    told: dict[str, Any]
+
+
+Order: TypeAlias = (
+    Drive | Mode | Pick | Measure | Focus | Find | Sharpen | Scan | Record | Forget | Release
+)
+Inner: TypeAlias = Order | Sounded
+"""What the server says to the control loop."""
 Message: TypeAlias = Order | Take | Ping
 
 _messages: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message)

@@ -1,8 +1,9 @@
-"""Who moves the head: the operator, what the camera tracks, or nobody.
+"""Who moves the head: the operator, what the camera tracks, a scan, or nobody.
 
 HEAD follows the operator's head, TRACK keeps a point of the image where it belongs and does not
-know the operator's head, HOLD stands still and stops the catheter. A change of mode never moves
-anything: each mode begins at the command that is on.
+know the operator's head, SCAN brings the probe over a finding, point by point, HOLD stands still
+and stops the catheter. A change of mode never moves anything: each mode begins at the command
+that is on.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from minorloop.teleop.gaze import (
 )
 from minorloop.teleop.joystick import Rates, StickMap, push
 
-Mode: TypeAlias = Literal["HEAD", "TRACK", "HOLD"]
-MODES: tuple[Mode, ...] = ("HEAD", "TRACK", "HOLD")
+Mode: TypeAlias = Literal["HEAD", "TRACK", "SCAN", "HOLD"]
+MODES: tuple[Mode, ...] = ("HEAD", "TRACK", "SCAN", "HOLD")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,11 +38,14 @@ class Seat:
     stick : StickMap
     blind : float
         For how long in seconds a target may be out of sight before TRACK gives up.
+    reach : float
+        Half-angle of the cone in which a scan may turn the head, in degrees.
     """
 
     gaze: GazeMap = field(default_factory=GazeMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
+    reach: float = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +68,9 @@ class Heard:
     servo : (float, float), optional
         Rates of pan and tilt that bring the target where it belongs, in degrees per second;
         None where the target is not seen.
+    scan : ((float, float), (float, float)), optional
+        Pan and tilt in degrees and rates of the catheter in mm/s and degrees/s that a scan asks
+        for; None where none is on.
     """
 
     request: Mode | None = None
@@ -73,6 +80,7 @@ class Heard:
     stick: Pair = (0.0, 0.0)
     clutch: bool = False
     servo: Pair | None = None
+    scan: tuple[Pair, Rates] | None = None
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,8 @@ def advance(seat: Seat, state: SeatState, heard: Heard, interval: float) -> Seat
     state = _entered(seat, state, heard)
     if state.mode == "HOLD":
         return replace(state, rates=(0.0, 0.0))
+    if state.mode == "SCAN":
+        return _scanned(seat, state, heard.scan, interval)
     rates = push(seat.stick, state.rates, heard.stick, interval)
     if state.mode == "HEAD":
         after = gaze(seat.gaze, state.gaze, heard.pose, interval, clutch=heard.clutch)
@@ -146,6 +156,8 @@ def _refusal(seat: Seat, state: SeatState, heard: Heard, wanted: Mode) -> str:
     entering = heard.request is not None and state.mode != "TRACK"
     if wanted == "TRACK" and entering and heard.servo is None:
         return "there is no target in sight; pick one, then press TRACK"
+    if wanted == "SCAN" and heard.scan is None:
+        return "there is nothing to scan; measure a finding first"
     if wanted == "TRACK" and state.mode == "TRACK" and state.unseen > seat.blind:
         return "the target was lost from sight; pick it again"
     return ""
@@ -156,3 +168,12 @@ def _servoed(seat: Seat, command: Pair, servo: Pair | None, interval: float) -> 
         return command
     wanted = command[0] + interval * servo[0], command[1] + interval * servo[1]
     return slewed(seat.gaze, command, into_cone(wanted, seat.gaze.cone), interval)
+
+
+def _scanned(
+    seat: Seat, state: SeatState, asked: tuple[Pair, Rates] | None, interval: float
+) -> SeatState:
+    assert asked is not None
+    how = replace(seat.gaze, cone=seat.reach)
+    moved = slewed(how, state.command, into_cone(asked[0], seat.reach), interval)
+    return replace(state, gaze=anchored(state.gaze, moved), rates=asked[1])

@@ -1,19 +1,25 @@
 """What the seat steers, and what the seat knows of it.
 
-`Plant` is the door: a head with two wires, a catheter with two motors, and a camera. The seat knows
-the wires as they were identified through that door, and the camera as it was calibrated.
+Two doors, since the camera and the probe are read by another process than the wires: `Plant` is a
+head with two wires and a catheter with two motors; `Tip` is the camera with its lights and the
+ultrasonic probe. The seat knows the wires as they were identified through the first door, and
+camera and probe as they were calibrated.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
+import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.control.head import HeadControl, head_control
 from minorloop.errors import ParameterError
+from minorloop.geometry import Mount, Pinhole, Probe
 from minorloop.identification import excitation
 from minorloop.identification.heating import (
     HeatedWire,
@@ -21,19 +27,25 @@ from minorloop.identification.heating import (
     identify_heating,
     moving_levels,
 )
-from minorloop.lab.actuator import Actuator, FrameSource
+from minorloop.inspection.field import Ear
+from minorloop.lab.actuator import Actuator, FrameSource, Shot
+from minorloop.vision.eye import Eye
 
 MIDDLE = 30.0
 """Pan and tilt at which the head looks straight ahead, in degrees."""
-ADDRESSES = ("twin:rig", "twin:pipe")
+ADDRESSES = ("twin:pipe",)
+Where: TypeAlias = tuple[float, float, float, float]
+"""Pan and tilt about the middle, advance and roll as measured, in degrees and mm."""
 _HOLD = 40.0
 _BANDS = 12
 _HIGHEST = 0.4
+_LENGTH = 0.1024
+_CALIBRATED = 0.05e-3
 
 
 @runtime_checkable
-class Plant(FrameSource, Protocol):
-    """A catheter with its head and its camera."""
+class Plant(Protocol):
+    """A catheter with its head."""
 
     @property
     def tick(self) -> float:
@@ -48,38 +60,105 @@ class Plant(FrameSource, Protocol):
             Pan, tilt, advance and roll at its end, in degrees and mm; NaN where a sensor is lost.
         """
 
-    def focus_at(self, distance: float) -> None:
-        """Send the focus of the camera to a distance in metres."""
+    def stance(self) -> tuple[float, ...]:
+        """What a simulated tip has to be told of where it is; a real one needs nothing."""
 
     def safe(self) -> None:
         """Let the wires cool and stop the catheter."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@runtime_checkable
+class Tip(FrameSource, Protocol):
+    """A camera with lights, and a probe."""
+
+    def stand(self, stance: tuple[float, ...]) -> None:
+        """Take in what the plant says of where it is."""
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Say which lights are on from the next frame."""
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set how long the shutter is open, in seconds, and the gain."""
+
+    def focus_at(self, distance: float) -> None:
+        """Send the focus of the camera to a distance in metres."""
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water for the probe, or let it out."""
+
+    def shots(self, count: int) -> list[Shot]:
+        """Fire pulses, one after the other."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """A calibrated camera and how it sits on the head.
+    """Camera and probe as calibrated, and how they sit on the head.
 
     Parameters
     ----------
-    width, height : int
-        Of an image, in pixels.
-    focal : float
-        In pixels.
+    lens : Pinhole
+    leds : (N, 3) array
+        Places of the lights in the camera, in metres.
+    offset : (float, float)
+        Of the pivot off the axis of the pipe, in metres.
     lever : float
         From the pivot of the head to the lens, in metres.
-    radius : float
-        Of the pipe, in metres.
+    probe : Probe
+    radius, thickness : float
+        Of the pipe and its wall, in metres.
     """
 
-    width: int
-    height: int
-    focal: float
+    lens: Pinhole
+    leds: FloatArray
+    offset: tuple[float, float] = (0.0, 0.0)
     lever: float = 8e-3
+    probe: Probe = field(default_factory=Probe)
     radius: float = 10e-3
+    thickness: float = 2e-3
+
+    def mount(self, where: Where) -> Mount:
+        """How the head sits in the pipe where the catheter is."""
+        advance, roll = 1e-3 * where[2], math.radians(where[3])
+        return Mount(lever=self.lever, offset=self.offset, roll=roll, advance=advance)
+
+    def eye(self, where: Where) -> Eye:
+        """The camera where the catheter is."""
+        return Eye(self.lens, self.mount(where), self.leds, self.radius)
+
+    def ear(self, where: Where) -> Ear:
+        """The probe where the catheter is."""
+        return Ear(self.probe, self.mount(where), radius=self.radius, thickness=self.thickness)
+
+    def told(self) -> dict[str, Any]:
+        """As plain values, for messages."""
+        plain = {name: getattr(self, name) for name in ("offset", "lever", "radius", "thickness")}
+        lens, probe = (
+            msgspec.to_builtins(part, enc_hook=float) for part in (self.lens, self.probe)
+        )
+        return {"lens": lens, "probe": probe, "leds": self.leds.tolist(), **plain}
+
+    @classmethod
+    def heard(cls, told: dict[str, Any]) -> View:
+        """From plain values."""
+        lens = msgspec.convert(told["lens"], Pinhole)
+        probe = msgspec.convert(told["probe"], Probe)
+        known = {
+            **told,
+            "lens": lens,
+            "probe": probe,
+            "leds": np.array(told["leds"]),
+            "offset": tuple(told["offset"]),
+        }
+        return cls(**known)
 
 
-def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> tuple[Plant, View]:
-    """The plant at an address, and its camera.
+def angles_of(where: Where) -> tuple[float, float]:
+    """Pan and tilt in radians."""
+    return math.radians(where[0]), math.radians(where[1])
+
+
+def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:
+    """The plant at an address.
 
     Raises
     ------
@@ -89,38 +168,59 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> t
     check_address(address)
     from minorloop.twins.catheter import Catheter
     from minorloop.twins.head import Head
-    from minorloop.twins.rig import Rig
+    from minorloop.twins.seeing import Rig
 
-    head = Head(specimen, 0.05, seed, delay=0.04)
-    catheter = Catheter(specimen, 0.02, seed)
-    if address == "twin:rig":
-        from minorloop.twins import picture
+    return Rig(Head(specimen, 0.05, seed, delay=0.04), Catheter(specimen, 0.02, seed))
 
-        drawn = picture.Picture(seed)
-        view = View(
-            width=picture.WIDTH,
-            height=picture.HEIGHT,
-            focal=picture.FOCAL,
-            lever=picture.LEVER,
-            radius=picture.RADIUS,
-        )
-        return Rig(drawn, head, catheter), view
-    from minorloop.geometry import Mount
-    from minorloop.twins.camera import Camera
-    from minorloop.twins.pipe import Pipe
-    from minorloop.twins.rig import InPipe
 
-    pipe = Pipe.draw(seed, length=0.1024, holes=6)
-    camera = Camera(pipe, specimen=specimen, seed=seed)
-    lens = camera.calibration
+def open_tip(
+    address: str, *, specimen: int | None = None, seed: int = 0, scale: float = 1.0
+) -> tuple[Tip, View]:
+    """What the plant at an address carries, and what is known of it.
+
+    Parameters
+    ----------
+    address : str
+    specimen, seed : int
+        Of the simulated specimen, and of its noise and its pipe.
+    scale : float
+        Of the image; small ones are drawn faster.
+
+    Raises
+    ------
+    ParameterError
+        If there is none at the address.
+    """
+    check_address(address)
+    from minorloop.twins.camera import LENS
+    from minorloop.twins.seeing import Tip as SimulatedTip
+
+    rng = np.random.default_rng([seed, 41])
+    offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
+    known = np.array(offset) + rng.normal(0.0, _CALIBRATED, 2)
+    pipe = _pipe(seed)
+    tip = SimulatedTip(pipe, offset=offset, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
     view = View(
-        width=lens.width,
-        height=lens.height,
-        focal=lens.focal,
-        lever=Mount().lever,
+        lens=tip.camera.calibration,
+        leds=tip.camera.leds,
+        offset=(float(known[0]), float(known[1])),
         radius=pipe.radius,
+        thickness=pipe.thickness,
     )
-    return Rig(InPipe(camera), head, catheter), view
+    return tip, view
+
+
+def _pipe(seed: int) -> Any:
+    """A pipe with dents, dirt and scratches, with pits and holes along it."""
+    from minorloop.twins.pipe import Bore, Pipe
+
+    rng = np.random.default_rng([seed, 43])
+    bores = [Bore(0.45, 20e-3, 1e-3, depth=0.5e-3, brightness=0.0, lining=0.08)]
+    for n, z in enumerate((33e-3, 46e-3, 60e-3, 74e-3, 88e-3)):
+        pit = rng.uniform(0.3e-3, 0.8e-3) if n % 2 else math.inf
+        phi, size = float(rng.uniform(-math.pi, math.pi)), float(rng.uniform(0.9e-3, 1.1e-3))
+        bores.append(Bore(phi, z, size, depth=float(pit), brightness=0.0, lining=0.08))
+    return replace(Pipe.draw(seed, length=_LENGTH), bores=tuple(bores))
 
 
 def head_of(address: str, specimen: int | None) -> HeadControl:

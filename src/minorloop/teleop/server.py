@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import pickle
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ import msgspec
 import numpy as np
 
 from minorloop.errors import MinorloopError, MissingExtraError, SignalError
+from minorloop.geometry import Pinhole
 from minorloop.teleop import messages, recording
 from minorloop.teleop.doors import Doors
 from minorloop.teleop.hub import SILENCE, HostileError, Hub, Viewer
@@ -25,7 +27,9 @@ from minorloop.teleop.imaging import opencv
 from minorloop.teleop.link import Link
 from minorloop.teleop.loop import LoopSettings
 from minorloop.teleop.plant import View
+from minorloop.teleop.reports import table_of
 from minorloop.teleop.wall import Wall
+from minorloop.teleop.workers import Workers
 
 try:
     from starlette.applications import Starlette
@@ -52,6 +56,10 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Permissions-Policy": "xr-spatial-tracking=(self), gyroscope=(self), accelerometer=(self)",
 }
+_JOB = bytes([messages.JOB])
+_MOST_MESHES = 100
+_MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
+_MEASURED = ("phi", "phi_sd", "z", "z_sd", "diameter", "diameter_sd", "depth", "depth_sd")
 _CLOSED, _REFUSED, _TOO_BIG = 1001, 1008, 1009
 
 
@@ -88,8 +96,13 @@ class _Server:
         self._wall: Wall | None = None
         self._painting = False
         self._images = 0
+        self._meshes: dict[int, dict[str, bytes]] = {}
+        self._fitting: set[asyncio.Task[None]] = set()
+        many = min(self._workers, 1)
+        self._fitters = Workers(many, tasks="minorloop.teleop.depth_work", longest=300.0, nice=7)
         # What the first picture would wait for, and everybody with it.
-        small = View(width=32, height=24, focal=26.0)
+        lens = Pinhole(32, 24, 26.0, (15.5, 11.5))
+        small = View(lens=lens, leds=np.zeros((3, 3)))
         Wall(small, 0.05).paint(np.zeros((24, 32), np.uint8), (0.0, 0.0, 0.0, 0.0))
 
     def app(self) -> Starlette:
@@ -103,6 +116,7 @@ class _Server:
             Route("/api/recordings", self._recordings),
             Route("/api/findings.json", self._findings),
             Route("/api/findings.csv", self._findings_csv),
+            Route("/api/findings/{number:int}.{kind}", self._mesh),
             Route("/api/map.png", self._map),
             *self._lab.routes(),
         ]
@@ -116,12 +130,14 @@ class _Server:
         self._events = asyncio.get_running_loop()
         self._link.start()
         await self._lab.start()
+        await self._fitters.start()
         watch = asyncio.create_task(self._watch())
         try:
             yield
         finally:
             watch.cancel()
             await self._lab.stop()
+            await self._fitters.stop()
             await asyncio.to_thread(self._link.stop)
 
     async def _watch(self) -> None:
@@ -144,6 +160,11 @@ class _Server:
 
     def _said(self, content: bytes) -> None:
         """Pass on what the loop says."""
+        if content[:1] == _JOB:
+            fitting = asyncio.get_running_loop().create_task(self._fit(content[1:]))
+            self._fitting.add(fitting)
+            fitting.add_done_callback(self._fitting.discard)
+            return
         if content[:1] != b"{":
             self._hub.show("image", content)
             self._images += 1
@@ -157,8 +178,7 @@ class _Server:
             return
         if content.startswith(b'{"type":"hello"'):
             self._hub.hello = content
-            view = msgspec.json.decode(content)["view"]
-            self._wall = Wall(View(**view))
+            self._wall = Wall(View.heard(msgspec.json.decode(content)["known"]))
         elif content.startswith(b'{"type":"findings"'):
             self._hub.findings = content
         elif content.startswith(b'{"type":"recording"'):
@@ -166,6 +186,27 @@ class _Server:
         elif content.startswith(b'{"type":"failed"'):
             self._hub.failed = content
         self._hub.tell(content)
+
+    async def _fit(self, content: bytes) -> None:
+        """Have the echoes of a scan fitted, and tell the loop and the pages what came of it."""
+        job = pickle.loads(content)  # from our own process, through its own pipe
+        number, last = job["finding"], {}
+        began = time.monotonic()
+        async for told in self._fitters.run("depth", **job):
+            last = told
+            if "stage" in told:
+                seconds = round(time.monotonic() - began, 1)
+                self._hub.tell(
+                    messages.encode("depth", finding=number, stage=told["stage"], seconds=seconds)
+                )
+        if "error" in last:
+            self._hub.tell(messages.encode("notice", text=f"the depth is open: {last['error']}"))
+        else:
+            self._meshes[number] = last["meshes"]
+            while len(self._meshes) > _MOST_MESHES:
+                del self._meshes[next(iter(self._meshes))]
+            self._link.order(messages.Sounded(finding=number, told=last["told"]))
+        self._hub.tell(messages.encode("depth", finding=number, stage="", seconds=0.0))
 
     def _paint(self, content: bytes, show: bool) -> None:
         """Add a picture to the map, and show it now and then; in a thread."""
@@ -259,18 +300,21 @@ class _Server:
 
     async def _findings(self, request: Request) -> Response:
         found = msgspec.json.decode(self._hub.findings)["findings"]
-        content = {"units": {"phi": "deg", "z": "mm", "diameter": "mm"}, "findings": found}
+        units = {name: "deg" if name.startswith("phi") else "mm" for name in _MEASURED}
+        content = {"units": units, "findings": found}
         return _download(msgspec.json.encode(content), "application/json", "findings.json")
 
     async def _findings_csv(self, request: Request) -> Response:
         rows = msgspec.json.decode(self._hub.findings)["findings"]
-        units = {"t": "s", "phi": "deg", "z": "mm", "diameter": "mm", "depth": "mm"}
-        names = ["number", *units]
-        header = [f"{n} [{units[n]}]" if n in units else n for n in names]
-        lines = [",".join(header)]
-        for row in rows:
-            lines.append(",".join("" if row[n] is None else str(row[n]) for n in names))
-        return _download("\n".join(lines).encode() + b"\n", "text/csv", "findings.csv")
+        return _download(table_of(rows).encode(), "text/csv", "findings.csv")
+
+    async def _mesh(self, request: Request) -> Response:
+        number, kind = request.path_params["number"], request.path_params["kind"]
+        mesh = self._meshes.get(number, {}).get(kind)
+        if mesh is None:
+            sentence = f"finding {number} has no {kind[:8]} yet; measure its depth first"
+            return JSONResponse({"error": sentence}, status_code=404)
+        return _download(mesh, _MESHES[kind], f"finding-{number}.{kind}")
 
     async def _map(self, request: Request) -> Response:
         if self._wall is None:

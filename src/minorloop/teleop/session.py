@@ -1,63 +1,33 @@
-"""One tick of the seat: what was heard, what the head does, what is seen.
+"""One tick of the seat: what was heard, what the head does, what the eyes told.
 
 A `Session` owns the plant and everything that is remembered from tick to tick. It knows no clock,
-no process and no network: `minorloop.teleop.loop` gives it those.
+no process, no network and no picture: `minorloop.teleop.loop` gives it those.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.control.head import HeadControl
-from minorloop.lab.actuator import Frame
 from minorloop.teleop import messages
+from minorloop.teleop.gaze import Pair
 from minorloop.teleop.modes import Heard, Seat, SeatState, advance, held
-from minorloop.teleop.plant import MIDDLE, Plant, View
-from minorloop.teleop.sight import Sight, Spot, Target
+from minorloop.teleop.plant import MIDDLE, Plant, View, Where, angles_of
+from minorloop.teleop.reports import Finding, camera_finding, introduction, rounded, sounded
+from minorloop.teleop.scan import Asked, Scan, scanned
+from minorloop.teleop.sight import Look, Seen, Sight, Wish
+from minorloop.vision.servo import Cone, Servo
 
-_SPOTS_EVERY = 5
 _BLIND_TICKS = 3
+_STALE_TICKS = 8
 _LONGEST_MEMORY = 40
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """A defect that was measured.
-
-    Parameters
-    ----------
-    number : int
-        From 1.
-    t : float
-        When, in seconds since the session began.
-    phi, z : float
-        Where on the wall: angle about the axis in degrees, distance along it in mm.
-    diameter : float
-        In mm.
-    depth : float, optional
-        In mm; None where no ultrasonic sensor measured it.
-    distance : float
-        From the lens, in mm.
-    bright : bool
-        Whether it is brighter than the wall.
-    contrast : float
-        Grey levels between it and the wall.
-    """
-
-    number: int
-    t: float
-    phi: float
-    z: float
-    diameter: float
-    depth: float | None
-    distance: float
-    bright: bool
-    contrast: float
+_CENTRED, _CENTRED_TICKS = 0.02, 12
+_SERVO_GAIN, _SERVO_DELAY = 0.8, 0.2
 
 
 @dataclass(eq=False)
@@ -68,10 +38,11 @@ class Session:
     ----------
     plant : Plant
     view : View
-        Its camera.
+        Its camera and probe.
     control : HeadControl
         Of its head.
     sight : Sight
+        Its eyes.
     seat : Seat
     """
 
@@ -84,9 +55,6 @@ class Session:
     def __post_init__(self) -> None:
         self.state = SeatState()
         self.findings: list[Finding] = []
-        self.target: Target | None = None
-        self.spots: list[Spot] = []
-        self.seen: Frame | None = None
         self.reading = np.zeros(4)
         self._known = np.zeros(4)
         self.ticks = self._blind = 0
@@ -94,6 +62,20 @@ class Session:
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
         self._request: Any = None
+        self.seen = Seen(number=0)
+        self.scan: Scan | None = None
+        self._asked: Asked | None = None
+        self._wishes: list[Wish] = []
+        self._centred = 0
+        self.focus: str = ""
+        self._servo_law = Servo(
+            self.view.eye((0.0, 0.0, 0.0, 0.0)),
+            gain=_SERVO_GAIN,
+            delay=_SERVO_DELAY,
+            interval=self.interval,
+            cone=Cone(math.radians(self.seat.gaze.cone)),
+            rate_limit=math.radians(self.seat.gaze.heating),
+        )
         self.events: list[bytes] = []
 
     @property
@@ -101,8 +83,8 @@ class Session:
         """Length of a tick in seconds."""
         return self.plant.tick
 
-    def hear(self, message: messages.Order, at: float) -> None:
-        """Take in an order of the pilot that came at a time in seconds."""
+    def hear(self, message: messages.Inner, at: float) -> None:
+        """Take in an order of the pilot, or what echoes told, that came at a time in seconds."""
         if isinstance(message, messages.Drive):
             self._drive, self._drive_at = message, at
         elif isinstance(message, messages.Mode):
@@ -110,11 +92,20 @@ class Session:
         elif isinstance(message, messages.Release):
             self.hold("the controls are free; take them to go on")
         elif isinstance(message, messages.Pick):
-            self._pick(message.u, message.v)
+            self._wish("pick", message.u, message.v)
         elif isinstance(message, messages.Measure):
             self._measure()
+        elif isinstance(message, messages.Find):
+            self._wish("find")
+        elif isinstance(message, messages.Sharpen):
+            self._wish("sharpen")
+        elif isinstance(message, messages.Scan):
+            self._begin_scan(message.finding)
+        elif isinstance(message, messages.Sounded):
+            self._sounded(message)
         elif isinstance(message, messages.Focus):
-            self.plant.focus_at(message.distance)
+            self.focus = "by hand"
+            self._wish("focus", message.distance)
         elif isinstance(message, messages.Forget):
             self.findings = [f for f in self.findings if f.number != message.finding]
             self.tell_findings()
@@ -126,7 +117,12 @@ class Session:
 
     def tick(self, now: float) -> FloatArray:
         """One tick at a time in seconds; gives the four inputs that were applied."""
-        self.state = advance(self.seat, self.state, self._heard(now), self.interval)
+        for seen in self.sight.seen():
+            self._take(seen)
+        before = self.state.mode
+        heard = self._heard(now)  # a scan that has ended holds
+        self.state = advance(self.seat, self.state, heard, self.interval)
+        self._changed(before)
         self._request = None
         reference = np.add(self.state.command, MIDDLE)
         currents, self._control = self.control.step(
@@ -135,9 +131,17 @@ class Session:
         u = np.concatenate([currents, self.state.rates])
         self.reading = np.asarray(self.plant.exchange(u), dtype=np.float64)
         self._watch_sensors()
-        self.seen = self.plant.frame()
         self.ticks += 1
-        self._look()
+        wishes, self._wishes = self._wishes, []
+        self.sight.look(
+            Look(
+                number=self.ticks,
+                t=now,
+                where=self.where(),
+                stance=self.plant.stance(),
+                wishes=wishes,
+            )
+        )
         return u
 
     def report(self, now: float, *, late: float = 0.0) -> bytes:
@@ -149,12 +153,12 @@ class Session:
             t=now,
             mode=self.state.mode,
             reason=self.state.reason,
-            command=_rounded(self.state.command),
-            angle=_rounded(self.reading[:2] - MIDDLE),
-            place=_rounded(self._known[2:]),
-            rates=_rounded(self.state.rates),
-            current=_rounded([axis.applied for axis in self._control.axes], 4),
-            temperature=_rounded(self._temperatures(), 1),
+            command=rounded(self.state.command),
+            angle=rounded(self.reading[:2] - MIDDLE),
+            place=rounded(self._known[2:]),
+            rates=rounded(self.state.rates),
+            current=rounded([axis.applied for axis in self._control.axes], 4),
+            temperature=rounded(self._temperatures(), 1),
             memory=[_memory(axis.estimate.wire.tracker) for axis in self._control.axes],
             wire=[round(axis.estimate.wire.angle, 2) for axis in self._control.axes],
             trouble=self._trouble(),
@@ -162,41 +166,27 @@ class Session:
             heard=None if drive is None else {"seq": drive.seq, "t": drive.t},
             late=round(1e3 * late, 2),
             target=self._told_target(),
-            spots=[[round(x, 1) for x in (s.u, s.v, s.diameter, s.contrast)] for s in self.spots],
+            centred=self._centred >= _CENTRED_TICKS,
+            focus=self.focus,
+            scan=self._told_scan(),
+            spots=[rounded(spot, 1) for spot in self.seen.spots],
         )
 
     def introduction(self) -> bytes:
         """What the pages are told once: camera, cone, and the planes of the wires."""
         wires = [axis.estimate.wire.tracker.model for axis in self._control.axes]
-        return messages.encode(
-            "hello",
-            interval=self.interval,
-            view={
-                "width": self.view.width,
-                "height": self.view.height,
-                "focal": self.view.focal,
-                "lever": self.view.lever,
-                "radius": self.view.radius,
-            },
-            cone=self.seat.gaze.cone,
-            middle=MIDDLE,
-            stick=[self.seat.stick.advance, self.seat.stick.roll],
-            planes=[
-                {"levels": wire.levels.tolist(), "weights": _rounded_rows(wire.weights)}
-                for wire in wires
-            ],
-        )
+        return introduction(self.interval, self.view, self.seat, wires)
 
-    def where(self) -> tuple[float, float, float, float]:
+    def where(self) -> Where:
         """Pan, tilt, advance and roll as they were last known, in degrees and mm."""
         pan, tilt, advanced, roll = self._known.tolist()
         return pan - MIDDLE, tilt - MIDDLE, advanced, roll
 
     def _heard(self, now: float) -> Heard:
-        servo = self._servo()
+        servo, scan = self._servo(), self._scan_tick()
         drive = self._drive
         if drive is None:
-            return Heard(request=self._request, servo=servo)
+            return Heard(request=self._request, servo=servo, scan=scan)
         age = max(now - self._drive_at, 0.0)
         return Heard(
             request=self._request,
@@ -206,21 +196,69 @@ class Session:
             stick=drive.stick,
             clutch=drive.clutch,
             servo=servo,
+            scan=scan,
         )
 
-    def _servo(self) -> tuple[float, float] | None:
-        if self.target is None or not self.target.seen:
-            return None
-        pan, tilt, *_ = self.where()
-        return self.sight.rates(self.target, pan, tilt)
+    def _changed(self, before: str) -> None:
+        """What a new mode means for the eyes and for a scan."""
+        mode = self.state.mode
+        if mode == "HEAD" and before != "HEAD":
+            self.focus = ""
+            self._wish("free")
+        if self.scan is not None and mode != "SCAN":
+            if self.scan.stage != "done":
+                self.notice("the scan was broken off; press Depth to begin it again")
+            self._wish("dry")
+            self.scan = None
 
-    def _look(self) -> None:
-        """Follow the target, and look for spots now and then."""
-        assert self.seen is not None
-        if self.target is not None:
-            self.target = self.sight.follow(self.target, self.seen.image)
-        if self.ticks % _SPOTS_EVERY == 0:
-            self.spots = self.sight.spots(self.seen.image)
+    def _wish(self, name: str, *numbers: float) -> None:
+        self._wishes.append((name, [float(number) for number in numbers]))
+
+    # --- what the eyes told
+
+    def _take(self, seen: Seen) -> None:
+        self.seen = seen
+        for event in seen.events:
+            kind = event["what"]
+            if kind == "notice":
+                self.notice(event["text"])
+            elif kind == "picked":
+                self._centred, self.focus = 0, ""
+            elif kind == "focused":
+                self.focus = str(event["verdict"])
+                self.events.append(messages.encode("focused", **event))
+            elif kind == "extracted":
+                self._extracted(event)
+            elif kind == "found":
+                self.events.append(messages.encode("found", **event))
+        self._watch_centre()
+
+    def _fresh(self) -> bool:
+        return self.ticks - self.seen.number < _STALE_TICKS
+
+    def _servo(self) -> Pair | None:
+        """Rates of pan and tilt in degrees per second that centre the target."""
+        target = self.seen.target
+        if target is None or not target[3] or not self._fresh():
+            return None
+        where = self.where()
+        law = replace(self._servo_law, eye=self.view.eye(where))
+        state = law.begin(np.radians(self.state.command))
+        step, _ = law.step(state, target[:2], np.array(angles_of(where)))
+        rates = np.degrees(step.rates)
+        return float(rates[0]), float(rates[1])
+
+    def _watch_centre(self) -> None:
+        """Focus once the target has come to rest in the middle."""
+        target, lens = self.seen.target, self.view.lens
+        if self.state.mode != "TRACK" or target is None or not target[3]:
+            self._centred = 0
+            return
+        off = math.dist(target[:2], lens.centre)
+        self._centred = self._centred + 1 if off < _CENTRED * lens.width else 0
+        if self._centred == _CENTRED_TICKS and not self.focus:
+            self.focus = "searching"
+            self._wish("sharpen")
 
     def _watch_sensors(self) -> None:
         lost = bool(np.isnan(self.reading).any())
@@ -229,46 +267,60 @@ class Session:
         if self._blind >= _BLIND_TICKS and self.state.mode != "HOLD":
             self.hold("a sensor of the catheter was lost; it holds until the sensor is back")
 
-    def _pick(self, u: float, v: float) -> None:
-        if self.seen is not None:
-            self.target = self.sight.begin(self.seen.image, u, v)
+    # --- findings
 
     def _measure(self) -> None:
-        """Keep what is under the target as a finding."""
-        near = self._spot_at_target()
-        if near is None:
-            self.notice("there is no spot under the target to measure; pick one first")
+        """Have the outline of the target looked for."""
+        target = self.seen.target
+        if self.state.mode != "TRACK" or target is None or not target[3]:
+            self.notice("there is nothing that is tracked to measure; pick a point, press Track")
             return
-        pan, tilt, advanced, roll = self.where()
-        place = self.sight.place(near.u, near.v, pan, tilt)
+        self._wish("extract")
+
+    def _extracted(self, event: dict[str, Any]) -> None:
+        hole = event["hole"]
+        if hole is None:
+            self.notice(f"this cannot be measured: {event['verdict']}")
+            return
         number = 1 + max((f.number for f in self.findings), default=0)
-        self.findings.append(
-            Finding(
-                number=number,
-                t=round(self.ticks * self.interval, 2),
-                phi=round((math.degrees(place.phi) + roll) % 360.0, 2),
-                z=round(1e3 * place.z + advanced, 3),
-                diameter=round(1e3 * near.diameter * place.scale, 3),
-                depth=None,
-                distance=round(1e3 * place.far, 2),
-                bright=near.contrast > 0,
-                contrast=round(abs(near.contrast), 1),
-            )
-        )
+        t = round(self.ticks * self.interval, 2)
+        self.findings.append(camera_finding(number, t, hole, self.view.radius))
         self.tell_findings()
 
-    def _spot_at_target(self) -> Spot | None:
-        if self.target is None or not self.target.seen or self.seen is None:
-            return None
-        at = self.target
-        near = min(
-            self.sight.spots(self.seen.image),
-            key=lambda s: math.hypot(s.u - at.u, s.v - at.v),
-            default=None,
+    def _begin_scan(self, number: int | None) -> None:
+        wanted = [f for f in self.findings if number is None or f.number == number]
+        if not wanted:
+            self.notice("there is nothing to scan; measure a finding first")
+            return
+        found = wanted[-1]
+        self.scan = Scan(
+            number=found.number,
+            centre=(math.radians(found.phi), 1e-3 * found.z),
+            diameter=1e-3 * found.diameter,
+            home=(*self.state.command, *self.where()[2:]),
         )
-        if near is None or math.hypot(near.u - at.u, near.v - at.v) > 0.03 * self.view.width:
+        self._request = "SCAN"
+
+    def _scan_tick(self) -> tuple[Pair, Pair] | None:
+        """What the scan asks for; it moves on only while its mode is on."""
+        if self.scan is None or self.scan.stage == "done":
             return None
-        return near
+        if self.state.mode == "SCAN":
+            self.scan, asked = scanned(self.scan, self.view, self.where(), self.interval)
+            self._wishes += asked.wishes
+            if self.scan.stage == "done":
+                self.hold("the scan is done; press a mode to go on")
+                self.events.append(messages.encode("scanned", finding=self.scan.number))
+                return None
+            return asked.angles, asked.rates
+        return self.state.command, (0.0, 0.0)
+
+    def _sounded(self, message: messages.Sounded) -> None:
+        """Put what the echoes told with its finding."""
+        for k, finding in enumerate(self.findings):
+            if finding.number == message.finding:
+                self.findings[k] = sounded(finding, message.told, self.view.radius)
+        self.tell_findings()
 
     def tell_findings(self) -> None:
         """Tell the pages all findings."""
@@ -279,10 +331,19 @@ class Session:
         self.events.append(messages.encode("notice", text=text))
 
     def _told_target(self) -> list[float] | None:
-        if self.target is None:
+        if self.seen.target is None:
             return None
-        u, v, score = self.target.u, self.target.v, self.target.score
-        return [round(u, 2), round(v, 2), round(score, 2), float(self.target.seen)]
+        u, v, score, seen = self.seen.target
+        return [round(u, 2), round(v, 2), round(score, 2), float(seen and self._fresh())]
+
+    def _told_scan(self) -> dict[str, Any] | None:
+        if self.scan is None:
+            return None
+        return {
+            "finding": self.scan.number,
+            "stage": self.scan.stage,
+            "progress": round(self.scan.progress, 3),
+        }
 
     def _temperatures(self) -> list[float]:
         pairs = zip(self.control.axes, self._control.axes, strict=True)
@@ -299,11 +360,3 @@ class Session:
 
 def _memory(tracker: Any) -> list[float]:
     return [round(x, 5) for x in tracker.memory.extrema][-_LONGEST_MEMORY:]
-
-
-def _rounded(values: Any, digits: int = 3) -> list[float | None]:
-    return [round(float(x), digits) if math.isfinite(x) else None for x in values]
-
-
-def _rounded_rows(rows: FloatArray) -> list[list[float]]:
-    return [[round(float(x), 4) for x in row[: k + 1]] for k, row in enumerate(rows)]

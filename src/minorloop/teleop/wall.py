@@ -6,14 +6,15 @@ import math
 
 import numpy as np
 
-from minorloop.teleop.imaging import opencv
-from minorloop.teleop.plant import View
-from minorloop.teleop.sight import Image, turned
+from minorloop.arrays import FloatArray
+from minorloop.teleop.plant import View, Where, angles_of
+from minorloop.vision.eye import Image, Image32, Window, unroll
 
 STEP = 0.25e-3
 """Size of a texel, in metres."""
 _NEAR, _FAR = 6e-3, 46e-3
 _SHOWN = 0.1
+_LEAST = 3e3  # pixels for each metre of the wall
 
 
 class Wall:
@@ -34,44 +35,36 @@ class Wall:
         self._quality = np.zeros(self.grey.shape, dtype=np.float32)
         self._phi = 2 * math.pi * (np.arange(columns) + 0.5) / columns
 
-    def paint(self, image: Image, where: tuple[float, float, float, float]) -> None:
+    def paint(self, image: Image, where: Where) -> None:
         """Add an image that was taken at pan, tilt, advance and roll, in degrees and mm.
 
         A texel keeps the image that saw it nearest and most squarely, and fades to a newer one
         that sees it nearly as well.
         """
-        pan, tilt, advance, roll = where
-        rows = self._rows(advance)
+        rows = self._rows(where[2])
         if rows.start >= rows.stop:
             return
-        view, turn = self.view, turned(pan, tilt)
-        z = STEP * (np.arange(rows.start, rows.stop) + 0.5) - 1e-3 * advance
-        phi = self._phi - math.radians(roll)
-        wall = np.stack(
-            [
-                np.broadcast_to(view.radius * np.cos(phi), (z.size, phi.size)),
-                np.broadcast_to(view.radius * np.sin(phi), (z.size, phi.size)),
-                np.broadcast_to(z[:, None], (z.size, phi.size)),
-            ],
-            axis=-1,
-        ).astype(np.float32)
-        sight = wall - (view.lever * turn[:, 2]).astype(np.float32)
-        seen = sight @ turn.astype(np.float32)
-        depth = np.maximum(seen[..., 2], 1e-4)
-        u = (view.focal / depth * seen[..., 0] + (view.width - 1) / 2).astype(np.float32)
-        v = (view.focal / depth * seen[..., 1] + (view.height - 1) / 2).astype(np.float32)
-        inside = (
-            (seen[..., 2] > 1e-3) & (u > 1) & (u < view.width - 2) & (v > 1) & (v < view.height - 2)
-        )
-        far = np.linalg.norm(sight, axis=-1)
-        facing = (wall[..., 0] * sight[..., 0] + wall[..., 1] * sight[..., 1]) / (view.radius * far)
-        quality = np.where(inside, facing / far**2, 0.0).astype(np.float32)
-        fresh = opencv().remap(image, u, v, opencv().INTER_LINEAR)
+        view, (pan, tilt) = self.view, angles_of(where)
+        eye = view.eye(where)
+        z = STEP * (np.arange(rows.start, rows.stop) + 0.5)
+        step = 2 * math.pi * view.radius / len(self._phi)
+        # Rows and columns are of nearly the same size; columns close round the pipe.
+        window = Window(self._phi[0], float(z[0]), step, z.size, len(self._phi))
+        fresh = unroll(image, eye, window, pan, tilt, least=_LEAST)
+        quality = self._quality_of(z, eye.mount.pose(pan, tilt).position)
         grey, known = self.grey[rows], self._quality[rows]
-        better = inside & (quality > 0.9 * known)
+        better = np.isfinite(fresh) & (quality > 0.9 * known)
         mixed = np.where(known > 0, 0.5 * grey + 0.5 * fresh, fresh)
-        grey[better] = mixed[better].astype(np.uint8)
+        grey[better] = np.clip(mixed[better], 1, 255).astype(np.uint8)
         known[better] = np.maximum(known, quality)[better]
+
+    def _quality_of(self, z: FloatArray, lens: FloatArray) -> Image32:
+        """How squarely and from how near each texel of some rows is seen."""
+        radius = self.view.radius
+        x, y = radius * np.cos(self._phi) - lens[0], radius * np.sin(self._phi) - lens[1]
+        outward = np.cos(self._phi) * x + np.sin(self._phi) * y
+        square = (x * x + y * y)[None, :] + ((z - lens[2]) ** 2)[:, None]
+        return np.asarray(outward[None, :] / square**1.5, dtype=np.float32)
 
     def window(self, advance: float) -> tuple[Image, float, float]:
         """The map about an advance in mm: an image, and the z in mm of its first and last row."""

@@ -29,10 +29,16 @@ class Workers:
     count : int
     longest : float
         Seconds that a task may take.
+    tasks : str
+        Module of the tasks; it has ``warm_up``.
+    nice : int
+        How far a computation stands back behind who steers.
     """
 
-    def __init__(self, count: int, *, longest: float = 180.0) -> None:
-        self._count, self._longest = count, longest
+    def __init__(
+        self, count: int, *, longest: float = 180.0, tasks: str = TASKS, nice: int = 10
+    ) -> None:
+        self._count, self._longest, self._work = count, longest, (tasks, nice)
         self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
         self._all: set[_Worker] = set()
 
@@ -78,16 +84,16 @@ class Workers:
         return last
 
     def _add(self) -> None:
-        worker = _Worker()
+        worker = _Worker(*self._work)
         self._all.add(worker)
         self._idle.put_nowait(worker)
 
 
 class _Worker:
-    def __init__(self) -> None:
+    def __init__(self, tasks: str, nice: int) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self._process = context.Process(target=serve, args=(theirs, tasks, nice), daemon=True)
         self._process.start()
         theirs.close()
 
@@ -107,11 +113,11 @@ class _Worker:
         self._process.terminate()
 
 
-def serve(pipe: Connection) -> None:
+def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
     """Do tasks until the other end goes away; for a process of its own."""
     with contextlib.suppress(OSError, AttributeError):
-        os.nice(10)  # a computation must not hold up who steers
-    tasks = importlib.import_module(TASKS)
+        os.nice(nice)
+    tasks = importlib.import_module(module)
     tasks.warm_up()
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
         while True:

@@ -124,7 +124,7 @@ def _look_up(fields, row, lines, texels, shapes, size, look):
     top = shapes.shape[0] - 1
     i0, share = row // CELL, _F(row % CELL) / _F(CELL)
     albedo, slope_around, slope_along, gloss = look[0], look[1], look[2], look[3]
-    z = lines[1]
+    z, where, part = lines[1], np.empty(CELL, np.int32), np.empty((2, CELL), np.float32)
     for cell in range(fields.shape[2] - 1):
         start = cell * CELL
         wide = lines[2, start + CELL // 2] / size[0]
@@ -140,17 +140,21 @@ def _look_up(fields, row, lines, texels, shapes, size, look):
         a, b = a + share * (c - a), b + share * (d - b)
         x0, xs = a * scale / size[2], (b - a) * scale / size[2] / _F(CELL)
         x0 += (_ONE - np.floor(x0 / turn)) * turn - middle
+        begin, width = np.int32(first), np.int32(columns + 1)
+        # The first of the two loops becomes one of vectors; together they would not.
         for k in range(CELL):
-            u = np.uint64(start + k)
             # Within a cell phi may pass pi, by less than a turn either way.
             x = x0 + xs * _F(k)
             x = x - turn if x >= turn else x
             x = x - turn if x >= turn else x
-            y = min(max(z[u] * along - middle, _ZERO), last)
-            j, i = np.int64(x), np.int64(y)
-            sx, sy = x - _F(j), y - _F(i)
-            here = np.uint64(first + i * (columns + 1) + j)
-            below = here + np.uint64(columns + 1)
+            y = min(max(z[start + k] * along - middle, _ZERO), last)
+            j, i = np.int32(x), np.int32(y)
+            part[0, k], part[1, k] = x - _F(j), y - _F(i)
+            where[k] = begin + i * width + j
+        for k in range(CELL):
+            u, here = np.uint64(start + k), np.uint64(where[k])
+            below = here + np.uint64(width)
+            sx, sy = part[0, k], part[1, k]
             pa, pb = texels[here], texels[here + np.uint64(1)]
             pc, pd = texels[below], texels[below + np.uint64(1)]
             wd = sx * sy

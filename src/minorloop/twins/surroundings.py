@@ -140,6 +140,11 @@ class Surroundings:
     def loads(self, axes: int) -> FloatArray:
         """Load of each axis as the compiled loops read it, (axes, 6).
 
+        Parameters
+        ----------
+        axes : int
+            Number of wires.
+
         Raises
         ------
         ParameterError

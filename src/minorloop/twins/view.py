@@ -2,7 +2,8 @@
 
 A view is a camera that looks at a wall with a place in the middle of the question. Around it lie
 dents, beads, scratches and dirt, and at least one LED is mirrored to saturation within 3 mm of
-the place and not within 0.2 mm of the rim, whether there is a hole or not.
+the place and not within 0.2 mm of the rim, whether there is a hole or not. A plain view has
+none of these: a dark hole with a sharp edge in a brushed wall.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class View:
     hole: Bore | None
 
 
-def draw_view(seed: int, *, hole: bool, inside: str | None = None) -> View:
+def draw_view(seed: int, *, hole: bool, inside: str | None = None, plain: bool = False) -> View:
     """Draw a view.
 
     Parameters
@@ -68,6 +69,9 @@ def draw_view(seed: int, *, hole: bool, inside: str | None = None) -> View:
         pixels of a 320 by 240 image.
     inside : {"dark", "backlit", "white"}, optional
         What is seen in the hole; drawn when it is not given.
+    plain : bool
+        Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
+        saturated pixel within 3 mm of the place; the hole is dark.
 
     Raises
     ------
@@ -76,21 +80,25 @@ def draw_view(seed: int, *, hole: bool, inside: str | None = None) -> View:
     """
     rng = np.random.default_rng([seed, int(hole)])
     for _ in range(_TRIES):
-        view = _try_view(rng, hole, inside)
+        view = _try_view(rng, hole, "dark" if plain else inside, plain)
         if view is not None:
             return view
     raise ParameterError(f"no view came of seed {seed} in {_TRIES} tries; give another seed")
 
 
-def _try_view(rng: np.random.Generator, hole: bool, inside: str | None) -> View | None:
+def _try_view(rng: np.random.Generator, hole: bool, inside: str | None, plain: bool) -> View | None:
     mount, pan, tilt = _head(rng)
     place = _place(rng, mount.pose(pan, tilt))
     bore = drawing.draw_hole(rng, *place)
     if inside is not None:
         bore = replace(bore, inside=inside, brightness={"dark": 0.0, "white": 2.0}.get(inside, 1.0))
+    if plain:
+        bore = replace(bore, chamfer=0.0)
     if _minor_axis(mount.pose(pan, tilt), bore) < LEAST_AXIS:
         return None
     wall = _wall(rng, bore, mount.pose(pan, tilt), hole)
+    if plain:
+        wall = replace(wall, dents=(), scratches=(), dirt=())
     camera = Camera(wall, mount, seed=int(rng.integers(2**31)), specimen=int(rng.integers(2**31)))
     camera.look(pan, tilt)
     _focus(rng, camera, mount.pose(pan, tilt))
@@ -99,6 +107,8 @@ def _try_view(rng: np.random.Generator, hole: bool, inside: str | None) -> View 
         return None
     camera.expose(0.01, gain)
     view = View(camera, mount, pan, tilt, gain, place, bore if hole else None)
+    if plain:
+        return view if not (_saturated(view, bore) < _REACH).any() else None
     return view if _has_a_glint(view, bore) else None
 
 
@@ -205,13 +215,16 @@ def _meter(camera: Camera) -> float:
 
 def _has_a_glint(view: View, bore: Bore) -> bool:
     """Whether pixels saturate within 3 mm of the place, and none within 0.2 mm of the rim."""
-    image = view.camera.frame().image
-    v, u = np.nonzero(image == 255)
-    if u.size == 0:
-        return False
+    off, rim = _saturated(view, bore), bore.diameter / 2 + bore.chamfer
+    return bool((off > rim + _CLEAR).all() and (off < _REACH).sum() >= 4)
+
+
+def _saturated(view: View, bore: Bore) -> FloatArray:
+    """How far off the place, outside the rim, the saturated pixels of an image are."""
+    v, u = np.nonzero(view.camera.frame().image == 255)
     pose = view.mount.pose(view.pan, view.tilt)
     rays = view.camera._optics.rays(np.stack([u, v], axis=1)) @ pose.rotation.T
     phi, z, _ = np.moveaxis(meet_wall(pose.position, rays, 10e-3), -1, 0)
     off = np.hypot(10e-3 * wrapped(phi - bore.phi), z - bore.z)
     rim = bore.diameter / 2 + bore.chamfer
-    return bool((off[off > rim] > rim + _CLEAR).all() and ((off > rim) & (off < _REACH)).sum() >= 4)
+    return np.asarray(off[off > rim])

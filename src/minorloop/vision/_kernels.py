@@ -43,7 +43,8 @@ def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
                 continue
             scale = focal * (1.0 + square * (k1 + square * k2))
             u, v = u0 + scale * a, v0 + scale * b
-            if u < 0.0 or v < 0.0 or u >= image.shape[1] - 1 or v >= image.shape[0] - 1:
+            # So asked that NaN, of a pose that is not known, is outside too.
+            if not (0.0 <= u < image.shape[1] - 1 and 0.0 <= v < image.shape[0] - 1):
                 continue
             p, q = int(u), int(v)
             su, sv = u - p, v - q

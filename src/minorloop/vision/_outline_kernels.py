@@ -15,7 +15,33 @@ SAMPLES = 64
 _BANDS = (0.55, 0.4, 0.3, 0.25)
 _HARMONICS = 5
 _RINGS = (1.0, 0.7, 1.35)
+_FAINT, _STEEP = 0.03, 0.25
 OUT = 17
+
+
+@njit(cache=True, nogil=True)
+def vote(level, near, far, out):
+    """Add to ``out``, at the middles of circles that an edge may be part of, how steep it is.
+
+    ``level`` (rows, columns) is logarithmic, radii go from ``near`` to ``far`` pixels; an edge
+    votes on both of its sides, and not where it is fainter than noise.
+    """
+    rows, columns = level.shape
+    for i in range(1, rows - 1):
+        for j in range(1, columns - 1):
+            x = 0.5 * (level[i, j + 1] - level[i, j - 1])
+            y = 0.5 * (level[i + 1, j] - level[i - 1, j])
+            steep = np.sqrt(x * x + y * y)
+            if not steep > _FAINT:
+                continue
+            weight, x, y = min(steep, _STEEP), x / steep, y / steep
+            radius = near
+            while radius <= far:
+                for side in (-radius, radius):
+                    p, q = int(i + side * y + 0.5), int(j + side * x + 0.5)
+                    if 0 <= p < rows and 0 <= q < columns:
+                        out[p, q] += weight
+                radius += 0.5
 
 
 @njit(cache=True, nogil=True)

@@ -20,8 +20,11 @@ under every light, or light from behind."""
 _SIGNS = {DARK: 1.0, BRIGHT: -1.0, EITHER: 0.0, LIT: -1.0}
 _SIGMAS = (0.225e-3, 0.5e-3)
 _RADII = (0.35e-3, 0.65e-3)
-_SEEDS, _LIT_SEEDS = 14, 5
+_KEPT = (0.25e-3, 0.8e-3)
+_SEEDS, _RING_SEEDS, _LIT_SEEDS = 8, 10, 5
 _LEAST_RISE = 0.02
+_RINGS = (0.425e-3, 0.575e-3)
+_RING_CLIP = (-2.5, 0.8)
 _APART = 3.5
 _CLIP = {DARK: (-2.5, 1.2), BRIGHT: (-1.5, 2.0), EITHER: (-2.5, 1.5)}
 
@@ -53,6 +56,7 @@ FEATURES = (
     "spread_on_rim",
     "whole_share",
     "whole_contrast",
+    "ring",
 )
 """Names of the numbers in ``Candidate.features``, in their order."""
 
@@ -71,6 +75,8 @@ class Candidate:
         One of ``KINDS``.
     features : (F,) array
         Numbers named by ``FEATURES``.
+    wave : (float, float)
+        How its outline waves twice in a turn: cosine and sine, in metres.
     """
 
     x: float
@@ -78,34 +84,61 @@ class Candidate:
     diameter: float
     kind: str
     features: FloatArray
+    wave: tuple[float, float] = (0.0, 0.0)
+
+    def outline(self, step: float, count: int = 48) -> FloatArray:
+        """(count, 2) columns and rows on a map with texels of ``step`` metres."""
+        angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+        radius = self.diameter / 2 + self.wave[0] * np.cos(2 * angle)
+        radius = (radius + self.wave[1] * np.sin(2 * angle)) / step
+        return np.stack([self.x + radius * np.cos(angle), self.y + radius * np.sin(angle)], axis=1)
 
 
 def candidates(wall: WallMap) -> list[Candidate]:
-    """Round things of 0.7 to 1.3 mm on a map, most of which are not holes."""
+    """Round things of about 0.7 to 1.3 mm on a map, most of which are not holes."""
     step = wall.window.step
     seen = np.isfinite(wall.ground) & np.isfinite(wall.whole)
-    dark, bright = _seeds(wall, seen)
+    rings = _rings(wall)
+    dark, bright = _seeds(wall, seen, _peaks(rings, _RING_SEEDS, 2))
     found: list[Candidate] = []
     for kind, seeds in ((DARK, dark), (BRIGHT, bright), (EITHER, _merged(dark, bright))):
         low, high = _CLIP[kind]
         stack = np.clip(wall.stack, wall.ground + low, wall.ground + high)
-        found += _outlined(wall, stack, seeds, kind, step)
+        found += _outlined(wall, stack, rings, seeds, kind)
     if wall.glow is not None:
         seeds = _peaks(_blob(wall.glow, seen, step), _LIT_SEEDS, 2)
-        found += _outlined(wall, wall.glow[None], seeds, LIT, step)
+        found += _outlined(wall, wall.glow[None], rings, seeds, LIT)
     return found
 
 
+def _rings(wall: WallMap) -> Image32:
+    """How much of an edge lies on a circle of the size of a hole about each place, at half size.
+
+    Edges of either sign count, under every light by itself and under all (Loy and Zelinsky, IEEE
+    PAMI 25, 2003). A hole is darker than a wall in the light and brighter than one in the shadow
+    of a dent, and part of its edge is the one and part the other where a shadow ends in it.
+    """
+    images = [*wall.stack, wall.whole]
+    low, high = _RING_CLIP
+    near, far = (radius / wall.window.step / 2 for radius in _RINGS)
+    rings = np.zeros(tuple(n // 2 for n in wall.ground.shape), np.float32)
+    for image in images:
+        level = _halved(np.clip(image - wall.ground, low, high))
+        kernels.vote(ndimage.gaussian_filter(level, 0.7, truncate=2.5), near, far, rings)
+    shared = ndimage.gaussian_filter(rings, 1.0, truncate=2.5) / len(images)
+    return np.asarray(shared, dtype=np.float32)
+
+
 def _seeds(
-    wall: WallMap, seen: np.ndarray
+    wall: WallMap, seen: np.ndarray, round_edges: list[tuple[float, float]]
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """Where it is dark and where it is bright, in map columns and rows."""
+    """Where it is dark and where it is bright, in map columns and rows, and round in both."""
     step, low, high = wall.window.step, wall.ground - 0.8, wall.ground + 0.6
-    dark: list[tuple[float, float]] = []
+    dark = round_edges
     for level in (median(wall.stack), wall.darkest, wall.brightest):
         blob = -_blob(np.clip(level, low, high).astype(np.float32), seen, step)
         dark = _merged(dark, _peaks(blob, _SEEDS, 2))
-    return dark, _peaks(_blob(wall.darkest, seen, step), _SEEDS, 2)
+    return dark, _merged(round_edges, _peaks(_blob(wall.darkest, seen, step), _SEEDS, 2))
 
 
 def _blob(level: Image32, seen: np.ndarray, step: float) -> Image32:
@@ -150,26 +183,37 @@ def _merged(
 
 
 def _outlined(
-    wall: WallMap, stack: Image32, seeds: list[tuple[float, float]], kind: str, step: float
+    wall: WallMap, stack: Image32, rings: Image32, seeds: list[tuple[float, float]], kind: str
 ) -> list[Candidate]:
     """Candidates about seeds."""
-    sign, lights = _SIGNS[kind], [*wall.stack, wall.whole]
+    sign, lights, step = _SIGNS[kind], [*wall.stack, wall.whole], wall.window.step
     least, most = (radius / step for radius in _RADII)
     fit, each = np.empty(kernels.OUT), np.empty((len(lights), kernels.OUT))
     found = []
     for x, y in seeds:
         kernels.outline(stack, x, y, sign, least, most, fit)
-        if not np.isfinite(fit).all():
+        if not (np.isfinite(fit).all() and _KEPT[0] < step * fit[2] < _KEPT[1]):
             continue
         for level, out in zip(lights, each, strict=True):
             kernels.describe(level[None], fit[0], fit[1], sign, fit[2], fit[3], fit[4], out)
-        features = _features(fit, np.nan_to_num(each, nan=0.3), step)
-        found.append(Candidate(float(fit[0]), float(fit[1]), 2 * step * fit[2], kind, features))
+        ring = _highest(rings, fit[0], fit[1])
+        features = np.append(_features(fit, np.nan_to_num(each, nan=0.3), step), ring)
+        wave = (step * float(fit[3]), step * float(fit[4]))
+        found.append(
+            Candidate(float(fit[0]), float(fit[1]), 2 * step * fit[2], kind, features, wave)
+        )
     return found
 
 
+def _highest(rings: Image32, x: float, y: float) -> float:
+    """Most within a pixel of a place of the map."""
+    i, j = round((y - 0.5) / 2), round((x - 0.5) / 2)
+    near = rings[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
+    return float(near.max(initial=0.0))
+
+
 def _features(fit: FloatArray, each: FloatArray, step: float) -> FloatArray:
-    """What ``FEATURES`` names: of the outline, and of how it looks under each light."""
+    """All of ``FEATURES`` but the last: of the outline, and how it looks under each light."""
     diameter, lights = 2e3 * step * fit[2], each[:-1]
     oval = float(np.hypot(fit[3], fit[4]) / fit[2])
     contrast = np.clip(fit[7:11], -1.0, 1.5)

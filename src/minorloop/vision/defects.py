@@ -41,6 +41,9 @@ SEQUENCE = (
 )
 """Lights of the frames of an acquisition."""
 
+LEAST_EVIDENCE = dict(THRESHOLDS)
+"""Evidence at which something counts as a hole, for each way to acquire."""
+
 ALONE = 1.5
 """Exposure of a frame without all lights, relative to one with all."""
 
@@ -75,12 +78,15 @@ class Hole:
         Logarithm of the odds that it is one, among round things on the wall.
     kind : str
         How it was found: ``dark``, ``bright``, ``either`` or ``lit`` from behind.
+    rim : (N, 2) array
+        phi and z of points of its outline.
     """
 
     place: FloatArray
     diameter: float
     evidence: float
     kind: str
+    rim: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +99,7 @@ class Findings:
         Strongest first.
     verdict : str
         ``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``,
-        ``frozen``, ``torn``, ``wrong size``.
+        ``frozen``, ``torn``, ``wrong size``, ``angle unknown``.
     wall : WallMap, optional
         The map on which they were found; None where the verdict is not ``good``.
     """
@@ -152,8 +158,8 @@ def find_holes(
     mode : {"switched", "single", "dither"}
         How the frames were taken; the weights of the evidence depend on it.
     least : float, optional
-        Least evidence; without it, that which gave 0.05 false findings an acquisition on the
-        scenes that the weights were fitted on.
+        Least evidence; without it, ``LEAST_EVIDENCE`` of the mode, which gave few false findings
+        an acquisition on the scenes that the weights were fitted on.
 
     Raises
     ------
@@ -169,7 +175,7 @@ def find_holes(
     wall = lay_flat(looks, eye)
     if wall is None:
         return Findings((), NOT_IN_VIEW)
-    threshold = THRESHOLDS[mode] if least is None else least
+    threshold = LEAST_EVIDENCE[mode] if least is None else least
     holes = [_hole(candidate, wall, eye, mode) for candidate in candidates(wall)]
     return Findings(strongest(holes, eye.radius, threshold), verdict, wall)
 
@@ -193,4 +199,6 @@ def strongest(holes: Sequence[Hole], radius: float, least: float) -> tuple[Hole,
 
 def _hole(candidate: Candidate, wall: WallMap, eye: Eye, mode: str) -> Hole:
     place = wall.window.place(candidate.x, candidate.y, eye.radius)
-    return Hole(place, candidate.diameter, evidence(candidate, mode), candidate.kind)
+    x, y = candidate.outline(wall.window.step).T
+    rim = wall.window.place(x, y, eye.radius)
+    return Hole(place, candidate.diameter, evidence(candidate, mode), candidate.kind, rim)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -49,7 +50,7 @@ class Eye:
         points = wall_point(where[..., 0], where[..., 1], self.radius)
         return self.lens.project(self.mount.pose(pan, tilt).to_camera(points))
 
-    def check(self, image: Image) -> None:
+    def check(self, image: Any) -> None:
         """Refuse an image that is not one of this camera.
 
         Raises
@@ -58,6 +59,11 @@ class Eye:
             If its shape or type is another.
         """
         shape = (self.lens.height, self.lens.width)
+        if not isinstance(image, np.ndarray):
+            raise SignalError(
+                f"a frame is a {type(image).__name__}; this camera gives an array of uint8 of "
+                f"shape {shape}"
+            )
         if image.shape != shape or image.dtype != np.uint8:
             raise SignalError(
                 f"a frame is {image.dtype} of shape {image.shape}; this camera gives uint8 of "

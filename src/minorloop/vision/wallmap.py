@@ -18,6 +18,9 @@ from minorloop.arrays import FloatArray
 from minorloop.vision import health
 from minorloop.vision.eye import Eye, Image32, Window, irradiance, unroll, window_in_view
 
+NO_ANGLE = "angle unknown"
+"""Verdict on a frame of which it is not known where the head was."""
+
 LEAST_SEEN = 14e3
 """Pixels for each metre of the wall below which it is not looked at."""
 
@@ -88,6 +91,8 @@ def judge_looks(looks: Sequence[Look], eye: Eye) -> str:
         verdict = health.judge(look.image, eye.lens, before, lit=any(look.lights))
         if verdict != health.GOOD:
             return verdict
+        if not np.isfinite(np.array([look.pan, look.tilt], dtype=np.float64)).all():
+            return NO_ANGLE
         before = look.image
     return health.GOOD if any(any(look.lights) for look in looks) else health.BLACK
 

@@ -64,8 +64,10 @@ class Board:
 
     Attributes
     ----------
-    low, high : float
-        Limits of the input that the firmware keeps, in its unit.
+    low : float
+        Lower limit of the input that the firmware keeps, in its unit.
+    high : float
+        Upper limit.
 
     Raises
     ------

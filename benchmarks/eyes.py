@@ -1,0 +1,72 @@
+"""What a frame of the camera, finding holes in an acquisition, and following a piece cost.
+
+Processor time of one core, the median over frames and over acquisitions, so that what else the
+machine does is not counted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks._timing import Row, within
+
+FIRST = 80_000
+FRAME, FINDING, TRACKING = 8e-3, 0.1, 8e-3
+
+
+def rows(quick: bool = False) -> list[Row]:
+    from minorloop.studies.detection import NEAR, search_scene
+    from minorloop.vision.defects import LEAST_EVIDENCE, find_holes
+    from minorloop.vision.tracking import TRACKED, Tracker
+
+    rounds, frames, finding, tracking, found = 2 if quick else 8, [], [], [], 0
+    searches = [search_scene(FIRST + n, True)[0] for n in range(rounds)]
+    followed = []
+    for search in searches:
+        camera, eye = search.view.camera, search.eye
+        aim = (search.view.pan, search.view.tilt)
+        camera.look(*aim)
+        frames += [_processor(camera.frame) for _ in range(4 * rounds)]
+        finding.append(min(_processor(lambda s=search: find_holes(s.looks, s.eye)) for _ in "123"))
+        best = search.holes[0]
+        found += best.evidence >= LEAST_EVIDENCE["switched"] and search.off(best) < NEAR
+        tracker = Tracker(replace(eye))
+        _, state = tracker.begin(camera.frame().image, eye.pixel(search.place, *aim), *aim)
+        for _ in range(2 * rounds):
+            image = camera.frame().image
+            began = time.thread_time()
+            track, state = tracker.step(state, image, *aim)
+            tracking.append(time.thread_time() - began)
+            followed.append(track.verdict == TRACKED)
+    share = float(np.mean(followed))
+    return [
+        within("a frame of 640 by 480 pixels, three lights on", _middle(frames), FRAME, "", True),
+        within(
+            "finding holes in an acquisition of five frames",
+            _middle(finding),
+            FINDING,
+            f"{found} of {rounds} holes found",
+            found >= 0.9 * rounds,
+        ),
+        within(
+            "following a piece of the wall through one frame",
+            _middle(tracking),
+            TRACKING,
+            f"{share:.0%} of the frames tracked",
+            share >= 0.99,
+        ),
+    ]
+
+
+def _middle(times: list[float]) -> float:
+    return float(np.median(times))
+
+
+def _processor(work: Callable[[], object]) -> float:
+    began = time.thread_time()
+    work()
+    return time.thread_time() - began

@@ -1,0 +1,181 @@
+"""How deep a crack is, as far as the beam can tell: most are too narrow for its footprint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import SignalError
+from minorloop.geometry import wrapped
+from minorloop.inspection.echoes import Burst
+from minorloop.inspection.field import Ear
+from minorloop.inspection.findings import Finding
+from minorloop.inspection.fusion import footprints_of
+from minorloop.inspection.jointfit import JointFit
+from minorloop.inspection.pitmodel import PitModel
+from minorloop.inspection.pits import DEPTHS, usable
+from minorloop.inspection.spectra import FAR, spectra_of
+from minorloop.inspection.unrolled import Patch
+
+MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
+_FEWEST, _REACH = 12, 2.4e-3
+_TEXEL = 0.04e-3
+_ENOUGH = 60.0
+"""Half the energy over the noise that the floor must return for a depth to be tried."""
+_SURE = 20.0
+"""How much the cost must gain by a floor, and how much by the best depth over any other."""
+_APART = 0.03e-3
+_UNMODELLED = 8e-6
+
+
+@dataclass(frozen=True)
+class CrackDepth:
+    """What the echoes tell of a crack.
+
+    Parameters
+    ----------
+    verdict : str
+        ``measured``; ``too narrow for a depth``; ``no floor heard`` (wide enough, but nothing
+        comes back from its floor, or not from one depth); ``too few echoes``; ``no coupling``.
+    depth, depth_sd : float
+        Mean over what the beams crossed, in metres; NaN where not measured.
+    least_width : float
+        Width from which on these echoes would tell a depth, in metres; NaN where none were heard.
+    """
+
+    verdict: str
+    depth: float = np.nan
+    depth_sd: float = np.nan
+    least_width: float = np.nan
+
+
+def crack_depth(
+    bursts: Sequence[Burst], ear: Ear, places: npt.ArrayLike, width: float
+) -> CrackDepth:
+    """The depth of a crack from the bursts of a raster across it, or why there is none.
+
+    Parameters
+    ----------
+    bursts : sequence of Burst
+        As ``average`` made them.
+    ear : Ear
+        The probe and what is known of the pipe.
+    places : (N, 2) array_like
+        Phi and z along the crack as the camera traced it.
+    width : float
+        Of the crack as the camera saw it, in metres.
+
+    Raises
+    ------
+    SignalError
+        If there are fewer than two places, or the width is not positive.
+
+    Notes
+    -----
+    The share of each footprint that falls on the crack is known from the image; that share comes
+    late by the depth, for which alone there is a search. Waves between the flanks are left out.
+    """
+    course = np.asarray(places, dtype=np.float64)
+    if course.ndim != 2 or course.shape[1:] != (2,) or len(course) < 2 or not width > 0:
+        raise SignalError(f"a crack of shape {course.shape}, {width} m wide; give (N, 2) places")
+    good = usable(bursts)
+    if len(good) < _FEWEST:
+        return CrackDepth("too few echoes")
+    middle = _middle(good, ear, _dense(course, ear.radius))
+    spectra = spectra_of(good, ear, middle)
+    if spectra is None:
+        return CrackDepth("no coupling")
+    model = PitModel(ear, spectra.angles, middle, 0.5e-3)
+    patch = Patch.around(*middle, size=_REACH, radius=ear.radius, step=_TEXEL)
+    share = footprints_of(model, patch) @ _cover(patch, course, width).ravel()
+    fit = JointFit(model, spectra, far=np.argsort(np.abs(share))[:FAR])
+    return _told(fit, share, width)
+
+
+def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius: float) -> Finding:
+    """A traced crack as a finding; its width and length are extents along its course.
+
+    Parameters
+    ----------
+    places : (N, 2) array_like
+        Phi and z along it.
+    width : float
+        In metres.
+    found : CrackDepth
+        By the echoes.
+    radius : float
+        Of the pipe, in metres.
+    """
+    course = np.asarray(places, dtype=np.float64)
+    steps = np.diff(course, axis=0)
+    length = float(np.hypot(radius * wrapped(steps[:, 0]), steps[:, 1]).sum())
+    phi, z = course[len(course) // 2].tolist()
+    verdict = found.verdict
+    if verdict == NARROW and np.isfinite(found.least_width):
+        verdict += f" (under {1e3 * found.least_width:.2f} mm)"
+    place_sd, width_sd = 0.05e-3, max(0.25 * width, 0.03e-3)
+    return Finding(
+        "crack", verdict, phi, place_sd / radius, z, place_sd, width, width_sd, length,
+        max(0.05 * length, 0.1e-3), found.depth, found.depth_sd,
+    )  # fmt: skip
+
+
+def _dense(course: FloatArray, radius: float) -> FloatArray:
+    """The course in steps of 0.1 mm."""
+    around = np.unwrap(course[:, 0])
+    steps = np.hypot(radius * np.diff(around), np.diff(course[:, 1]))
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    fine = np.linspace(0.0, along[-1], max(int(along[-1] / 0.1e-3), 1) + 1)
+    return np.stack([np.interp(fine, along, around), np.interp(fine, along, course[:, 1])], axis=1)
+
+
+def _middle(bursts: Sequence[Burst], ear: Ear, course: FloatArray) -> tuple[float, float]:
+    """The place of a dense course nearest to the middle of the raster."""
+    spots = ear.spots(np.array([burst.angles for burst in bursts]))[:, :2]
+    phi, z = np.angle(np.exp(1j * spots[:, 0]).mean()), spots[:, 1].mean()
+    off = np.hypot(ear.radius * wrapped(course[:, 0] - phi), course[:, 1] - z)
+    near = course[int(np.argmin(off))]
+    return float(near[0]), float(near[1])
+
+
+def _cover(patch: Patch, course: FloatArray, width: float) -> FloatArray:
+    """Share (rows, columns) of each texel that is on the crack."""
+    off = np.full((patch.rows, patch.columns), np.inf)
+    for start, stop in pairwise(course):
+        first, last = -patch.off(*start), -patch.off(*stop)
+        way = last - first
+        square = np.maximum((way**2).sum(axis=-1), 1e-18)
+        along = np.clip(-(first * way).sum(axis=-1) / square, 0.0, 1.0)
+        off = np.minimum(off, np.linalg.norm(first + along[..., None] * way, axis=-1))
+    covered: FloatArray = np.clip((width / 2 - off) / patch.step + 0.5, 0.0, 1.0)
+    return covered
+
+
+def _told(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
+    """The depth at which the late share explains the traces, if one stands out."""
+    expected = np.abs(fit.pulse * fit.model.plain) ** 2
+    energy = float((share**2 * expected.sum(axis=1) / fit.spectra.noise**2).sum() / 2)
+    least = width * float(np.sqrt(_ENOUGH / max(energy, 1e-12)))
+    if energy < _ENOUGH:
+        return CrackDepth(NARROW, least_width=least)
+    k, plain = fit.model.sound.wavenumbers, fit.model.plain
+    costs = np.array(
+        [fit.cost_of(plain * (1 + share[:, None] * (np.exp(2j * k * d) - 1))) for d in DEPTHS]
+    )
+    best = int(np.argmin(costs))
+    others = costs[np.abs(DEPTHS - DEPTHS[best]) > _APART]
+    without = min(fit.cost_of(plain), fit.cost_of(plain * (1 - share[:, None])))
+    if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(DEPTHS) - 1):
+        return CrackDepth(SILENT, least_width=least)
+    before, here, after = costs[best - 1 : best + 2]
+    step = float(DEPTHS[1] - DEPTHS[0])
+    bend = max(before - 2 * here + after, 1e-9)
+    depth = float(DEPTHS[best] + 0.5 * step * (before - after) / bend)
+    return CrackDepth(
+        MEASURED, depth, float(np.hypot(2 * step / np.sqrt(bend), _UNMODELLED)), least
+    )

@@ -1,0 +1,208 @@
+"""The pictures and tables of a mission: what was seen, and the finding unrolled and in 3-D."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import MissingExtraError
+from minorloop.inspection.findings import Finding, save_findings
+from minorloop.inspection.mesh import save_mesh
+from minorloop.inspection.unrolled import WallMap
+from minorloop.report import Table
+from minorloop.studies.drawing import new_figure
+from minorloop.studies.mission import Mission
+
+BAND = 1.6449
+_SOURCES = ("unseen", "camera", "sonar", "both")
+_SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
+_CROP = 60
+
+
+def save_finding(mission: Mission, folder: Path) -> list[Path]:
+    """Write the finding as PLY, glTF and a table; without trimesh, the table alone.
+
+    Parameters
+    ----------
+    mission : Mission
+        Nothing is written of one that found nothing.
+    folder : path
+        That exists.
+    """
+    if mission.wall is None or mission.finding is None:
+        return []
+    written = [save_findings([mission.finding], folder / "findings.csv")]
+    with suppress(MissingExtraError):
+        written += [save_mesh(mission.wall, folder / f"finding.{kind}") for kind in ("ply", "glb")]
+    return written
+
+
+def draw_images(mission: Mission) -> Any:
+    """The picked point as it was first seen, close up, and when the axis had been sent to it."""
+    figure, axes = new_figure(1, 3, height=3.0)
+    pictures = (
+        (mission.first, mission.pixel, "picked", None),
+        (mission.first, mission.pixel, "picked, close up", _CROP),
+        (mission.centred, None, "the axis sent to it", _CROP),
+    )
+    for one, (image, pixel, title, crop) in zip(axes, pictures, strict=True):
+        one.grid(False)
+        one.set(xticks=[], yticks=[], title=title)
+        if image is None:
+            continue
+        one.imshow(image, cmap="gray", vmin=0, vmax=255)
+        x, y = np.array(image.shape[::-1]) / 2 if pixel is None else pixel
+        one.plot(x, y, "s", ms=18 if crop is None else 60, mec="C1", mfc="none", mew=1.4)
+        if crop is not None:
+            one.set(xlim=(x - crop, x + crop), ylim=(y + crop, y - crop))
+            one.set_xlabel(f"{2 * crop} px of {image.shape[1]} across")
+    return figure
+
+
+def draw_finding(wall: WallMap) -> Any:
+    """Depth about a finding, its 90 % band, who saw what, and the wall in three dimensions."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.2, 7.0), layout="constrained")
+    depth = 1e3 * np.where(np.isfinite(wall.depth), wall.depth, np.nan)
+    band = 1e3 * BAND * np.where(np.isfinite(wall.sd), wall.sd, np.nan)
+    half = 5e2 * wall.patch.columns * wall.patch.step
+    extent = (-half, half, -half, half)
+    flat = ((depth, "depth under the wall [mm]"), (band, "half the 90 % band of it [mm]"))
+    for place, (values, title) in enumerate(flat, start=1):
+        axes = figure.add_subplot(2, 2, place)
+        shown = axes.imshow(values, origin="lower", extent=extent, cmap="viridis")
+        figure.colorbar(shown, ax=axes, shrink=0.9)
+        axes.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
+    axes = figure.add_subplot(2, 2, 3)
+    shown = axes.imshow(
+        wall.source,
+        origin="lower",
+        extent=extent,
+        cmap=ListedColormap(_SHADES),
+        vmin=-0.5,
+        vmax=3.5,
+    )
+    bar = figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
+    bar.ax.set_yticklabels(_SOURCES)
+    axes.set(title="seen by", xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
+    _solid(figure.add_subplot(2, 2, 4, projection="3d"), wall, half)
+    return figure
+
+
+def _solid(axes: Any, wall: WallMap, half: float) -> None:
+    """The wall from inside, the depth down, with the curve of the pipe."""
+    depth = np.where(np.isfinite(wall.depth), wall.depth, 0.0)
+    x = np.linspace(-half, half, depth.shape[1])
+    y = np.linspace(-half, half, depth.shape[0])
+    radius = 1e3 * wall.patch.radius
+    bow = radius - np.sqrt(radius**2 - x**2)
+    down = -1e3 * depth + bow[None, :]
+    around, along = np.meshgrid(x, y)
+    axes.plot_surface(
+        around, along, down, cmap="viridis_r", linewidth=0.15, edgecolor="0.4", rcount=60, ccount=60
+    )
+    axes.set_title("in 3-D, seen from the axis")
+    axes.set_xlabel("around [mm]", labelpad=-2)
+    axes.set_ylabel("along [mm]", labelpad=-2)
+    axes.set_zlabel("height [mm]", labelpad=-4)
+    axes.tick_params(labelsize=7, pad=-2)
+    axes.view_init(elev=48, azim=-55)
+
+
+def draw_ring(mission: Mission) -> Any:
+    """Once round the pipe, laid flat: who saw what, the water line, and the profile."""
+    from matplotlib.colors import ListedColormap
+
+    figure, (top, low) = new_figure(2, 1, height=4.6)
+    ring, water = mission.ring, mission.water
+    if ring is None or water is None:
+        return figure
+    patch = ring.patch
+    extent = (-180.0, 180.0, 1e3 * patch.z, 1e3 * (patch.z + patch.rows * patch.step))
+    top.grid(False)
+    shown = top.imshow(
+        ring.source, origin="lower", extent=extent, aspect="auto", cmap=ListedColormap(_SHADES),
+        vmin=-0.5, vmax=3.5, interpolation="nearest",
+    )  # fmt: skip
+    bar = figure.colorbar(shown, ax=top, ticks=range(4))
+    bar.ax.set_yticklabels(_SOURCES)
+    top.set(title=f"seen by; {ring.unseen:.0%} unseen", ylabel="along the pipe [mm]")
+    low.grid(False)
+    depth = 1e3 * np.where(np.isfinite(ring.depth), ring.depth, np.nan)
+    shown = low.imshow(
+        depth, origin="lower", extent=extent, aspect="auto", cmap="viridis", vmin=0.0
+    )
+    figure.colorbar(shown, ax=low, label="depth [mm]")
+    low.set(
+        title="depth under the wall; blank where it is not known",
+        xlabel="around the pipe [degrees]",
+        ylabel="along the pipe [mm]",
+    )
+    for axes in (top, low):
+        for phi in _water_angles(water.height, patch.radius):
+            axes.axvline(phi, color="C3", lw=1.2, ls="--")
+        if mission.pit is not None:
+            place = np.degrees(mission.pit.phi), 1e3 * mission.pit.z
+            axes.plot(*place, "o", ms=11, mec="C1", mfc="none", mew=1.4)
+    return figure
+
+
+def _water_angles(height: float, radius: float) -> FloatArray:
+    """Where the surface of the water meets the wall, in degrees; none where all is under it."""
+    if not abs(height) < 0.995 * radius:
+        return np.empty(0)
+    up = float(np.degrees(np.arcsin(height / radius)))
+    both = np.array([up, 180.0 - up])
+    return (both + 180.0) % 360.0 - 180.0
+
+
+def draw_soundings(runs: Sequence[Mapping[str, Any]]) -> Any:
+    """Measured less true depth of every pit, with its 90 % band."""
+    figure, (left, right) = new_figure(1, 2, height=3.4)
+    for axes, kinds, title in (
+        (left, ("pit", "fused"), "through the lens"),
+        (right, ("unfocused",), "unfocused disc"),
+    ):
+        each = [one for run in runs for kind in kinds for one in run["scored"][kind]]
+        told = [one for one in each if one.found.measured]
+        depth = [1e3 * one.sounding.depth for one in told]
+        error = [1e6 * (one.found.depth - one.sounding.depth) for one in told]
+        band = [1e6 * BAND * one.found.depth_sd for one in told]
+        if told:
+            axes.errorbar(depth, error, yerr=band, fmt="o", ms=3, lw=0.8, capsize=1.5)
+        axes.axhline(0.0, color="0.3", lw=0.8)
+        axes.set(
+            title=f"{title}: {len(told)} of {len(each)} measured",
+            xlabel="true depth [mm]",
+            ylabel="measured less true [um], 90 % band",
+        )
+    return figure
+
+
+def finding_rows(finding: Finding) -> Table:
+    """A finding with the 90 % band of each of its figures."""
+    rows = []
+    for name, what, scale, unit in (
+        ("phi", "angle", 180 / np.pi, "deg"),
+        ("z", "axial position", 1e3, "mm"),
+        ("width", "width", 1e3, "mm"),
+        ("length", "length", 1e3, "mm"),
+        ("depth", "depth", 1e3, "mm"),
+    ):
+        value, sd = getattr(finding, name), getattr(finding, f"{name}_sd")
+        known = np.isfinite(value)
+        rows.append(
+            (
+                what,
+                f"{scale * value:.3f} {unit}" if known else "not known",
+                f"+- {scale * BAND * sd:.3f} {unit}" if known and np.isfinite(sd) else "-",
+            )
+        )
+    return Table((f"{finding.kind}: {finding.verdict}", "found", "90 % band"), rows)

@@ -1,0 +1,76 @@
+"""What a worker does with the echoes of a scan: depth, fused map, mesh."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from minorloop.errors import MissingExtraError
+from minorloop.geometry import Mount, Probe
+from minorloop.inspection.echoes import Burst
+from minorloop.inspection.field import Ear, sound_field
+from minorloop.inspection.findings import finding_of
+from minorloop.inspection.fusion import fuse, mean_depths
+from minorloop.inspection.mesh import mesh_of
+from minorloop.inspection.pits import PitDepth, measure_pit
+from minorloop.inspection.unrolled import Patch, WallMap
+
+SIZE = 2.4e-3
+"""Side of the map about a finding, in metres."""
+
+
+def warm_up() -> None:
+    """Prepare what is the same for every scan with the usual probe."""
+    sound_field(Ear(Probe(), Mount()))
+
+
+def depth(
+    finding: int, bursts: list[Burst], ear: Ear, centre: tuple[float, float], diameter: float
+) -> Iterator[dict[str, Any]]:
+    """Fit the echoes of a scan; tells stages, and at last what came of it."""
+    yield {"stage": "fitting the echoes"}
+    pit = measure_pit(bursts, ear, centre, diameter)
+    yield {"stage": "drawing the map of depth"}
+    patch = Patch.around(pit.phi, pit.z, size=SIZE, radius=ear.radius)
+    heard = mean_depths(bursts, ear, patch, pit) if pit.measured else None
+    wall = fuse(pit, heard, patch)
+    yield {"told": _told(pit, wall), "meshes": _meshes(wall)}
+
+
+def _told(pit: PitDepth, wall: WallMap) -> dict[str, Any]:
+    values = {
+        name: _known(getattr(pit, name))
+        for name in ("phi", "z", "diameter", "depth", "place_sd", "diameter_sd", "depth_sd")
+    }
+    # What has no floor is drawn as deep as it is wide.
+    depths = np.where(np.isposinf(wall.depth), 1e3 * SIZE / 2, 1e3 * wall.depth)
+    grid = [[None if not math.isfinite(d) else round(d, 4) for d in row] for row in depths.tolist()]
+    patch = wall.patch
+    return {
+        **values,
+        "verdict": pit.verdict,
+        "kind": finding_of(pit).kind,
+        "bursts": pit.bursts,
+        "patch": {
+            "phi": round(math.degrees(patch.phi), 5),
+            "z": round(1e3 * patch.z, 5),
+            "step": 1e3 * patch.step,
+            "depth": grid,
+        },
+    }
+
+
+def _meshes(wall: WallMap) -> dict[str, bytes]:
+    """The map as PLY and glTF; none where trimesh is not installed."""
+    try:
+        mesh = mesh_of(wall)
+    except MissingExtraError:
+        return {}
+    return {kind: bytes(mesh.export(file_type=kind)) for kind in ("ply", "glb")}
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,54 @@
+"""Cracks on the twin: a wide one has a depth, a narrow one a bound."""
+
+import numpy as np
+import pytest
+
+from minorloop.errors import SignalError
+from minorloop.geometry import Mount, Probe
+from minorloop.inspection.crackdepth import crack_depth, crack_finding
+from minorloop.inspection.echoes import average
+from minorloop.inspection.field import Ear
+from minorloop.inspection.pits import raster
+from minorloop.twins.pipe import Crack, Pipe
+from minorloop.twins.ultrasound import Ultrasound
+
+MOUNT = Mount(advance=20e-3)
+EAR = Ear(Probe(), MOUNT)
+CENTRE = (0.0, 20e-3)
+COURSE = np.array([(-0.3, 20.1e-3), (0.3, 19.9e-3)])
+
+
+def scan(width, depth, noise=0.05):
+    crack = Crack(tuple(map(tuple, COURSE)), (width, width), depth=depth)
+    sonar = Ultrasound(Pipe(cracks=(crack,), water=-9.99e-3), MOUNT, seed=1, noise=noise)
+    bursts = []
+    for place in raster(EAR, CENTRE, points=5):
+        sonar.look(*place)
+        shots = [sonar.shot() for _ in range(4)]
+        bursts.append(average(shots, np.tile(place, (4, 1)), np.zeros(4)))
+    return bursts
+
+
+def test_a_wide_crack_has_a_depth():
+    found = crack_depth(scan(0.3e-3, 0.5e-3), EAR, COURSE, 0.3e-3)
+    assert found.verdict == "measured"
+    assert found.depth == pytest.approx(0.5e-3, abs=max(3 * found.depth_sd, 10e-6))
+    assert found.depth_sd < 50e-6
+
+
+def test_a_hair_is_too_narrow_and_the_bound_is_told():
+    bursts = scan(0.02e-3, 0.5e-3, noise=0.3)
+    found = crack_depth(bursts, EAR, COURSE, 0.02e-3)
+    assert found.verdict == "too narrow for a depth"
+    assert np.isnan(found.depth)
+    assert 0.02e-3 < found.least_width < 0.3e-3
+    row = crack_finding(COURSE, 0.02e-3, found, 10e-3)
+    assert row.kind == "crack"
+    assert "under" in row.verdict
+    assert row.length == pytest.approx(6e-3, rel=0.01)
+
+
+def test_without_echoes_there_is_no_depth():
+    assert crack_depth([], EAR, COURSE, 0.2e-3).verdict == "too few echoes"
+    with pytest.raises(SignalError, match="crack"):
+        crack_depth([], EAR, COURSE[:1], 0.2e-3)
