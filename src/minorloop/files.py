@@ -87,13 +87,15 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
             scratch.unlink(missing_ok=True)
 
 
-def make_folder(path: PathLike) -> Path:
+def make_folder(path: PathLike, *, force: bool = False) -> Path:
     """Make a folder for results, or accept one that is there and empty.
 
     Parameters
     ----------
     path : str or path
         The folder; missing parents are made too.
+    force : bool
+        Whether it may hold files already, of which some are going to be replaced.
 
     Returns
     -------
@@ -109,7 +111,7 @@ def make_folder(path: PathLike) -> Path:
         if folder.exists() and not folder.is_dir():
             raise OutputError(f"{folder} is a file; give the name of a folder")
         folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
+        if not force and any(folder.iterdir()):
             raise OutputError(f"the folder {folder} is not empty; give a new or an empty one")
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"the folder {folder} cannot be written to; choose another one")

@@ -2,6 +2,9 @@ import json
 
 import pytest
 
+from minorloop import modelfile
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
+
 LINE = "export c model.json --out firmware"
 
 
@@ -25,6 +28,7 @@ def test_figures_as_json(answer):
     assert found["table_bytes"] > 0
     assert found["state_bytes"] > 0
     assert found["drop_error"] > 0
+    assert 0 < found["input_error"] < 1e-12
 
 
 def test_a_linear_part_from_a_file(run, tmp_path):
@@ -45,6 +49,8 @@ def test_a_linear_part_from_a_file(run, tmp_path):
         ('{"numerator": [1], "denominator": [1], "gain": 2}', "key 'gain'"),
         ('{"numerator": ["x"], "denominator": [1]}', "numerator"),
         ('{"numerator": [1], "denominator": [1, 0.5]}', "continuous"),
+        ('{"numerator": [1], "denominator": [1], "interval": 1, "delay": 1e9}', "at most 100000"),
+        ('{"numerator": [1], "denominator": [1], "interval": 1, "delay": true}', "delay True"),
     ],
 )
 def test_a_linear_part_that_cannot_be_used(refused, tmp_path, content, message):
@@ -63,7 +69,26 @@ def test_a_linear_part_that_cannot_be_used(refused, tmp_path, content, message):
         (f"{LINE} --largest 100", "needs 1955 bytes, 595 of tables"),
         (f"{LINE} --linear nothing.json", "cannot be read"),
         ("export c model.json --out model.json", "is a file"),
+        (f"{LINE} --interval 3", "--interval does nothing for c"),
+        (f"{LINE} --first linear", "--first does nothing without --linear"),
+        ("export fmu model.json --out a.fmu --float32", "--float32 does nothing for fmu"),
+        ("export fmu model.json --out a.fmu --largest 10", "--largest does nothing for fmu"),
+        ("export fmu model.json --out a.fmu --firmware", "--firmware does nothing for fmu"),
+        ("export fmu model.json --out a.fmu --no-inverse", "--no-inverse does nothing for fmu"),
+        ("export c plays.json --out a --memory 8", "--memory does nothing for a PrandtlIsh"),
     ],
 )
 def test_refusals(refused, line, message):
+    plays = PrandtlIshlinskii([0.0, 0.5], [1.0, 1.0])
+    modelfile.save(plays, "plays.json", input="voltage [V]", output="length [um]")
     assert message in refused(line)
+
+
+def test_files_are_replaced_where_that_is_asked_for(run, refused, tmp_path):
+    assert run(LINE)[0] == 0
+    (tmp_path / "firmware" / "main.c").write_text("mine")
+    (tmp_path / "firmware" / "minorloop.c").write_text("old")
+    assert "is not empty" in refused(LINE)
+    assert run(f"{LINE} --force")[0] == 0
+    assert (tmp_path / "firmware" / "main.c").read_text() == "mine"
+    assert "levels" in (tmp_path / "firmware" / "minorloop.c").read_text()

@@ -18,6 +18,16 @@ def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
     assert "3 of 3 specimens identified" in out
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_fleet_of_which_nothing_is_identified_has_a_status_of_its_own(run, tmp_path):
+    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    (tmp_path / "manifest.csv").write_text(f"{HEADER}\na,gone.csv,u,y\nb,lost.csv,u,y\n")
+    status, out, said = run("fleet identify manifest.csv --out fleet --levels 8")
+    assert status == 1
+    assert "0 of 2 specimens identified" in out
+    assert said.splitlines() == ["1 of 2 specimens, last a"]
+
+
 def test_refusals(refused, tmp_path):
     assert "no fleet 'dance'" in refused("fleet dance manifest.csv --out fleet")
     assert "cannot be read" in refused("fleet identify manifest.csv --out fleet")
@@ -26,3 +36,5 @@ def test_refusals(refused, tmp_path):
     line = "fleet identify m.csv --out fleet --input voltage --output length"
     assert "workers is 0" in refused(f"{line} --workers 0")
     assert "is not a number" in refused(f"{line} --smoothness much")
+    assert "give one of 'bipolar'" in refused(f"{line} --relay foo")
+    assert not (tmp_path / "fleet").exists()

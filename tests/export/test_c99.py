@@ -55,6 +55,31 @@ def test_compiles_without_a_warning_and_passes_its_own_test(kind, float32, cc, t
     assert said.startswith("worst error")
 
 
+def shifted(base, width, bands=10):
+    """A model whose inputs have an offset."""
+    weights = np.tril(np.random.default_rng(1).uniform(0, 1, (bands, bands)))
+    return Preisach(base + np.linspace(0, width, bands + 1), weights)
+
+
+@pytest.mark.parametrize(
+    ("base", "width", "float32"),
+    [(1000.0, 1.0, True), (101325.0, 100.0, True), (1e6, 1.0, False)],
+)
+def test_an_offset_of_the_input_is_allowed_for(base, width, float32, tmp_path):
+    code = source(shifted(base, width), float32=float32)
+    digit = np.spacing(np.float32(base)) if float32 else np.spacing(base)
+    assert 0.5 * digit / width < code.input_error < 5 * digit / width
+    assert f"worth up to {code.input_error:.2g} of the range" in code.files["minorloop.h"]
+    compiled.self_test(code, tmp_path)
+
+
+def test_an_offset_that_leaves_no_digits_is_refused():
+    model = shifted(1e6, 1.0)
+    assert source(model).input_error < 1e-8
+    with pytest.raises(ParameterError, match=r"last digit of a float near .* export doubles"):
+        source(model, float32=True)
+
+
 def random_inputs(model, count, rng):
     """Jumps over the whole plane and beyond, small steps, thresholds, and repeats."""
     low, high = model.levels[[0, -1]]
@@ -328,6 +353,12 @@ def relays(count, relay="bipolar"):
 def test_relays_pass_their_own_test(float32, cc, tmp_path):
     code = source(relays(9), float32=float32, inverse=False)
     compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
+
+
+def test_relays_on_levels_that_a_float_rounds_pass_their_own_test(tmp_path):
+    model = relays(30)
+    moved = RelayModel(model.levels + 10_000, model.weights, model.offset)
+    compiled.self_test(source(moved, float32=True, inverse=False), tmp_path)
 
 
 @pytest.mark.parametrize(("count", "relay"), [(2, "unipolar"), (30, "bipolar")])

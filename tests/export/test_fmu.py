@@ -154,6 +154,12 @@ def test_equal_names_and_marks_of_xml(model, tmp_path):
     assert [v.name for v in variables] == ["<x> &", "<x> &_", "error_bound"]
 
 
+def test_a_compiler_may_have_options_and_no_variable_is_called_time(model, tmp_path):
+    export_fmu(model, tmp_path / "a.fmu", input="time [s]", compiler="cc -O0 -DUNUSED='a b'")
+    variables = fmpy.read_model_description(str(tmp_path / "a.fmu")).modelVariables
+    assert [v.name for v in variables] == ["time_", "output", "error_bound"]
+
+
 def test_refusals(model, tmp_path):
     with pytest.raises(ParameterError, match=r"ends in \.fmu"):
         export_fmu(model, tmp_path / "a.zip")
@@ -164,7 +170,9 @@ def test_refusals(model, tmp_path):
     with pytest.raises(ParameterError, match="with this linear part"):
         export_fmu(model, tmp_path / "a.fmu", linear=LAGS, interval=0.015)
     with pytest.raises(ParameterError, match="no C compiler 'no-such"):
-        export_fmu(model, tmp_path / "a.fmu", compiler="no-such-compiler")
+        export_fmu(model, tmp_path / "a.fmu", compiler="no-such-compiler -O2")
+    with pytest.raises(ParameterError, match="no C compiler"):
+        export_fmu(model, tmp_path / "a.fmu", compiler="cc '")
     with pytest.raises(OutputError, match="refused the unit"):
         export_fmu(model, tmp_path / "a.fmu", compiler="false")
     (tmp_path / "a.fmu").write_text("mine")

@@ -29,8 +29,10 @@ def test_responses_are_those_of_the_model(model, start):
 def test_without_feedthrough_the_output_is_a_sample_late(model):
     system = as_system(model, 0.1, feedthrough=False)
     inside = np.clip(U, -1, 1)
-    found = control.input_output_response(system, T, inside, as_state(model))
-    np.testing.assert_allclose(found.outputs[1:], model.simulate(inside)[:-1], atol=1e-12)
+    found = control.input_output_response(system, T, inside, as_state(model, "positive"))
+    np.testing.assert_allclose(
+        found.outputs[1:], model.simulate(inside, "positive")[:-1], atol=1e-12
+    )
 
 
 def test_the_functions_are_pure():
@@ -42,17 +44,19 @@ def test_the_functions_are_pure():
     np.testing.assert_array_equal(x, kept)
 
 
-def test_in_an_interconnection_an_integrator_holds_a_target():
-    plant = as_system(PREISACH, 0.1, name="plant", feedthrough=False)
+@pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])
+def test_in_an_interconnection_an_integrator_holds_a_target(model):
+    plant = as_system(model, 0.1, name="plant", feedthrough=False)
     integrator = control.tf([0.1, 0], [1, -1], 0.1, inputs="e", outputs="u", name="integrator")
     sums = control.summing_junction(["r", "-y"], "e")
     loop = control.interconnect([integrator, plant, sums], inputs="r", outputs="y", dt=0.1)
     low, high = PREISACH.range
-    target = 0.4 * low + 0.6 * high
+    target = 0.4 * low + 0.6 * high if model is PREISACH else 1.5
     initial = np.zeros(loop.nstates)
     names = list(loop.state_labels)
     first = next(i for i, name in enumerate(names) if name.startswith("plant"))
-    initial[first : first + 64] = as_state(PREISACH)
+    state = as_state(model)
+    initial[first : first + state.size] = state
     t = 0.1 * np.arange(400)
     found = control.input_output_response(loop, t, np.full(400, target), initial)
     assert abs(found.outputs[-1] - target) < 1e-3 * (high - low)
@@ -75,8 +79,28 @@ def test_a_long_history_loses_its_smallest_loops_only():
     assert 0 < error < 0.1 * np.ptp(PREISACH.range)
 
 
+@pytest.mark.parametrize(
+    ("state", "message"),
+    [
+        (0.0, "begins with 0.0 and not with the lower end of the plane, -1.0"),
+        (as_state(PREISACH, Memory([-1.0, 0.8, 0.3]), room=16), r"no memory; .* with the room"),
+        (np.append(as_state(PREISACH)[:-1], np.nan), r"no memory; .* not finite"),
+    ],
+)
+def test_a_simulation_from_a_state_that_is_no_memory_is_refused(state, message):
+    system = as_system(PREISACH, 0.1)
+    padded = np.zeros(system.nstates)
+    padded[: np.size(state)] = state
+    with pytest.raises(ParameterError, match=message):
+        control.input_output_response(system, T, U, padded)
+
+
 def test_refusals():
-    with pytest.raises(ParameterError, match="room is 5 extrema"):
-        as_system(PREISACH, room=5)
+    for room in (5, 6.5):
+        with pytest.raises(ParameterError, match=f"room is {room}; give a whole number"):
+            as_system(PREISACH, room=room)
+    for interval in (0, -1.0, None, False):
+        with pytest.raises(ParameterError, match="interval is"):
+            as_system(PREISACH, interval)
     with pytest.raises(ParameterError, match="Polynomial has no state"):
         as_system(Polynomial([1.0, 0.0], -1, 1))

@@ -57,8 +57,9 @@ def test_only_the_column_named_is_used():
     one = PreisachRegressor(levels=8, column=1).fit(wide, Y)
     other = PreisachRegressor(levels=8).fit(X, Y)
     np.testing.assert_array_equal(one.predict(wide), other.predict(X))
-    with pytest.raises(ParameterError, match="column is 2, and X has 2"):
-        clone(one).set_params(column=2).fit(wide, Y)
+    for column in (2, -1, 0.5, "u"):
+        with pytest.raises(ParameterError, match=r"column is .* from 0 to 1"):
+            clone(one).set_params(column=column).fit(wide, Y)
 
 
 def test_it_sits_in_a_search_with_contiguous_blocks():
@@ -83,7 +84,12 @@ def test_blocks_follow_on_and_cover_the_rest():
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [((0,), "n_splits is 0"), ((2.5,), "n_splits is 2.5"), ((True,), "n_splits is True")],
+    [
+        ((0,), "n_splits is 0"),
+        ((2.5,), "n_splits is 2.5"),
+        ((True,), "n_splits is True"),
+        (("a",), "n_splits is 'a'"),
+    ],
 )
 def test_splits_that_make_no_sense(arguments, message):
     with pytest.raises(ParameterError, match=message):
@@ -91,8 +97,13 @@ def test_splits_that_make_no_sense(arguments, message):
 
 
 def test_shares_and_rows_that_make_no_sense():
-    with pytest.raises(ParameterError, match="first is 1"):
-        ContiguousSplit(first=1)
+    for first in (1, "a", np.nan):
+        with pytest.raises(ParameterError, match=f"first is {first!r}"):
+            ContiguousSplit(first=first)
+
+
+def test_a_split_says_what_it_is():
+    assert repr(ContiguousSplit(3)) == "ContiguousSplit(3, first=0.5)"
     with pytest.raises(ParameterError, match="too few for 5 blocks"):
         list(ContiguousSplit(5).split(np.zeros(6)))
     with pytest.raises(ParameterError, match="predict_from"):

@@ -1,4 +1,5 @@
 import contextlib
+import dataclasses
 import json
 import os
 import signal
@@ -115,7 +116,11 @@ def test_a_cluster_by_address_needs_no_shared_files(tmp_path):
         summary = identify_fleet(specimens, tmp_path / "out", address=address, **OPTIONS)
     assert len(summary.identified) == 1
     with pytest.raises(ParameterError, match="no Dask scheduler at"):
-        identify_fleet(specimens, tmp_path / "other", address="nonsense://x", **OPTIONS)
+        identify_fleet(specimens, tmp_path / "other", address="tcp://127.0.0.1:1", **OPTIONS)
+    for address in ("nonsense", "nonsense://x", "tcp://127.0.0.1"):
+        with pytest.raises(ParameterError, match="give that of a Dask scheduler"):
+            identify_fleet(specimens, tmp_path / "other", address=address, **OPTIONS)
+    assert not (tmp_path / "other").exists()
 
 
 def test_without_dask_the_extra_is_named(six, tmp_path, monkeypatch):
@@ -205,6 +210,7 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
         (f"{HEADER}\na,a.csv,,y\n", "has no input"),
         (f"{HEADER}\na,a.csv,u,y,z\n", "more cells than the header"),
         (f'{HEADER}\n"a,a.csv,u,y\n', "is not a CSV file"),
+        (f"{HEADER}\na,a.csv,u,u\n", "has 'u' for input and output; give two columns"),
     ],
 )
 def test_manifests_that_cannot_be_used(text, message, tmp_path):
@@ -227,11 +233,68 @@ def test_columns_may_be_given_once_for_all(tmp_path):
     assert (one.input, one.output, one.file) == ("u", "y", tmp_path / "x" / "a.csv")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Specimen, File, input, OUTPUT\na, a.csv, u, y\n",
+        "specimen;file;input;output\na;a.csv;u;y\n",
+        "specimen\tfile\tinput\toutput\na\ta.csv\tu\ty\n",
+        "specimen,file,input,output\na,a.csv,u,y\n,,,,\n,,,\n",
+        "specimen,file,input,output\na,a.csv,u,y,,\n",
+    ],
+)
+def test_manifests_as_spreadsheets_write_them(text, tmp_path):
+    (tmp_path / "m.csv").write_text(text)
+    (one,) = read_manifest(tmp_path / "m.csv")
+    assert (one.name, one.file, one.input, one.output) == ("a", tmp_path / "a.csv", "u", "y")
+
+
 def test_names_that_are_no_file_names_stay_inside_the_folder():
-    for name in ("../../a", "/etc/a", "a b", "..", "ä", "a/b"):
-        one = identification.Specimen(name, None, "u", "y")
-        assert "/" not in one.key
-        assert one.key.strip(".")
+    names = ["../../a", "/etc/a", "a b", "a_b", ".", "..", "ä", "a/b", "é" * 60, "n" * 300]
+    names.append("n" * 299 + "m")
+    keys = [identification.Specimen(name, None, "u", "y").key for name in names]
+    assert len(set(keys)) == len(names)
+    for key in keys:
+        assert "/" not in key
+        assert key.strip(".")
+        assert len(key) < 200
+
+
+def outcomes_of(seen):
+    """In place of workers: says what is to be identified and identifies it here."""
+
+    def outcomes(pending, place, workers, address, options):
+        for one in pending:
+            seen.append(one.name)
+            found = identification.identify_one(None, one, options, place / "scratch.csv")
+            yield identification._settle(place, one, found)
+
+    return outcomes
+
+
+@pytest.mark.parametrize("change", ["input", "output", "file"])
+def test_what_is_to_be_identified_from_other_columns_is_done_again(change, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(identification, "_outcomes", outcomes_of(seen))
+    write_record(tmp_path / "s0.csv", 0)
+    table = np.loadtxt(tmp_path / "s0.csv", delimiter=",", skiprows=1)
+    np.savetxt(
+        tmp_path / "s0.csv", table[:, [0, 1, 1, 0]], delimiter=",", header="u,y,z,w", comments=""
+    )
+    (tmp_path / "s1.csv").write_bytes((tmp_path / "s0.csv").read_bytes())
+    one = identification.Specimen("a", tmp_path / "s0.csv", "u", "y")
+    changed = {"input": {"input": "w"}, "output": {"output": "z"}}
+    changed["file"] = {"file": tmp_path / "s1.csv"}
+    for specimen in (one, one, dataclasses.replace(one, **changed[change])):
+        identify_fleet([specimen], tmp_path / "out", **OPTIONS)
+    assert seen == ["a", "a"]
+
+
+def test_a_pipe_is_no_record(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    one = identification.Specimen("a", tmp_path / "pipe.csv", "u", "y")
+    summary = identify_fleet([one], tmp_path / "out", **OPTIONS)
+    assert "no regular file" in summary.failures[0].error
 
 
 @pytest.mark.parametrize(
@@ -240,6 +303,14 @@ def test_names_that_are_no_file_names_stay_inside_the_folder():
         ({"workers": 0}, "workers is 0"),
         ({"colour": 1}, "'colour' is no option of a fleet"),
         ({"levels": np.arange(3)}, "numbers, words and lists"),
+        ({"relay": "foo"}, "relay is 'foo'"),
+        ({"levels": 0}, "levels is 0"),
+        ({"levels": 1000}, "levels is 1000"),
+        ({"start": "sideways"}, "start is 'sideways'"),
+        ({"prior": "foo"}, "prior is 'foo'"),
+        ({"prior": "gaussian", "levels": 65}, "at most 64 levels"),
+        ({"smoothness": float("nan")}, "smoothness is nan"),
+        ({"lag": -1}, "lag is -1"),
     ],
 )
 def test_options_that_make_no_sense(options, message, six, tmp_path):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,6 +7,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.export._bounded import bounded
 from minorloop.fleet.simulation import FleetState, simulate_fleet
 from minorloop.operators.memory import Memory
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 
 RNG = np.random.default_rng(0)
@@ -68,13 +71,70 @@ def test_a_full_memory_loses_its_smallest_loop(signed):
 
 def test_refusals():
     model = operator()
-    with pytest.raises(ParameterError, match="0 operators"):
-        FleetState.begin(model, 0)
-    with pytest.raises(ParameterError, match="room is 5"):
-        FleetState.begin(model, 3, room=5)
+    for operators in (0, None, 1.5):
+        with pytest.raises(ParameterError, match="operators is"):
+            FleetState.begin(model, operators)
+    for room in (5, np.nan, "a"):
+        with pytest.raises(ParameterError, match="room is"):
+            FleetState.begin(model, 3, room=room)
     with pytest.raises(ParameterError, match="give room for more"):
-        FleetState.begin(model, 3, start="demagnetised")
+        FleetState.begin(model, 3, start="demagnetised", room=16)
     with pytest.raises(SignalError, match="4 rows and the state 3 operators"):
         simulate_fleet(model, np.zeros(4), FleetState.begin(model, 3))
     with pytest.raises(SignalError, match="finite"):
         simulate_fleet(model, [np.nan])
+    with pytest.raises(ParameterError, match=r"model is .* give a Preisach"):
+        simulate_fleet(PrandtlIshlinskii([0.0, 1.0], [1.0, 1.0]), [0.1])
+
+
+def test_a_state_of_another_model_is_refused():
+    model = operator()
+    fine = Preisach(np.linspace(-1, 1, 201), np.tril(np.ones((200, 200))))
+    shifted = Preisach(model.levels + 1, model.weights, model.offset)
+    heavier = Preisach(model.levels, 2 * model.weights, model.offset)
+    same = Preisach(model.levels, model.weights, model.offset, slope=1.0)
+    simulate_fleet(model, np.zeros(3), FleetState.begin(same, 3))
+    for other in (fine, shifted, heavier):
+        with pytest.raises(ParameterError, match="state is of another model"):
+            simulate_fleet(model, np.zeros(3), FleetState.begin(other, 3))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"rows": np.array([500, 1])},
+        {"rows": np.array([0, 1])},
+        {"rows": np.array([1.0, 1.0])},
+        {"lost": np.zeros(3)},
+        {"within": np.zeros(2)},
+        {"stacks": np.zeros((2, 32))},
+        {"stacks": np.zeros((2, 32, 3))},
+    ],
+)
+def test_a_damaged_state_is_refused(damage):
+    model = operator()
+    state = replace(FleetState.begin(model, 2), **damage)
+    with pytest.raises(ParameterError, match="do not fit together"):
+        simulate_fleet(model, [0.1, 0.2], state)
+
+
+def test_a_read_only_state_is_not_overwritten():
+    model = operator()
+    state = FleetState.begin(model, 2)
+    state.stacks.setflags(write=False)
+    simulate_fleet(model, [0.1, 0.2], state)
+    with pytest.raises(ParameterError, match="read-only"):
+        simulate_fleet(model, [0.1, 0.2], state, in_place=True)
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_what_was_lost_heals_when_the_input_passes_it(end):
+    model, state = operator(), None
+    u = RNG.uniform(*model.levels[[0, -1]], (20, 300))
+    state = FleetState.begin(model, 20, room=6)
+    for t in range(300):
+        y, state = simulate_fleet(model, u[:, t], state)
+        error = np.abs(y - model.simulate(u[:, : t + 1])[:, -1])
+        assert (error <= state.lost + 1e-9).all()
+    assert state.lost.any()
+    assert not simulate_fleet(model, np.full(20, model.levels[end]), state)[1].lost.any()

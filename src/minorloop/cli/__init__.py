@@ -79,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         The exit status: 0 for success, 2 for a refusal, 130 for an interruption, 1 where what
-        reads the output went away.
+        reads the output went away, or a fleet has nothing that could be identified.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     for name in ("stdout", "stderr"):

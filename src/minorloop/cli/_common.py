@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,10 @@ from minorloop.errors import MinorloopError, OutputError, ParameterError, Record
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.report import Report
+
+
+_EVERY = 10.0
+"""Seconds between lines of a log."""
 
 
 def whole(text: str) -> int:
@@ -35,14 +40,14 @@ def number(text: str) -> float:
         raise typer.BadParameter(f"{text!r} is not a number") from None
 
 
-def whole_option(help: str) -> Any:
-    """An option that takes a whole number."""
-    return typer.Option(parser=whole, metavar="N", help=help)
+def whole_option(help: str, *, panel: str | None = None) -> Any:
+    """An option that takes a whole number; its help stands in a panel of that title."""
+    return typer.Option(parser=whole, metavar="N", help=help, rich_help_panel=panel)
 
 
-def number_option(help: str) -> Any:
-    """An option that takes a number."""
-    return typer.Option(parser=number, metavar="X", help=help)
+def number_option(help: str, *, panel: str | None = None) -> Any:
+    """An option that takes a number; its help stands in a panel of that title."""
+    return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
 
 
 DataFile = Annotated[
@@ -103,13 +108,15 @@ def print_advice(sentences: Sequence[str]) -> None:
 
 
 @contextmanager
-def working(what: str) -> Iterator[Callable[[str], None]]:
+def working(what: str, *, logged: bool = False) -> Iterator[Callable[[str], None]]:
     """Show on stderr, where that is a terminal, that something is being worked on.
 
-    Yields a function that changes what it says. Nothing may be printed meanwhile.
+    Yields a function that changes what it says. Nothing may be printed meanwhile. Where stderr is
+    no terminal and it is to be logged, what is said is a line there, no more than one in ten
+    seconds.
     """
     if not sys.stderr.isatty():
-        yield lambda stage: None
+        yield _logger() if logged else lambda stage: None
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -118,6 +125,18 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=None)
         yield lambda stage: progress.update(task, description=stage)
+
+
+def _logger() -> Callable[[str], None]:
+    due = time.monotonic()
+
+    def log(stage: str) -> None:
+        nonlocal due
+        if time.monotonic() >= due:
+            typer.echo(stage, err=True)
+            due = time.monotonic() + _EVERY
+
+    return log
 
 
 def read_column(file: Path, column: str, unit: str = "") -> FloatArray:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 NAME = "export"
 EXAMPLE = "minorloop export c model.json --out firmware --float32 --memory 32"
 _TARGETS = ("c", "fmu")
+_FOR_C, _FOR_FMU = "Options of export c", "Options of export fmu"
 _LINEAR_KEYS = {"numerator", "denominator", "interval", "delay"}
 
 
@@ -34,16 +35,19 @@ def run(
         str, typer.Option(help="Of the files, and what every name in the C begins with.")
     ] = "minorloop",
     float32: Annotated[
-        bool, typer.Option("--float32", help="C: compute in single precision.")
+        bool, typer.Option("--float32", help="Compute in single precision.", rich_help_panel=_FOR_C)
     ] = False,
     memory: Annotated[
-        int, _common.whole_option("Extrema of the input that are remembered, at least 6.")
-    ] = 32,
+        int | None,
+        _common.whole_option(
+            "Extrema of the input that are remembered, at least 6; 32 if not given."
+        ),
+    ] = None,
     largest: Annotated[
-        int | None, _common.whole_option("C: most bytes for the tables and one state.")
+        int | None, _common.whole_option("Most bytes for the tables and one state.", panel=_FOR_C)
     ] = None,
     no_inverse: Annotated[
-        bool, typer.Option("--no-inverse", help="C: leave the inverse out.")
+        bool, typer.Option("--no-inverse", help="Leave the inverse out.", rich_help_panel=_FOR_C)
     ] = False,
     linear: Annotated[
         Path | None,
@@ -53,13 +57,15 @@ def run(
         ),
     ] = None,
     first: Annotated[
-        str, typer.Option(help="Which the input meets first: operator or linear.")
-    ] = "operator",
+        str | None,
+        typer.Option(help="Which the input meets first, with --linear: operator or linear."),
+    ] = None,
     firmware: Annotated[
-        bool, typer.Option("--firmware", help="C: a sketch of firmware too.")
+        bool, typer.Option("--firmware", help="A sketch of firmware too.", rich_help_panel=_FOR_C)
     ] = False,
     interval: Annotated[
-        float | None, _common.number_option("FMU: seconds that a simulator should step by.")
+        float | None,
+        _common.number_option("Seconds that a simulator should step by.", panel=_FOR_FMU),
     ] = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -67,17 +73,31 @@ def run(
     """Write a model as C99, without allocation or libraries, or as a co-simulation unit."""
     if target not in _TARGETS:
         raise ParameterError(f"there is no export {target!r}; give one of {', '.join(_TARGETS)}")
+    only_c = {"--float32": float32, "--largest": largest, "--firmware": firmware}
+    only_c |= {"--no-inverse": no_inverse}
+    for option, given in (only_c if target == "fmu" else {"--interval": interval}).items():
+        if given not in (None, False):
+            raise ParameterError(f"{option} does nothing for {target}; leave it out")
+    if first is not None and linear is None:
+        raise ParameterError("--first does nothing without --linear; leave it out")
     from minorloop import modelfile
+    from minorloop.operators.preisach import Preisach
 
     known = modelfile.read(model)
+    if memory is not None and not isinstance(known.model, Preisach):
+        raise ParameterError(
+            f"--memory does nothing for a {type(known.model).__name__}, whose memory is of one "
+            "size; leave it out"
+        )
     options: dict[str, Any] = {
         "name": name,
-        "memory": memory,
-        "first": first,
+        "first": first or "operator",
         "linear": None if linear is None else _linear(linear),
         "input": str(known.input),
         "output": str(known.output),
     }
+    if memory is not None:
+        options["memory"] = memory
     if target == "fmu":
         _write_unit(known, model, out, options, interval, force, as_json)
         return
@@ -88,6 +108,7 @@ def run(
             known.model,
             out,
             **options,
+            force=force,
             float32=float32,
             inverse=not no_inverse,
             largest=largest,
@@ -124,6 +145,7 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
         "state_bytes": code.state_bytes,
         "memory": code.memory,
         "drop_error": code.drop_error,
+        "input_error": code.input_error,
     }
     if as_json:
         _common.print_json(figures)
@@ -135,6 +157,8 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
         ("extrema remembered", f"{code.memory}"),
         ("dropping one pair costs at most", f"{code.drop_error:.3g} {known.output.unit}".rstrip()),
     ]
+    if code.input_error:
+        rows.append(("rounding an input costs at most", f"{code.input_error:.2g} of the range"))
     _common.print_table(("", ""), rows, f"{known.output} against {known.input}, written to {out}")
     if known.lag:
         typer.echo(f"the output follows the model by {known.lag} samples, which is not in the C")
@@ -160,4 +184,7 @@ def _linear(path: Path) -> Linear:
         raise ModelFileError(
             f"{path} has the key {strange[0]!r}; allowed are {', '.join(sorted(_LINEAR_KEYS))}"
         )
+    for key in ("interval", "delay"):
+        if isinstance(content.get(key), bool):
+            raise ModelFileError(f"{path} has the {key} {content[key]}; give a number of seconds")
     return Linear(**content)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError
+
+if TYPE_CHECKING:
+    from minorloop.fleet.summary import Summary
 
 NAME = "fleet"
 EXAMPLE = "minorloop fleet identify manifest.csv --out fleet --levels 20 --workers 2"
@@ -46,7 +49,14 @@ def run(
     smoothness: Annotated[
         str, typer.Option(help="Strength of smoothing, 0 for none, or auto.")
     ] = "auto",
-    prior: Annotated[str, typer.Option(help="gaussian, none or auto.")] = "auto",
+    prior: Annotated[
+        str,
+        typer.Option(
+            help="gaussian, none, or auto: gaussian where a record has fewer than three samples "
+            "for each cell and at most 64 bands. It takes seconds a specimen where none takes "
+            "tenths."
+        ),
+    ] = "auto",
     start: _common.Start = "negative",
     workers: Annotated[
         int | None, _common.whole_option("Local processes; as many as cores if not given.")
@@ -56,7 +66,10 @@ def run(
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Identify every specimen of a manifest; what fails is reported and stops nothing."""
+    """Identify every specimen of a manifest; what fails is reported and stops nothing.
+
+    The exit status is 1 where nothing at all was identified.
+    """
     if what != "identify":
         raise ParameterError(f"there is no fleet {what!r}; give identify")
     from minorloop.fleet.identification import identify_fleet, read_manifest
@@ -65,7 +78,7 @@ def run(
     options: dict[str, Any] = {"levels": levels, "relay": relay, "diagonal": diagonal}
     options |= {"prior": prior, "start": start}
     options["smoothness"] = smoothness if smoothness == "auto" else _common.number(smoothness)
-    with _common.working(f"identifying {len(specimens)} specimens") as now:
+    with _common.working(f"identifying {len(specimens)} specimens", logged=not as_json) as now:
         summary = identify_fleet(
             specimens,
             out,
@@ -76,7 +89,14 @@ def run(
         )
     if as_json:
         _common.print_json(summary.plain())
-        return
+    else:
+        _show(summary, out)
+    sys.stdout.flush()
+    if not summary.identified:
+        raise typer.Exit(1)
+
+
+def _show(summary: Summary, out: Path) -> None:
     rows = [
         (figure, *(f"{at[word]:.4g}" for word in ("min", "quarter", "median", "max")))
         for figure, at in summary.distributions().items()
@@ -97,4 +117,3 @@ def run(
     if max(len(outliers), len(summary.failures)) > _SHOWN:
         typer.echo(f"more are in {out / 'summary.json'}")
     typer.echo(f"models and results are in {out}")
-    sys.stdout.flush()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from minorloop.export._relays import relay_parts
 from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.files import PathLike, make_folder, write_atomically
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.memory import ROOM
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
@@ -31,6 +32,11 @@ LEAST_MEMORY = 6
 MOST_MEMORY = 10_000
 _VECTORS = 200
 _RESERVED = 40
+_MOST_LAG = 100_000
+_COARSEST = 0.01
+"""Share of the range that the last digit of an input may be worth."""
+_DIGITS = 8
+"""Last digits by which thresholds, inputs and what is made of them may be off together."""
 _OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel)
 
 
@@ -50,6 +56,9 @@ class CSource:
         Extrema that a state remembers.
     drop_error : float
         Most that dropping one pair of extrema can change the output by, in its unit.
+    input_error : float
+        Most that rounding the input to the type of the C changes the output by, on the inputs of
+        the self-test, as a share of its range; 0 for relays and plays, for which it is not weighed.
     """
 
     files: dict[str, str]
@@ -57,22 +66,30 @@ class CSource:
     state_bytes: int
     memory: int
     drop_error: float
+    input_error: float
 
-    def write(self, folder: PathLike) -> Path:
+    def write(self, folder: PathLike, *, force: bool = False) -> Path:
         """Write the files into a folder, which is made or has to be empty.
+
+        Parameters
+        ----------
+        folder : str or path
+            Where they go.
+        force : bool
+            Whether the folder may hold files, of which those of the same names are replaced.
 
         Raises
         ------
         OutputError
             If the folder is not empty or cannot be written to.
         """
-        place = make_folder(folder)
+        place = make_folder(folder, force=force)
         for name, text in self.files.items():
             write_atomically(place / name, text)
         return place
 
 
-def export_c(model: Any, folder: PathLike, **options: Any) -> CSource:
+def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:
     """Write a model as C into a folder.
 
     Parameters
@@ -81,6 +98,8 @@ def export_c(model: Any, folder: PathLike, **options: Any) -> CSource:
         The model.
     folder : str or path
         Where the files go; it is made, or has to be empty.
+    force : bool
+        Whether it may hold files, of which those of the same names are replaced.
     **options
         Of `source`.
 
@@ -96,7 +115,7 @@ def export_c(model: Any, folder: PathLike, **options: Any) -> CSource:
         As for `source`.
     """
     code = source(model, **options)
-    code.write(folder)
+    code.write(folder, force=force)
     return code
 
 
@@ -104,7 +123,7 @@ def source(
     model: Any,
     *,
     name: str = "minorloop",
-    memory: int = 32,
+    memory: int = ROOM,
     float32: bool = False,
     inverse: bool = True,
     linear: Linear | None = None,
@@ -146,8 +165,9 @@ def source(
     NotInvertibleError
         If an inverse is asked for and the model has none.
     ParameterError
-        If C of this kind cannot hold the model, it needs more bytes than allowed, or an
-        option is out of its range.
+        If C of this kind cannot hold the model, the last digit of an input is worth more than
+        1 % of the output's range, it needs more bytes than allowed, or an option is out of its
+        range.
     """
     _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))
@@ -171,10 +191,12 @@ def source(
         state_bytes += numbers.size * (states + (context["linear"]["lag"] > 0))
     _check_bytes(table_bytes, state_bytes, largest)
     drop_error = context["swing"] / (memory - 3)
+    u, y, digit = _examples(operator, numbers, memory, linear, first)
     context |= {
         "single": f"{drop_error:.3g}",
         "sqrt": "sqrtf" if float32 else "sqrt",
         "memory": memory,
+        "input_error": f"{digit:.2g}",
         "linear": context.get("linear"),
         "about": _about(operator, linear, first),
         **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
@@ -182,13 +204,13 @@ def source(
     files = {
         f"{name}.h": _render("model.h", context),
         f"{name}.c": _render("model.c", context),
-        f"{name}_selftest.c": _selftest(operator, context, numbers, memory, linear, first),
+        f"{name}_selftest.c": _selftest(operator, context, numbers, linear, u, y, digit),
     }
     if firmware:
         low, high = map(float, operator.levels[[0, -1]])
         safe = numbers.one(min(max(0.0, low), high))
         files[f"{name}_firmware.c"] = _render("firmware.c", {**context, "safe": safe})
-    return CSource(files, table_bytes, state_bytes, memory, drop_error)
+    return CSource(files, table_bytes, state_bytes, memory, drop_error, digit)
 
 
 def _other_source(
@@ -204,6 +226,8 @@ def _other_source(
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
     context = parts.context | _common(parts.title, numbers, inverse, words)
     u = numbers.array(parts.inputs).astype(np.float64)
+    if isinstance(model, RelayModel):  # whose outputs jump where the C has its thresholds
+        model = replace(model, levels=numbers.array(model.levels).astype(np.float64))
     y = model.simulate(u, parts.start)
     name = words["name"]
     files = {
@@ -211,7 +235,7 @@ def _other_source(
         f"{name}.c": _render(f"{parts.template}.c", context),
         f"{name}_selftest.c": _vectors(context, numbers, u, y, float(np.ptp(y)), inverse),
     }
-    return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0)
+    return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0, 0.0)
 
 
 def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]) -> dict[str, Any]:
@@ -279,6 +303,11 @@ def _linear_context(
             "the linear part is continuous; give linear.discretise(interval) with the interval at "
             "which the C will step"
         )
+    if linear._lag > _MOST_LAG:
+        raise ParameterError(
+            f"the linear part has a delay of {linear.delay:g} s, and the C would have to "
+            f"remember {linear._lag} intervals; give at most {_MOST_LAG}"
+        )
     if not np.isfinite(linear.dc_gain) or linear.dc_gain == 0:
         raise ParameterError(
             f"the linear part has a DC gain of {linear.dc_gain:g}; there is nothing settled to "
@@ -310,20 +339,51 @@ def _about(model: Preisach, linear: Linear | None, first: First) -> str:
     return f"{parts}; a linear part of order {linear.order} {order} it."
 
 
+def _examples(
+    model: Preisach, numbers: Numbers, memory: int, linear: Linear | None, first: First
+) -> tuple[FloatArray, FloatArray, float]:
+    """Inputs as the C can have them, their outputs, and what the last digits of inputs are worth.
+
+    Raises
+    ------
+    ParameterError
+        If that is more than a share of the range that no one would accept.
+    """
+    typed = numbers.array(_inputs(model, memory))
+    ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
+    neighbours = np.nextafter(typed, ways.astype(typed.dtype)).astype(np.float64)
+    u = typed.astype(np.float64)
+    y, beside = (
+        model.simulate(x) if linear is None else _stepped(Cascade(model, linear, first), x)
+        for x in (u, neighbours)
+    )
+    digit = float(np.abs(beside - y).max()) / _width(model, linear)
+    if digit > _COARSEST:
+        raise ParameterError(
+            f"the last digit of a {numbers.type} near {np.abs(u).max():g} changes the output by "
+            f"{100 * digit:.2g} % of its range; "
+            + ("export doubles, or " if numbers.single else "")
+            + "identify against the input less its offset"
+        )
+    return u, y, digit
+
+
+def _width(model: Preisach, linear: Linear | None) -> float:
+    low, high = model.range
+    return (high - low) * (1.0 if linear is None else abs(linear.dc_gain)) or 1.0
+
+
 def _selftest(
     model: Preisach,
     context: dict[str, Any],
     numbers: Numbers,
-    memory: int,
     linear: Linear | None,
-    first: First,
+    u: FloatArray,
+    y: FloatArray,
+    digit: float,
 ) -> str:
-    u = numbers.array(_inputs(model, memory)).astype(np.float64)
-    y = model.simulate(u) if linear is None else _stepped(Cascade(model, linear, first), u)
-    low, high = model.range
-    width = (high - low) * (1.0 if linear is None else abs(linear.dc_gain))
-    both_ways = context["inverse"] and linear is None and high > low
-    return _vectors(context, numbers, u, y, width, both_ways)
+    both_ways = context["inverse"] and linear is None and model.range[0] < model.range[1]
+    return _vectors(context, numbers, u, y, _width(model, linear), both_ways, digit)
 
 
 def _vectors(
@@ -333,8 +393,9 @@ def _vectors(
     y: FloatArray,
     width: float,
     both_ways: bool,
+    digit: float = 0.0,
 ) -> str:
-    """The self-test: what Python gave for these inputs."""
+    """The self-test: what Python gave for these inputs, whose last digits are worth so much."""
     width = width or 1.0
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
     scale = 1 + float(np.abs(y).max()) / width
@@ -351,7 +412,7 @@ def _vectors(
             "count": u.size,
             "both_ways": both_ways,
             "width": repr(width),
-            "tolerance": f"{max(1e-12, 300 * rounding) * scale:.3g}",
+            "tolerance": f"{max(1e-12, 300 * rounding) * scale + _DIGITS * digit:.3g}",
         },
     )
 

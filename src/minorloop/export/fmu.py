@@ -7,6 +7,7 @@ import io
 import os
 import platform
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from minorloop.errors import OutputError, ParameterError
 from minorloop.export.c99 import _about, _render, source
 from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.records import Quantity
+from minorloop.operators.memory import ROOM
 from minorloop.operators.preisach import Preisach
 
 __all__ = ["export_fmu"]
@@ -37,7 +39,7 @@ def export_fmu(
     path: PathLike,
     *,
     name: str = "minorloop",
-    memory: int = 64,
+    memory: int = ROOM,
     linear: Linear | None = None,
     first: First = "operator",
     input: str | Quantity = "input",
@@ -72,7 +74,7 @@ def export_fmu(
         Step that a simulator should take by default, in seconds; that of the linear part, or
         0.01.
     compiler : str, optional
-        The C compiler; ``$CC`` or ``cc`` if not given.
+        The C compiler, and options for it; ``$CC`` or ``cc`` if not given.
     force : bool
         Whether a file that exists may be replaced.
 
@@ -176,12 +178,13 @@ def _context(
 
 
 def _distinct(*names: str) -> list[str]:
-    found: list[str] = []
+    """Names that are no two alike, and none that of the axis that all units share."""
+    found = ["time"]
     for name in names:
         while name in found:
             name += "_"
         found.append(name)
-    return found
+    return found[1:]
 
 
 def _prototypes() -> list[str]:
@@ -216,16 +219,14 @@ def _platform() -> tuple[str, str]:
 def _compiled(files: dict[str, str], name: str, suffix: str, compiler: str | None) -> bytes:
     """The unit as a shared library."""
     wanted = compiler or os.environ.get("CC") or "cc"
-    found = shutil.which(wanted)
-    if found is None:
-        raise ParameterError(f"there is no C compiler {wanted!r}; install one, or name it in CC")
+    found, options = _split(wanted)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for file, text in files.items():
             (folder / file).write_text(text)
         library = folder / f"{name}{suffix}"
         sources = [file for file in files if file.endswith(".c")]
-        command = [found, *_FLAGS, *sources, "-lm", "-o", library.name]
+        command = [found, *_FLAGS, *options, *sources, "-lm", "-o", library.name]
         try:
             done = subprocess.run(
                 command, cwd=folder, capture_output=True, text=True, timeout=_PATIENCE, check=False
@@ -235,6 +236,18 @@ def _compiled(files: dict[str, str], name: str, suffix: str, compiler: str | Non
         if done.returncode or not library.exists():
             raise OutputError(f"the compiler {found} refused the unit: {done.stderr.strip()[:300]}")
         return library.read_bytes()
+
+
+def _split(wanted: str) -> tuple[str, list[str]]:
+    """A compiler as it is found, and the options that follow its name."""
+    try:
+        name, *options = [wanted] if shutil.which(wanted) else shlex.split(wanted)
+    except ValueError:
+        name, options = wanted, []
+    found = shutil.which(name)
+    if found is None:
+        raise ParameterError(f"there is no C compiler {wanted!r}; install one, or name it in CC")
+    return found, options
 
 
 def _archive(files: dict[str, bytes]) -> bytes:

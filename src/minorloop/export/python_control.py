@@ -8,16 +8,16 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.export._bounded import bounded
-from minorloop.operators.memory import Memory
+from minorloop.operators.memory import ROOM, Memory
 from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach, Start
 
 __all__ = ["as_memory", "as_state", "as_system"]
 
-LEAST_ROOM = 6
+LEAST_ROOM, MOST_ROOM = 6, 10_000
 Update = Callable[[float, FloatArray, FloatArray, Mapping[str, Any]], Any]
 
 
@@ -25,7 +25,7 @@ def as_system(
     model: Preisach | PrandtlIshlinskii,
     interval: float | Literal[True] = True,
     *,
-    room: int = 64,
+    room: int = ROOM,
     feedthrough: bool = True,
     name: str = "hysteresis",
     input: str = "u",
@@ -34,8 +34,9 @@ def as_system(
     """A model as a discrete-time ``control.NonlinearIOSystem``.
 
     Its update and output are pure functions of state and input, so it can be simulated,
-    connected and simulated again. Begin a simulation from `as_state`; a state of zeros is no
-    memory.
+    connected and simulated again. Begin a simulation from `as_state` with the same room. A state
+    that is no memory of the operator, such as one of zeros, is refused; so a Preisach operator
+    can neither be linearised nor searched for operating points, which try such states.
 
     Parameters
     ----------
@@ -62,8 +63,11 @@ def as_system(
     MissingExtraError
         If python-control is not installed.
     ParameterError
-        If the model is of another kind, or there is too little room.
+        If the model is of another kind, there is too little room, or the interval is not
+        positive; while it is simulated, if a state is no memory.
     """
+    if interval is not True and not as_finite("interval", interval) > 0:
+        raise ParameterError(f"interval is {interval!r} s; give a positive time, or True")
     try:
         from control import NonlinearIOSystem
     except ImportError:
@@ -92,9 +96,9 @@ def as_system(
 
 def as_state(
     model: Preisach | PrandtlIshlinskii,
-    start: Start | PlayStart = "negative",
+    start: Start | PlayStart | None = None,
     *,
-    room: int = 64,
+    room: int = ROOM,
 ) -> FloatArray:
     """Initial state of `as_system`.
 
@@ -102,8 +106,10 @@ def as_state(
     ----------
     model : Preisach or PrandtlIshlinskii
         The operator.
-    start : start state of the operator
-        What is remembered.
+    start : start state of the operator, optional
+        What is remembered; negative saturation of a Preisach operator, and demagnetised plays, if
+        not given. Plays have no saturation: after ``"negative"`` they are infinitely far down
+        until an input moves them.
     room : int
         As for `as_system`.
 
@@ -119,14 +125,15 @@ def as_state(
         If the model is of another kind, or there is too little room.
     """
     if isinstance(model, PrandtlIshlinskii):
-        return np.array(model.positions(start))  # type: ignore[arg-type]
+        plays = "demagnetised" if start is None else start
+        return np.array(model.positions(plays))  # type: ignore[arg-type]
     if not isinstance(model, Preisach):
         raise ParameterError(
             f"a {type(model).__name__} has no state here; give a Preisach or a PrandtlIshlinskii"
         )
-    if room < LEAST_ROOM:
-        raise ParameterError(f"room is {room} extrema; give at least {LEAST_ROOM}")
-    return _padded(bounded(model, model.memory(start), room), room)  # type: ignore[arg-type]
+    as_whole("room", room, LEAST_ROOM, MOST_ROOM)
+    memory = model.memory("negative" if start is None else start)  # type: ignore[arg-type]
+    return _padded(bounded(model, memory, room), room)
 
 
 def as_memory(state: npt.ArrayLike) -> Memory:
@@ -138,7 +145,26 @@ def as_memory(state: npt.ArrayLike) -> Memory:
         If the state is no memory.
     """
     values = np.asarray(state, dtype=np.float64)
-    return Memory(values[np.append(True, np.diff(values) != 0)])
+    changes = np.flatnonzero(np.diff(values))
+    extrema = values[: changes[-1] + 2] if changes.size else values[:1]
+    try:
+        return Memory(extrema.tolist())
+    except ParameterError as error:
+        raise ParameterError(
+            "a state is no memory; begin from as_state(model) with the room of the system, which "
+            f"python-control fills up with zeros otherwise ({error})"
+        ) from None
+
+
+def _memory_of(model: Preisach, state: FloatArray) -> Memory:
+    """The memory that a state stands for, if it is one of this operator."""
+    low = float(model.levels[0])
+    if state[0] != low:
+        raise ParameterError(
+            f"a state begins with {float(state[0])!r} and not with the lower end of the plane, "
+            f"{low!r}; begin from as_state(model)"
+        )
+    return as_memory(state)
 
 
 def _padded(memory: Memory, room: int) -> FloatArray:
@@ -150,7 +176,7 @@ def _preisach_step(
     model: Preisach, room: int
 ) -> Callable[[FloatArray, float], tuple[float, FloatArray]]:
     def step(x: FloatArray, u: float) -> tuple[float, FloatArray]:
-        y, memory = model.step(as_memory(x), u)
+        y, memory = model.step(_memory_of(model, x), u)
         return y, _padded(bounded(model, memory, room), room)
 
     return step
@@ -169,6 +195,6 @@ def _plays_step(
 def _rest(model: Preisach | PrandtlIshlinskii, x: FloatArray) -> float:
     """Output that goes with a state."""
     if isinstance(model, Preisach):
-        memory = as_memory(x)
+        memory = _memory_of(model, x)
         return float(model.step(memory, memory.u)[0])
     return float(model.weights @ x + model.offset)

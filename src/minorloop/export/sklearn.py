@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, IntArray, check_option
+from minorloop.arrays import FloatArray, IntArray, as_finite, as_whole, check_option
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.identification import identify
 from minorloop.operators.memory import Memory
@@ -145,11 +145,7 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return np.asarray(self.model_.simulate(self._input(X), start))
 
     def _input(self, X: FloatArray) -> FloatArray:
-        if not 0 <= self.column < X.shape[1]:
-            raise ParameterError(
-                f"column is {self.column}, and X has {X.shape[1]}; give 0 to {X.shape[1] - 1}"
-            )
-        return np.ascontiguousarray(X[:, self.column])
+        return np.ascontiguousarray(X[:, as_whole("column", self.column, 0, X.shape[1] - 1)])
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -177,12 +173,13 @@ class ContiguousSplit:
     """
 
     def __init__(self, n_splits: int = 5, *, first: float = 0.5) -> None:
-        if isinstance(n_splits, bool) or int(n_splits) != n_splits or n_splits < 1:
-            raise ParameterError(f"n_splits is {n_splits!r}; give a whole number of at least 1")
-        if not 0 < first < 1:
+        self.n_splits = as_whole("n_splits", n_splits, 1, 1_000_000)
+        self.first = as_finite("first", first)
+        if not 0 < self.first < 1:
             raise ParameterError(f"first is {first!r}; give a share above 0 and below 1")
-        self.n_splits = int(n_splits)
-        self.first = float(first)
+
+    def __repr__(self) -> str:
+        return f"ContiguousSplit({self.n_splits}, first={self.first})"
 
     def split(
         self,

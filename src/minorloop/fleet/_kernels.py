@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from minorloop.operators._kernels import BAND, FRACTION, OUTPUT, everett_inside, simulate
+from minorloop.operators._kernels import BAND, FRACTION, OUTPUT, VALUE, everett_inside, simulate
 
 
 @njit(cache=True, nogil=True)
@@ -35,13 +35,18 @@ def loss(nodes, bow, stack, k):
 
 @njit(cache=True, nogil=True)
 def drop_smallest(plane, sizes, size_bow, stack, n):
-    """Forget the pair of past extrema that matters least; gives the rows in use and the loss."""
+    """Forget the pair of past extrema that matters least.
+
+    Gives the rows in use, the loss, and the two inputs between which it lasts.
+    """
     least, smallest = 1, np.inf
     for k in range(1, n - 3):
         found = loss(sizes, size_bow, stack, k)
         if found < smallest:
             least, smallest = k, found
     after, before = stack[least + 2], stack[least - 1]
+    low = min(before[VALUE], stack[least, VALUE])
+    high = max(before[VALUE], stack[least, VALUE])
     if least & 1:
         output = before[OUTPUT] + between(plane.nodes, plane.bow, after, before)
     else:
@@ -50,18 +55,25 @@ def drop_smallest(plane, sizes, size_bow, stack, n):
     for k in range(least, n - 2):
         stack[k] = stack[k + 2]
         stack[k, OUTPUT] -= change
-    return n - 2, smallest
+    return n - 2, smallest, low, high
 
 
 @njit(cache=True, nogil=True)
-def march(plane, sizes, size_bow, stacks, rows, lost, u, y, first, last):
-    """Outputs of operators first to last for their inputs (operators, T), into y."""
+def march(plane, sizes, size_bow, stacks, rows, lost, within, u, y, first, last):
+    """Outputs of operators first to last for their inputs (operators, T), into y.
+
+    A loss lasts until an input passes the wider extrema of the pair that was dropped.
+    """
     room = stacks.shape[1]
     for k in range(first, last):
         stack, n = stacks[k], rows[k]
         for t in range(u.shape[1]):
             n = simulate(plane, stack, n, u[k, t : t + 1], y[k, t : t + 1])
+            if lost[k] > 0.0 and not within[k, 0] < u[k, t] < within[k, 1]:
+                lost[k] = 0.0
             if n >= room:
-                n, found = drop_smallest(plane, sizes, size_bow, stack, n)
+                n, found, low, high = drop_smallest(plane, sizes, size_bow, stack, n)
+                within[k, 0] = low if lost[k] == 0.0 else min(low, within[k, 0])
+                within[k, 1] = high if lost[k] == 0.0 else max(high, within[k, 1])
                 lost[k] += found
         rows[k] = n

@@ -9,11 +9,13 @@ where it was.
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import io
 import json
 import logging
 import os
+import socket
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,12 +25,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote
 
 import numpy as np
 
 from minorloop import modelfile
+from minorloop.arrays import as_levels, as_whole
 from minorloop.errors import (
     MinorloopError,
     MissingExtraError,
@@ -51,7 +54,10 @@ _AHEAD = 4
 """Batches on their way to each worker."""
 _STINT, _MOST_EACH = 0.3, 16
 """Seconds of work in a batch, and the most specimens."""
-_LONGEST = 400
+_LONGEST, _LONGEST_KEY = 400, 120
+_PATIENCE = 10
+_FINE = 64
+"""Bands beyond which a prior takes no plane, which is found out before anything is fitted."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +81,37 @@ class Specimen:
 
     @property
     def key(self) -> str:
-        """The name as part of a file name."""
-        return quote(self.name, safe=" ").replace(" ", "_") if self.name.strip(".") else "%2E"
+        """The name as part of a file name; different names have different keys."""
+        name = quote(self.name, safe="")
+        if not self.name.strip("."):
+            name = name.replace(".", "%2E")
+        if len(name) <= _LONGEST_KEY:
+            return name
+        digest = hashlib.sha256(self.name.encode()).hexdigest()
+        return f"{name[: _LONGEST_KEY // 2]}_{digest}"
+
+    def open(self) -> BinaryIO:
+        """Its file, to be read.
+
+        Raises
+        ------
+        OSError, ValueError
+            If it cannot be opened, or is no regular file: a pipe may never end.
+        """
+        if self.file.exists() and not self.file.is_file():
+            raise OSError(errno.EINVAL, "it is no regular file")
+        return self.file.open("rb")
+
+    def read(self) -> bytes:
+        """What its file holds.
+
+        Raises
+        ------
+        OSError, ValueError
+            If it cannot be read.
+        """
+        with self.open() as file:
+            return file.read()
 
 
 def read_manifest(
@@ -84,8 +119,8 @@ def read_manifest(
 ) -> list[Specimen]:
     """Specimens that a CSV file lists.
 
-    It has the columns ``specimen`` and ``file``, and may have ``input`` and ``output``. Files are
-    named relative to the manifest.
+    It has the columns ``specimen`` and ``file``, and may have ``input`` and ``output``, separated
+    by commas, semicolons or tabs. Files are named relative to the manifest.
 
     Parameters
     ----------
@@ -104,7 +139,7 @@ def read_manifest(
     except (OSError, ValueError) as error:
         raise RecordError(f"{path} cannot be read: {error}") from None
     try:
-        rows = list(csv.DictReader(io.StringIO(text), strict=True, restval=""))
+        rows = _rows(text)
     except csv.Error as error:
         raise RecordError(f"{path} is not a CSV file: {error}") from None
     missing = {"specimen", "file"} - set(rows[0] if rows else ())
@@ -114,18 +149,35 @@ def read_manifest(
             "line 'specimen,file,input,output' and a row for each"
         )
     found: dict[str, Specimen] = {}
-    keys: set[str] = set()
     for line, row in enumerate(rows, 2):
+        if not any(_cells(row)):
+            continue
         one = _specimen(Path(path), line, row, input, output)
-        if one.name in found or one.key in keys:
+        if one.name in found:
             raise RecordError(f"line {line} of {path} names {one.name!r} again; give it once")
         found[one.name] = one
-        keys.add(one.key)
     return list(found.values())
 
 
+def _rows(text: str) -> list[dict[str | None, Any]]:
+    """Rows by their headers, which may be capitals."""
+    header = text.partition("\n")[0]
+    delimiter = max(",;\t", key=header.count)
+    reader: Any = csv.DictReader(
+        io.StringIO(text), strict=True, restval="", delimiter=delimiter, skipinitialspace=True
+    )
+    reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+    return list(reader)
+
+
+def _cells(row: Mapping[str | None, Any]) -> list[str]:
+    """Texts of a row, those beyond the header too."""
+    beyond = row.get(None) or []
+    return [str(cell).strip() for cell in [*(v for k, v in row.items() if k), *beyond]]
+
+
 def _specimen(
-    path: Path, line: int, row: Mapping[str, Any], input: str | None, output: str | None
+    path: Path, line: int, row: Mapping[str | None, Any], input: str | None, output: str | None
 ) -> Specimen:
     cells = {name: str(row.get(name) or "").strip() for name in COLUMNS}
     columns = cells["input"] or input, cells["output"] or output
@@ -137,8 +189,12 @@ def _specimen(
                 f"line {line} of {path} has the {what} {value[:60]!r}; leave out what cannot be "
                 "printed"
             )
-    if None in row:
+    if any(cell.strip() for cell in row.get(None) or ()):
         raise RecordError(f"line {line} of {path} has more cells than the header")
+    if columns[0] == columns[1]:
+        raise RecordError(
+            f"line {line} of {path} has {columns[0]!r} for input and output; give two columns"
+        )
     return Specimen(
         cells["specimen"], path.parent / cells["file"], str(columns[0]), str(columns[1])
     )
@@ -164,7 +220,7 @@ def identify_fleet(
         As `read_manifest` gives them.
     folder : str or path
         For the results: new, empty, or of the same fleet, which then goes on: specimens that
-        are identified and whose record is unchanged are kept, the others done.
+        are identified and whose record and columns are unchanged are kept, the others done.
     workers : int, optional
         Local processes; as many as there are cores if not given.
     address : str, optional
@@ -185,11 +241,14 @@ def identify_fleet(
     MissingExtraError
         If Dask is not installed.
     ParameterError
-        If there is no specimen, or an option is not one of `minorloop.identify`.
+        If there is no specimen, an option is not one that `minorloop.identify` takes, or there
+        is no scheduler at the address.
     OutputError
         If the folder holds something else, another fleet, or cannot be written to.
     """
     _check(specimens, workers, options)
+    if address is not None:
+        _check_address(address)
     place = _open_folder(Path(folder), specimens, options)
     known = _kept(place, specimens)
     pending = [one for one in specimens if one.name not in known]
@@ -238,7 +297,7 @@ def identify_one(
 
     began = time.perf_counter()
     try:
-        data = specimen.file.read_bytes() if data is None else data
+        data = specimen.read() if data is None else data
     except (OSError, ValueError) as error:
         return {"error": _one_line(_unreadable(specimen, error))}
     digest = hashlib.sha256(data).hexdigest()
@@ -289,7 +348,7 @@ def _outcomes(
     readable = []
     for one in pending:
         try:
-            with one.file.open("rb"):
+            with one.open():
                 readable.append(one)
         except (OSError, ValueError) as error:
             yield _fail(place, one, _unreadable(one, error))
@@ -346,7 +405,7 @@ class _Flow:
         batch: list[tuple[bytes | None, Specimen]] = []
         for one in some:
             try:
-                batch.append((None if self._shared else one.file.read_bytes(), one))
+                batch.append((None if self._shared else one.read(), one))
             except (OSError, ValueError) as error:
                 yield _fail(self._place, one, _unreadable(one, error))
         if batch:
@@ -384,7 +443,7 @@ def _cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, An
         raise MissingExtraError("dask.distributed", "fleet") from None
     if address is not None:
         try:
-            client = Client(address, timeout=10, set_as_default=False)
+            client = Client(address, timeout=_PATIENCE, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None
         with closing(client):
@@ -428,6 +487,7 @@ def _settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
         samples=found["samples"],
         seconds=found["seconds"],
         sha256=digest,
+        **_origin(one),
     )
     try:
         modelfile.save(
@@ -450,9 +510,13 @@ def _settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
 
 
 def _fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:
-    outcome = Outcome(one.name, error=_one_line(reason), sha256=digest)
+    outcome = Outcome(one.name, error=_one_line(reason), sha256=digest, **_origin(one))
     _write_outcome(place, one, outcome)
     return outcome
+
+
+def _origin(one: Specimen) -> dict[str, Any]:
+    return {"file": one.file.name, "input": one.input, "output": one.output}
 
 
 def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
@@ -466,12 +530,13 @@ def _kept(place: Path, specimens: Sequence[Specimen]) -> dict[str, Outcome]:
     for one in specimens:
         try:
             outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
-            digest = hashlib.sha256(one.file.read_bytes()).hexdigest()
+            digest = hashlib.sha256(one.read()).hexdigest()
         except (OSError, ValueError, TypeError):
             continue
         model = place / "models" / f"{one.key}.json"
-        if outcome.error is None and outcome.sha256 == digest and model.exists():
-            kept[one.name] = replace(outcome, specimen=one.name)
+        same = replace(outcome, specimen=one.name, sha256=digest, **_origin(one)) == outcome
+        if outcome.error is None and same and model.exists():
+            kept[one.name] = outcome
     return kept
 
 
@@ -518,6 +583,22 @@ def _write_summary(place: Path, summary: Summary) -> None:
     write_atomically(place / "summary.csv", text.getvalue())
 
 
+def _check_address(address: str) -> None:
+    """Refuse at once what is no address, or where nothing listens."""
+    scheme, _, place = address.partition("://")
+    if scheme == "inproc":
+        return
+    host, _, port = place.rpartition(":")
+    if scheme not in ("tcp", "tls") or not host or not port.isdecimal():
+        raise ParameterError(
+            f"address is {address!r}; give that of a Dask scheduler, such as tcp://10.0.0.1:8786"
+        )
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None
+
+
 def _check(specimens: Sequence[Specimen], workers: int | None, options: Mapping[str, Any]) -> None:
     if not specimens:
         raise ParameterError("there is no specimen; list some in the manifest")
@@ -532,6 +613,24 @@ def _check(specimens: Sequence[Specimen], workers: int | None, options: Mapping[
         json.dumps(options)
     except (TypeError, ValueError):
         raise ParameterError("options of a fleet are numbers, words and lists of them") from None
+    _try_options(options)
+
+
+def _try_options(options: Mapping[str, Any]) -> None:
+    """Refuse what no record could be identified with, by identifying a small one."""
+    from minorloop.identification import identify
+    from minorloop.identification.areas import MOST_BANDS
+
+    levels, lag = options.get("levels", 1), options.get("lag", 0)
+    if np.isscalar(levels):
+        bands = as_whole("levels", levels, 1, MOST_BANDS)  # type: ignore[arg-type]
+    else:
+        bands = as_levels(levels).size - 1
+    if lag != "auto":
+        as_whole("lag", lag, 0, 10**9)
+    coarse = 2 if options.get("prior") != "gaussian" or bands <= _FINE else bands
+    u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
+    identify(u, u + 0.1 * (np.arange(60) % 2), **{**options, "levels": coarse, "lag": 0})
 
 
 def _one_line(text: str) -> str:

@@ -7,17 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray, as_samples
+from minorloop.arrays import FloatArray, IntArray, as_samples, as_whole, check_kind
 from minorloop.errors import ParameterError, SignalError
 from minorloop.fleet import _kernels
 from minorloop.operators import plane
 from minorloop.operators._parallel import in_parallel
-from minorloop.operators.memory import Memory
+from minorloop.operators.memory import ROOM, Memory
 from minorloop.operators.preisach import Preisach, Start, _swing
 
 __all__ = ["FleetState", "simulate_fleet"]
 
-LEAST_ROOM = 6
+LEAST_ROOM, MOST_ROOM = 6, 10_000
+MOST_OPERATORS = 2**31
 _CHUNK = 16_384
 
 
@@ -27,23 +28,29 @@ class FleetState:
 
     Parameters
     ----------
+    model : Preisach
+        The operator whose memories these are; no other can go on with them.
     stacks : (S, room, 4) array
         Remembered extrema of each operator, the present input last: input, output of the
         relays, band of the plane, fraction of the band.
     rows : (S,) array of int
         How many of them are in use.
     lost : (S,) array
-        What the loops dropped so far for lack of room can have changed the output by, at most,
-        in its unit.
+        What the loops dropped for lack of room can have changed the output by, at most, in its
+        unit; zero again when the input has passed them.
+    within : (S, 2) array
+        Inputs between which that lasts.
     """
 
+    model: Preisach
     stacks: FloatArray
     rows: IntArray
     lost: FloatArray
+    within: FloatArray
 
     @classmethod
     def begin(
-        cls, model: Preisach, operators: int, *, start: Start = "negative", room: int = 16
+        cls, model: Preisach, operators: int, *, start: Start = "negative", room: int = ROOM
     ) -> FleetState:
         """The same memory for every operator.
 
@@ -65,18 +72,17 @@ class FleetState:
             If there is no operator, too little room, or more is remembered than there is
             room for.
         """
-        if isinstance(operators, bool) or int(operators) != operators or operators < 1:
-            raise ParameterError(f"{operators!r} operators; give a whole number of at least 1")
-        if isinstance(room, bool) or int(room) != room or room < LEAST_ROOM:
-            raise ParameterError(f"room is {room!r}; give a whole number of at least {LEAST_ROOM}")
+        check_kind("model", model, Preisach)
+        count = as_whole("operators", operators, 1, MOST_OPERATORS)
+        room = as_whole("room", room, LEAST_ROOM, MOST_ROOM)
         stack, rows = model._stack(start, 0)
         if rows >= room:
             raise ParameterError(
                 f"start remembers {rows} extrema, and room is {room}; give room for more than that"
             )
-        stacks = np.empty((int(operators), int(room), 4))
+        stacks = np.empty((count, room, 4))
         stacks[:, :rows] = stack[:rows]
-        return cls(stacks, np.full(int(operators), rows), np.zeros(int(operators)))
+        return cls(model, stacks, np.full(count, rows), np.zeros(count), np.zeros((count, 2)))
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -87,7 +93,8 @@ class FleetState:
 
     def copy(self) -> FleetState:
         """An independent state."""
-        return FleetState(self.stacks.copy(), self.rows.copy(), self.lost.copy())
+        stacks, rows, lost, within = _parts(self)
+        return FleetState(self.model, stacks.copy(), rows.copy(), lost.copy(), within.copy())
 
 
 def simulate_fleet(
@@ -120,10 +127,15 @@ def simulate_fleet(
     ------
     SignalError
         If the inputs are not finite numbers, or not for as many operators as the state has.
+    ParameterError
+        If the model is of another kind, or the state is of another model, damaged, or may not
+        be overwritten.
     """
+    check_kind("model", model, Preisach)
     inputs = as_samples(u, name="u")
     if state is None:
         state, in_place = FleetState.begin(model, len(inputs)), True
+    _check_state(model, state, in_place)
     if len(inputs) != len(state):
         raise SignalError(
             f"u has {len(inputs)} rows and the state {len(state)} operators; give one row for each"
@@ -143,5 +155,32 @@ def simulate_fleet(
     return outputs.reshape(inputs.shape), after
 
 
-def _parts(state: FleetState) -> tuple[FloatArray, IntArray, FloatArray]:
-    return state.stacks, state.rows, state.lost
+def _parts(state: FleetState) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+    return state.stacks, state.rows, state.lost, state.within
+
+
+def _check_state(model: Preisach, state: FleetState, in_place: bool) -> None:
+    """The loops trust a state, so it has to be whole, and of this model."""
+    check_kind("state", state, FleetState)
+    if not _same_relays(state.model, model):
+        raise ParameterError(
+            f"the state is of another model, with {state.model.bands} bands from "
+            f"{state.model.levels[0]:g} to {state.model.levels[-1]:g}; begin one of this"
+        )
+    stacks, rows, lost, within = _parts(state)
+    count, room = len(rows), stacks.shape[1] if stacks.ndim == 3 else 0
+    shapes = (stacks.shape, lost.shape, within.shape) == ((count, room, 4), (count,), (count, 2))
+    kinds = rows.dtype == np.int64 and all(x.dtype == np.float64 for x in (stacks, lost, within))
+    if not (shapes and kinds and room >= LEAST_ROOM and rows.min() >= 1 and rows.max() < room):
+        raise ParameterError("the arrays of the state do not fit together; begin another")
+    if in_place and not all(part.flags.writeable for part in _parts(state)):
+        raise ParameterError("the state is read-only; give a copy, or in_place=False")
+
+
+def _same_relays(a: Preisach, b: Preisach) -> bool:
+    """Whether the same memory gives the same output of the relays."""
+    return a is b or (
+        (a.relay, a.diagonal, a.offset) == (b.relay, b.diagonal, b.offset)
+        and np.array_equal(a.levels, b.levels)
+        and np.array_equal(a.weights, b.weights)
+    )

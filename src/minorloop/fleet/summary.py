@@ -39,6 +39,8 @@ class Outcome:
         What it took.
     sha256 : str, optional
         Digest of the record.
+    file, input, output : str, optional
+        Name of the file of the record, and the columns identified.
     """
 
     specimen: str
@@ -50,6 +52,9 @@ class Outcome:
     samples: int | None = None
     seconds: float | None = None
     sha256: str | None = None
+    file: str | None = None
+    input: str | None = None
+    output: str | None = None
 
     def plain(self) -> dict[str, Any]:
         """As a mapping, for files."""

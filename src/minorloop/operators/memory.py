@@ -19,6 +19,8 @@ from minorloop.errors import ParameterError
 Saturation: TypeAlias = Literal["negative", "positive", "demagnetised"]
 
 DEMAGNETISING_TURNS = 512
+ROOM = 32
+"""Extrema that a memory of bounded length has room for where nothing else is asked for."""
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,8 @@ def simulated(tmp_path, monkeypatch):
     }
     (tmp_path / "bench.json").write_text(json.dumps(bench))
     Plan([0.5, -0.5], 0.02, input="voltage [V]").to_csv("plan.csv")
-    return ["run", "--actuator", "visa:bench.json", "--plan", "plan.csv", "--store", "s.sqlite"]
+    line = "run --actuator visa:bench.json --plan plan.csv --store s.sqlite --interval 0.004"
+    return line.split()
 
 
 def test_the_command_line_runs_on_a_simulated_bench(simulated, capsys):

@@ -43,7 +43,7 @@ def test_a_board_is_a_source_and_a_meter():
         (write(5, "AIM", "2"), ok(5, "0.5")),
         (write(6, "SAFE"), ok(6)),
     )
-    assert (one.low, one.high) == (-1.0, 1.0)
+    assert (one.low, one.high) == (model.levels[0], model.levels[-1])
     one.set(0.25)
     assert (one.read(), one.step(0.5), one.aim(2.0)) == (1.5, 2.0, 0.5)
     one.safe()
@@ -144,7 +144,8 @@ class Pipe:
 @pytest.fixture(scope="module")
 def model():
     rng = np.random.default_rng(0)
-    return Preisach(np.linspace(-1, 1, 9), np.tril(rng.uniform(size=(8, 8))), 0.2)
+    levels = np.linspace(-1.23456789049, 1.23456789951, 9)
+    return Preisach(levels, np.tril(rng.uniform(size=(8, 8))), 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +158,7 @@ def program(model, tmp_path_factory):
 def test_the_firmware_speaks_the_protocol(program, model):
     link = Pipe(program)
     one = Board(link)
-    assert (one.low, one.high) == (-1.0, 1.0)
+    assert (one.low, one.high) == (model.levels[0], model.levels[-1])
     u = np.random.default_rng(1).uniform(-1, 1, 50)
     for sample, expected in zip(u, model.simulate(np.append(0.0, u))[1:], strict=True):
         one.set(sample)
@@ -170,6 +171,8 @@ def test_the_firmware_speaks_the_protocol(program, model):
         one.set(1.5)
     one.safe()
     assert one.read() == pytest.approx(model.simulate([*[0.0], *u, 0.0])[-1], abs=1e-6)
+    for limit in (one.low, one.high):
+        one.set(limit)
     link.close()
 
 

@@ -51,3 +51,17 @@ def test_an_amplifier_that_does_not_say_ok_is_not_believed():
     with pytest.raises(InstrumentError, match="'BUSY' to 'MV=250'"):
         bench(amplifier, Script([])).exchange(0.25)
     assert amplifier.finished()
+
+
+def test_a_voltage_that_the_amplifier_cannot_give_is_refused():
+    amplifier = Script([("MV=0", "OK"), ("OPEN", "OK")])
+    with pytest.raises(InstrumentError, match=r"whole millivolts, not 1\.49"):
+        bench(amplifier, Script([])).exchange(0.00149)
+    assert amplifier.finished()
+
+
+def test_the_output_is_opened_even_if_the_voltage_is_not_taken_off():
+    amplifier = Script([("MV=0", "BUSY"), ("OPEN", "OK")])
+    with pytest.raises(InstrumentError, match="'BUSY'"):
+        Amplifier(amplifier).safe()
+    assert amplifier.finished()

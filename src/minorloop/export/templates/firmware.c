@@ -62,7 +62,7 @@ static void answer_number(unsigned long sequence, double value)
 {
     char words[40];
 
-    (void)snprintf(words, sizeof words, "OK %.9g", value);
+    (void)snprintf(words, sizeof words, "OK %.17g", value);
     answer(sequence, words);
 }
 
@@ -80,12 +80,12 @@ static void obey(unsigned long sequence, const char *command, const char *argume
 {
     const int given = argument[0] != '\0';
     {{ name }}_real value = 0;
-    char words[64];
+    char words[80];
 
     if (given && !as_number(argument, &value)) {
         answer(sequence, "ERR that is no number");
     } else if (!given && (strcmp(command, "HELLO") == 0)) {
-        (void)snprintf(words, sizeof words, "OK minorloop 1 %.9g %.9g",
+        (void)snprintf(words, sizeof words, "OK minorloop 1 %.17g %.17g",
                        (double){{ guard }}_INPUT_LOW, (double){{ guard }}_INPUT_HIGH);
         answer(sequence, words);
     } else if (given && (strcmp(command, "SET") == 0)) {

@@ -22,6 +22,10 @@
  * it is never more than 1/{{ memory - 3 }} of the swing of all, {{ single }} in the unit of the output; it heals as
  * soon as the input passes the wider extrema of the pair. {{ name }}_error_bound gives
  * what the drops that have not healed may amount to.
+ *
+ * Inputs are of the type {{ real }}: its last digit is worth up to {{ input_error }} of the range of the output,
+ * on the inputs of the self-test. An offset that is large beside the range of the input costs
+ * digits; subtract it before the model is identified.
  */
 #ifndef {{ guard }}_H
 #define {{ guard }}_H

@@ -66,7 +66,8 @@ class Bench:
 
     Whatever goes wrong, in an instrument or here, the source is made safe before the error is
     raised. An input beyond a limit is refused and nothing is applied. A change faster than the
-    rate limit is made in steps, one a tick, no faster than the limit.
+    rate limit is made in steps, one a tick, no faster than the limit; a hold begins when its
+    input is reached.
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ class Bench:
         u : float
             The input, in its unit.
         duration : float
-            How long to hold it, in seconds.
+            How long to hold it, in seconds, from when it is reached at the rate allowed.
         sample_interval : float
             Time between samples, in seconds; the last sample is taken at the end of the hold.
 
@@ -160,19 +161,20 @@ class Bench:
         """
         wanted = float(check_input(self._inputs, u)[0])
         ends = _sample_times(duration, sample_interval)
-        t, applied, y = (np.empty(ends.size) for _ in range(3))
+        t, y = np.empty(ends.size), np.empty(ends.size)
         try:
+            self._go(wanted, math.inf)
             began = self._clock.now()
             for k, end in enumerate(ends):
-                self._until(began + end, wanted)
-                y[k], t[k], applied[k] = self._read(), self._clock.now(), self._present
+                self._wait(began + end)
+                y[k], t[k] = self._read(), self._clock.now()
         except BaseException:
             self._leave()
             raise
         t -= self._began
         t = np.maximum.accumulate(t + 1e-9 * np.arange(t.size))  # a clock may stand still
         names = [Quantity(c.name, c.unit) for c in (*self._inputs, *self._outputs)]
-        return Record(t, applied, y, names[0], names[1])
+        return Record(t, np.full(t.size, self._present), y, names[0], names[1])
 
     def exchange(self, u: Value) -> float:
         """Hold an input for one tick and give the output at its end.
@@ -186,7 +188,9 @@ class Bench:
         """
         wanted = float(check_input(self._inputs, u)[0])
         try:
-            self._until(self._clock.now() + self._tick, wanted)
+            end = self._clock.now() + self._tick
+            self._go(wanted, end)
+            self._wait(end)
             return self._read()
         except BaseException:
             self._leave()
@@ -223,8 +227,8 @@ class Bench:
             f"the source cannot be made safe: {last}; switch it off by hand"
         ) from last
 
-    def _until(self, end: float, wanted: float) -> None:
-        """Go to an input, and wait until a time."""
+    def _go(self, wanted: float, end: float) -> None:
+        """Go towards an input, at the rate allowed, until a time."""
         most = self._inputs[0].rate * self._tick
         while self._present != wanted:
             ready = self._changed + self._tick if math.isfinite(most) else -math.inf
@@ -234,7 +238,6 @@ class Bench:
             following = min(max(wanted, self._present - most), self._present + most)
             self._source.set(following)
             self._present, self._changed = following, self._clock.now()
-        self._wait(end)
 
     def _wait(self, end: float) -> None:
         left = end - self._clock.now()

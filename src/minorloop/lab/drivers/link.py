@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -10,7 +11,9 @@ from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
 __all__ = ["Link", "VisaLink"]
 
 LONGEST = 4096
-_AT_ONCE, _MOST_LINES = 20, 64
+"""Characters of an answer, at most."""
+_QUIET, _AT_ONCE = 20, 1
+"""Milliseconds without a character after which nothing more is expected; what is there already."""
 
 
 class Link(Protocol):
@@ -72,69 +75,155 @@ class VisaLink:
         if not 0 < timeout <= 3600:
             raise ParameterError(f"timeout is {timeout!r} s; give a time up to an hour")
         self.name = resource
-        self._timeout, self._late = timeout, False
+        self._timeout, self._baud, self._late = timeout, baud, False
         try:
             self._manager = pyvisa.ResourceManager(library)
-            self._resource: Any = self._manager.open_resource(resource)
-            if not hasattr(self._resource, "write"):
-                raise InstrumentError("it is no instrument that takes lines of text")
-            self._resource.timeout = round(1000 * timeout)
-            self._resource.read_termination = "\n"
-            self._resource.write_termination = "\n"
-            if baud is not None:
-                self._resource.baud_rate = baud
         except Exception as error:  # each backend has errors of its own
             raise InstrumentError(f"{resource} cannot be opened: {_short(error)}") from None
+        self._resource: Any = None
+        self._open()
 
     def tell(self, text: str) -> None:
         """Send one line."""
-        if self._late:  # an answer that was given up may have come since
-            self.flush()
-            self._late = False
+        if self._resource is None:
+            self._open()
         try:
             self._resource.write(text)
         except Exception as error:
+            self._forget()
             raise InstrumentError(f"{self.name} does not take {text!r}: {_short(error)}") from None
 
     def ask(self, text: str) -> str:
-        """Send one line and give the line that comes back."""
-        self.tell(text)
+        """Send one line and give the line that comes back; what came before it is forgotten."""
         try:
+            self._forget_late()
+            self.tell(text)
             return self.read()
         except InstrumentError as error:
             raise InstrumentError(f"asked {text!r}, {error}") from None
 
     def read(self) -> str:
         """The next line, without asking."""
+        if self._resource is None:
+            self._open()
         try:
-            answer = str(self._resource.read())
+            line = self._line()
         except Exception as error:
             # What comes late must not be taken for the answer to the next question.
             self._late = True
-            self.flush()
+            self._forget()
             raise InstrumentError(
                 f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}"
             ) from None
-        if len(answer) > LONGEST:
-            raise InstrumentError(f"{self.name} answers with {len(answer)} characters")
-        return answer.strip("\r\n \t")
+        try:
+            return line.decode("ascii").strip("\r\n \t")
+        except UnicodeDecodeError:
+            raise InstrumentError(f"{self.name} answers {line[:60]!r}, which is no text") from None
 
     def flush(self) -> None:
-        """Forget what has come and was not read."""
-        try:
+        """Forget what has come and was not read.
+
+        Raises
+        ------
+        InstrumentError
+            If it does not stop sending, or cannot be opened again.
+        """
+        if self._resource is None or self._socket:
+            # Whatever the other side does with the old connection, it ends there.
+            self._let_go()
+            self._open()
+        elif self._streams:
+            self._drain(_QUIET)
+        else:
             self._resource.clear()
-        except Exception:  # not every interface can; read what there is
-            with suppress(Exception):
-                self._resource.timeout = _AT_ONCE
-                for _ in range(_MOST_LINES):
-                    self._resource.read_raw()
-        finally:
-            self._resource.timeout = round(1000 * self._timeout)
 
     def close(self) -> None:
         """Let go of it."""
-        self._resource.close()
+        self._let_go()
         self._manager.close()
+
+    def _open(self) -> None:
+        try:
+            resource: Any = self._manager.open_resource(
+                self.name, open_timeout=round(1000 * self._timeout)
+            )
+            if not hasattr(resource, "write"):
+                raise InstrumentError("it is no instrument that takes lines of text")
+            resource.timeout = round(1000 * self._timeout)
+            resource.read_termination = "\n"
+            resource.write_termination = "\n"
+            if self._baud is not None:
+                resource.baud_rate = self._baud
+        except Exception as error:
+            raise InstrumentError(f"{self.name} cannot be opened: {_short(error)}") from None
+        self._resource = resource
+        self._socket = resource.resource_class == "SOCKET"
+        self._streams = self._socket or self.name.upper().startswith("ASRL")
+
+    def _let_go(self) -> None:
+        """Let go of the line; the next question opens it again."""
+        with suppress(Exception):
+            self._resource.close()
+        self._resource = None
+
+    def _forget(self) -> None:
+        try:
+            self.flush()
+        except Exception:
+            self._let_go()
+
+    def _forget_late(self) -> None:
+        """Forget what came since the last answer, or since one was given up."""
+        try:
+            if self._resource is not None and self._streams:
+                self._drain(_AT_ONCE)
+            elif self._late:
+                self.flush()
+        except Exception as error:
+            self._let_go()
+            raise InstrumentError(
+                f"{self.name} is in no state to be asked: {_short(error)}"
+            ) from None
+        self._late = False
+
+    def _line(self) -> bytes:
+        """Bytes to the end of a line, which has to come by one deadline.
+
+        A stream is read byte by byte, because a longer read ends only when nothing comes.
+        """
+        deadline = time.monotonic() + self._timeout
+        found = b""
+        while not found.endswith(b"\n"):
+            if len(found) > LONGEST or time.monotonic() > deadline:
+                raise InstrumentError(f"{found[:40]!r} and so on, without the end of a line")
+            found += self._some(1 if self._streams else LONGEST + 1)
+            if not self._streams and len(found) <= LONGEST:
+                break  # a message has an end of its own
+        return found
+
+    def _some(self, most: int) -> bytes:
+        """What one read of the library gives: not nothing, whatever it says of the reason."""
+        from pyvisa.constants import StatusCode
+
+        status = StatusCode.success_max_count_read, StatusCode.success_device_not_present
+        with self._resource.ignore_warning(*status):
+            found, _ = self._resource.visalib.read(self._resource.session, most)
+        if not found:
+            raise InstrumentError("nothing came")
+        return bytes(found)
+
+    def _drain(self, quiet: int) -> None:
+        """Read a stream until nothing comes for so many milliseconds."""
+        deadline = time.monotonic() + self._timeout
+        self._resource.timeout = quiet
+        try:
+            while time.monotonic() < deadline:
+                self._some(1)
+        except Exception:  # how each backend says that nothing comes
+            return
+        finally:
+            self._resource.timeout = round(1000 * self._timeout)
+        raise InstrumentError(f"{self.name} does not stop sending")
 
 
 def _short(error: Exception) -> str:

@@ -92,7 +92,7 @@ class Board:
         InstrumentError
             If the board refuses it, or says that another is on.
         """
-        found = self._number("SET", f"{value:.9g}")
+        found = self._number("SET", repr(float(value)))
         if abs(found - value) > 1e-6 * max(1.0, abs(value)):
             raise InstrumentError(f"{self._link.name} was told {value:g} and has {found:g} on")
 
@@ -102,11 +102,11 @@ class Board:
 
     def step(self, u: float) -> float:
         """What the model in the firmware gives for an input, which it remembers."""
-        return self._number("STEP", f"{u:.9g}")
+        return self._number("STEP", repr(float(u)))
 
     def aim(self, y: float) -> float:
         """The input that the model in the firmware asks for."""
-        return self._number("AIM", f"{y:.9g}")
+        return self._number("AIM", repr(float(y)))
 
     def safe(self) -> None:
         """Go to the safe input."""

@@ -4,11 +4,15 @@ To write one:
 
 1. Write what the instrument says and hears as a class with ``set`` and ``safe`` (a `Source`) or
    ``read`` (a `Meter`). Take a `Link`, so that it can be tested without the instrument.
-2. Let every answer be checked: raise `InstrumentError` for what is not exactly what the manual
+2. Set exactly what is asked for, or refuse: the record says what was asked for.
+3. Let ``safe`` survive whatever failed before it: it is called after any error, up to three
+   times, with the instrument in any state. Let it send all that makes safe, need no answer to
+   an earlier question, and raise only where the source may still be on.
+4. Let every answer be checked: raise `InstrumentError` for what is not exactly what the manual
    says. A number that only looks right is worse than an error.
-3. Write the conversation of the manual down as a `Script`, and test the driver against it, with
+5. Write the conversation of the manual down as a `Script`, and test the driver against it, with
    answers that are late, wrong or missing too; ``tests/lab/drivers/test_template.py`` does.
-4. Make an actuator of the two with `Bench`, which keeps limits and goes to safety on any error::
+6. Make an actuator of the two with `Bench`, which keeps limits and goes to safety on any error::
 
        laser = Laser(VisaLink("ASRL/dev/ttyUSB0::INSTR", baud=115200))
        amplifier = Amplifier(VisaLink("GPIB0::9::INSTR"))
@@ -37,13 +41,24 @@ class Amplifier:
         self._link = link
 
     def set(self, value: float) -> None:
-        """Put a voltage on, in V."""
-        self._say(f"MV={round(1000 * value)}")
+        """Put a voltage on, in V.
+
+        Raises
+        ------
+        InstrumentError
+            If it is none that the amplifier can give: what is recorded has to be what is on.
+        """
+        millivolts = round(1000 * value)
+        if abs(1000 * value - millivolts) > 1e-6:
+            raise InstrumentError(f"the amplifier takes whole millivolts, not {1000 * value:g}")
+        self._say(f"MV={millivolts}")
 
     def safe(self) -> None:
-        """No voltage, output open."""
-        self._say("MV=0")
-        self._say("OPEN")
+        """No voltage, output open; the second is said whatever becomes of the first."""
+        try:
+            self._say("MV=0")
+        finally:
+            self._say("OPEN")
 
     def _say(self, line: str) -> None:
         answer = self._link.ask(line)
