@@ -18,7 +18,7 @@ import numpy as np
 from fuzz.mutate import TOKENS, damaged, odd_json, odd_table
 from minorloop import PrandtlIshlinskii, Preisach, modelfile
 from minorloop.errors import InstrumentError, LimitError, MinorloopError, RecordError
-from minorloop.fleet.identification import read_manifest
+from minorloop.fleet.manifest import read_manifest
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource

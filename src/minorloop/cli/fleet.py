@@ -72,7 +72,7 @@ def run(
     """
     if what != "identify":
         raise ParameterError(f"there is no fleet {what!r}; give identify")
-    from minorloop.fleet.identification import identify_fleet, read_manifest
+    from minorloop.fleet import identify_fleet, read_manifest
 
     specimens = read_manifest(manifest, input=input, output=output)
     options: dict[str, Any] = {"levels": levels, "relay": relay, "diagonal": diagonal}

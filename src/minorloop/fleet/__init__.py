@@ -1,6 +1,7 @@
 """Many specimens at once: identify each from its record, simulate millions together."""
 
-from minorloop.fleet.identification import Specimen, identify_fleet, read_manifest
+from minorloop.fleet.identification import identify_fleet
+from minorloop.fleet.manifest import Specimen, read_manifest
 from minorloop.fleet.simulation import FleetState, simulate_fleet
 from minorloop.fleet.summary import Outcome, Summary
 

@@ -1,17 +1,8 @@
-"""Identify every specimen of a manifest, on Dask, whatever becomes of some of them.
-
-The folder of results holds ``fleet.json`` (the manifest and the options), ``models/NAME.json``
-and ``results/NAME.json`` for each specimen, and ``summary.json`` and ``summary.csv`` at the end.
-Each is written whole or not at all as soon as it is known, so a fleet that was stopped goes on
-where it was.
-"""
+"""Identify every specimen of a manifest, on Dask, whatever becomes of some of them."""
 
 from __future__ import annotations
 
-import csv
-import errno
 import hashlib
-import io
 import json
 import logging
 import os
@@ -19,185 +10,47 @@ import socket
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO
-from urllib.parse import quote
+from typing import Any
 
 import numpy as np
 
-from minorloop import modelfile
 from minorloop.arrays import as_levels, as_whole
 from minorloop.errors import (
     MinorloopError,
     MissingExtraError,
-    OutputError,
     ParameterError,
     RecordError,
 )
-from minorloop.files import PathLike, write_atomically
+from minorloop.files import PathLike
+from minorloop.fleet.manifest import Specimen
+from minorloop.fleet.results import (
+    AT_ONCE,
+    fail,
+    kept,
+    one_line,
+    open_folder,
+    settle_all,
+    write_summary,
+)
 from minorloop.fleet.summary import Outcome, Summary
 from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
-__all__ = ["Specimen", "identify_fleet", "read_manifest"]
+__all__ = ["identify_fleet"]
 
-COLUMNS = ("specimen", "file", "input", "output")
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
 ) | {"lag", "start", "offset"}
 _AHEAD = 4
 """Batches on their way to each worker."""
-_STINT, _MOST_EACH = 0.3, 16
+_STINT, _MOST_EACH = 0.3, AT_ONCE
 """Seconds of work in a batch, and the most specimens."""
-_LONGEST, _LONGEST_KEY = 400, 120
 _PATIENCE = 10
 _FINE = 64
 """Bands beyond which a prior takes no plane, which is found out before anything is fitted."""
-
-
-@dataclass(frozen=True)
-class Specimen:
-    """One specimen of a fleet.
-
-    Parameters
-    ----------
-    name : str
-        What to call it; no two are called the same.
-    file : Path
-        CSV file of its record.
-    input, output : str
-        Columns of the record.
-    """
-
-    name: str
-    file: Path
-    input: str
-    output: str
-
-    @property
-    def key(self) -> str:
-        """The name as part of a file name; different names have different keys."""
-        name = quote(self.name, safe="")
-        if not self.name.strip("."):
-            name = name.replace(".", "%2E")
-        if len(name) <= _LONGEST_KEY:
-            return name
-        digest = hashlib.sha256(self.name.encode()).hexdigest()
-        return f"{name[: _LONGEST_KEY // 2]}_{digest}"
-
-    def open(self) -> BinaryIO:
-        """Its file, to be read.
-
-        Raises
-        ------
-        OSError, ValueError
-            If it cannot be opened, or is no regular file: a pipe may never end.
-        """
-        if self.file.exists() and not self.file.is_file():
-            raise OSError(errno.EINVAL, "it is no regular file")
-        return self.file.open("rb")
-
-    def read(self) -> bytes:
-        """What its file holds.
-
-        Raises
-        ------
-        OSError, ValueError
-            If it cannot be read.
-        """
-        with self.open() as file:
-            return file.read()
-
-
-def read_manifest(
-    path: PathLike, *, input: str | None = None, output: str | None = None
-) -> list[Specimen]:
-    """Specimens that a CSV file lists.
-
-    It has the columns ``specimen`` and ``file``, and may have ``input`` and ``output``, separated
-    by commas, semicolons or tabs. Files are named relative to the manifest.
-
-    Parameters
-    ----------
-    path : str or path
-        The manifest.
-    input, output : str, optional
-        Columns of the records, for specimens whose row names none.
-
-    Raises
-    ------
-    RecordError
-        If the manifest cannot be read, lacks a column, lists nothing, or names a specimen twice.
-    """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{path} cannot be read: {error}") from None
-    try:
-        rows = _rows(text)
-    except csv.Error as error:
-        raise RecordError(f"{path} is not a CSV file: {error}") from None
-    missing = {"specimen", "file"} - set(rows[0] if rows else ())
-    if missing:
-        raise RecordError(
-            f"{path} lists no specimens under the columns specimen and file; write a header "
-            "line 'specimen,file,input,output' and a row for each"
-        )
-    found: dict[str, Specimen] = {}
-    for line, row in enumerate(rows, 2):
-        if not any(_cells(row)):
-            continue
-        one = _specimen(Path(path), line, row, input, output)
-        if one.name in found:
-            raise RecordError(f"line {line} of {path} names {one.name!r} again; give it once")
-        found[one.name] = one
-    return list(found.values())
-
-
-def _rows(text: str) -> list[dict[str | None, Any]]:
-    """Rows by their headers, which may be capitals."""
-    header = text.partition("\n")[0]
-    delimiter = max(",;\t", key=header.count)
-    reader: Any = csv.DictReader(
-        io.StringIO(text), strict=True, restval="", delimiter=delimiter, skipinitialspace=True
-    )
-    reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
-    return list(reader)
-
-
-def _cells(row: Mapping[str | None, Any]) -> list[str]:
-    """Texts of a row, those beyond the header too."""
-    beyond = row.get(None) or []
-    return [str(cell).strip() for cell in [*(v for k, v in row.items() if k), *beyond]]
-
-
-def _specimen(
-    path: Path, line: int, row: Mapping[str | None, Any], input: str | None, output: str | None
-) -> Specimen:
-    cells = {name: str(row.get(name) or "").strip() for name in COLUMNS}
-    columns = cells["input"] or input, cells["output"] or output
-    for what, value in zip(COLUMNS, (cells["specimen"], cells["file"], *columns), strict=True):
-        if not value:
-            raise RecordError(f"line {line} of {path} has no {what}; fill the column in")
-        if any(letter < " " or letter == "\x7f" for letter in value):
-            raise RecordError(
-                f"line {line} of {path} has the {what} {value[:60]!r}; leave out what cannot be "
-                "printed"
-            )
-    if any(cell.strip() for cell in row.get(None) or ()):
-        raise RecordError(f"line {line} of {path} has more cells than the header")
-    if columns[0] == columns[1]:
-        raise RecordError(
-            f"line {line} of {path} has {columns[0]!r} for input and output; give two columns"
-        )
-    return Specimen(
-        cells["specimen"], path.parent / cells["file"], str(columns[0]), str(columns[1])
-    )
 
 
 def identify_fleet(
@@ -249,8 +102,8 @@ def identify_fleet(
     _check(specimens, workers, options)
     if address is not None:
         _check_address(address)
-    place = _open_folder(Path(folder), specimens, options)
-    known = _kept(place, specimens)
+    place = open_folder(Path(folder), specimens, options)
+    known = kept(place, specimens)
     pending = [one for one in specimens if one.name not in known]
     done = len(known)
     for outcome in _outcomes(pending, place, workers, address, options):
@@ -259,7 +112,7 @@ def identify_fleet(
         if watch is not None:
             watch(done, len(specimens), outcome)
     summary = Summary([known[one.name] for one in specimens])
-    _write_summary(place, summary)
+    write_summary(place, summary)
     return summary
 
 
@@ -282,7 +135,7 @@ def identify_batch(
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "record.csv"
         found = [identify_one(data, one, options, path) for data, one in batch]
-    return found if place is None else _settle_all(place, [one for _, one in batch], found)
+    return found if place is None else settle_all(place, [one for _, one in batch], found)
 
 
 def identify_one(
@@ -299,7 +152,7 @@ def identify_one(
     try:
         data = specimen.read() if data is None else data
     except (OSError, ValueError) as error:
-        return {"error": _one_line(_unreadable(specimen, error))}
+        return {"error": one_line(_unreadable(specimen, error))}
     digest = hashlib.sha256(data).hexdigest()
     try:
         record = _record(data, specimen, scratch)
@@ -318,7 +171,7 @@ def identify_one(
         }
     except Exception as error:
         kind = "" if isinstance(error, MinorloopError) else f"{type(error).__name__}: "
-        return {"error": _one_line(f"{kind}{error}"), "sha256": digest}
+        return {"error": one_line(f"{kind}{error}"), "sha256": digest}
 
 
 def opening(model: Preisach) -> float:
@@ -351,7 +204,7 @@ def _outcomes(
             with one.open():
                 readable.append(one)
         except (OSError, ValueError) as error:
-            yield _fail(place, one, _unreadable(one, error))
+            yield fail(place, one, _unreadable(one, error))
     if readable:
         with _cluster(workers, address) as (client, as_completed):
             flow = _Flow(client, as_completed, place, options, shared=address is None)
@@ -407,7 +260,7 @@ class _Flow:
             try:
                 batch.append((None if self._shared else one.read(), one))
             except (OSError, ValueError) as error:
-                yield _fail(self._place, one, _unreadable(one, error))
+                yield fail(self._place, one, _unreadable(one, error))
         if batch:
             place = self._place.absolute() if self._shared else None
             future = self._client.submit(identify_batch, batch, self._options, place, pure=False)
@@ -419,12 +272,12 @@ class _Flow:
             found = future.result()
         except Exception as error:  # the worker died, again and again, or could not take the task
             if len(batch) == 1:
-                yield _fail(self._place, batch[0], f"no worker lived to the end: {error}")
+                yield fail(self._place, batch[0], f"no worker lived to the end: {error}")
                 return
             for one in batch:
                 yield from self._send([one])
             return
-        outcomes = found if self._shared else _settle_all(self._place, batch, found)
+        outcomes = found if self._shared else settle_all(self._place, batch, found)
         yield from outcomes
         slowest = max((one.seconds or 0.0 for one in outcomes), default=0.0)
         self._size = min(_MOST_EACH, max(1, round(_STINT / max(slowest, 1e-3))))
@@ -461,126 +314,6 @@ def _cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, An
         Client(cluster, set_as_default=False) as client,
     ):
         yield client, as_completed
-
-
-def _settle_all(
-    place: Path, batch: Sequence[Specimen], found: Sequence[Mapping[str, Any]]
-) -> list[Outcome]:
-    """Write down a batch. Each file is waited for until it is on the disk, all at once."""
-    with ThreadPoolExecutor(_MOST_EACH) as pool:
-        return list(pool.map(partial(_settle, place), batch, found))
-
-
-def _settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
-    """Write down what a worker found."""
-    digest = found.get("sha256")
-    if "error" in found:
-        return _fail(place, one, found["error"], digest)
-    model = found["model"]
-    low, high = map(float, model.range)
-    outcome = Outcome(
-        one.name,
-        nrmse=found["nrmse"],
-        low=low,
-        high=high,
-        opening=found["opening"],
-        samples=found["samples"],
-        seconds=found["seconds"],
-        sha256=digest,
-        **_origin(one),
-    )
-    try:
-        modelfile.save(
-            model,
-            place / "models" / f"{one.key}.json",
-            input=found["input"],
-            output=found["output"],
-            lag=found["lag"],
-            provenance={
-                "data": one.file.name,
-                "sha256": digest,
-                "scores": {"nrmse": found["nrmse"]},
-            },
-            force=True,
-        )
-    except ParameterError as error:
-        return _fail(place, one, str(error), digest)
-    _write_outcome(place, one, outcome)
-    return outcome
-
-
-def _fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:
-    outcome = Outcome(one.name, error=_one_line(reason), sha256=digest, **_origin(one))
-    _write_outcome(place, one, outcome)
-    return outcome
-
-
-def _origin(one: Specimen) -> dict[str, Any]:
-    return {"file": one.file.name, "input": one.input, "output": one.output}
-
-
-def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
-    text = json.dumps(outcome.plain(), indent=1)
-    write_atomically(place / "results" / f"{one.key}.json", text + "\n")
-
-
-def _kept(place: Path, specimens: Sequence[Specimen]) -> dict[str, Outcome]:
-    """Outcomes of an earlier start that still hold."""
-    kept = {}
-    for one in specimens:
-        try:
-            outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
-            digest = hashlib.sha256(one.read()).hexdigest()
-        except (OSError, ValueError, TypeError):
-            continue
-        model = place / "models" / f"{one.key}.json"
-        same = replace(outcome, specimen=one.name, sha256=digest, **_origin(one)) == outcome
-        if outcome.error is None and same and model.exists():
-            kept[one.name] = outcome
-    return kept
-
-
-def _open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:
-    content = {
-        "format": "minorloop fleet",
-        "version": 1,
-        "specimens": len(specimens),
-        "options": dict(options),
-    }
-    header = place / "fleet.json"
-    try:
-        if header.exists():
-            try:
-                found = json.loads(header.read_text())
-            except ValueError:
-                found = None
-            if not isinstance(found, dict) or found.get("format") != content["format"]:
-                raise OutputError(f"{header} is not of a fleet; give another folder")
-            if found.get("options") != json.loads(json.dumps(content["options"])):
-                raise OutputError(
-                    f"{place} holds a fleet identified with other options, {found.get('options')}; "
-                    "give the same options, or another folder"
-                )
-        elif place.exists() and any(place.iterdir()):
-            raise OutputError(f"the folder {place} is not empty; give a new or an empty one")
-        for folder in (place / "models", place / "results"):
-            folder.mkdir(parents=True, exist_ok=True)
-    except OutputError:
-        raise
-    except OSError as error:
-        raise OutputError(f"{place} cannot be used: {error.strerror or error}") from None
-    write_atomically(header, json.dumps(content, indent=1) + "\n")
-    return place
-
-
-def _write_summary(place: Path, summary: Summary) -> None:
-    write_atomically(place / "summary.json", json.dumps(summary.plain(), indent=1) + "\n")
-    text = io.StringIO()
-    columns = list(Outcome("").plain())
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(outcome.plain() for outcome in summary.outcomes)
-    write_atomically(place / "summary.csv", text.getvalue())
 
 
 def _check_address(address: str) -> None:
@@ -631,8 +364,3 @@ def _try_options(options: Mapping[str, Any]) -> None:
     coarse = 2 if options.get("prior") != "gaussian" or bands <= _FINE else bands
     u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
     identify(u, u + 0.1 * (np.arange(60) % 2), **{**options, "levels": coarse, "lag": 0})
-
-
-def _one_line(text: str) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 4]} ..."

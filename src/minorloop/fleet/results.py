@@ -1,0 +1,157 @@
+"""The folder of results of a fleet, in which what is known is never lost.
+
+It holds ``fleet.json`` (the options), ``models/NAME.json`` and ``results/NAME.json`` for each
+specimen, and ``summary.json`` and ``summary.csv`` at the end. Each is written whole or not at all
+as soon as it is known, so a fleet that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from minorloop import modelfile
+from minorloop.errors import OutputError, ParameterError
+from minorloop.files import write_atomically
+from minorloop.fleet.manifest import Specimen
+from minorloop.fleet.summary import Outcome, Summary
+
+AT_ONCE = 16
+_LONGEST = 400
+
+
+def settle_all(
+    place: Path, batch: Sequence[Specimen], found: Sequence[Mapping[str, Any]]
+) -> list[Outcome]:
+    """Write down a batch. Each file is waited for until it is on the disk, all at once."""
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return list(pool.map(partial(settle, place), batch, found))
+
+
+def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
+    """Write down what a worker found."""
+    digest = found.get("sha256")
+    if "error" in found:
+        return fail(place, one, found["error"], digest)
+    model = found["model"]
+    low, high = map(float, model.range)
+    outcome = Outcome(
+        one.name,
+        nrmse=found["nrmse"],
+        low=low,
+        high=high,
+        opening=found["opening"],
+        samples=found["samples"],
+        seconds=found["seconds"],
+        sha256=digest,
+        **_origin(one),
+    )
+    try:
+        modelfile.save(
+            model,
+            place / "models" / f"{one.key}.json",
+            input=found["input"],
+            output=found["output"],
+            lag=found["lag"],
+            provenance={
+                "data": one.file.name,
+                "sha256": digest,
+                "scores": {"nrmse": found["nrmse"]},
+            },
+            force=True,
+        )
+    except ParameterError as error:
+        return fail(place, one, str(error), digest)
+    _write_outcome(place, one, outcome)
+    return outcome
+
+
+def fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:
+    """Write down why a specimen has no model."""
+    outcome = Outcome(one.name, error=one_line(reason), sha256=digest, **_origin(one))
+    _write_outcome(place, one, outcome)
+    return outcome
+
+
+def _origin(one: Specimen) -> dict[str, Any]:
+    return {"file": one.file.name, "input": one.input, "output": one.output}
+
+
+def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
+    text = json.dumps(outcome.plain(), indent=1)
+    write_atomically(place / "results" / f"{one.key}.json", text + "\n")
+
+
+def kept(place: Path, specimens: Sequence[Specimen]) -> dict[str, Outcome]:
+    """Outcomes of an earlier start that still hold."""
+    found = {}
+    for one in specimens:
+        try:
+            outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
+            digest = hashlib.sha256(one.read()).hexdigest()
+        except (OSError, ValueError, TypeError):
+            continue
+        model = place / "models" / f"{one.key}.json"
+        same = replace(outcome, specimen=one.name, sha256=digest, **_origin(one)) == outcome
+        if outcome.error is None and same and model.exists():
+            found[one.name] = outcome
+    return found
+
+
+def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:
+    """Make the folder, or take up that of the same options again; gives where it is."""
+    content = {
+        "format": "minorloop fleet",
+        "version": 1,
+        "specimens": len(specimens),
+        "options": dict(options),
+    }
+    header = place / "fleet.json"
+    try:
+        if header.exists():
+            try:
+                found = json.loads(header.read_text())
+            except ValueError:
+                found = None
+            if not isinstance(found, dict) or found.get("format") != content["format"]:
+                raise OutputError(f"{header} is not of a fleet; give another folder")
+            if found.get("options") != json.loads(json.dumps(content["options"])):
+                raise OutputError(
+                    f"{place} holds a fleet identified with other options, {found.get('options')}; "
+                    "give the same options, or another folder"
+                )
+        elif place.exists() and any(place.iterdir()):
+            raise OutputError(f"the folder {place} is not empty; give a new or an empty one")
+        for folder in (place / "models", place / "results"):
+            folder.mkdir(parents=True, exist_ok=True)
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"{place} cannot be used: {error.strerror or error}") from None
+    write_atomically(header, json.dumps(content, indent=1) + "\n")
+    return place
+
+
+def write_summary(place: Path, summary: Summary) -> None:
+    """Write what became of all, as JSON and as a table."""
+    write_atomically(place / "summary.json", json.dumps(summary.plain(), indent=1) + "\n")
+    text = io.StringIO()
+    columns = list(Outcome("").plain())
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(outcome.plain() for outcome in summary.outcomes)
+    write_atomically(place / "summary.csv", text.getvalue())
+
+
+def one_line(text: str) -> str:
+    """The text in one line, shortened where it is long."""
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 4]} ..."
