@@ -5,20 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from minorloop import __version__
-from minorloop.arrays import FloatArray, check_option
-from minorloop.dynamics.cascade import Cascade, First
+from minorloop.arrays import check_option
+from minorloop.dynamics.cascade import First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export._plays import plays_parts
 from minorloop.export._relays import relay_parts
+from minorloop.export._selftest import examples, selftest, width_of
 from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
+from minorloop.export._templates import render
 from minorloop.files import PathLike, make_folder, write_atomically
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.memory import ROOM
@@ -30,13 +31,8 @@ __all__ = ["CSource", "export_c", "source"]
 
 LEAST_MEMORY = 6
 MOST_MEMORY = 10_000
-_VECTORS = 200
 _RESERVED = 40
 _MOST_LAG = 100_000
-_COARSEST = 0.01
-"""Share of the range that the last digit of an input may be worth."""
-_DIGITS = 8
-"""Last digits by which thresholds, inputs and what is made of them may be off together."""
 _OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel)
 
 
@@ -191,25 +187,28 @@ def source(
         state_bytes += numbers.size * (states + (context["linear"]["lag"] > 0))
     _check_bytes(table_bytes, state_bytes, largest)
     drop_error = context["swing"] / (memory - 3)
-    u, y, digit = _examples(operator, numbers, memory, linear, first)
+    u, y, digit = examples(operator, numbers, memory, linear, first)
     context |= {
         "single": f"{drop_error:.3g}",
         "sqrt": "sqrtf" if float32 else "sqrt",
         "memory": memory,
         "input_error": f"{digit:.2g}",
         "linear": context.get("linear"),
-        "about": _about(operator, linear, first),
+        "about": about(operator, linear, first),
         **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
     }
+    both_ways = inverse and linear is None and operator.range[0] < operator.range[1]
     files = {
-        f"{name}.h": _render("model.h", context),
-        f"{name}.c": _render("model.c", context),
-        f"{name}_selftest.c": _selftest(operator, context, numbers, linear, u, y, digit),
+        f"{name}.h": render("model.h", context),
+        f"{name}.c": render("model.c", context),
+        f"{name}_selftest.c": selftest(
+            context, numbers, u, y, width_of(operator, linear), both_ways, digit
+        ),
     }
     if firmware:
         low, high = map(float, operator.levels[[0, -1]])
         safe = numbers.one(min(max(0.0, low), high))
-        files[f"{name}_firmware.c"] = _render("firmware.c", {**context, "safe": safe})
+        files[f"{name}_firmware.c"] = render("firmware.c", {**context, "safe": safe})
     return CSource(files, table_bytes, state_bytes, memory, drop_error, digit)
 
 
@@ -231,9 +230,9 @@ def _other_source(
     y = model.simulate(u, parts.start)
     name = words["name"]
     files = {
-        f"{name}.h": _render(f"{parts.template}.h", context),
-        f"{name}.c": _render(f"{parts.template}.c", context),
-        f"{name}_selftest.c": _vectors(context, numbers, u, y, float(np.ptp(y)), inverse),
+        f"{name}.h": render(f"{parts.template}.h", context),
+        f"{name}.c": render(f"{parts.template}.c", context),
+        f"{name}_selftest.c": selftest(context, numbers, u, y, float(np.ptp(y)), inverse),
     }
     return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0, 0.0)
 
@@ -331,129 +330,10 @@ def _linear_context(
     return context, tables
 
 
-def _about(model: Preisach, linear: Linear | None, first: First) -> str:
+def about(model: Preisach, linear: Linear | None, first: First) -> str:
+    """Say in a comment what the model is."""
     parts = f"{model.bands} bands, {model.relay} relays, {model.diagonal} diagonal"
     if linear is None:
         return f"{parts}."
     order = "after" if first == "operator" else "before"
     return f"{parts}; a linear part of order {linear.order} {order} it."
-
-
-def _examples(
-    model: Preisach, numbers: Numbers, memory: int, linear: Linear | None, first: First
-) -> tuple[FloatArray, FloatArray, float]:
-    """Inputs as the C can have them, their outputs, and what the last digits of inputs are worth.
-
-    Raises
-    ------
-    ParameterError
-        If that is more than a share of the range that no one would accept.
-    """
-    typed = numbers.array(_inputs(model, memory))
-    ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
-    neighbours = np.nextafter(typed, ways.astype(typed.dtype)).astype(np.float64)
-    u = typed.astype(np.float64)
-    y, beside = (
-        model.simulate(x) if linear is None else _stepped(Cascade(model, linear, first), x)
-        for x in (u, neighbours)
-    )
-    digit = float(np.abs(beside - y).max()) / _width(model, linear)
-    if digit > _COARSEST:
-        raise ParameterError(
-            f"the last digit of a {numbers.type} near {np.abs(u).max():g} changes the output by "
-            f"{100 * digit:.2g} % of its range; "
-            + ("export doubles, or " if numbers.single else "")
-            + "identify against the input less its offset"
-        )
-    return u, y, digit
-
-
-def _width(model: Preisach, linear: Linear | None) -> float:
-    low, high = model.range
-    return (high - low) * (1.0 if linear is None else abs(linear.dc_gain)) or 1.0
-
-
-def _selftest(
-    model: Preisach,
-    context: dict[str, Any],
-    numbers: Numbers,
-    linear: Linear | None,
-    u: FloatArray,
-    y: FloatArray,
-    digit: float,
-) -> str:
-    both_ways = context["inverse"] and linear is None and model.range[0] < model.range[1]
-    return _vectors(context, numbers, u, y, _width(model, linear), both_ways, digit)
-
-
-def _vectors(
-    context: dict[str, Any],
-    numbers: Numbers,
-    u: FloatArray,
-    y: FloatArray,
-    width: float,
-    both_ways: bool,
-    digit: float = 0.0,
-) -> str:
-    """The self-test: what Python gave for these inputs, whose last digits are worth so much."""
-    width = width or 1.0
-    rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
-    scale = 1 + float(np.abs(y).max()) / width
-    tables = {
-        "inputs": numbers.table(u),
-        "outputs": numbers.table(y),
-        "targets": numbers.table(y[::-1]),
-    }
-    return _render(
-        "selftest.c",
-        {
-            **context,
-            "tables": tables,
-            "count": u.size,
-            "both_ways": both_ways,
-            "width": repr(width),
-            "tolerance": f"{max(1e-12, 300 * rounding) * scale + _DIGITS * digit:.3g}",
-        },
-    )
-
-
-def _inputs(model: Preisach, memory: int) -> FloatArray:
-    """Inputs over the whole plane whose histories a bounded memory holds."""
-    low, high = map(float, model.levels[[0, -1]])
-    rng, tracker, chosen = np.random.default_rng(0), model.track(), []
-    for share in rng.beta(0.7, 0.7, _VECTORS):
-        u = low + float(share) * (high - low)
-        for wanted in (u, high):
-            trial = tracker.copy()
-            trial.push(wanted)
-            if len(trial.memory) <= memory:  # the present input included
-                break
-        tracker.push(wanted)
-        chosen.append(wanted)
-    return np.array(chosen)
-
-
-def _stepped(cascade: Cascade, u: FloatArray) -> FloatArray:
-    """Outputs of a cascade from negative saturation."""
-    low = float(cascade.operator.levels[0])  # type: ignore[attr-defined]
-    before = low if cascade.first == "operator" else low / cascade.linear.dc_gain
-    state, y = cascade.begin(before), np.empty(u.size)
-    for k, sample in enumerate(u):
-        y[k], state = cascade.step(state, float(sample))
-    return y
-
-
-@cache
-def _environment() -> Any:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    return Environment(
-        loader=PackageLoader("minorloop.export"),
-        undefined=StrictUndefined,
-        autoescape=False,
-        keep_trailing_newline=True,
-    )
-
-
-def _render(template: str, context: dict[str, Any]) -> str:
-    return str(_environment().get_template(template).render(context))

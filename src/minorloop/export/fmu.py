@@ -21,7 +21,8 @@ from minorloop.arrays import as_finite
 from minorloop.dynamics.cascade import First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import OutputError, ParameterError
-from minorloop.export.c99 import _about, _render, source
+from minorloop.export._templates import render
+from minorloop.export.c99 import about, source
 from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.records import Quantity
 from minorloop.operators.memory import ROOM
@@ -112,10 +113,10 @@ def export_fmu(
     files = {file: text for file, text in code.files.items() if "_selftest" not in file}
     step = _interval(linear, interval)
     context = _context(model, files, named, linear, first, name, step)
-    files[f"{name}_fmi2.c"] = _render("fmi2.c", context)
+    files[f"{name}_fmi2.c"] = render("fmi2.c", context)
     system, suffix = _platform()
     binary = _compiled(files, name, suffix, compiler)
-    description = _render("modelDescription.xml", context)
+    description = render("modelDescription.xml", context)
     write_atomically(
         target,
         _archive(
@@ -161,7 +162,7 @@ def _context(
         "name": name,
         "guid": f"{{{digest.hexdigest()[:32]}}}",
         "version": __version__,
-        "about": escape(_about(model, linear, first)),
+        "about": escape(about(model, linear, first)),
         "input": words[0],
         "output": words[1],
         "units": sorted({word.unit for word in words} - {""}),
@@ -204,7 +205,7 @@ def _render_source() -> str:
         "guard": "X",
         "bands": 1,
     }
-    return _render("fmi2.c", {**blank, "prototypes": []})
+    return render("fmi2.c", {**blank, "prototypes": []})
 
 
 def _platform() -> tuple[str, str]:

@@ -1,0 +1,113 @@
+"""The generated self-test: inputs, what Python makes of them, and how near the C has to come."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.dynamics.cascade import Cascade, First
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError
+from minorloop.export._tables import Numbers
+from minorloop.export._templates import render
+from minorloop.operators.preisach import Preisach
+
+_VECTORS = 200
+_COARSEST = 0.01
+"""Share of the range that the last digit of an input may be worth."""
+_DIGITS = 8
+"""Last digits by which thresholds, inputs and what is made of them may be off together."""
+
+
+def examples(
+    model: Preisach, numbers: Numbers, memory: int, linear: Linear | None, first: First
+) -> tuple[FloatArray, FloatArray, float]:
+    """Inputs as the C can have them, their outputs, and what the last digits of inputs are worth.
+
+    Raises
+    ------
+    ParameterError
+        If that is more than a share of the range that no one would accept.
+    """
+    typed = numbers.array(_inputs(model, memory))
+    ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
+    neighbours = np.nextafter(typed, ways.astype(typed.dtype)).astype(np.float64)
+    u = typed.astype(np.float64)
+    y, beside = (
+        model.simulate(x) if linear is None else _stepped(Cascade(model, linear, first), x)
+        for x in (u, neighbours)
+    )
+    digit = float(np.abs(beside - y).max()) / width_of(model, linear)
+    if digit > _COARSEST:
+        raise ParameterError(
+            f"the last digit of a {numbers.type} near {np.abs(u).max():g} changes the output by "
+            f"{100 * digit:.2g} % of its range; "
+            + ("export doubles, or " if numbers.single else "")
+            + "identify against the input less its offset"
+        )
+    return u, y, digit
+
+
+def width_of(model: Preisach, linear: Linear | None) -> float:
+    """Range of the output, which errors are shares of."""
+    low, high = model.range
+    return (high - low) * (1.0 if linear is None else abs(linear.dc_gain)) or 1.0
+
+
+def selftest(
+    context: dict[str, Any],
+    numbers: Numbers,
+    u: FloatArray,
+    y: FloatArray,
+    width: float,
+    both_ways: bool,
+    digit: float = 0.0,
+) -> str:
+    """The self-test: what Python gave for these inputs, whose last digits are worth so much."""
+    width = width or 1.0
+    rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
+    scale = 1 + float(np.abs(y).max()) / width
+    tables = {
+        "inputs": numbers.table(u),
+        "outputs": numbers.table(y),
+        "targets": numbers.table(y[::-1]),
+    }
+    return render(
+        "selftest.c",
+        {
+            **context,
+            "tables": tables,
+            "count": u.size,
+            "both_ways": both_ways,
+            "width": repr(width),
+            "tolerance": f"{max(1e-12, 300 * rounding) * scale + _DIGITS * digit:.3g}",
+        },
+    )
+
+
+def _inputs(model: Preisach, memory: int) -> FloatArray:
+    """Inputs over the whole plane whose histories a bounded memory holds."""
+    low, high = map(float, model.levels[[0, -1]])
+    rng, tracker, chosen = np.random.default_rng(0), model.track(), []
+    for share in rng.beta(0.7, 0.7, _VECTORS):
+        u = low + float(share) * (high - low)
+        for wanted in (u, high):
+            trial = tracker.copy()
+            trial.push(wanted)
+            if len(trial.memory) <= memory:  # the present input included
+                break
+        tracker.push(wanted)
+        chosen.append(wanted)
+    return np.array(chosen)
+
+
+def _stepped(cascade: Cascade, u: FloatArray) -> FloatArray:
+    """Outputs of a cascade from negative saturation."""
+    low = float(cascade.operator.levels[0])  # type: ignore[attr-defined]
+    before = low if cascade.first == "operator" else low / cascade.linear.dc_gain
+    state, y = cascade.begin(before), np.empty(u.size)
+    for k, sample in enumerate(u):
+        y[k], state = cascade.step(state, float(sample))
+    return y
