@@ -40,10 +40,10 @@ def test_a_board_is_a_source_and_a_meter():
         (write(2, "SET", "0.25"), ok(2, "0.25")),
         (write(3, "GET"), ok(3, "1.5")),
         (write(4, "STEP", "0.5"), ok(4, "2")),
-        (write(5, "AIM", "2"), ok(5, "0.5")),
+        (write(5, "AIM", "2.0"), ok(5, "0.5")),
         (write(6, "SAFE"), ok(6)),
     )
-    assert (one.low, one.high) == (model.levels[0], model.levels[-1])
+    assert (one.low, one.high) == (-1.0, 1.0)
     one.set(0.25)
     assert (one.read(), one.step(0.5), one.aim(2.0)) == (1.5, 2.0, 0.5)
     one.safe()
