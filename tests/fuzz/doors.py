@@ -279,8 +279,9 @@ def _read_plan(path: Path, data: bytes) -> None:
 def _read_manifest(path: Path, data: bytes) -> None:
     specimens = read_manifest(path, input="u", output="y")
     rows = cells_of(data)
-    where = {header: k for k, header in enumerate(rows[0])}
-    names = [row[where["specimen"]].strip() for row in rows[1:] if any(row)]
+    where = {header.strip().lower(): k for k, header in enumerate(rows[0])}
+    filled = [row for row in rows[1:] if any(cell.strip() for cell in row)]
+    names = [row[where["specimen"]].strip() for row in filled]
     _expect([one.name for one in specimens] == names, f"specimens {names}")
     _expect(len({one.key for one in specimens}) == len(names), "files of results that coincide")
     for one in specimens:
