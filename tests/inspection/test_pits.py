@@ -106,11 +106,16 @@ def test_half_a_scan_is_kept_and_marked(bursts):
         {"trace": np.zeros((2, 2048))},
         {"angles": np.array([np.nan, 0.1])},
         {"noise": np.nan},
+        {"noise": 0.0},
+        {"noise": -1e-3},
+        {"sample_interval": np.nan},
+        {"sample_interval": 0.0},
     ],
 )
 def test_spoilt_bursts_are_left_out(bursts, spoilt):
     few = [replace(burst, **spoilt) for burst in bursts]
-    assert measure_pit(few[:15], EAR, CENTRE, 1.1e-3).verdict == "too few echoes"
+    alone = measure_pit(few[:15], EAR, CENTRE, 1.1e-3)
+    assert alone.verdict in ("too few echoes", "not a trace", "no angles", "frozen")
     found = measure_pit(few[:4] + bursts[4:], EAR, CENTRE, 1.1e-3)
     assert found.bursts == 32
     assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
@@ -118,9 +123,9 @@ def test_spoilt_bursts_are_left_out(bursts, spoilt):
 
 
 def test_traces_of_zeros_have_no_depth(bursts):
-    dead = [replace(burst, trace=np.zeros(2048), noise=0.0) for burst in bursts]
+    dead = [replace(burst, trace=np.zeros(2048)) for burst in bursts]
     found = measure_pit(dead, EAR, CENTRE, 1.1e-3)
-    assert found.verdict == "no coupling"
+    assert found.verdict == "frozen"
     assert np.isnan(found.depth)
 
 
@@ -137,6 +142,27 @@ def test_faulty_shots_end_in_a_verdict_and_no_depth():
         found = measure_pit([burst] * 36, EAR, CENTRE, 1.1e-3)
         assert np.isnan(found.depth)
         assert found.verdict in (verdict, "no coupling")
+
+
+def test_a_frozen_sonar_makes_no_pit_go_away(bursts):
+    stuck = bursts[:9] + [replace(bursts[8], angles=burst.angles) for burst in bursts[9:]]
+    found = measure_pit(stuck, EAR, CENTRE, 1.15e-3)
+    assert found.verdict == "frozen"
+    assert np.isnan(found.depth)
+
+
+@pytest.mark.parametrize("samples", [900, 1000, 1080, 1150, 1300])
+def test_traces_that_end_too_early_are_too_short(bursts, samples):
+    cut = [replace(burst, trace=burst.trace[:samples]) for burst in bursts]
+    found = measure_pit(cut, EAR, CENTRE, 1.15e-3)
+    assert found.verdict == "too short"
+    assert np.isnan(found.depth)
+    assert mean_depths(cut, EAR, Patch.around(*CENTRE, size=1e-3), found) is None
+
+
+def test_a_mouth_wider_than_the_raster_is_said(bursts):
+    found = measure_pit(bursts, EAR, CENTRE, 2.6e-3)
+    assert found.verdict == "raster too small"
 
 
 @pytest.mark.parametrize("diameter", [0.0, -1e-3, np.nan])

@@ -18,7 +18,7 @@ from minorloop.inspection.findings import Finding
 from minorloop.inspection.fusion import footprints_of
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEPTHS, usable
+from minorloop.inspection.pits import DEPTHS, covered, usable
 from minorloop.inspection.spectra import FAR, spectra_of
 from minorloop.inspection.unrolled import Patch
 
@@ -41,7 +41,8 @@ class CrackDepth:
     ----------
     verdict : str
         ``measured``; ``too narrow for a depth``; ``no floor heard`` (wide enough, but nothing
-        comes back from its floor, or not from one depth); ``too few echoes``; ``no coupling``.
+        comes back from its floor, or not from one depth); ``too few echoes``; ``too short``
+        (traces end before a floor would be heard); ``no coupling``.
     depth, depth_sd : float
         Mean over what the beams crossed, in metres; NaN where not measured.
     least_width : float
@@ -86,6 +87,8 @@ def crack_depth(
     good = usable(bursts)
     if len(good) < _FEWEST:
         return CrackDepth("too few echoes")
+    if not covered(good, ear):
+        return CrackDepth("too short")
     middle = _middle(good, ear, _dense(course, ear.radius))
     spectra = spectra_of(good, ear, middle)
     if spectra is None:
@@ -118,7 +121,7 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
     verdict = found.verdict
     if verdict == NARROW and np.isfinite(found.least_width):
         verdict += f" (under {1e3 * found.least_width:.2f} mm)"
-    place_sd, width_sd = 0.05e-3, max(0.25 * width, 0.03e-3)
+    place_sd, width_sd = 0.05e-3, max(0.5 * width, 0.05e-3)
     return Finding(
         "crack", verdict, phi, place_sd / radius, z, place_sd, width, width_sd, length,
         max(0.05 * length, 0.1e-3), found.depth, found.depth_sd,

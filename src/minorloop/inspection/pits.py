@@ -16,13 +16,14 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import CENTRE, PRIOR, JointFit, Solution
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.spectra import spectra_of
+from minorloop.inspection.spectra import LEAD, WINDOW, spectra_of
 
 DEPTHS: FloatArray = np.arange(0.08e-3, 1.25e-3, 0.01e-3)
 FEWEST = 16
 """Bursts without which no depth is given."""
 MEASURED = "measured"
-_FEWEST_INSIDE = 3
+FROZEN, SHORT, SMALL = "frozen", "too short", "raster too small"
+_FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
 _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _NOTICED, _HOPELESS = 0.05, 1.15
@@ -58,7 +59,9 @@ class PitDepth:
         flat one: the depth is a mean, with a wide band); ``disturbed`` (something beside the
         mouth, such as a bead, echoes too: the outline is the camera's, the band wide);
         ``ambiguous depth`` (another depth explains nearly as much); ``no pit`` (a plain wall
-        explains all); or why there is no depth: ``too few echoes``, ``no coupling``, and words of
+        explains all); or why there is no depth: ``too few echoes``, ``no coupling``, ``too short``
+        (traces end before a floor would be heard), ``raster too small`` (nothing of it falls on
+        the wall beside the mouth), ``frozen`` (the same trace again and again), and words of
         ``Burst``.
     phi, z : float
         Centre, in radians and metres.
@@ -188,20 +191,55 @@ def _measured(
 
 
 def usable(bursts: Sequence[Burst]) -> list[Burst]:
-    """Bursts that can be used together: heard, finite, and of one length and interval."""
-    good = [
-        burst
-        for burst in bursts
-        if not burst.verdict
-        and burst.trace.ndim == 1
-        and burst.trace.size > 0
-        and np.isfinite(burst.trace).all()
-        and np.isfinite(burst.angles).all()
-        and np.isfinite(burst.noise)
+    """Bursts that can be used together: heard, finite, new, and of one length and interval."""
+    return [burst for burst, reason in zip(bursts, _reasons(bursts), strict=True) if not reason]
+
+
+def _reasons(bursts: Sequence[Burst]) -> list[str]:
+    """Why each burst cannot be used, or nothing.
+
+    Without noise between its shots, or with the very trace of the one before, a burst was not
+    heard anew.
+    """
+    found = [_reason(burst) for burst in bursts]
+    for n in range(1, len(bursts)):
+        if not found[n] and np.array_equal(bursts[n].trace, bursts[n - 1].trace):
+            found[n] = FROZEN
+    kinds = [(burst.trace.size, burst.sample_interval) for burst in bursts]
+    told = [kind for kind, reason in zip(kinds, found, strict=True) if not reason]
+    usual = max(set(told), key=lambda kind: (told.count(kind), kind), default=None)
+    return [
+        reason or ("" if kind == usual else "not a trace")
+        for kind, reason in zip(kinds, found, strict=True)
     ]
-    kinds = [(burst.trace.size, burst.sample_interval) for burst in good]
-    usual = max(set(kinds), key=kinds.count, default=None)
-    return [burst for burst, kind in zip(good, kinds, strict=True) if kind == usual]
+
+
+def _reason(burst: Burst) -> str:
+    if burst.verdict:
+        return burst.verdict
+    trace, interval = burst.trace, burst.sample_interval
+    numbers = trace.ndim == 1 and trace.size > 0 and np.isfinite(trace).all()
+    if not (numbers and np.isfinite(interval) and interval > 0):
+        return "not a trace"
+    if not np.isfinite(burst.angles).all():
+        return "no angles"
+    if burst.noise == 0:
+        return FROZEN
+    return "" if 0 < burst.noise < np.inf else "not a trace"
+
+
+def covered(bursts: Sequence[Burst], ear: Ear) -> bool:
+    """Whether the traces of usable bursts are long enough for the wall and all that is under it."""
+    return all(burst.trace.size * burst.sample_interval >= end for burst, end in _ends(bursts, ear))
+
+
+def _ends(bursts: Sequence[Burst], ear: Ear) -> list[tuple[Burst, float]]:
+    """Bursts and when, in seconds, the last that a pit may send back is heard."""
+    if not bursts:
+        return []
+    spots = ear.spots(np.array([burst.angles for burst in bursts]))
+    latest = 2 * spots[:, 2] / ear.speed + WINDOW - LEAD
+    return [(burst, float(end)) for burst, end in zip(bursts, latest, strict=True)]
 
 
 def _too_little(
@@ -212,16 +250,20 @@ def _too_little(
     diameter: float,
 ) -> str:
     """Why these bursts hold no depth, or nothing."""
-    reasons = [burst.verdict for burst in bursts if burst.verdict]
+    reasons = [reason for reason in _reasons(bursts) if reason]
     if len(good) < FEWEST:
         many = len(reasons) > len(good)
         return max(set(reasons), key=reasons.count) if many else "too few echoes"
+    if not covered(good, ear):
+        return SHORT
     spots = ear.spots(np.array([burst.angles for burst in good]))
     around = ear.radius * ((spots[:, 0] - centre[0] + np.pi) % (2 * np.pi) - np.pi)
     off = np.hypot(around, spots[:, 1] - centre[1])
     inside = int((off < max(diameter / 2, 0.4e-3)).sum())
     outside = int((off > diameter / 2 + 0.2e-3).sum())
-    return "" if inside >= _FEWEST_INSIDE and outside >= 5 else "too few echoes"
+    if inside >= _FEWEST_INSIDE and outside < _FEWEST_OUTSIDE:
+        return SMALL
+    return "" if inside >= _FEWEST_INSIDE else "too few echoes"
 
 
 def _best(fit: JointFit, start: FloatArray) -> Solution:

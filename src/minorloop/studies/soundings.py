@@ -33,6 +33,8 @@ _FLOODED = -9.999e-3
 _ANGLE_NOISE = math.radians(0.05)
 _SWAY = (0.3, 0.23)  # Hz, of pan and tilt
 _SHOTS = 16
+_ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
+"""How far off the known mount is, in radians and metres."""
 
 
 @dataclass(eq=False)
@@ -133,6 +135,11 @@ def draw_sounding(
         _Z + float(rng.normal(0, 0.035e-3)),
     )
     seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
+    # The camera rides on the same mount: what it saw is off by as much as the mount is.
+    turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
+    known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
+    centre = (centre[0] + turned, centre[1] + moved)
+    ear = replace(ear, mount=known)
     return Sounding(sonar, ear, centre, seen, pit, kind == "dry", rng)
 
 
