@@ -35,7 +35,7 @@ _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _NOTICED, _HOPELESS, _NOTICEABLE = 0.05, 1.15, 3.0
 """How much better than a plain wall a pit must explain the traces; how much worse, before any
-fit, that none is tried; and how many times the first a mouth should take, to say it is not there."""
+fit, that none is tried; and how many times the first a mouth must take, for it to be missed."""
 _RIVAL, _AMBIGUOUS = 0.8, 0.87
 """Share of what the best depth explains beyond a plain wall from which on another depth is tried
 too, and from which on neither can be told."""
@@ -67,14 +67,13 @@ class PitDepth:
         ``measured``; ``deeper than 1.25 mm`` (a floor is heard where depths are no longer
         measured); ``through-hole`` (no floor is heard down to the thickness of the wall);
         ``no floor heard`` (nor would one be, for noise or because traces end too early);
-        ``uneven floor`` (heard, but not as a
-        flat one: the depth is a mean, with a wide band); ``disturbed`` (something beside the
-        mouth, such as a bead, echoes too: the outline is the camera's, the band wide);
-        ``ambiguous depth`` (another depth explains nearly as much); ``no pit`` (a plain wall
-        explains all); or why there is no depth: ``too faint`` (noise would hide a pit), ``too few echoes``, ``no coupling``, ``too short``
-        (traces end before a floor would be heard), ``raster too small`` (nothing of it falls on
-        the wall beside the mouth), ``frozen`` (the same trace again and again), and words of
-        ``Burst``.
+        ``uneven floor`` (heard, but not as a flat one: the depth is a mean, with a wide band);
+        ``disturbed`` (something beside the mouth, such as a bead, echoes too: the outline is the
+        camera's, the band wide); ``ambiguous depth`` (another depth explains nearly as much);
+        ``no pit`` (a plain wall explains all); or why there is no depth: ``too faint`` (noise
+        would hide a pit), ``too few echoes``, ``no coupling``, ``too short`` (traces end before a
+        floor would be heard), ``raster too small`` (nothing of it falls on the wall beside the
+        mouth), ``frozen`` (the same trace again and again), and words of ``Burst``.
     phi, z : float
         Centre, in radians and metres.
     diameter, depth : float
@@ -324,11 +323,16 @@ def _surest(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
 
 def _with_slips(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
     """The best of a solution and of those some half waves off, and whether noise could swap two."""
+    if best.unknowns[4] < _FAINT:
+        return best, False
     costs = fit.sweep(best.unknowns, DEPTHS)
-    found = [best]
-    for n in _lowest(costs):
-        if abs(DEPTHS[n] - best.unknowns[3]) > _APART and costs[n] < best.cost + 3 * _TOLD_APART:
-            found.append(fit.solve(_at_depth(best.unknowns, float(DEPTHS[n])), rounds=4))
+    near = [
+        float(DEPTHS[n])
+        for n in _lowest(costs)
+        if abs(DEPTHS[n] - best.unknowns[3]) > _APART and costs[n] < best.cost + 3 * _TOLD_APART
+    ]
+    starts = [_at_depth(best.unknowns, depth) for depth in near[:_STARTS]]
+    found = [best, *(fit.solve(start, rounds=4) for start in starts)]
     least = min(found, key=lambda solution: solution.cost)
     others = [one.cost for one in found if abs(one.unknowns[3] - least.unknowns[3]) > _APART]
     return least, min(others, default=np.inf) < least.cost + _TOLD_APART
