@@ -27,7 +27,8 @@ def heard(truth, sd=10e-6):
 def test_the_floor_and_the_wall_are_where_they_should_be():
     wall = fuse(PIT, heard(TRUTH), PATCH)
     assert wall.depth[OFF < 0.35e-3] == pytest.approx(0.5e-3, abs=20e-6)
-    assert wall.depth[OFF > 0.75e-3] == pytest.approx(0.0, abs=5e-6)
+    assert (np.abs(wall.depth) < 3 * wall.sd)[OFF > 0.75e-3].all()
+    assert np.abs(wall.depth[OFF > 0.75e-3]).max() < 30e-6
     assert (wall.source[OFF < 0.8e-3] == BOTH).all()
 
 
