@@ -54,10 +54,37 @@ def test_the_depth_is_measured_to_20_micrometres(found):
     assert 0 < found.depth_sd < 20e-6
 
 
-def test_a_hole_is_told_from_a_pit():
-    found = measure_pit(scan((replace(TRUE, depth=np.inf),), 2), EAR, CENTRE, 1.1e-3)
+@pytest.fixture(scope="module")
+def through():
+    return scan((replace(TRUE, depth=np.inf),), 2)
+
+
+def test_a_hole_is_told_from_a_pit(through):
+    found = measure_pit(through, EAR, CENTRE, 1.1e-3)
     assert found.verdict == "through-hole"
     assert np.isnan(found.depth)
+
+
+def test_a_floor_deeper_than_is_measured_is_no_hole_and_has_no_depth():
+    deep = replace(TRUE, depth=1.6e-3, floor_tilt=(0.02, 0.01))
+    found = measure_pit(scan((deep,), 6), EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "deeper than 1.25 mm"
+    assert np.isnan(found.depth)
+
+
+def test_without_the_end_of_the_traces_a_hole_is_not_told(through):
+    cut = [replace(burst, trace=burst.trace[:1420]) for burst in through]
+    assert measure_pit(cut, EAR, CENTRE, 1.1e-3).verdict == "no floor heard"
+
+
+def test_loud_noise_leaves_a_depth_open(bursts):
+    rng = np.random.default_rng(8)
+    loud = [
+        replace(burst, trace=burst.trace + rng.normal(0, 0.2, 2048), noise=0.2) for burst in bursts
+    ]
+    found = measure_pit(loud, EAR, CENTRE, 1.1e-3)
+    assert not found.measured
+    assert found.verdict not in ("no pit", "through-hole")
 
 
 def test_a_mark_that_is_not_a_pit_has_no_depth():
