@@ -11,7 +11,9 @@ from minorloop.inspection.echoes import average
 from minorloop.inspection.field import Ear
 from minorloop.inspection.findings import finding_of
 from minorloop.inspection.fusion import mean_depths
-from minorloop.inspection.pits import measure_pit, raster, same_place
+from minorloop.inspection.jointfit import CENTRE as CENTRE_UNKNOWNS
+from minorloop.inspection.jointfit import Solution
+from minorloop.inspection.pits import DEPTHS, _with_slips, measure_pit, raster, same_place
 from minorloop.inspection.unrolled import Patch
 from minorloop.lab.actuator import Shot
 from minorloop.twins.pipe import Bore, Pipe
@@ -77,14 +79,27 @@ def test_without_the_end_of_the_traces_a_hole_is_not_told(through):
     assert measure_pit(cut, EAR, CENTRE, 1.1e-3).verdict == "no floor heard"
 
 
-def test_loud_noise_leaves_a_depth_open(bursts):
-    rng = np.random.default_rng(8)
-    loud = [
-        replace(burst, trace=burst.trace + rng.normal(0, 0.2, 2048), noise=0.2) for burst in bursts
-    ]
-    found = measure_pit(loud, EAR, CENTRE, 1.1e-3)
-    assert not found.measured
-    assert found.verdict not in ("no pit", "through-hole")
+class TwoDips:
+    """A fit whose cost has a dip at 0.6 mm and another half a wave off."""
+
+    def __init__(self, gap):
+        self.costs = np.full(DEPTHS.size, 1e3)
+        self.costs[np.argmin(np.abs(DEPTHS - 0.6e-3))] = 0.0
+        self.costs[np.argmin(np.abs(DEPTHS - 0.66e-3))] = gap
+
+    def sweep(self, unknowns, depths):
+        return self.costs
+
+    def solve(self, start, rounds):
+        return Solution(start, float(np.interp(start[3], DEPTHS, self.costs)))
+
+
+@pytest.mark.parametrize(("gap", "ambiguous"), [(12.0, True), (-12.0, True), (45.0, False)])
+def test_two_depths_that_noise_could_swap_are_ambiguous(gap, ambiguous):
+    start = CENTRE_UNKNOWNS.copy()
+    best, unsure = _with_slips(TwoDips(gap), Solution(start, 0.0))
+    assert unsure == ambiguous
+    assert best.cost == pytest.approx(min(0.0, gap), abs=1e-6)
 
 
 def test_a_mark_that_is_not_a_pit_has_no_depth():

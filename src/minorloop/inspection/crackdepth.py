@@ -18,9 +18,10 @@ from minorloop.inspection.findings import Finding
 from minorloop.inspection.fusion import footprints_of
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEEPER, DEEPEST, covered, usable
+from minorloop.inspection.pits import DEEPER, DEEPEST
 from minorloop.inspection.spectra import FAR, spectra_of
 from minorloop.inspection.unrolled import Patch
+from minorloop.inspection.usable import covered, usable
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
 _FEWEST, _REACH = 12, 2.4e-3

@@ -17,9 +17,10 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEPTHS, PitDepth, covered, usable
+from minorloop.inspection.pits import DEPTHS, PitDepth
 from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.unrolled import CAMERA, SONAR, UNSEEN, Patch, WallMap
+from minorloop.inspection.usable import covered, usable
 
 SHARE_ERROR = 0.08
 """Standard deviation of what a two-echo share misses of the waves in a pit, as a share of depth."""

@@ -18,7 +18,8 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import CENTRE, PRIOR, JointFit, Solution
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.spectra import LEAD, WINDOW, spectra_of
+from minorloop.inspection.spectra import spectra_of
+from minorloop.inspection.usable import covered, reasons_of, usable
 
 DEPTHS: FloatArray = np.arange(0.08e-3, 1.25e-3, 0.01e-3)
 FEWEST = 16
@@ -29,7 +30,7 @@ MEASURED, HOLE = "measured", "through-hole"
 DEEPER, SILENT = "deeper than 1.25 mm", "no floor heard"
 NO_PIT, FAINT = "no pit", "too faint"
 _NEAR_DEEPEST = 1e-3
-FROZEN, SHORT, SMALL = "frozen", "too short", "raster too small"
+SHORT, SMALL = "too short", "raster too small"
 _FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
 _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
@@ -201,58 +202,6 @@ def _measured(
     return _judged(fit, *_surest(fit, _best(fit, start)), good)
 
 
-def usable(bursts: Sequence[Burst]) -> list[Burst]:
-    """Bursts that can be used together: heard, finite, new, and of one length and interval."""
-    return [burst for burst, reason in zip(bursts, _reasons(bursts), strict=True) if not reason]
-
-
-def _reasons(bursts: Sequence[Burst]) -> list[str]:
-    """Why each burst cannot be used, or nothing.
-
-    Without noise between its shots, or with the very trace of the one before, a burst was not
-    heard anew.
-    """
-    found = [_reason(burst) for burst in bursts]
-    for n in range(1, len(bursts)):
-        if not found[n] and np.array_equal(bursts[n].trace, bursts[n - 1].trace):
-            found[n] = FROZEN
-    kinds = [(burst.trace.size, burst.sample_interval) for burst in bursts]
-    told = [kind for kind, reason in zip(kinds, found, strict=True) if not reason]
-    usual = max(set(told), key=lambda kind: (told.count(kind), kind), default=None)
-    return [
-        reason or ("" if kind == usual else "not a trace")
-        for kind, reason in zip(kinds, found, strict=True)
-    ]
-
-
-def _reason(burst: Burst) -> str:
-    if burst.verdict:
-        return burst.verdict
-    trace, interval = burst.trace, burst.sample_interval
-    numbers = trace.ndim == 1 and trace.size > 0 and np.isfinite(trace).all()
-    if not (numbers and np.isfinite(interval) and interval > 0):
-        return "not a trace"
-    if not np.isfinite(burst.angles).all():
-        return "no angles"
-    if burst.noise == 0:
-        return FROZEN
-    return "" if 0 < burst.noise < np.inf else "not a trace"
-
-
-def covered(bursts: Sequence[Burst], ear: Ear) -> bool:
-    """Whether the traces of usable bursts are long enough for the wall and all that is under it."""
-    return all(burst.trace.size * burst.sample_interval >= end for burst, end in _ends(bursts, ear))
-
-
-def _ends(bursts: Sequence[Burst], ear: Ear) -> list[tuple[Burst, float]]:
-    """Bursts and when, in seconds, the last that a pit may send back is heard."""
-    if not bursts:
-        return []
-    spots = ear.spots(np.array([burst.angles for burst in bursts]))
-    latest = 2 * spots[:, 2] / ear.speed + WINDOW - LEAD
-    return [(burst, float(end)) for burst, end in zip(bursts, latest, strict=True)]
-
-
 def _too_little(
     bursts: Sequence[Burst],
     good: Sequence[Burst],
@@ -261,7 +210,7 @@ def _too_little(
     diameter: float,
 ) -> str:
     """Why these bursts hold no depth, or nothing."""
-    reasons = [reason for reason in _reasons(bursts) if reason]
+    reasons = [reason for reason in reasons_of(bursts) if reason]
     if len(good) < FEWEST:
         many = len(reasons) > len(good)
         return max(set(reasons), key=reasons.count) if many else "too few echoes"

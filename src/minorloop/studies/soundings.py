@@ -84,7 +84,8 @@ class Sounding:
         """
         off = np.linalg.norm(patch.off(*self.centre), axis=-1)
         dark = 1 / (1 + np.exp(np.clip((off - self.diameter / 2) / _EDGE, -30.0, 30.0)))
-        return _DARK * dark + _SHADE_NOISE * self.rng.standard_normal(off.shape)
+        shade: FloatArray = _DARK * dark + _SHADE_NOISE * self.rng.standard_normal(off.shape)
+        return shade
 
 
 def draw_sounding(
