@@ -49,6 +49,17 @@ def test_a_hole_is_cut_out():
     assert not np.isin(faces_of(HOLE), inside).any()
 
 
+def test_what_nobody_knows_is_cut_out():
+    unknown = replace(PIT, depth=np.where(OFF > 1e-3, np.nan, PIT.depth))
+    assert not np.isin(faces_of(unknown), np.flatnonzero(np.isnan(unknown.depth))).any()
+
+
+def test_a_ply_says_its_unit(tmp_path):
+    pytest.importorskip("trimesh")
+    head = save_mesh(PIT, tmp_path / "wall.ply").read_bytes()[:400]
+    assert b"comment units: metres" in head
+
+
 def test_depth_is_red():
     colours = colours_of(PIT)
     assert colours.shape == (*OFF.shape, 4)

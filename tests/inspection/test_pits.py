@@ -11,7 +11,9 @@ from minorloop.inspection.echoes import average
 from minorloop.inspection.field import Ear
 from minorloop.inspection.findings import finding_of
 from minorloop.inspection.fusion import mean_depths
-from minorloop.inspection.pits import measure_pit, raster, same_place
+from minorloop.inspection.jointfit import CENTRE as CENTRE_UNKNOWNS
+from minorloop.inspection.jointfit import Solution
+from minorloop.inspection.pits import DEPTHS, _with_slips, measure_pit, raster, same_place
 from minorloop.inspection.unrolled import Patch
 from minorloop.lab.actuator import Shot
 from minorloop.twins.pipe import Bore, Pipe
@@ -54,10 +56,50 @@ def test_the_depth_is_measured_to_20_micrometres(found):
     assert 0 < found.depth_sd < 20e-6
 
 
-def test_a_hole_is_told_from_a_pit():
-    found = measure_pit(scan((replace(TRUE, depth=np.inf),), 2), EAR, CENTRE, 1.1e-3)
+@pytest.fixture(scope="module")
+def through():
+    return scan((replace(TRUE, depth=np.inf),), 2)
+
+
+def test_a_hole_is_told_from_a_pit(through):
+    found = measure_pit(through, EAR, CENTRE, 1.1e-3)
     assert found.verdict == "through-hole"
     assert np.isnan(found.depth)
+
+
+def test_a_floor_deeper_than_is_measured_is_no_hole_and_has_no_depth():
+    deep = replace(TRUE, depth=1.6e-3, floor_tilt=(0.02, 0.01))
+    found = measure_pit(scan((deep,), 6), EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "deeper than 1.25 mm"
+    assert np.isnan(found.depth)
+
+
+def test_without_the_end_of_the_traces_a_hole_is_not_told(through):
+    cut = [replace(burst, trace=burst.trace[:1420]) for burst in through]
+    assert measure_pit(cut, EAR, CENTRE, 1.1e-3).verdict == "no floor heard"
+
+
+class TwoDips:
+    """A fit whose cost has a dip at 0.6 mm and another half a wave off."""
+
+    def __init__(self, gap):
+        self.costs = np.full(DEPTHS.size, 1e3)
+        self.costs[np.argmin(np.abs(DEPTHS - 0.6e-3))] = 0.0
+        self.costs[np.argmin(np.abs(DEPTHS - 0.66e-3))] = gap
+
+    def sweep(self, unknowns, depths):
+        return self.costs
+
+    def solve(self, start, rounds):
+        return Solution(start, float(np.interp(start[3], DEPTHS, self.costs)))
+
+
+@pytest.mark.parametrize(("gap", "ambiguous"), [(12.0, True), (-12.0, True), (45.0, False)])
+def test_two_depths_that_noise_could_swap_are_ambiguous(gap, ambiguous):
+    start = CENTRE_UNKNOWNS.copy()
+    best, unsure = _with_slips(TwoDips(gap), Solution(start, 0.0))
+    assert unsure == ambiguous
+    assert best.cost == pytest.approx(min(0.0, gap), abs=1e-6)
 
 
 def test_a_mark_that_is_not_a_pit_has_no_depth():
@@ -106,11 +148,16 @@ def test_half_a_scan_is_kept_and_marked(bursts):
         {"trace": np.zeros((2, 2048))},
         {"angles": np.array([np.nan, 0.1])},
         {"noise": np.nan},
+        {"noise": 0.0},
+        {"noise": -1e-3},
+        {"sample_interval": np.nan},
+        {"sample_interval": 0.0},
     ],
 )
 def test_spoilt_bursts_are_left_out(bursts, spoilt):
     few = [replace(burst, **spoilt) for burst in bursts]
-    assert measure_pit(few[:15], EAR, CENTRE, 1.1e-3).verdict == "too few echoes"
+    alone = measure_pit(few[:15], EAR, CENTRE, 1.1e-3)
+    assert alone.verdict in ("too few echoes", "not a trace", "no angles", "frozen")
     found = measure_pit(few[:4] + bursts[4:], EAR, CENTRE, 1.1e-3)
     assert found.bursts == 32
     assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
@@ -118,9 +165,9 @@ def test_spoilt_bursts_are_left_out(bursts, spoilt):
 
 
 def test_traces_of_zeros_have_no_depth(bursts):
-    dead = [replace(burst, trace=np.zeros(2048), noise=0.0) for burst in bursts]
+    dead = [replace(burst, trace=np.zeros(2048)) for burst in bursts]
     found = measure_pit(dead, EAR, CENTRE, 1.1e-3)
-    assert found.verdict == "no coupling"
+    assert found.verdict == "frozen"
     assert np.isnan(found.depth)
 
 
@@ -137,6 +184,27 @@ def test_faulty_shots_end_in_a_verdict_and_no_depth():
         found = measure_pit([burst] * 36, EAR, CENTRE, 1.1e-3)
         assert np.isnan(found.depth)
         assert found.verdict in (verdict, "no coupling")
+
+
+def test_a_frozen_sonar_makes_no_pit_go_away(bursts):
+    stuck = bursts[:9] + [replace(bursts[8], angles=burst.angles) for burst in bursts[9:]]
+    found = measure_pit(stuck, EAR, CENTRE, 1.15e-3)
+    assert found.verdict == "frozen"
+    assert np.isnan(found.depth)
+
+
+@pytest.mark.parametrize("samples", [900, 1000, 1080, 1150, 1300])
+def test_traces_that_end_too_early_are_too_short(bursts, samples):
+    cut = [replace(burst, trace=burst.trace[:samples]) for burst in bursts]
+    found = measure_pit(cut, EAR, CENTRE, 1.15e-3)
+    assert found.verdict == "too short"
+    assert np.isnan(found.depth)
+    assert mean_depths(cut, EAR, Patch.around(*CENTRE, size=1e-3), found) is None
+
+
+def test_a_mouth_wider_than_the_raster_is_said(bursts):
+    found = measure_pit(bursts, EAR, CENTRE, 2.6e-3)
+    assert found.verdict == "raster too small"
 
 
 @pytest.mark.parametrize("diameter", [0.0, -1e-3, np.nan])

@@ -80,3 +80,21 @@ def test_what_is_drawn_depends_on_the_seed_alone():
     assert (first.sonar.shot().trace == again.sonar.shot().trace).all()
     with pytest.raises(ParameterError, match="kind"):
         draw_sounding(1, kind="crater")
+
+
+def test_the_mount_and_the_camera_are_off_together():
+    place = draw_sounding(3)
+    turned, moved = place.strayed
+    assert turned != 0
+    assert moved != 0
+    assert place.ear.mount.advance != 20e-3
+    assert abs(place.centre[1] - moved - place.truth.z) < 4 * 0.035e-3
+
+
+def test_the_map_is_guided_by_a_picture():
+    place = draw_sounding(3)
+    patch = Patch.around(*place.centre, size=2.4e-3)
+    off = np.linalg.norm(patch.off(*place.centre), axis=-1)
+    shade = place.picture(patch)
+    assert shade[off < 0.3 * place.diameter].mean() < -1
+    assert abs(shade[off > 0.8 * place.diameter].mean()) < 0.05

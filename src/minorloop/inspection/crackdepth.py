@@ -18,9 +18,10 @@ from minorloop.inspection.findings import Finding
 from minorloop.inspection.fusion import footprints_of
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEPTHS, usable
+from minorloop.inspection.pits import DEEPER, DEEPEST
 from minorloop.inspection.spectra import FAR, spectra_of
 from minorloop.inspection.unrolled import Patch
+from minorloop.inspection.usable import covered, usable
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
 _FEWEST, _REACH = 12, 2.4e-3
@@ -30,7 +31,9 @@ _ENOUGH = 60.0
 _SURE = 20.0
 """How much the cost must gain by a floor, and how much by the best depth over any other."""
 _APART = 0.03e-3
-_UNMODELLED = 8e-6
+_UNMODELLED = 12e-6
+"""What waves between the flanks do to a depth, as scans of the twin show."""
+_DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
 
 
 @dataclass(frozen=True)
@@ -40,8 +43,10 @@ class CrackDepth:
     Parameters
     ----------
     verdict : str
-        ``measured``; ``too narrow for a depth``; ``no floor heard`` (wide enough, but nothing
-        comes back from its floor, or not from one depth); ``too few echoes``; ``no coupling``.
+        ``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor heard``
+        (wide enough, but nothing comes back from its floor, or not from one depth);
+        ``too few echoes``; ``too short`` (traces end before a floor would be heard);
+        ``no coupling``.
     depth, depth_sd : float
         Mean over what the beams crossed, in metres; NaN where not measured.
     least_width : float
@@ -86,6 +91,8 @@ def crack_depth(
     good = usable(bursts)
     if len(good) < _FEWEST:
         return CrackDepth("too few echoes")
+    if not covered(good, ear):
+        return CrackDepth("too short")
     middle = _middle(good, ear, _dense(course, ear.radius))
     spectra = spectra_of(good, ear, middle)
     if spectra is None:
@@ -118,7 +125,7 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
     verdict = found.verdict
     if verdict == NARROW and np.isfinite(found.least_width):
         verdict += f" (under {1e3 * found.least_width:.2f} mm)"
-    place_sd, width_sd = 0.05e-3, max(0.25 * width, 0.03e-3)
+    place_sd, width_sd = 0.05e-3, max(0.5 * width, 0.05e-3)
     return Finding(
         "crack", verdict, phi, place_sd / radius, z, place_sd, width, width_sd, length,
         max(0.05 * length, 0.1e-3), found.depth, found.depth_sd,
@@ -165,17 +172,19 @@ def _told(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
         return CrackDepth(NARROW, least_width=least)
     k, plain = fit.model.sound.wavenumbers, fit.model.plain
     costs = np.array(
-        [fit.cost_of(plain * (1 + share[:, None] * (np.exp(2j * k * d) - 1))) for d in DEPTHS]
+        [fit.cost_of(plain * (1 + share[:, None] * (np.exp(2j * k * d) - 1))) for d in _DEPTHS]
     )
     best = int(np.argmin(costs))
-    others = costs[np.abs(DEPTHS - DEPTHS[best]) > _APART]
+    others = costs[np.abs(_DEPTHS - _DEPTHS[best]) > _APART]
     without = min(fit.cost_of(plain), fit.cost_of(plain * (1 - share[:, None])))
-    if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(DEPTHS) - 1):
+    if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(_DEPTHS) - 1):
         return CrackDepth(SILENT, least_width=least)
+    if _DEPTHS[best] > DEEPEST:
+        return CrackDepth(DEEPER, least_width=least)
     before, here, after = costs[best - 1 : best + 2]
-    step = float(DEPTHS[1] - DEPTHS[0])
+    step = float(_DEPTHS[1] - _DEPTHS[0])
     bend = max(before - 2 * here + after, 1e-9)
-    depth = float(DEPTHS[best] + 0.5 * step * (before - after) / bend)
+    depth = float(_DEPTHS[best] + 0.5 * step * (before - after) / bend)
     return CrackDepth(
         MEASURED, depth, float(np.hypot(2 * step / np.sqrt(bend), _UNMODELLED)), least
     )

@@ -97,12 +97,15 @@ def fault_of(shot: Shot, full_scale: float = 1.0) -> str:
     Returns
     -------
     str
-        ``"not a trace"`` (wrong shape, too short, or not finite), ``"dropout"`` (flat where
-        noise should be), ``"clipped"`` (at full scale after the dead time), or ``""``.
+        ``"not a trace"`` (wrong shape, too short, not real numbers, not finite, or without a
+        positive sample interval), ``"dropout"`` (flat where noise should be), ``"clipped"`` (at
+        full scale after the dead time), or ``""``.
     """
-    trace = np.asarray(shot.trace)
-    dead = int(DEAD_TIME / shot.sample_interval) if shot.sample_interval > 0 else trace.size
-    if trace.ndim != 1 or trace.size < dead + 200 or not np.isfinite(trace).all():
+    trace = _numbers(shot.trace)
+    if trace is None or not _positive(shot.sample_interval):
+        return "not a trace"
+    dead = int(min(DEAD_TIME / shot.sample_interval, trace.size))
+    if trace.size < dead + 200:
         return "not a trace"
     heard = trace[dead:]
     # A stretch of 1 us without the least noise was not measured.
@@ -111,6 +114,22 @@ def fault_of(shot: Shot, full_scale: float = 1.0) -> str:
     if (np.ptp(whole, axis=1) == 0).any() and (np.ptp(heard) == 0 or heard.std() > 2e-3):
         return "dropout"
     return "clipped" if np.abs(heard).max() >= _CLIPPED * full_scale else ""
+
+
+def _positive(value: object) -> bool:
+    """Whether something is a finite number above 0."""
+    return isinstance(value, (int, float, np.number)) and 0 < float(value) < np.inf
+
+
+def _numbers(values: object) -> FloatArray | None:
+    """Something as (T,) finite samples, or None where it is not such."""
+    try:
+        found = np.asarray(values)
+    except ValueError:
+        return None
+    if found.dtype.kind not in "iuf" or found.ndim != 1 or not np.isfinite(found).all():
+        return None
+    return found.astype(np.float64)
 
 
 def matched(trace: npt.ArrayLike, interval: float, pulse: Pulse) -> npt.NDArray[np.complex128]:
@@ -234,9 +253,12 @@ def front_echo(
     Returns
     -------
     Echo
-        ``NO_ECHO`` where there is none, or the trace is unusable.
+        ``NO_ECHO`` where there is none, the trace is unusable, or distance or speed is not a
+        positive number.
     """
     if fault_of(shot) in ("not a trace", "dropout"):
+        return NO_ECHO
+    if not (_positive(distance) and _positive(speed)):
         return NO_ECHO
     gate = (2 * (distance - slack) / speed, 2 * (distance + slack) / speed)
     echoes = find_echoes(shot.trace, shot.sample_interval, pulse, gate=gate)
@@ -329,6 +351,10 @@ def average(
 
     Notes
     -----
+    A shot equal to the one before it to the last sample is of a sonar that repeats itself; both
+    are ``frozen``, since nobody can tell whether the first was new. Of shots of several lengths
+    or sample intervals, those of the most frequent kind are used.
+
     Shots whose distance from the median of all is more than three times the usual are left out
     too; the mean of the others is that of Huber for what is not noise but accident.
     """
@@ -337,17 +363,19 @@ def average(
     if not len(shots) == len(places) == far.size:
         raise SignalError(f"{len(shots)} shots, {len(places)} angles and {far.size} distances")
     faults = [fault_of(shot, full_scale) for shot in shots]
+    faults = _with_frozen(shots, faults)
     with np.errstate(invalid="ignore"):
         tracked = far <= most_off
-    lengths = {len(shot.trace) for shot, fault in zip(shots, faults, strict=True) if not fault}
-    usual = max(lengths, default=0)
+    kinds = [
+        (len(shot.trace), float(shot.sample_interval)) if not fault else None
+        for shot, fault in zip(shots, faults, strict=True)
+    ]
+    told = [kind for kind in kinds if kind is not None]
+    usual = max(set(told), key=lambda kind: (told.count(kind), kind), default=None)
     good = [
         n
         for n, fault in enumerate(faults)
-        if not fault
-        and tracked[n]
-        and np.isfinite(places[n]).all()
-        and len(shots[n].trace) == usual
+        if not fault and tracked[n] and np.isfinite(places[n]).all() and kinds[n] == usual
     ]
     if not good:
         reasons = [fault or "off target" for fault in faults]
@@ -356,9 +384,19 @@ def average(
     return _mean(shots, places, good)
 
 
+def _with_frozen(shots: Sequence[Shot], faults: list[str]) -> list[str]:
+    """The faults, with ``frozen`` for each of two usable shots in a row that are the same."""
+    found = list(faults)
+    for n in range(1, len(shots)):
+        fine = not faults[n - 1] and not faults[n]
+        if fine and np.array_equal(shots[n - 1].trace, shots[n].trace):
+            found[n - 1 : n + 1] = ["frozen", "frozen"]
+    return found
+
+
 def _mean(shots: Sequence[Shot], places: FloatArray, good: list[int]) -> Burst:
     interval = shots[good[0]].sample_interval
-    traces = np.array([shots[n].trace for n in good])
+    traces = np.array([shots[n].trace for n in good], dtype=np.float64)
     kept = np.array(good)
     if len(good) >= 4:
         heard = traces[:, int(DEAD_TIME / interval) :]

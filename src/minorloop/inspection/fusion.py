@@ -17,9 +17,10 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEPTHS, PitDepth, usable
+from minorloop.inspection.pits import DEPTHS, PitDepth
 from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.unrolled import CAMERA, SONAR, UNSEEN, Patch, WallMap
+from minorloop.inspection.usable import covered, usable
 
 SHARE_ERROR = 0.08
 """Standard deviation of what a two-echo share misses of the waves in a pit, as a share of depth."""
@@ -29,7 +30,8 @@ EDGE = 0.15
 """Step of the logarithm of the image from neighbour to neighbour that counts as an edge."""
 _UNKNOWN = 0.6e-3
 _LEAST_RIM = 0.03e-3
-_WALL = 2e-6
+_WALL = 0.05e-3
+"""How far off its cylinder a wall that was only seen may be; a picture tells no depth."""
 _RIM = 1.0
 
 
@@ -62,7 +64,8 @@ def mean_depths(
     the square of the pressure.
     """
     good = usable(bursts)
-    spectra = spectra_of(good, ear, (pit.phi, pit.z)) if len(good) >= 5 else None
+    enough = len(good) >= 5 and covered(good, ear)
+    spectra = spectra_of(good, ear, (pit.phi, pit.z)) if enough else None
     if spectra is None:
         return None
     mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
@@ -263,10 +266,10 @@ def fuse(
     if pit.verdict == "through-hole":
         depth, sd = (
             np.where(inside >= 0.5, np.inf, 0.0),
-            np.where(inside >= 0.5, np.nan, _LEAST_RIM),
+            np.where(inside >= 0.5, np.nan, _WALL),
         )
     elif heard is None:
-        depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, 0.05e-3, np.inf)
+        depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, _WALL, np.inf)
     else:
         depth, sd = _fused(pit, heard, patch, inside, image)
     known = source != UNSEEN
@@ -294,7 +297,7 @@ def _fused(
 ) -> tuple[FloatArray, FloatArray]:
     """Depth and its deviation where there were echoes."""
     mean, spread, rim = _before(patch, pit, inside)
-    mask = (inside > 0.003).ravel()
+    mask = ((inside > 0.003) | _reached(heard, patch)).ravel()
     depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
     if mask.any():
         ties = _ties(patch, inside, image, mask)
@@ -310,7 +313,7 @@ def _before(
     """Mean and deviation of each texel before the traces are asked, and that of its side."""
     side = np.sqrt(inside * (1 - inside))
     if not np.isfinite(pit.depth):
-        spread = np.maximum(_UNKNOWN * inside, _WALL)
+        spread = np.hypot(_UNKNOWN * inside, (1 - inside) * _WALL)
         return 0.5 * _UNKNOWN * inside, spread, 0.5 * _UNKNOWN * side
     off = patch.off(pit.phi, pit.z)
     mouth = max(pit.diameter / 2, patch.step)
@@ -318,7 +321,7 @@ def _before(
     dish = float(np.nan_to_num(pit.dish))
     floor = pit.depth + off @ np.array(pit.tilt) + dish * (1 - 2 * share)
     own = np.hypot(pit.depth_sd, 0.01 * mouth)
-    spread = np.sqrt((side * floor) ** 2 + inside * own**2 + _WALL**2)
+    spread = np.sqrt((side * floor) ** 2 + inside * own**2 + (1 - inside) * _WALL**2)
     return inside * floor, spread, side * floor
 
 

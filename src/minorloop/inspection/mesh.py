@@ -30,7 +30,7 @@ def vertices_of(wall: WallMap, *, exaggeration: float = 1.0) -> FloatArray:
     Parameters
     ----------
     wall : WallMap
-        What is unknown is drawn on the cylinder; holes are cut out by ``faces_of``.
+        What is unknown lies on the cylinder; it and holes are cut out by ``faces_of``.
     exaggeration : float
         Of the depth.
     """
@@ -43,12 +43,12 @@ def vertices_of(wall: WallMap, *, exaggeration: float = 1.0) -> FloatArray:
 
 
 def faces_of(wall: WallMap) -> npt.NDArray[np.int64]:
-    """(N, 3) triangles between neighbours that face the axis, none over holes."""
+    """(N, 3) triangles between neighbours that face the axis, none over holes or the unknown."""
     rows, columns = wall.depth.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:-1, :-1], index[:-1, 1:]
     c, d = index[1:, :-1], index[1:, 1:]
-    through = np.isposinf(wall.depth)
+    through = ~np.isfinite(wall.depth)
     solid = ~(through[:-1, :-1] | through[:-1, 1:] | through[1:, :-1] | through[1:, 1:])
     first = np.stack([a[solid], c[solid], b[solid]], axis=1)
     second = np.stack([b[solid], c[solid], d[solid]], axis=1)
@@ -115,8 +115,11 @@ def save_mesh(wall: WallMap, path: str | os.PathLike[str], *, exaggeration: floa
     options = {"embed_buffers": True} if suffix == ".gltf" else {}
     written = mesh.export(file_type=suffix[1:], **options)
     data = written["model.gltf"] if isinstance(written, dict) else written
+    data = data if isinstance(data, bytes) else data.encode()
+    if suffix == ".ply":
+        data = data.replace(b"\nelement", b"\ncomment units: metres\nelement", 1)
     try:
-        place.write_bytes(data if isinstance(data, bytes) else data.encode())
+        place.write_bytes(data)
     except OSError as error:
         raise OutputError(f"cannot write {place}: {error.strerror or error}") from None
     return place

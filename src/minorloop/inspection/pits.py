@@ -12,26 +12,37 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 from minorloop.geometry import wall_point
+from minorloop.inspection import deepfloor
+from minorloop.inspection.deepfloor import FURTHER
 from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import CENTRE, PRIOR, JointFit, Solution
 from minorloop.inspection.pitmodel import PitModel
 from minorloop.inspection.spectra import spectra_of
+from minorloop.inspection.usable import covered, reasons_of, usable
 
 DEPTHS: FloatArray = np.arange(0.08e-3, 1.25e-3, 0.01e-3)
 FEWEST = 16
 """Bursts without which no depth is given."""
-MEASURED = "measured"
-_FEWEST_INSIDE = 3
+DEEPEST = 1.25e-3
+"""Depth up to which one is given, in metres."""
+MEASURED, HOLE = "measured", "through-hole"
+DEEPER, SILENT = "deeper than 1.25 mm", "no floor heard"
+NO_PIT, FAINT = "no pit", "too faint"
+_NEAR_DEEPEST = 1e-3
+SHORT, SMALL = "too short", "raster too small"
+_FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
 _STARTS = 2
 _SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
-_NOTICED, _HOPELESS = 0.05, 1.15
+_NOTICED, _HOPELESS, _NOTICEABLE = 0.05, 1.15, 3.0
 """How much better than a plain wall a pit must explain the traces; how much worse, before any
-fit, that none is tried."""
+fit, that none is tried; and how many times the first a mouth must take, for it to be missed."""
 _RIVAL, _AMBIGUOUS = 0.8, 0.87
 """Share of what the best depth explains beyond a plain wall from which on another depth is tried
 too, and from which on neither can be told."""
 _APART = 0.02e-3
+_TOLD_APART = 20.0
+"""Cost by which the best depth must beat any other: noise at 4 dB makes up for 10 of it."""
 _USUAL, _STRANGE = 1.06, 1.2  # times the cost of noise alone
 _OPEN, _FAINT, _UNEVEN, _UNSURE = 0.1, 0.3, 0.6, 0.88
 # What the curvature of the misfit does not tell, calibrated on scans of its own: broken edges of
@@ -54,12 +65,16 @@ class PitDepth:
     Parameters
     ----------
     verdict : str
-        ``measured``; ``through-hole`` (no floor is heard); ``uneven floor`` (heard, but not as a
-        flat one: the depth is a mean, with a wide band); ``disturbed`` (something beside the
-        mouth, such as a bead, echoes too: the outline is the camera's, the band wide);
-        ``ambiguous depth`` (another depth explains nearly as much); ``no pit`` (a plain wall
-        explains all); or why there is no depth: ``too few echoes``, ``no coupling``, and words of
-        ``Burst``.
+        ``measured``; ``deeper than 1.25 mm`` (a floor is heard where depths are no longer
+        measured); ``through-hole`` (no floor is heard down to the thickness of the wall);
+        ``no floor heard`` (nor would one be, for noise or because traces end too early);
+        ``uneven floor`` (heard, but not as a flat one: the depth is a mean, with a wide band);
+        ``disturbed`` (something beside the mouth, such as a bead, echoes too: the outline is the
+        camera's, the band wide); ``ambiguous depth`` (another depth explains nearly as much);
+        ``no pit`` (a plain wall explains all); or why there is no depth: ``too faint`` (noise
+        would hide a pit), ``too few echoes``, ``no coupling``, ``too short`` (traces end before a
+        floor would be heard), ``raster too small`` (nothing of it falls on the wall beside the
+        mouth), ``frozen`` (the same trace again and again), and words of ``Burst``.
     phi, z : float
         Centre, in radians and metres.
     diameter, depth : float
@@ -182,26 +197,9 @@ def _measured(
     fit = JointFit(PitModel(ear, spectra.angles, centre, diameter / 2), spectra)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
-        return PitDepth("no pit", *centre)
+        return PitDepth(_if_noticed(fit, Solution(start, float(costs.min()))), *centre)
     start[3] = DEPTHS[np.argmin(costs)]
-    return _judged(fit, *_surest(fit, _best(fit, start)))
-
-
-def usable(bursts: Sequence[Burst]) -> list[Burst]:
-    """Bursts that can be used together: heard, finite, and of one length and interval."""
-    good = [
-        burst
-        for burst in bursts
-        if not burst.verdict
-        and burst.trace.ndim == 1
-        and burst.trace.size > 0
-        and np.isfinite(burst.trace).all()
-        and np.isfinite(burst.angles).all()
-        and np.isfinite(burst.noise)
-    ]
-    kinds = [(burst.trace.size, burst.sample_interval) for burst in good]
-    usual = max(set(kinds), key=kinds.count, default=None)
-    return [burst for burst, kind in zip(good, kinds, strict=True) if kind == usual]
+    return _judged(fit, *_surest(fit, _best(fit, start)), good)
 
 
 def _too_little(
@@ -212,16 +210,20 @@ def _too_little(
     diameter: float,
 ) -> str:
     """Why these bursts hold no depth, or nothing."""
-    reasons = [burst.verdict for burst in bursts if burst.verdict]
+    reasons = [reason for reason in reasons_of(bursts) if reason]
     if len(good) < FEWEST:
         many = len(reasons) > len(good)
         return max(set(reasons), key=reasons.count) if many else "too few echoes"
+    if not covered(good, ear):
+        return SHORT
     spots = ear.spots(np.array([burst.angles for burst in good]))
     around = ear.radius * ((spots[:, 0] - centre[0] + np.pi) % (2 * np.pi) - np.pi)
     off = np.hypot(around, spots[:, 1] - centre[1])
     inside = int((off < max(diameter / 2, 0.4e-3)).sum())
     outside = int((off > diameter / 2 + 0.2e-3).sum())
-    return "" if inside >= _FEWEST_INSIDE and outside >= 5 else "too few echoes"
+    if inside >= _FEWEST_INSIDE and outside < _FEWEST_OUTSIDE:
+        return SMALL
+    return "" if inside >= _FEWEST_INSIDE else "too few echoes"
 
 
 def _best(fit: JointFit, start: FloatArray) -> Solution:
@@ -252,10 +254,10 @@ def _best(fit: JointFit, start: FloatArray) -> Solution:
 def _surest(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
     """The best of a solution and its rival at another depth, and whether both are as good.
 
-    Through a lens the floor outweighs the wall, and the starts have tried what else fits.
+    Through a lens the starts have tried what else fits, and noise alone may hide which is right.
     """
     if np.isfinite(fit.model.ear.probe.focus):
-        return best, False
+        return _with_slips(fit, best)
     rival, share = _rival(fit, best)
     if share < _RIVAL:
         return best, False
@@ -266,6 +268,23 @@ def _surest(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
         fit.refine_pulse(best.unknowns)
         other = fit.solve(best.unknowns)
     return other, _rival(fit, other)[1] > _AMBIGUOUS
+
+
+def _with_slips(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
+    """The best of a solution and of those some half waves off, and whether noise could swap two."""
+    if best.unknowns[4] < _FAINT:
+        return best, False
+    costs = fit.sweep(best.unknowns, DEPTHS)
+    near = [
+        float(DEPTHS[n])
+        for n in _lowest(costs)
+        if abs(DEPTHS[n] - best.unknowns[3]) > _APART and costs[n] < best.cost + 3 * _TOLD_APART
+    ]
+    starts = [_at_depth(best.unknowns, depth) for depth in near[:_STARTS]]
+    found = [best, *(fit.solve(start, rounds=4) for start in starts)]
+    least = min(found, key=lambda solution: solution.cost)
+    others = [one.cost for one in found if abs(one.unknowns[3] - least.unknowns[3]) > _APART]
+    return least, min(others, default=np.inf) < least.cost + _TOLD_APART
 
 
 def _rival(fit: JointFit, best: Solution) -> tuple[float, float]:
@@ -340,13 +359,16 @@ def _shaped(
     return [begun for _, begun in found]
 
 
-def _judged(fit: JointFit, best: Solution, ambiguous: bool) -> PitDepth:
+def _judged(fit: JointFit, best: Solution, ambiguous: bool, bursts: Sequence[Burst]) -> PitDepth:
     """The verdict on a fit, with what of it can be told."""
     ear, centre = fit.model.ear, fit.model.centre
     disturbed = abs(best.unknowns[2]) > _STRAINED * PRIOR[2]
     verdict, depth_sd = _verdict(fit, best, _hole(fit, best))
     if verdict == MEASURED and (disturbed or ambiguous):
         verdict, depth_sd = ("disturbed", _WIDE) if disturbed else ("ambiguous depth", np.nan)
+    verdict = _if_deeper(fit, best, verdict, bursts)
+    if verdict in (DEEPER, SILENT):
+        depth_sd = np.nan
     if verdict == "disturbed":
         best = _as_seen(fit, best)
     x, y, size, depth, gain, u, v, dish = best.unknowns
@@ -365,6 +387,22 @@ def _judged(fit: JointFit, best: Solution, ambiguous: bool) -> PitDepth:
         tilt=(float(u), float(v)),
         dish=float(dish),
     )
+
+
+def _if_deeper(fit: JointFit, best: Solution, verdict: str, bursts: Sequence[Burst]) -> str:
+    """The verdict, or that the floor is deeper than is measured, or that none can be told."""
+    if verdict in (NO_PIT, FAINT):
+        return verdict
+    further = best.unknowns[3] > DEEPEST or fit.sweep(best.unknowns, FURTHER).min() < best.cost
+    if verdict != HOLE and further:
+        return DEEPER
+    strange = best.cost > _STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
+    if verdict == HOLE or best.unknowns[4] < _UNEVEN or strange:
+        floor = deepfloor.deep_floor(fit, best.unknowns, bursts)
+        if floor == deepfloor.HEARD:
+            return DEEPER
+        return SILENT if verdict == HOLE and floor == deepfloor.UNTOLD else verdict
+    return verdict
 
 
 def _as_seen(fit: JointFit, best: Solution) -> Solution:
@@ -388,14 +426,22 @@ def _verdict(fit: JointFit, best: Solution, hole: float) -> tuple[str, float]:
     gain, raw_sd = best.unknowns[4], float(fit.deviations(best.unknowns)[3])
     plain = fit.cost_of(fit.model.plain)
     if plain < (1 + _NOTICED) * best.cost:
-        return "no pit", np.nan
+        return _if_noticed(fit, best), np.nan
     if gain < _OPEN or _gains_nothing(best, hole):
-        return "through-hole", np.nan
+        return HOLE, np.nan
     if gain < _UNEVEN:
         return "uneven floor", _WIDE
     # What a floor that is not flat returns weighs its middle and its rim in its own way.
     bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
     return MEASURED, float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))
+
+
+def _if_noticed(fit: JointFit, best: Solution) -> str:
+    """That there is no pit, if the mouth of one would have been noticed."""
+    model, (x, y, size) = fit.model, best.unknowns[:3]
+    gone = fit.pulse * model.missing(model.mouth(x, y, size), size)
+    power = 0.5 * np.abs(gone / fit.spectra.noise[model.near, None]) ** 2
+    return NO_PIT if power.sum() > _NOTICEABLE * _NOTICED * best.cost else FAINT
 
 
 def same_place(pit: PitDepth, place: npt.ArrayLike, radius: float) -> float:

@@ -41,8 +41,21 @@ class Spectra:
     late: FloatArray
 
 
-def spectra_of(bursts: Sequence[Burst], ear: Ear, centre: tuple[float, float]) -> Spectra | None:
+def spectra_of(
+    bursts: Sequence[Burst], ear: Ear, centre: tuple[float, float], *, after: float = 0.0
+) -> Spectra | None:
     """Cut and transform the bursts; None where the wall was not heard around the place.
+
+    Parameters
+    ----------
+    bursts : sequence of Burst
+        That can be used together.
+    ear : Ear
+        The probe and what is known of the pipe.
+    centre : (float, float)
+        Phi and z.
+    after : float
+        How much later than usual the window is cut, in seconds; phases count from the wall.
 
     Notes
     -----
@@ -65,7 +78,10 @@ def spectra_of(bursts: Sequence[Burst], ear: Ear, centre: tuple[float, float]) -
     fitted = _robust(plane[chosen], delay[heard])
     delays = plane @ fitted
     spectra = np.array(
-        [_spectrum(burst, float(t)) for burst, t in zip(bursts, expected + delays, strict=True)]
+        [
+            _spectrum(burst, float(t), after)
+            for burst, t in zip(bursts, expected + delays, strict=True)
+        ]
     )
     window = tukey(round(WINDOW / bursts[0].sample_interval), 0.2)
     noise = np.array([burst.noise for burst in bursts]) * np.sqrt((window**2).sum() / 2)
@@ -90,10 +106,10 @@ def _robust(design: FloatArray, values: FloatArray) -> FloatArray:
     return solution
 
 
-def _spectrum(burst: Burst, at: float) -> ComplexArray:
+def _spectrum(burst: Burst, at: float, after: float) -> ComplexArray:
     interval = burst.sample_interval
     count = round(WINDOW / interval)
-    start = round((at - LEAD) / interval)
+    start = round((at - LEAD + after) / interval)
     piece = np.zeros(count)
     source = np.arange(start, start + count)
     inside = (source >= 0) & (source < burst.trace.size)

@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError
 from minorloop.inspection.findings import Finding, save_findings
 from minorloop.inspection.mesh import save_mesh
-from minorloop.inspection.unrolled import WallMap
+from minorloop.inspection.unrolled import SONAR, WallMap
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
 from minorloop.studies.mission import Mission
@@ -97,23 +97,23 @@ def draw_finding(wall: WallMap) -> Any:
 
 
 def _solid(axes: Any, wall: WallMap, half: float) -> None:
-    """The wall from inside, the depth down, with the curve of the pipe."""
-    depth = np.where(np.isfinite(wall.depth), wall.depth, 0.0)
-    x = np.linspace(-half, half, depth.shape[1])
-    y = np.linspace(-half, half, depth.shape[0])
+    """The wall from inside, the depth down, with the curve of the pipe; open where not known."""
+    x = np.linspace(-half, half, wall.depth.shape[1])
+    y = np.linspace(-half, half, wall.depth.shape[0])
     radius = 1e3 * wall.patch.radius
     bow = radius - np.sqrt(radius**2 - x**2)
-    down = -1e3 * depth + bow[None, :]
+    down = np.where(np.isfinite(wall.depth), -1e3 * wall.depth, np.nan) + bow[None, :]
     around, along = np.meshgrid(x, y)
     axes.plot_surface(
         around, along, down, cmap="viridis_r", linewidth=0.15, edgecolor="0.4", rcount=60, ccount=60
     )
-    axes.set_title("in 3-D, seen from the axis")
+    axes.set_title("in 3-D, seen from the axis; cut out where not known")
     axes.set_xlabel("around [mm]", labelpad=-2)
     axes.set_ylabel("along [mm]", labelpad=-2)
     axes.set_zlabel("height [mm]", labelpad=-4)
     axes.tick_params(labelsize=7, pad=-2)
-    axes.view_init(elev=48, azim=-55)
+    # Steep enough to see a floor behind the rim of its pit.
+    axes.view_init(elev=72, azim=-55)
 
 
 def draw_ring(mission: Mission) -> Any:
@@ -133,15 +133,14 @@ def draw_ring(mission: Mission) -> Any:
     )  # fmt: skip
     bar = figure.colorbar(shown, ax=top, ticks=range(4))
     bar.ax.set_yticklabels(_SOURCES)
-    top.set(title=f"seen by; {ring.unseen:.0%} unseen", ylabel="along the pipe [mm]")
+    top.set(title=f"seen by; {ring.unseen:.1%} unseen", ylabel="along the pipe [mm]")
     low.grid(False)
-    depth = 1e3 * np.where(np.isfinite(ring.depth), ring.depth, np.nan)
-    shown = low.imshow(
-        depth, origin="lower", extent=extent, aspect="auto", cmap="viridis", vmin=0.0
-    )
+    heard = np.isfinite(ring.depth) & (ring.source & SONAR > 0)
+    depth = 1e3 * np.where(heard, ring.depth, np.nan)
+    shown = low.imshow(depth, origin="lower", extent=extent, aspect="auto", cmap="viridis")
     figure.colorbar(shown, ax=low, label="depth [mm]")
     low.set(
-        title="depth under the wall; blank where it is not known",
+        title="depth under the wall by echoes; blank where none came back",
         xlabel="around the pipe [degrees]",
         ylabel="along the pipe [mm]",
     )

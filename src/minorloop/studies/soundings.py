@@ -18,7 +18,7 @@ from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.geometry import Mount, Probe, wrapped
 from minorloop.inspection.echoes import Burst, average, choose_modality
 from minorloop.inspection.field import Ear
-from minorloop.inspection.fusion import fuse, mean_depths
+from minorloop.inspection.fusion import fuse, mean_depths, outline_of
 from minorloop.inspection.pits import PitDepth, measure_pit, raster
 from minorloop.inspection.unrolled import Patch, WallMap
 from minorloop.twins.pipe import Bore, Pipe, draw_pit
@@ -33,6 +33,9 @@ _FLOODED = -9.999e-3
 _ANGLE_NOISE = math.radians(0.05)
 _SWAY = (0.3, 0.23)  # Hz, of pan and tilt
 _SHOTS = 16
+_DARK, _SHADE_NOISE, _EDGE = -1.2, 0.08, 0.05e-3
+_ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
+"""How far off the known mount is, in radians and metres."""
 
 
 @dataclass(eq=False)
@@ -54,7 +57,9 @@ class Sounding:
     dry : bool
         Whether there is no water.
     rng : numpy Generator
-        Of the sway and of the noise of the angles.
+        Of the sway, of the noise of the angles, and of the picture.
+    strayed : (float, float)
+        Known less true roll and advance of the mount. For scoring only.
     """
 
     sonar: Ultrasound
@@ -64,11 +69,23 @@ class Sounding:
     truth: Bore
     dry: bool
     rng: np.random.Generator
+    strayed: tuple[float, float] = (0.0, 0.0)
 
     @property
     def depth(self) -> float:
         """True mean depth of the floor, in metres. For scoring only."""
         return self.truth.depth - self.truth.dish / 2
+
+    def picture(self, patch: Patch) -> FloatArray:
+        """Logarithm (rows, columns) of the image laid flat: a dark mouth where the camera saw it.
+
+        Place and size are off as the camera's are; edges are a texel wide, and every texel has
+        noise of its own. A fresh draw each time.
+        """
+        off = np.linalg.norm(patch.off(*self.centre), axis=-1)
+        dark = 1 / (1 + np.exp(np.clip((off - self.diameter / 2) / _EDGE, -30.0, 30.0)))
+        shade: FloatArray = _DARK * dark + _SHADE_NOISE * self.rng.standard_normal(off.shape)
+        return shade
 
 
 def draw_sounding(
@@ -133,7 +150,12 @@ def draw_sounding(
         _Z + float(rng.normal(0, 0.035e-3)),
     )
     seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
-    return Sounding(sonar, ear, centre, seen, pit, kind == "dry", rng)
+    # The camera rides on the same mount: what it saw is off by as much as the mount is.
+    turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
+    known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
+    centre = (centre[0] + turned, centre[1] + moved)
+    ear = replace(ear, mount=known)
+    return Sounding(sonar, ear, centre, seen, pit, kind == "dry", rng, (turned, moved))
 
 
 def scan(
@@ -216,7 +238,10 @@ def examined(sounding: Sounding, bursts: Sequence[Burst], modality: str = "sonar
     found = measure_pit(bursts, sounding.ear, sounding.centre, sounding.diameter)
     seconds = time.process_time() - before
     patch = Patch.around(found.phi, found.z, size=2.4e-3, radius=sounding.ear.radius)
-    wall = fuse(found, mean_depths(bursts, sounding.ear, patch, found), patch)
+    image = sounding.picture(patch)
+    outline = outline_of(image, patch, sounding.centre, sounding.diameter)
+    heard = mean_depths(bursts, sounding.ear, patch, found)
+    wall = fuse(found, heard, patch, image=image, outline=outline)
     return Scored(sounding, found, seconds, wall, modality)
 
 
@@ -286,9 +311,13 @@ def _miss(run: Scored) -> float:
 
 
 def _covered(run: Scored) -> BoolArray:
-    """Whether the truth is inside the band, for each texel of the mouth and its rim."""
+    """Whether the truth is inside the band, for each texel of the mouth and its rim.
+
+    In the frame of the head as known: how far that is off counts in the position of a finding.
+    """
     patch, bore = run.wall.patch, run.sounding.truth
-    off = patch.off(bore.phi, bore.z)
+    turned, moved = run.sounding.strayed
+    off = patch.off(bore.phi + turned, bore.z + moved)
     square = (off**2).sum(axis=-1) / (bore.diameter / 2) ** 2
     floor = bore.depth + off @ np.array(bore.floor_tilt) - bore.dish * square
     truth = np.where(square <= 1, floor, 0.0)

@@ -32,24 +32,9 @@ def height_at(phi, z, radius, texture, cell, rough, dents):
 
 
 @njit(cache=True, nogil=True)
-def in_crack(phi, z, radius, corners):
-    """Whether a place is within half a width of a crack; corners are (N, 3) phi, z, width."""
-    for n in range(corners.shape[0] - 1):
-        bx = radius * (corners[n + 1, 0] - corners[n, 0])
-        by = corners[n + 1, 1] - corners[n, 1]
-        x = radius * ((phi - corners[n, 0] + np.pi) % (2 * np.pi) - np.pi)
-        y = z - corners[n, 1]
-        share = min(max((x * bx + y * by) / (bx * bx + by * by), 0.0), 1.0)
-        width = corners[n, 2] + share * (corners[n + 1, 2] - corners[n, 2])
-        if np.hypot(x - share * bx, y - share * by) <= 0.5 * width:
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
 def echo_of_wall(
     table, grid, k0, dk, origin, axis, radius, half, step, water,
-    bores, dents, corners, starts, crack_depths, texture, grains, cell, rough, reference,
+    bores, dents, texture, grains, cell, rough, reference,
     out, grain_out,
 ):  # fmt: skip
     """Add 2 p dp/dn over the facets of the wall about the spot, for each frequency.
@@ -85,10 +70,6 @@ def echo_of_wall(
                     height -= bores[n, 4] * (bores[n, 3] + inside)
             if gone:
                 continue
-            deeper = 0.0
-            for n in range(crack_depths.shape[0]):
-                if in_crack(phi, z, radius, corners[starts[n] : starts[n + 1]]):
-                    deeper = crack_depths[n]
             r = radius - height
             if r * ny < water:
                 continue
@@ -103,7 +84,7 @@ def echo_of_wall(
             e, g = np.float32(u - m), np.float32(v - n0)
             facing = np.float32(axis[0] * nx + axis[1] * ny)
             side = np.float32((ox * nx + oy * ny) / max(off, 1e-9))
-            way = 2.0 * (along - reference + deeper)
+            way = 2.0 * (along - reference)
             phase, turn = np.exp(1j * k0 * way), np.exp(1j * dk * way)
             gi, gj = int(np.floor(radius * phi / step)) % size, int(np.floor(z / step)) % size
             grain, lag = grains[gi, gj, 0], grains[gi, gj, 1]

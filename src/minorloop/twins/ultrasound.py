@@ -15,14 +15,15 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray, as_finite
+from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import LimitError, ParameterError
 from minorloop.geometry import Mount, Probe, meet_wall, wall_point, wrapped
 from minorloop.lab.actuator import Shot
 from minorloop.twins import _echo_kernels as kernels
-from minorloop.twins.pipe import Bore, Pipe
+from minorloop.twins.pipe import Bore, Crack, Pipe
 from minorloop.twins.sensor import Fault
 from minorloop.twins.soundbeam import Beam, beam_of
+from minorloop.twins.soundcrack import CrackBasis, basis_of_crack
 from minorloop.twins.soundpit import PitBasis, basis_of
 
 SAMPLE_INTERVAL = 10e-9
@@ -40,7 +41,7 @@ _STEPS = 4096  # of the converter, from -FULL_SCALE to FULL_SCALE
 _SETTINGS = {"frequency": 10e6, "bandwidth": 0.6, "skew": 0.0, "steel": _STEEL, "loss": 0.75}
 
 Spectrum = npt.NDArray[np.complex128]
-Features = tuple[FloatArray, FloatArray, FloatArray, IntArray, FloatArray]
+Features = tuple[FloatArray, FloatArray]
 
 
 class Ultrasound:
@@ -84,7 +85,7 @@ class Ultrasound:
     -----
     The echo is the integral of 2 p dp/dn over the wall by reciprocity, p from the angular
     spectrum of the disc. Pits are waves between rigid walls down to a floor of any shape and up
-    again; cracks are too narrow for more than the plane wave. Behind every surface the steel
+    again, and so are cracks between flat ones. Behind every surface the steel
     rings with the reflection of its outer face in air. Through-holes end in water.
     """
 
@@ -204,6 +205,7 @@ class Ultrasound:
         pits = [bore for bore in self._pipe.bores if not bore.through]
         self._bases: list[PitBasis] = [basis_of(pit, radius, self._k[-1]) for pit in pits]
         self._pits: list[Bore] = pits
+        self._courses = [basis_of_crack(crack, radius) for crack in self._pipe.cracks]
         self._features = _features(self._pipe)
         self._ring_down = _ring_down(self._settings["frequency"])
         self._scale = 1.0
@@ -242,13 +244,13 @@ class Ultrasound:
     ) -> tuple[Spectrum, Spectrum]:
         """Integral (F,) over the wall, and what the grains under it add."""
         texture, grains, rough = surface
-        bores, dents, corners, starts, depths = features
+        bores, dents = features
         out = np.zeros(len(self._k), dtype=np.complex128)
         extra = np.zeros_like(out)
         kernels.echo_of_wall(
             self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
-            self._pipe.radius, self._reach, _FACET, water, bores, dents, corners, starts, depths,
-            texture, grains, _CELL, rough, self._stand, out, extra,
+            self._pipe.radius, self._reach, _FACET, water, bores, dents, texture,
+            grains, _CELL, rough, self._stand, out, extra,
         )  # fmt: skip
         return out, extra
 
@@ -281,8 +283,33 @@ class Ultrasound:
         heard = wall * (1 + self._steel(self._pipe.thickness)) + grain
         for pit, basis in zip(self._pits, self._bases, strict=True):
             heard += self._floor(pit, basis, origin, axis, water)
+        for crack, course in zip(self._pipe.cracks, self._courses, strict=True):
+            heard += self._crack(crack, course, origin, axis, water)
         spectrum: Spectrum = heard * self._pulse()
         return spectrum
+
+    def _crack(
+        self, crack: Crack, course: CrackBasis, origin: FloatArray, axis: FloatArray, water: float
+    ) -> Spectrum:
+        """What comes from the floor of a crack, less the wall that is not there over it."""
+        spot_phi, spot_z, _ = meet_wall(origin, axis, self._pipe.radius)
+        part = course.near(spot_phi, spot_z, self._pipe.radius, self._reach)
+        part = part[course.points[part][..., 1].max(axis=1, initial=-np.inf) >= water]
+        if part.size == 0:
+            return np.zeros(len(self._k), dtype=np.complex128)
+        points = np.ascontiguousarray(course.points[part].reshape(-1, 3))
+        pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
+        kernels.pressure_at(
+            self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
+            self._stand, points, pressure,
+        )  # fmt: skip
+        mouth = pressure.reshape(len(self._k), part.size, -1)
+        thickness = self._pipe.thickness
+        change = -course.echo(mouth, part, self._k, 0.0) * (1 + self._steel(thickness))
+        if crack.depth < thickness:
+            floor = course.echo(mouth, part, self._k, crack.depth)
+            change += floor * (1 + self._steel(thickness - crack.depth))
+        return change
 
     def _floor(
         self, pit: Bore, basis: PitBasis, origin: FloatArray, axis: FloatArray, water: float
@@ -378,19 +405,9 @@ def _features(pipe: Pipe) -> Features:
     """What is on the wall, as arrays for the kernels."""
     bores = [(b.phi, b.z, b.diameter / 2, b.chamfer, b.chamfer_slope) for b in pipe.bores]
     dents = [(d.phi, d.z, d.size, d.height) for d in pipe.dents]
-    corners = [
-        (*place, width)
-        for crack in pipe.cracks
-        for place, width in zip(crack.points, crack.widths, strict=True)
-    ]
-    starts = np.cumsum([0, *(len(crack.points) for crack in pipe.cracks)])
-    depths = np.array([crack.depth for crack in pipe.cracks], dtype=np.float64)
     return (
         np.array(bores, dtype=np.float64).reshape(-1, 5),
         np.array(dents, dtype=np.float64).reshape(-1, 4),
-        np.array(corners, dtype=np.float64).reshape(-1, 3),
-        starts.astype(np.int64),
-        depths,
     )
 
 

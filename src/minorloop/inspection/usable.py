@@ -1,0 +1,65 @@
+"""Which bursts of a raster can be used together, and why others cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from minorloop.inspection.echoes import Burst
+from minorloop.inspection.field import Ear
+from minorloop.inspection.spectra import LEAD, WINDOW
+
+FROZEN = "frozen"
+
+
+def usable(bursts: Sequence[Burst]) -> list[Burst]:
+    """Bursts that can be used together: heard, finite, new, and of one length and interval."""
+    return [burst for burst, reason in zip(bursts, reasons_of(bursts), strict=True) if not reason]
+
+
+def reasons_of(bursts: Sequence[Burst]) -> list[str]:
+    """Why each burst cannot be used, or nothing.
+
+    Without noise between its shots, or with the very trace of the one before, a burst was not
+    heard anew.
+    """
+    found = [_reason(burst) for burst in bursts]
+    for n in range(1, len(bursts)):
+        if not found[n] and np.array_equal(bursts[n].trace, bursts[n - 1].trace):
+            found[n] = FROZEN
+    kinds = [(burst.trace.size, burst.sample_interval) for burst in bursts]
+    told = [kind for kind, reason in zip(kinds, found, strict=True) if not reason]
+    usual = max(set(told), key=lambda kind: (told.count(kind), kind), default=None)
+    return [
+        reason or ("" if kind == usual else "not a trace")
+        for kind, reason in zip(kinds, found, strict=True)
+    ]
+
+
+def _reason(burst: Burst) -> str:
+    if burst.verdict:
+        return burst.verdict
+    trace, interval = burst.trace, burst.sample_interval
+    numbers = trace.ndim == 1 and trace.size > 0 and np.isfinite(trace).all()
+    if not (numbers and np.isfinite(interval) and interval > 0):
+        return "not a trace"
+    if not np.isfinite(burst.angles).all():
+        return "no angles"
+    if burst.noise == 0:
+        return FROZEN
+    return "" if 0 < burst.noise < np.inf else "not a trace"
+
+
+def covered(bursts: Sequence[Burst], ear: Ear) -> bool:
+    """Whether the traces of usable bursts are long enough for the wall and all that is under it."""
+    return all(burst.trace.size * burst.sample_interval >= end for burst, end in _ends(bursts, ear))
+
+
+def _ends(bursts: Sequence[Burst], ear: Ear) -> list[tuple[Burst, float]]:
+    """Bursts and when, in seconds, the last that a pit may send back is heard."""
+    if not bursts:
+        return []
+    spots = ear.spots(np.array([burst.angles for burst in bursts]))
+    latest = 2 * spots[:, 2] / ear.speed + WINDOW - LEAD
+    return [(burst, float(end)) for burst, end in zip(bursts, latest, strict=True)]
