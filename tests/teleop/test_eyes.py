@@ -110,6 +110,7 @@ def test_a_place_beside_the_probe_is_not_reached_and_the_scan_goes_back():
         if scan.stage == "done":
             break
     assert scan.stage == "done"
+    assert shots == 0
     assert max(abs(ask.rates[0]) for ask in asked) <= 8.0
 
 

@@ -173,9 +173,11 @@ def test_what_cannot_be_measured_or_scanned_is_said():
     assert pilot.session.state.mode == "HEAD"
 
 
-def scanning():
-    """In SCAN, over what the eyes saw."""
+def scanning(stick=(0.0, 0.0)):
+    """In SCAN, over what the eyes saw, from where a second of the stick has brought it."""
     pilot = Pilot().following((319.5, 239.5))
+    pilot.drive(25, stick=stick)
+    pilot.drive(15)
     pilot.sight.events = [EXTRACTED]
     pilot.drive(2)
     pilot.order(messages.Scan)
@@ -185,16 +187,16 @@ def scanning():
 
 
 def test_a_scan_goes_there_and_back_and_its_depth_goes_with_the_finding():
-    pilot = scanning()
-    home = pilot.session.state.command
+    pilot = scanning(stick=(1.0, 0.3))
+    home = pilot.session.state.command, *pilot.session.where()[2:]
     pilot.until(lambda s: s.state.mode != "SCAN")
     session = pilot.session
     assert session.state.mode == "HOLD"
     assert "the scan is done" in session.state.reason
     wishes = pilot.sight.wishes
     assert [wishes.count(name) for name in ("sound", "shoot", "heard")] == [1, 25, 1]
-    assert session.state.command == pytest.approx(home, abs=0.5)
-    assert session.where()[2] == pytest.approx(0.0, abs=2.0)
+    assert session.state.command == pytest.approx(home[0], abs=0.5)
+    assert session.where()[2:] == pytest.approx(home[1:], abs=0.3)
     session.hear(messages.Sounded(finding=1, told=HEARD), pilot.now)
     (finding,) = session.findings
     assert (finding.depth, finding.depth_sd) == (0.502, 0.003)

@@ -277,7 +277,7 @@ function showAge(): void {
 
 function showRecording(name: string | null, seconds: number, size: number): void {
   const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
-  text("recorded", name === null ? "Record" : `${minutes}:${String(rest).padStart(2, "0")} · ${(size / 1e6).toFixed(1)} MB`);
+  text("recorded", name === null ? "Record" : `${minutes}:${String(rest).padStart(2, "0")} · ${(size / 1e6).toFixed(0)} MB`);
   if (recording !== null && name === null) notice(`Recorded as ${recording}; find it under “?”.`);
   recording = name;
   press(byId("record"), name !== null);

@@ -317,7 +317,10 @@ class Session:
             self.scan, asked = scanned(self.scan, self.view, self.where(), self.interval)
             self._wishes += asked.wishes
             if self.scan.stage == "done":
-                self.hold("the scan is done; press a mode to go on")
+                sentence = "the scan is done; press a mode to go on"
+                if not self.scan.targets:
+                    sentence = "the probe could not be brought over the finding; press Depth again"
+                self.hold(sentence)
                 self.events.append(messages.encode("scanned", finding=self.scan.number))
                 return None
             return asked.angles, asked.rates
