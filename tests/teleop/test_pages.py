@@ -217,9 +217,6 @@ def test_the_mouse_looks_picks_and_clutches(browser, address):
         page.click("button[data-mode=HEAD]")
         operator.in_mode("HEAD")
         assert operator.state("pilot") == "yes"
-        page.keyboard.down("ArrowLeft")  # nor may a clicked button keep the arrow keys
-        operator.moved("pan < -3")
-        page.keyboard.up("ArrowLeft")
         box = page.locator("#camera").bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         page.mouse.move(x, y)
@@ -227,6 +224,10 @@ def test_the_mouse_looks_picks_and_clutches(browser, address):
         page.mouse.move(x - 200, y, steps=10)
         page.mouse.up()
         operator.moved("pan > 5")
+        page.click("button[data-mode=HEAD]")
+        page.keyboard.down("ArrowLeft")  # nor may a clicked button keep the arrow keys
+        operator.moved("pan < 3")
+        page.keyboard.up("ArrowLeft")
         page.keyboard.down("c")
         page.wait_for_selector("#clutch[aria-pressed=true]")
         before = operator.command()
