@@ -225,9 +225,10 @@ def test_the_mouse_looks_picks_and_clutches(browser, address):
         page.mouse.up()
         operator.moved("pan > 5")
         page.click("button[data-mode=HEAD]")
-        page.keyboard.down("ArrowLeft")  # nor may a clicked button keep the arrow keys
-        operator.moved("pan < 3")
-        page.keyboard.up("ArrowLeft")
+        reached = operator.command()[1]
+        page.keyboard.down("ArrowUp")  # nor may a clicked button keep the arrow keys
+        operator.moved(f"tilt > {reached + 2}")
+        page.keyboard.up("ArrowUp")
         page.keyboard.down("c")
         page.wait_for_selector("#clutch[aria-pressed=true]")
         before = operator.command()

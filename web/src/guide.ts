@@ -45,6 +45,9 @@ export class Guide {
     this.draw(0, said(0));
   }
 
+  /** Whether something was picked on this page. */
+  asked = false;
+
   /** What is going on with the echoes of a scan; empty where nothing is. */
   fitting = "";
 
@@ -55,7 +58,7 @@ export class Guide {
     const fresh = findings.slice(this.count);
     // A target that somebody lost before this page came is no pick.
     if (state.target === null) this.picked = false;
-    else if (state.target[3] > 0) this.picked = true;
+    else if (state.target[3] > 0 || this.asked) this.picked = true;
     const done = [
       this.moved > 3 || this.picked || fresh.length > 0,
       this.picked || fresh.length > 0,

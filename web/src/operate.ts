@@ -37,14 +37,19 @@ const order = (type: string, content: Record<string, unknown> = {}): void => {
   else if (replay === null) notice("Take the controls first.");
 };
 
+const pick = (pixel: { u: number; v: number }): void => {
+  guide.asked = true;
+  order("pick", pixel);
+};
+
 const wishes = {
   pick(x: number, y: number) {
     if (!hello) return;
     const [u, v] = stage.pixel(x, y, hello);
-    order("pick", { u, v });
+    pick({ u, v });
   },
   pickMiddle() {
-    if (hello) order("pick", { u: hello.view.width / 2, v: hello.view.height / 2 });
+    if (hello) pick({ u: hello.view.width / 2, v: hello.view.height / 2 });
   },
   next() {
     const count = state?.spots.length ?? 0;
@@ -54,7 +59,7 @@ const wishes = {
   choosing: () => stage.chosen >= 0,
   confirm() {
     const spot = state?.spots[stage.chosen];
-    if (spot) order("pick", { u: spot[0], v: spot[1] });
+    if (spot) pick({ u: spot[0], v: spot[1] });
     stage.chosen = -1;
   },
   mode(mode: Mode) {
