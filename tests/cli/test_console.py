@@ -12,6 +12,12 @@ import pytest
         ("--timeout 0", "0.05 to 5"),
         ("--certificate good.csv", "together"),
         ("--certificate none.pem --private-key none.key", "none.pem is no file"),
+        (
+            "--certificate good.csv --private-key good.csv",
+            "good.csv and good.csv are no certificate",
+        ),
+        ("--specimen -1", "--specimen is -1; give 0 or more"),
+        ("--seed -1", "--seed is -1; give 0 or more"),
         ("--folder good.csv", "give a folder"),
         ("--host no.such.host.invalid --port 0", "cannot listen"),
     ],

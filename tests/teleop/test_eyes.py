@@ -4,6 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minorloop.inspection.fusion import fuse
+from minorloop.inspection.pits import PitDepth
+from minorloop.inspection.unrolled import Patch
 from minorloop.teleop import depth_work
 from minorloop.teleop.eyes import Eyes
 from minorloop.teleop.scan import Scan, scanned
@@ -107,6 +110,7 @@ def test_a_place_beside_the_probe_is_not_reached_and_the_scan_goes_back():
         if scan.stage == "done":
             break
     assert scan.stage == "done"
+    assert shots == 0
     assert max(abs(ask.rates[0]) for ask in asked) <= 8.0
 
 
@@ -140,13 +144,23 @@ def test_the_echoes_of_a_scan_give_depth_map_and_mesh():
     *stages, last = sounded(True)
     assert len(stages) == 2
     told = last["told"]
-    assert (told["verdict"], told["kind"]) == ("measured", "pit")
+    assert told["verdict"] == "measured"
     assert told["depth"] == pytest.approx(PIT[3], abs=4 * told["depth_sd"])
     grid = np.array(told["patch"]["depth"], dtype=float)
     assert np.nanmax(grid) == pytest.approx(1e3 * PIT[3], abs=0.05)
     assert abs(np.nanmedian(grid)) < 0.02
     assert last["meshes"]["ply"].startswith(b"ply")
     assert last["meshes"]["glb"].startswith(b"glTF")
+
+
+def test_no_depth_is_made_up_where_there_is_no_floor():
+    patch = Patch.around(*PIT[:2], size=0.2e-3)
+    pit = PitDepth("through-hole", *PIT[:2], diameter=PIT[2])
+    told = depth_work._told(pit, fuse(pit, None, patch))["patch"]
+    assert len(told["through"]) > 5
+    assert all(told["depth"][i][j] is None for i, j in told["through"])
+    known = [depth for row in told["depth"] for depth in row if depth is not None]
+    assert max(known, default=0.0) == 0.0
 
 
 def test_a_dry_pipe_gives_no_depth_and_says_why():

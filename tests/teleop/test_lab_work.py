@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import MinorloopError, ParameterError, RecordError
+from minorloop.lab import columns
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 from minorloop.teleop import lab_work
@@ -37,6 +38,21 @@ def test_a_column_of_words_is_set_aside(folder, tmp_path):
     assert "trouble" not in told["columns"][1]
 
 
+def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path, monkeypatch):
+    opened = []
+    table = columns._table
+    monkeypatch.setattr(columns, "_table", lambda path: opened.append(path) or table(path))
+    names = [f"c{k}" for k in range(100)]
+    lines = [",".join(names), *(",".join(["1", "2"] * 50) for _ in range(3))]
+    (tmp_path / "wide.csv").write_text("\n".join(lines))
+    (told,) = lab_work.look(folder, "wide.csv")
+    assert len(told["columns"]) == 100
+    assert len(opened) <= 2
+    (tmp_path / "wider.csv").write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
+    with pytest.raises(RecordError, match=r"3000 columns; give at most 100"):
+        list(lab_work.look(folder, "wider.csv"))
+
+
 def test_what_is_shown_is_the_model(folder):
     found = result(folder, levels=5)
     assert found["scores"]["fit"] < 1e-6
@@ -67,3 +83,19 @@ def test_what_cannot_be_is_refused(folder, tmp_path):
     result(folder, levels=5)
     with pytest.raises(MinorloopError):
         list(lab_work.move(folder, [1.0, 0.0, 5.0], 0.5))
+
+
+def test_few_outputs_of_many_rows_are_said_and_bounded(folder, tmp_path, monkeypatch):
+    rng = np.random.default_rng(3)
+    u = np.concatenate([[0.0, 1.0], rng.uniform(0, 1, 118)])
+    lines = [f"{x:.4f},{x**2:.4f}" if k % 8 < 1 else f"{x:.4f}," for k, x in enumerate(u)]
+    (tmp_path / "run.csv").write_text("u,y\n" + "\n".join(lines) + "\n")
+    monkeypatch.setattr(lab_work, "_MOST_SPARSE_CELLS", 10)
+    options = {"input": "u", "output": "y", "lag": 0, "holdout": 0.0}
+    few, many = (
+        list(lab_work.identify_file(folder, "run.csv", levels=levels, **options))
+        for levels in (4, 6)
+    )
+    assert "10 cells to 15 of 120 rows: so few take a while" in few[1]["stage"]
+    advice = next(each["result"]["advice"] for each in many if "result" in each)
+    assert advice[0].startswith("only 15 of 120 rows were measured")

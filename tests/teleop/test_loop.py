@@ -121,3 +121,12 @@ def test_eyes_that_do_not_open_are_told_of(tmp_path):
     eyes.close()
     loop.run(theirs, looking, loop.LoopSettings(folder=str(tmp_path)))
     assert "eyes did not start" in json.loads(pipe.recv_bytes())["text"]
+
+
+def test_a_recording_tells_its_size_and_ends_when_its_pilot_has_left(running):
+    running.until("hello")
+    running.order(messages.Record, on=True)
+    told = running.until("recording", lambda told: told["name"] and told["seconds"] > 0.5)
+    assert told["size"] > 1000
+    running.order(messages.Release)
+    assert running.until("recording", lambda told: told["name"] is None)

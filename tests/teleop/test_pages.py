@@ -213,8 +213,10 @@ def downloaded(page, path):
 def test_the_mouse_looks_picks_and_clutches(browser, address):
     with operating(browser, address) as operator:
         page = operator.take().page
+        page.keyboard.press("Enter")  # must not press Take again, which was clicked
         page.click("button[data-mode=HEAD]")
         operator.in_mode("HEAD")
+        assert operator.state("pilot") == "yes"
         box = page.locator("#camera").bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         page.mouse.move(x, y)
@@ -222,6 +224,11 @@ def test_the_mouse_looks_picks_and_clutches(browser, address):
         page.mouse.move(x - 200, y, steps=10)
         page.mouse.up()
         operator.moved("pan > 5")
+        page.click("button[data-mode=HEAD]")
+        reached = operator.command()[1]
+        page.keyboard.down("ArrowUp")  # nor may a clicked button keep the arrow keys
+        operator.moved(f"tilt > {reached + 2}")
+        page.keyboard.up("ArrowUp")
         page.keyboard.down("c")
         page.wait_for_selector("#clutch[aria-pressed=true]")
         before = operator.command()
@@ -264,6 +271,8 @@ def test_a_phone_steers_by_its_orientation(browser, address):
 
         hold(90, 90)  # upright
         operator.take()
+        assert fits(page)
+        assert "(T)" not in page.inner_text("#guide")
         page.select_option("#source", "phone")
         # Browsers tell of an orientation only when it changes, and a hand is never still.
         for k in range(1000):
@@ -317,6 +326,11 @@ def test_a_session_is_recorded_and_replayed(browser, address):
         page.click("#record")
         page.wait_for_selector("#notice:has-text('Recorded as')")
         page.click("#menu")
+        page.keyboard.press("t")  # means nothing while the help is open
+        page.wait_for_selector("#recordings a")
+        count = int(operator.state("pictures"))
+        operator.wait(f"Number(document.body.dataset.pictures) > {count + 3}")
+        assert operator.state("pilot") == "yes"
         page.click("#recordings a")
         operator.wait("document.querySelector('#mode').textContent.startsWith('REPLAY')")
         operator.in_mode("HEAD")

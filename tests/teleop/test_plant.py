@@ -21,7 +21,16 @@ def test_a_view_comes_through_a_message_unchanged():
     _, view = open_tip("twin:pipe", specimen=3)
     again = View.heard(msgspec.json.decode(msgspec.json.encode(view.told())))
     assert (again.lens, again.probe, again.offset) == (view.lens, view.probe, view.offset)
+    known = (view.radius, view.thickness, view.temperature)
+    assert (again.radius, again.thickness, again.temperature) == known
     np.testing.assert_array_equal(again.leds, view.leds)
+
+
+def test_pipe_and_water_are_known_as_well_as_they_can_be_measured():
+    tip, view = open_tip("twin:pipe", seed=5)
+    assert 0 < abs(view.radius - tip.pipe.radius) < 0.1e-3
+    assert 0 < abs(view.thickness / tip.pipe.thickness - 1) <= 0.03
+    assert 0 < abs(view.temperature - 20.0) < 1.5
 
 
 def test_a_head_that_was_identified_is_brought_to_the_middle():

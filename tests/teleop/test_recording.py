@@ -51,5 +51,11 @@ def test_a_recording_is_never_replaced(recorded):
         Recorder(recorded.parent, "one")
 
 
+def test_only_recordings_are_listed(recorded):
+    (recorded.parent / "notes.session").write_text("not one")
+    (recorded.parent / "folder.session").mkdir()
+    assert listed(recorded.parent) == ["one"]
+
+
 def test_there_is_nothing_in_no_folder(tmp_path):
     assert listed(tmp_path / "none") == []

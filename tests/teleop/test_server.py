@@ -1,5 +1,7 @@
 import json
+import pickle
 import time
+from dataclasses import replace
 
 import pytest
 from starlette.websockets import WebSocketDisconnect
@@ -9,7 +11,7 @@ from minorloop.teleop.doors import Doors
 from minorloop.teleop.hub import SILENCE
 from minorloop.teleop.loop import LoopSettings
 from minorloop.teleop.recording import PICTURE, TEXT, Recorder
-from minorloop.teleop.reports import camera_finding
+from minorloop.teleop.reports import camera_finding, sounded
 from minorloop.teleop.server import Console
 from seats import SilentLoop, TestClient
 
@@ -132,13 +134,13 @@ def test_a_pilot_steers(served):
         while page.until("seats")["pilot"]:
             pass
     kinds = [type(order).__name__ for order in served.link.orders]
-    assert kinds == ["Drive", "Mode", "Release"]
+    assert kinds == ["Taken", "Drive", "Mode", "Release"]
 
 
 def test_a_pilot_who_goes_away_is_released(served):
     with served.page() as socket:
         Page(socket).take()
-    assert [type(order) for order in served.link.orders] == [messages.Release]
+    assert [type(order) for order in served.link.orders] == [messages.Taken, messages.Release]
 
 
 def test_watchers_see_and_may_not_steer(served):
@@ -189,7 +191,7 @@ def test_numbers_that_do_not_rise_end_the_connection(served):
         page.seq = 0
         page.send("drive", grant=page.grant, **DRIVE)
         assert "must rise" in page.refusal()
-    assert [type(order) for order in served.link.orders] == [messages.Release]
+    assert [type(order) for order in served.link.orders] == [messages.Taken, messages.Release]
 
 
 def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
@@ -198,7 +200,7 @@ def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
         began = time.monotonic()
         monkeypatch.setattr("minorloop.teleop.server.time.monotonic", lambda: began + SILENCE + 1.0)
         assert "silent" in page.until("notice")["text"]
-    assert isinstance(served.link.orders[0], messages.Release)
+    assert isinstance(served.link.orders[-1], messages.Release)
 
 
 def test_findings_are_exported(served):
@@ -216,6 +218,41 @@ def test_findings_are_exported(served):
     assert missing.status_code == 404
     assert "measure its depth" in missing.json()["error"]
     assert served.client.get("/api/map.png").content.startswith(b"\x89PNG")
+
+
+def said(served, kind, content):
+    """Have the loop say something to the server."""
+    served.client.portal.call(
+        served.link.said, content if kind is None else messages.encode(kind, **content)
+    )
+
+
+def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
+    job = bytes([messages.JOB]) + pickle.dumps({"finding": 7})
+    with served.page() as socket:
+        page = Page(socket)
+        said(served, None, job)  # of a finding that nobody knows any more
+        said(served, "findings", {"findings": [{"number": 7}]})
+        said(served, None, job)
+        told = page.until("depth")
+        assert (told["finding"], told["stage"]) == (7, "waiting for others to finish")
+        said(served, "findings", {"findings": []})
+        assert page.until("depth")["stage"] == ""
+    assert served.link.orders == []
+
+
+def test_exported_findings_keep_their_numbers_and_what_echoes_have_not_decided(served):
+    hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": 1.0}
+    kept = camera_finding(3, 2.0, hole, 10e-3)
+    rows = [vars(kept)]
+    for number, verdict in enumerate(("no coupling", "through-hole", "measured", "no pit"), 5):
+        told = {"verdict": verdict, "diameter": None, "depth": None}
+        rows.append(vars(sounded(replace(kept, number=number), told, 10e-3)))
+    said(served, "findings", {"findings": rows})
+    lines = served.client.get("/api/findings.csv").text.splitlines()
+    assert [line.split(",")[:2] for line in lines[1:]] == [
+        ["3", "hole or pit"], ["5", "hole or pit"], ["6", "hole"], ["7", "pit"], ["8", "mark"],
+    ]  # fmt: skip
 
 
 def test_a_recording_is_replayed(served):

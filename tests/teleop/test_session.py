@@ -12,7 +12,7 @@ HOLE = {"phi": PIT[0], "z": PIT[1], "diameter": PIT[2], "evidence": 1.0}
 EXTRACTED = {"what": "extracted", "hole": HOLE, "verdict": "dark"}
 HEARD = {
     "phi": 0.451, "z": 24.01e-3, "diameter": 0.99e-3, "depth": 0.502e-3, "place_sd": 34e-6,
-    "diameter_sd": 18e-6, "depth_sd": 3e-6, "verdict": "measured", "kind": "pit", "patch": {},
+    "diameter_sd": 18e-6, "depth_sd": 3e-6, "verdict": "measured", "patch": {},
 }  # fmt: skip
 
 
@@ -173,9 +173,11 @@ def test_what_cannot_be_measured_or_scanned_is_said():
     assert pilot.session.state.mode == "HEAD"
 
 
-def scanning():
-    """In SCAN, over what the eyes saw."""
+def scanning(stick=(0.0, 0.0)):
+    """In SCAN, over what the eyes saw, from where a second of the stick has brought it."""
     pilot = Pilot().following((319.5, 239.5))
+    pilot.drive(25, stick=stick)
+    pilot.drive(15)
     pilot.sight.events = [EXTRACTED]
     pilot.drive(2)
     pilot.order(messages.Scan)
@@ -185,16 +187,16 @@ def scanning():
 
 
 def test_a_scan_goes_there_and_back_and_its_depth_goes_with_the_finding():
-    pilot = scanning()
-    home = pilot.session.state.command
+    pilot = scanning(stick=(1.0, 0.3))
+    home = pilot.session.state.command, *pilot.session.where()[2:]
     pilot.until(lambda s: s.state.mode != "SCAN")
     session = pilot.session
     assert session.state.mode == "HOLD"
     assert "the scan is done" in session.state.reason
     wishes = pilot.sight.wishes
     assert [wishes.count(name) for name in ("sound", "shoot", "heard")] == [1, 25, 1]
-    assert session.state.command == pytest.approx(home, abs=0.5)
-    assert session.where()[2] == pytest.approx(0.0, abs=2.0)
+    assert session.state.command == pytest.approx(home[0], abs=0.5)
+    assert session.where()[2:] == pytest.approx(home[1:], abs=0.3)
     session.hear(messages.Sounded(finding=1, told=HEARD), pilot.now)
     (finding,) = session.findings
     assert (finding.depth, finding.depth_sd) == (0.502, 0.003)
@@ -227,13 +229,37 @@ def test_a_scan_is_broken_off_and_nothing_jumps(how):
 def test_what_echoes_could_not_tell_leaves_the_outline():
     pilot = scanning()
     before = pilot.session.findings[0]
-    nothing = {"verdict": "no coupling", "kind": "pit", "diameter": None, "depth": None}
+    nothing = {"verdict": "no coupling", "diameter": None, "depth": None}
     pilot.session.hear(messages.Sounded(finding=1, told=nothing), pilot.now)
     (after,) = pilot.session.findings
-    assert (after.verdict, after.depth) == ("no coupling", None)
+    assert (after.verdict, after.kind, after.depth) == ("no coupling", "hole or pit", None)
     assert (after.phi, after.z, after.diameter) == (before.phi, before.z, before.diameter)
     pilot.order(messages.Forget, finding=1)
     assert pilot.session.findings == []
+
+
+def test_a_number_is_never_used_again_and_a_late_fit_finds_nothing():
+    pilot = scanning()
+    pilot.order(messages.Forget, finding=1)
+    pilot.drive(2)
+    assert pilot.session.state.mode == "HOLD"
+    assert "was dropped" in pilot.session.state.reason
+    pilot.sight.events = [EXTRACTED]
+    pilot.drive(2)
+    pilot.session.hear(messages.Sounded(finding=1, told=HEARD), pilot.now)
+    (finding,) = pilot.session.findings
+    assert (finding.number, finding.depth) == (2, None)
+    pilot.order(messages.Scan, finding=999)
+    assert "no finding 999" in told(pilot.session, "notice")[-1]["text"]
+
+
+def test_who_takes_the_controls_is_told_what_to_press():
+    pilot = Pilot().steering(5)
+    pilot.order(messages.Release)
+    pilot.silence()
+    pilot.session.hear(messages.Taken(), pilot.now)
+    pilot.silence()
+    assert "press Head" in pilot.session.state.reason
 
 
 def test_pages_are_told_of_plane_and_memory():

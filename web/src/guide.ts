@@ -11,10 +11,19 @@ const STEPS = [
   ["Finding", "It is in the list, on the map and in three dimensions. Download it, or press Head and go on to the next."],
 ] as const;
 
+/** The same for who has no keys. */
+const TOUCH: Record<number, string> = {
+  0: "Take the controls, press Head and look round: drag the image, or look with this phone. The round pad pushes the catheter in and rolls it. Turn well to the side: where the wall is near and the head rests, what could be a defect is framed.",
+  1: "Tap what you want to inspect.",
+};
+const touched = window.matchMedia("(pointer: coarse)").matches;
+const said = (step: number): string => (touched ? (TOUCH[step] ?? STEPS[step]![1].replace(/ \([A-Z1-3]\)/g, "")) : STEPS[step]![1]);
+
 export class Guide {
   private now = -1;
   private moved = 0;
   private count = 0;
+  private picked = false;
   private readonly items: HTMLLIElement[];
   private readonly text: HTMLSpanElement;
   private readonly bar: HTMLProgressElement;
@@ -33,8 +42,11 @@ export class Guide {
     this.bar.hidden = true;
     hint.append(this.text, this.bar);
     list.append(...this.items, hint);
-    this.draw(0, STEPS[0][1]);
+    this.draw(0, said(0));
   }
+
+  /** Whether something was picked on this page. */
+  asked = false;
 
   /** What is going on with the echoes of a scan; empty where nothing is. */
   fitting = "";
@@ -44,9 +56,12 @@ export class Guide {
     // To look on after a finding is to begin with the next.
     if (state.mode === "HEAD" && findings.length > 0) this.count = findings.length;
     const fresh = findings.slice(this.count);
+    // A target that somebody lost before this page came is no pick.
+    if (state.target === null) this.picked = false;
+    else if (state.target[3] > 0 || this.asked) this.picked = true;
     const done = [
-      this.moved > 3 || state.target !== null || fresh.length > 0,
-      state.target !== null || fresh.length > 0,
+      this.moved > 3 || this.picked || fresh.length > 0,
+      this.picked || fresh.length > 0,
       (state.mode === "TRACK" && state.focus !== "" && state.focus !== "searching") || fresh.length > 0,
       fresh.length > 0,
       fresh.length > 0 && heard(fresh[fresh.length - 1]!),
@@ -64,7 +79,7 @@ export class Guide {
     if (step === 2 && state.mode === "TRACK") return state.centred ? "In the middle: focusing on it." : "Turning until the point is in the middle.";
     if (step === 4 && state.mode === "SCAN") return SCANNING[state.scan?.stage ?? ""] ?? "";
     if (step === 4 && this.fitting) return `Scanned; ${this.fitting}. You may go on meanwhile.`;
-    return STEPS[step]![1];
+    return said(step);
   }
 
   private draw(step: number, sentence: string): void {

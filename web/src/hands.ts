@@ -6,6 +6,8 @@ export interface Wishes {
   pick(u: number, v: number): void;
   pickMiddle(): void;
   next(): void;
+  /** Whether a candidate is chosen, which Enter then picks. */
+  choosing(): boolean;
   confirm(): void;
   mode(mode: "HEAD" | "TRACK" | "HOLD"): void;
   measure(): void;
@@ -70,6 +72,8 @@ export class Hands {
   private headset: { pose: Quaternion | null; at: number; stick: [number, number]; clutch: boolean } | null = null;
   private buttons: boolean[] = [];
   private last = now();
+  /** Called when the image is dragged. */
+  dragged: () => void = () => {};
 
   constructor(
     private readonly wishes: Wishes,
@@ -81,6 +85,10 @@ export class Hands {
     const clutch = byId("clutch");
     const press = (on: boolean) => () => (this.clutched = on);
     clutch.addEventListener("pointerdown", press(true));
+    clutch.addEventListener("keydown", (event) => {
+      if (event.key === " " || event.key === "Enter") this.clutched = true;
+    });
+    for (const name of ["keyup", "blur"]) clutch.addEventListener(name, press(false));
     for (const name of ["pointerup", "pointerleave", "pointercancel"]) clutch.addEventListener(name, press(false));
     window.addEventListener("blur", () => this.down.clear());
   }
@@ -175,11 +183,27 @@ export class Hands {
   }
 
   private listenToKeys(): void {
+    let pointed = false;
+    window.addEventListener("pointerdown", () => (pointed = true), true);
+    // What was pressed with a pointer must not keep the keys: they steer.
+    const giveBack = (event: Event) => {
+      const used = event.target instanceof Element ? event.target.closest("button, select, input") : null;
+      if (pointed && used && !document.querySelector("dialog[open]")) this.camera.focus({ preventScroll: true });
+    };
+    window.addEventListener("change", giveBack);
+    window.addEventListener("click", (event) => {
+      if (event.target instanceof Element && event.target.closest("button")) giveBack(event);
+    });
     window.addEventListener("keydown", (event) => {
+      pointed = false;
       if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
+      if (document.querySelector("dialog[open]")) return;
       const key = event.key.toLowerCase();
-      const busy = event.target instanceof HTMLElement && /^(BUTTON|SELECT|A|INPUT)$/.test(event.target.tagName);
-      if (busy && (key === "enter" || key === " " || key.startsWith("arrow"))) return;
+      const tag = event.target instanceof HTMLElement ? event.target.tagName : "";
+      if (/^(SELECT|INPUT)$/.test(tag) && key.startsWith("arrow")) return;
+      const picks = key === "enter" && this.wishes.choosing();
+      if (/^(BUTTON|SELECT|A|INPUT)$/.test(tag) && !picks && (key === "enter" || key === " ")) return;
+      if (picks) event.preventDefault(); // a button in focus, such as Release, is not meant
       if (!event.repeat) this.once(key);
       if (key.startsWith("arrow")) event.preventDefault();
       this.down.add(key);
@@ -213,7 +237,10 @@ export class Hands {
     });
     this.camera.addEventListener("pointermove", (event) => {
       if (!from) return;
-      if (Math.hypot(event.clientX - from.x, event.clientY - from.y) > 5) from.far = true;
+      if (!from.far && Math.hypot(event.clientX - from.x, event.clientY - from.y) > 5) {
+        from.far = true;
+        this.dragged();
+      }
       if (!from.far) return;
       this.yaw = within(this.yaw - event.movementX * DRAGGED);
       this.pitch = within(this.pitch + event.movementY * DRAGGED);

@@ -129,6 +129,7 @@ async function identify(): Promise<void> {
     trouble("The console does not answer; is it still running?");
   } finally {
     button.disabled = false;
+    window.clearInterval(clock);
     show("working", false);
   }
 }
@@ -157,9 +158,19 @@ function hear(told: Told): void {
   }
 }
 
+let clock = 0;
+
+/** Show a stage, and for how long it has been going on. */
 function stage(name: string): void {
   show("working");
-  byId("stage").textContent = `${name}…`;
+  const began = performance.now();
+  const tell = () => {
+    const seconds = Math.floor((performance.now() - began) / 1000);
+    byId("stage").textContent = seconds > 0 ? `${name}… ${seconds} s` : `${name}…`;
+  };
+  window.clearInterval(clock);
+  clock = window.setInterval(tell, 1000);
+  tell();
 }
 
 function showResult(found: Result): void {
@@ -193,8 +204,8 @@ function showScores(found: Result): void {
   const percent = (value: number | null) => (value === null ? "–" : `${(100 * value).toPrecision(3)} %`);
   const { scores } = found;
   const rows: [string, string, boolean?][] = [
-    ["Error on fitted rows", percent(scores.fit)],
-    ["Error on held-out rows", percent(scores.holdout), true],
+    ["Error on fitted rows, of their range", percent(scores.fit)],
+    ["Error on held-out rows, of their range", percent(scores.holdout), true],
     ["Best polynomial there", percent(scores.polynomial)],
     ["Lag", `${scores.lag} rows`],
     ["Cells excited", `${(100 * scores.excited).toFixed(0)} %`],
@@ -357,6 +368,8 @@ async function invert(): Promise<void> {
   }
   const start = byId<HTMLSelectElement>("start").value;
   const told = await ask(`/api/lab/${user}/invert`, JSON.stringify({ targets, start }));
+  byId("sequence").replaceChildren();
+  show("get-inputs", false);
   if (!told) return;
   const rows = targets.map((target, k) => [target, told.u[k], told.y[k]].map((value) => (value as number).toPrecision(6)));
   const table = byId<HTMLTableElement>("sequence");

@@ -11,6 +11,7 @@ import { WallMap } from "./wall";
 
 const SENT_EVERY = 20; // ms
 const NOTICE = 7000; // ms
+const OLD = 0.5; // s: a picture that is older misleads who steers by it
 
 const replay = new URLSearchParams(location.search).get("replay");
 const camera = byId<HTMLCanvasElement>("camera");
@@ -24,6 +25,8 @@ let state: State | null = null;
 let seats: Seats | null = null;
 let findings: Finding[] = [];
 let recording: string | null = null;
+let pictured: number | null = null;
+let stated = 0;
 let drawn = 0;
 let noticed = 0;
 let held = "";
@@ -34,23 +37,29 @@ const order = (type: string, content: Record<string, unknown> = {}): void => {
   else if (replay === null) notice("Take the controls first.");
 };
 
+const pick = (pixel: { u: number; v: number }): void => {
+  guide.asked = true;
+  order("pick", pixel);
+};
+
 const wishes = {
   pick(x: number, y: number) {
     if (!hello) return;
     const [u, v] = stage.pixel(x, y, hello);
-    order("pick", { u, v });
+    pick({ u, v });
   },
   pickMiddle() {
-    if (hello) order("pick", { u: hello.view.width / 2, v: hello.view.height / 2 });
+    if (hello) pick({ u: hello.view.width / 2, v: hello.view.height / 2 });
   },
   next() {
     const count = state?.spots.length ?? 0;
     stage.chosen = count ? (stage.chosen + 1) % count : -1;
     if (count === 0 && seats?.grant) order("find");
   },
+  choosing: () => stage.chosen >= 0,
   confirm() {
     const spot = state?.spots[stage.chosen];
-    if (spot) order("pick", { u: spot[0], v: spot[1] });
+    if (spot) pick({ u: spot[0], v: spot[1] });
     stage.chosen = -1;
   },
   mode(mode: Mode) {
@@ -75,6 +84,12 @@ const wishes = {
   },
 };
 const hands = new Hands(wishes, camera);
+hands.dragged = () => {
+  if (replay !== null || state?.mode === "HEAD") return;
+  if (!seats?.grant) notice("Take the controls (T) to look round.");
+  else if (state?.mode === "HOLD") notice("The head holds: press Head (1), then drag to look round.");
+  else notice(`In ${state?.mode} your own head moves nothing; press Head (1) to look round.`);
+};
 
 const connection = new Connection(
   {
@@ -95,6 +110,7 @@ const connection = new Connection(
           break;
         case "state":
           state = message;
+          stated = now();
           showState(message);
           break;
         case "seats":
@@ -106,7 +122,7 @@ const connection = new Connection(
           showFindings();
           break;
         case "recording":
-          showRecording(message.name);
+          showRecording(message.name, message.seconds ?? 0, message.size ?? 0);
           break;
         case "notice":
           notice(message.text);
@@ -144,6 +160,7 @@ async function showPicture(picture: Picture): Promise<void> {
   }
   if (await stage.show(picture, state, hello)) {
     byId("veil").hidden = true;
+    pictured = picture.t;
     document.body.dataset.pictures = String(Number(document.body.dataset.pictures ?? 0) + 1);
   }
 }
@@ -172,7 +189,9 @@ function showState(s: State): void {
   byId<HTMLButtonElement>("depth").disabled = !seats?.grant || findings.length === 0 || s.mode === "SCAN";
   if (s.heard && seats?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.heard.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
-  else if (s.mode === "HOLD" && s.reason && seats?.grant) notice((held = s.reason));
+  else if (s.mode === "HOLD" && s.reason && seats?.grant) {
+    if (held !== s.reason || performance.now() - noticed > NOTICE || byId("notice").hidden) notice((held = s.reason));
+  }
   else if (byId("notice").textContent === held) byId("notice").hidden = true;
   else if (performance.now() - noticed > NOTICE) byId("notice").hidden = true;
   if (!hello) return;
@@ -253,7 +272,17 @@ async function showSolid(): Promise<void> {
   solid?.show(findings, wall.bitmap, wall.range);
 }
 
-function showRecording(name: string | null): void {
+/** How old the picture is by the loop's own clock; shown where that matters to who steers. */
+function showAge(): void {
+  const age = state && pictured !== null ? state.t - pictured + now() - stated : 0;
+  const box = byId("age");
+  box.hidden = age < OLD || !byId("veil").hidden;
+  text("age", `picture is ${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`);
+}
+
+function showRecording(name: string | null, seconds: number, size: number): void {
+  const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
+  text("recorded", name === null ? "Record" : `${minutes}:${String(rest).padStart(2, "0")} · ${(size / 1e6).toFixed(0)} MB`);
   if (recording !== null && name === null) notice(`Recorded as ${recording}; find it under “?”.`);
   recording = name;
   press(byId("record"), name !== null);
@@ -358,6 +387,7 @@ window.setInterval(() => {
   hands.tick();
   if (seats?.grant) drive();
 }, SENT_EVERY);
+window.setInterval(showAge, 250);
 window.setInterval(() => {
   if (replay === null && !seats?.grant) connection.send("ping");
 }, 1000);

@@ -103,12 +103,15 @@ export class Solid {
   private relief(patch: NonNullable<Finding["patch"]>): Mesh {
     const rows = patch.depth.length;
     const columns = patch.depth[0]!.length;
-    const deepest = Math.max(0.1, ...patch.depth.flat().map((depth) => depth ?? 0));
+    const grid = patch.depth.map((row) => [...row]);
+    // What has no floor is drawn as deep as it is to the edge of the piece, and only drawn.
+    for (const [i, j] of patch.through ?? []) grid[i]![j] = (rows * patch.step) / 2;
+    const deepest = Math.max(0.1, ...grid.flat().map((depth) => depth ?? 0));
     const places: number[] = [];
     const colours: number[] = [];
     const faces: number[] = [];
     const [wall, deep, open] = [new Color("#aab4ba"), new Color("#d8502c"), new Color("#303840")];
-    patch.depth.forEach((row, i) =>
+    grid.forEach((row, i) =>
       row.forEach((depth, j) => {
         const phi = patch.phi + ((j * patch.step) / this.radius) * (180 / Math.PI);
         const at = outward(phi).multiplyScalar(this.radius + (depth ?? 0));

@@ -51,7 +51,7 @@ export interface Finding {
   verdict: string;
   evidence: number;
   /** Depths about it in mm, rows along the pipe and columns round it, from phi in degrees and z in mm. */
-  patch: { phi: number; z: number; step: number; depth: (number | null)[][] } | null;
+  patch: { phi: number; z: number; step: number; depth: (number | null)[][]; through?: [number, number][] } | null;
 }
 
 /** Whether echoes have told of a finding, if only that they cannot tell its depth. */
@@ -70,7 +70,7 @@ type Said =
   | State
   | Seats
   | { type: "findings"; findings: Finding[] }
-  | { type: "recording"; name: string | null }
+  | { type: "recording"; name: string | null; seconds?: number; size?: number }
   | { type: "notice" | "failed"; text: string }
   | { type: "pong"; t: number }
   | { type: "found"; count: number; verdict: string }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import ssl
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -59,6 +60,9 @@ def run(
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
     check_address(plant)
+    for name, number in (("--specimen", specimen or 0), ("--seed", seed)):
+        if number < 0:
+            raise ParameterError(f"{name} is {number}; give 0 or more")
     if not 0.05 <= timeout <= 5.0:
         raise ParameterError(f"--timeout is {timeout}; give 0.05 to 5 seconds")
     if (certificate is None) != (private_key is None):
@@ -66,6 +70,8 @@ def run(
     for file in (certificate, private_key):
         if file is not None and not file.is_file():
             raise ParameterError(f"{file} is no file; give a PEM file")
+    if certificate is not None and private_key is not None:
+        _check_pair(certificate, private_key)
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
     try:
@@ -104,6 +110,19 @@ def run(
         os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
     with suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])
+
+
+def _check_pair(certificate: Path, key: Path) -> None:
+    """Refuse a certificate that the server could not use, before anybody is told to open it."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(certificate, key, password="")  # without one, openssl would ask
+    except (OSError, ValueError) as error:  # what ssl raises are OSErrors
+        reason = getattr(error, "reason", None) or error
+        raise ParameterError(
+            f"{certificate} and {key} are no certificate with its private key ({reason}); give "
+            "PEM files that belong together, the key without a password"
+        ) from None
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -99,9 +99,10 @@ def _accuracy(result: Identification) -> Iterator[str]:
         )
     elif _rmse_held_out(result) > _OVERFIT * max(result.rmse, _ROUNDING * span):
         yield (
-            f"error on held-out data ({_rmse_held_out(result) / span:.2%} of the fitted range) is "
-            f"more than twice that on fitted data ({result.nrmse:.2%}): fit inputs more like those "
-            "you mean to apply, or fewer levels"
+            f"error on held-out data ({held:.2%} of its range, "
+            f"{_rmse_held_out(result) / span:.2%} of the fitted range) is more than twice that on "
+            f"fitted data ({result.nrmse:.2%}): fit inputs more like those you mean to apply, or "
+            "fewer levels"
         )
     if _falls(result):
         yield _FALLS

@@ -74,6 +74,37 @@ def read_columns(
     return columns
 
 
+def read_each(path: PathLike) -> list[FloatArray | RecordError]:
+    """All columns of a CSV file in one reading, gaps allowed; for each that cannot be had, why.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read, is no such table, or has no rows.
+    """
+    with _table(path) as (file, rows, headers):
+        pieces: list[list[FloatArray]] = [[] for _ in headers]
+        troubles: dict[int, RecordError] = {}
+        first = 2
+        while chunk := list(islice(rows, CHUNK)):
+            kept, numbers = _full_rows(chunk, first, len(headers), file)
+            for index, header in enumerate(headers):
+                if index in troubles:
+                    continue
+                cells = _Cells(f"column '{header}' of {file}", numbers, True)
+                try:
+                    pieces[index].append(cells.parse([row[index] for row in kept]))
+                except RecordError as error:
+                    troubles[index] = error
+            first += len(chunk)
+    if first == 2:
+        raise RecordError(f"{file} has a header and no rows; there is nothing to read")
+    return [
+        troubles.get(index) or np.concatenate(parts or [np.empty(0)])
+        for index, parts in enumerate(pieces)
+    ]
+
+
 def read_headers(path: PathLike) -> list[str]:
     """Column headers of a CSV file, as they are written there.
 
@@ -168,9 +199,11 @@ def _read_header(text: TextIO, file: Path) -> tuple[list[str], str]:
         raise RecordError(f"{file} looks like a binary file; give a CSV file")
     delimiter = max(DELIMITERS, key=line.count)
     headers = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, strict=True))]
+    seen: set[str] = set()
     for header in headers:
-        if header and headers.count(header) > 1:
+        if header and header in seen:
             raise RecordError(f"{file} has two columns named '{header}'; rename one")
+        seen.add(header)
     if all(_is_number(header) for header in headers):
         raise RecordError(f"{file} begins with numbers; it needs a header line to name its columns")
     return headers, delimiter

@@ -12,7 +12,6 @@ from minorloop.errors import MissingExtraError
 from minorloop.geometry import Mount, Probe
 from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear, sound_field
-from minorloop.inspection.findings import finding_of
 from minorloop.inspection.fusion import fuse, mean_depths
 from minorloop.inspection.mesh import mesh_of
 from minorloop.inspection.pits import PitDepth, measure_pit
@@ -45,20 +44,19 @@ def _told(pit: PitDepth, wall: WallMap) -> dict[str, Any]:
         name: _known(getattr(pit, name))
         for name in ("phi", "z", "diameter", "depth", "place_sd", "diameter_sd", "depth_sd")
     }
-    # What has no floor is drawn as deep as it is wide.
-    depths = np.where(np.isposinf(wall.depth), 1e3 * SIZE / 2, 1e3 * wall.depth)
-    grid = [[None if not math.isfinite(d) else round(d, 4) for d in row] for row in depths.tolist()]
+    depths = 1e3 * wall.depth
+    grid = [[round(d, 4) if math.isfinite(d) else None for d in row] for row in depths.tolist()]
     patch = wall.patch
     return {
         **values,
         "verdict": pit.verdict,
-        "kind": finding_of(pit).kind,
         "bursts": pit.bursts,
         "patch": {
             "phi": round(math.degrees(patch.phi), 5),
             "z": round(1e3 * patch.z, 5),
             "step": 1e3 * patch.step,
             "depth": grid,
+            "through": np.argwhere(np.isposinf(depths)).tolist(),
         },
     }
 

@@ -243,7 +243,7 @@ class Eyes:
             # The weaker look from farther away still has an outline.
             hole = self._finder.near(self._track.place.tolist(), _SAME)
         if hole is None:
-            reason = "nothing round is seen under the target"
+            reason = "nothing round is seen under the target; go nearer, or pick what is framed"
             if findings.verdict != "good":
                 reason = f"the frames cannot be used: {findings.verdict}"
             self._tell("extracted", hole=None, verdict=reason)

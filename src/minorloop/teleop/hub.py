@@ -131,7 +131,7 @@ class Hub:
         return was
 
     def take(self, viewer: Viewer) -> bool:
-        """Give the controls to a viewer if nobody has them."""
+        """Give the controls to a viewer if nobody has them; whether they are newly theirs."""
         if self.pilot is not None and self.pilot is not viewer:
             viewer.tell(
                 messages.encode(
@@ -140,11 +140,12 @@ class Hub:
                 )
             )
             return False
-        if self.pilot is None:
+        fresh = self.pilot is None
+        if fresh:
             self.grant += 1
             self.pilot, viewer.granted = viewer, self.grant
         self.tell_seats()
-        return True
+        return fresh
 
     def free(self) -> None:
         """Take the controls back."""

@@ -105,7 +105,7 @@ class Lab:
             shutil.rmtree(folder, ignore_errors=True)
             return _refusal(str(error), 413)
         await asyncio.to_thread((folder / name).write_bytes, content)
-        told = await self._workers.ask("look", folder=str(folder), name=name)
+        told = await self._quick.ask("look", folder=str(folder), name=name)
         if "error" in told:
             shutil.rmtree(folder, ignore_errors=True)
             return _refusal(told["error"])

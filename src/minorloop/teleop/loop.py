@@ -40,7 +40,7 @@ END = b"."
 PICTURED = b"p"
 """What stands before a picture that the eyes send to be recorded."""
 _SLEEPS_LATE = 0.2
-_COLLECT_EVERY = 25
+_COLLECT_EVERY = _TOLD_EVERY = 25
 _MOST_UNWRITTEN = 20_000
 
 
@@ -220,6 +220,8 @@ class _Loop:
                 self._record(message.on)
             else:
                 session.hear(message, at)
+                if isinstance(message, messages.Release):
+                    self._record(False)  # nobody is there to end it
         now = time.monotonic()
         session.tick(now)
         state = session.report(now, late=late)
@@ -229,6 +231,8 @@ class _Loop:
         session.events.clear()
         self._keep(TEXT, now, state)
         self._outbox.newest(state)
+        if session.ticks % _TOLD_EVERY == 0:
+            self._tell_recording()
 
     def _record(self, on: bool) -> None:
         """Begin or end a recording."""
@@ -245,10 +249,18 @@ class _Loop:
             now = time.monotonic()
             self._keep(TEXT, now, self._session.introduction())
             self._session.tell_findings()
-            self._outbox.event(messages.encode("recording", name=name))
+            self._tell_recording()
         else:
             self._end_recording()
             self._outbox.event(messages.encode("recording", name=None))
+
+    def _tell_recording(self) -> None:
+        recorder = self._recorder
+        if recorder is None:
+            return
+        told = {"name": recorder.path.stem, "size": recorder.size}
+        seconds = round(time.monotonic() - recorder.began, 1)
+        self._outbox.event(messages.encode("recording", **told, seconds=seconds))
 
     def _end_recording(self) -> None:
         self._session.sight.keep = False  # type: ignore[attr-defined]

@@ -118,6 +118,10 @@ class Ping(_Sent, frozen=True, kw_only=True):
     """Ask for an answer, to see how long it takes."""
 
 
+class Taken(msgspec.Struct, frozen=True, tag_field="type", tag="taken"):
+    """Somebody has taken the controls; the server says it."""
+
+
 class Sounded(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="sounded"):
     """What the echoes told of a finding, from the process that fitted them; no page sends it."""
 
@@ -128,7 +132,7 @@ class Sounded(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="
 Order: TypeAlias = (
     Drive | Mode | Pick | Measure | Focus | Find | Sharpen | Scan | Record | Forget | Release
 )
-Inner: TypeAlias = Order | Sounded
+Inner: TypeAlias = Order | Sounded | Taken
 """What the server says to the control loop."""
 Message: TypeAlias = Order | Take | Ping
 

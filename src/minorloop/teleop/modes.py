@@ -150,7 +150,10 @@ def _refusal(seat: Seat, state: SeatState, heard: Heard, wanted: Mode) -> str:
         return ""
     # Not above the timeout, so that a page that is never heard of is never above it either.
     if not heard.link_age <= seat.stick.timeout:
-        return "the operator's page was not heard of; press a mode to go on"
+        return (
+            f"the operator's page was not heard of for {seat.stick.timeout:g} s; press a mode to "
+            "go on, or start with a longer --timeout"
+        )
     if wanted == "HEAD" and (heard.pose is None or not heard.pose_age <= seat.gaze.timeout):
         return "the pose of the operator's head was lost; press HEAD to go on"
     entering = heard.request is not None and state.mode != "TRACK"

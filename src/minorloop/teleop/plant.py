@@ -31,6 +31,8 @@ from minorloop.inspection.field import Ear
 from minorloop.lab.actuator import Actuator, FrameSource, Shot
 from minorloop.vision.eye import Eye
 
+WATER = 20.0
+"""Of the water in a flooded pipe, in degrees Celsius, as far as a thermometer tells."""
 MIDDLE = 30.0
 """Pan and tilt at which the head looks straight ahead, in degrees."""
 ADDRESSES = ("twin:pipe",)
@@ -41,6 +43,8 @@ _BANDS = 12
 _HIGHEST = 0.4
 _LENGTH = 0.1024
 _CALIBRATED = 0.05e-3
+# What a gauge, a caliper and a thermometer leave open.
+_RADIUS, _THICKNESS, _TEMPERATURE = 20e-6, 0.03, 0.3
 
 
 @runtime_checkable
@@ -106,6 +110,8 @@ class View:
     probe : Probe
     radius, thickness : float
         Of the pipe and its wall, in metres.
+    temperature : float
+        Of the water that it is flooded with, in degrees Celsius.
     """
 
     lens: Pinhole
@@ -115,6 +121,7 @@ class View:
     probe: Probe = field(default_factory=Probe)
     radius: float = 10e-3
     thickness: float = 2e-3
+    temperature: float = WATER
 
     def mount(self, where: Where) -> Mount:
         """How the head sits in the pipe where the catheter is."""
@@ -127,11 +134,18 @@ class View:
 
     def ear(self, where: Where) -> Ear:
         """The probe where the catheter is."""
-        return Ear(self.probe, self.mount(where), radius=self.radius, thickness=self.thickness)
+        return Ear(
+            self.probe,
+            self.mount(where),
+            radius=self.radius,
+            thickness=self.thickness,
+            temperature=self.temperature,
+        )
 
     def told(self) -> dict[str, Any]:
         """As plain values, for messages."""
-        plain = {name: getattr(self, name) for name in ("offset", "lever", "radius", "thickness")}
+        names = ("offset", "lever", "radius", "thickness", "temperature")
+        plain = {name: getattr(self, name) for name in names}
         lens, probe = (
             msgspec.to_builtins(part, enc_hook=float) for part in (self.lens, self.probe)
         )
@@ -204,8 +218,9 @@ def open_tip(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=(float(known[0]), float(known[1])),
-        radius=pipe.radius,
-        thickness=pipe.thickness,
+        radius=pipe.radius + float(rng.normal(0.0, _RADIUS)),
+        thickness=pipe.thickness * float(rng.uniform(1 - _THICKNESS, 1 + _THICKNESS)),
+        temperature=WATER + float(rng.normal(0.0, _TEMPERATURE)),
     )
     return tip, view
 

@@ -8,6 +8,7 @@ recorded survives the end of the process; an entry that was cut short is dropped
 from __future__ import annotations
 
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -42,10 +43,13 @@ class Recorder:
         self.path = folder / f"{name}{SUFFIX}"
         self._file: BinaryIO = self.path.open("xb", buffering=0)
         self._file.write(MAGIC)
+        self.began, self.size = time.monotonic(), len(MAGIC)
 
     def write(self, kind: int, t: float, content: bytes) -> None:
         """Add an entry."""
-        self._file.write(_ENTRY.pack(kind, t, len(content)) + content)
+        entry = _ENTRY.pack(kind, t, len(content)) + content
+        self._file.write(entry)
+        self.size += len(entry)
 
     def close(self) -> None:
         """End the recording."""
@@ -78,4 +82,13 @@ def listed(folder: Path) -> list[str]:
     if not folder.is_dir():
         return []
     files = sorted(folder.glob(f"*{SUFFIX}"), key=lambda p: p.stat().st_mtime, reverse=True)
-    return [path.stem for path in files]
+    return [path.stem for path in files if _is_recording(path)]
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a file begins as a recording does; others may lie in the folder too."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False

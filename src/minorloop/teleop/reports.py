@@ -18,6 +18,15 @@ _PLACE_SD = (
 )
 _SIZE_SD = 0.08
 NOT_HEARD = "not heard"
+UNDECIDED = "hole or pit"
+_KINDS = {
+    "measured": "pit",
+    "uneven floor": "pit",
+    "disturbed": "pit",
+    "ambiguous depth": "pit",
+    "through-hole": "hole",
+    "no pit": "mark",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +40,7 @@ class Finding:
     t : float
         When, in seconds since the session began.
     kind : str
-        ``pit``, ``hole`` or ``mark``.
+        ``pit``, ``hole`` or ``mark``; ``hole or pit`` where echoes have not decided.
     verdict : str
         Of the echoes; ``not heard`` before there are any.
     phi, z : float
@@ -42,7 +51,8 @@ class Finding:
     evidence : float
         Logarithm of the odds by the camera that it is a hole or a pit.
     patch : dict, optional
-        Depths about it in mm, ``rows`` by ``columns`` from ``phi`` and ``z`` by ``step``.
+        Depths about it in mm, ``rows`` by ``columns`` from ``phi`` and ``z`` by ``step``; None
+        where not known, and where there is no floor: ``through`` lists the latter.
     """
 
     number: int
@@ -67,7 +77,7 @@ def camera_finding(number: int, t: float, hole: Mapping[str, float], radius: flo
     return Finding(
         number=number,
         t=t,
-        kind="pit",
+        kind=UNDECIDED,
         verdict=NOT_HEARD,
         phi=round(math.degrees(hole["phi"]) % 360.0, 3),
         phi_sd=round(math.degrees(1e-3 * _PLACE_SD / radius), 3),
@@ -83,7 +93,7 @@ def camera_finding(number: int, t: float, hole: Mapping[str, float], radius: flo
 
 def sounded(finding: Finding, told: Mapping[str, Any], radius: float) -> Finding:
     """The finding with what its echoes told; what they did not tell stays as the camera saw it."""
-    changed: dict[str, Any] = {"verdict": told["verdict"], "kind": told["kind"]}
+    changed: dict[str, Any] = {"verdict": told["verdict"], "kind": kind_of(told["verdict"])}
     if told.get("diameter") is not None:
         changed |= {
             "phi": round(math.degrees(told["phi"]) % 360.0, 4),
@@ -99,9 +109,18 @@ def sounded(finding: Finding, told: Mapping[str, Any], radius: float) -> Finding
     return replace(finding, patch=told.get("patch"), **changed)
 
 
+def kind_of(verdict: str) -> str:
+    """What a finding is by the verdict of its echoes."""
+    return _KINDS.get(verdict, UNDECIDED)
+
+
 def table_of(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Findings as the pages are told of them, as CSV."""
-    return tables.finding_table([_as_library(row) for row in rows])
+    """Findings as the pages are told of them, as CSV, under the numbers that the pages show."""
+    header, *lines = tables.finding_table([_as_library(row) for row in rows]).splitlines()
+    numbered = (
+        f"{row['number']},{line.split(',', 1)[1]}" for row, line in zip(rows, lines, strict=True)
+    )
+    return "\n".join([header, *numbered, ""])
 
 
 def _as_library(row: Mapping[str, Any]) -> tables.Finding:

@@ -19,12 +19,14 @@ from minorloop.teleop.sounding import scan_targets
 
 Stage: TypeAlias = Literal["travel", "settle", "turn", "points", "back", "done"]
 _FASTEST, _NEAR = (8.0, 40.0), (0.05, 0.3)
-_HOME = (1.0, 3.0)  # near enough for a picture; nearer, the friction of the tube holds it
+# At the end of its travel the friction of the tube holds it off: then near enough will do.
+_HOME, _NEARLY_HOME, _HOMING = (0.1, 0.5), (1.0, 3.0), 6.0
 _GAIN = 2.0
 _PATIENCE = {"travel": 40.0, "settle": 0.4, "turn": 5.0, "back": 10.0}
 _DWELL, _MOST_DWELL, _AIMED = 0.48, 1.2, 0.6
 _MOST_UNHEARD = 2.0
 _SQUARELY = (25.0, 0.0)
+_REACH = 30.0  # degrees: no head of ours turns farther
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +94,8 @@ def scanned(scan: Scan, view: View, where: Where, interval: float) -> tuple[Scan
         try:
             targets = tuple(scan_targets(view, where, scan.centre))
         except ParameterError:
+            targets = ()
+        if not targets or max(math.hypot(*target) for target in targets) > _REACH:
             return _next(scan, "back", True), Asked(_SQUARELY)
         scan = _next(replace(scan, targets=targets), "turn", True)
         return scan, Asked(targets[0], wishes=(_begin(scan),))
@@ -100,7 +104,8 @@ def scanned(scan: Scan, view: View, where: Where, interval: float) -> tuple[Scan
         return _next(scan, "points", there or late), Asked(scan.targets[0])
     if scan.stage == "points":
         return _points(scan, where)
-    rates, there = _towards(scan.home[2:], where, _HOME)
+    near = _HOME if scan.waited < _HOMING else _NEARLY_HOME
+    rates, there = _towards(scan.home[2:], where, near)
     return _next(scan, "done", there or late), Asked(scan.home[:2], rates)
 
 

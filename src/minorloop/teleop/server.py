@@ -97,7 +97,8 @@ class _Server:
         self._painting = False
         self._images = 0
         self._meshes: dict[int, dict[str, bytes]] = {}
-        self._fitting: set[asyncio.Task[None]] = set()
+        self._fitting: dict[asyncio.Task[None], int] = {}
+        self._known: set[int] = set()
         many = min(self._workers, 1)
         self._fitters = Workers(many, tasks="minorloop.teleop.depth_work", longest=300.0, nice=7)
         # What the first picture would wait for, and everybody with it.
@@ -161,9 +162,7 @@ class _Server:
     def _said(self, content: bytes) -> None:
         """Pass on what the loop says."""
         if content[:1] == _JOB:
-            fitting = asyncio.get_running_loop().create_task(self._fit(content[1:]))
-            self._fitting.add(fitting)
-            fitting.add_done_callback(self._fitting.discard)
+            self._begin_fit(pickle.loads(content[1:]))  # from our own process, by its own pipe
             return
         if content[:1] != b"{":
             self._hub.show("image", content)
@@ -181,15 +180,32 @@ class _Server:
             self._wall = Wall(View.heard(msgspec.json.decode(content)["known"]))
         elif content.startswith(b'{"type":"findings"'):
             self._hub.findings = content
+            self._keep_known({f["number"] for f in msgspec.json.decode(content)["findings"]})
         elif content.startswith(b'{"type":"recording"'):
             self._hub.recording = content
         elif content.startswith(b'{"type":"failed"'):
             self._hub.failed = content
         self._hub.tell(content)
 
-    async def _fit(self, content: bytes) -> None:
+    def _keep_known(self, numbers: set[int]) -> None:
+        """Drop fit and meshes of findings that were dropped."""
+        self._known = numbers
+        for number in set(self._meshes) - numbers:
+            del self._meshes[number]
+        for fitting, number in self._fitting.items():
+            if number not in numbers:
+                fitting.cancel()
+                self._hub.tell(messages.encode("depth", finding=number, stage="", seconds=0.0))
+
+    def _begin_fit(self, job: dict[str, Any]) -> None:
+        if job["finding"] not in self._known:  # dropped while it was scanned
+            return
+        fitting = asyncio.get_running_loop().create_task(self._fit(job))
+        self._fitting[fitting] = job["finding"]
+        fitting.add_done_callback(self._fitting.pop)
+
+    async def _fit(self, job: dict[str, Any]) -> None:
         """Have the echoes of a scan fitted, and tell the loop and the pages what came of it."""
-        job = pickle.loads(content)  # from our own process, through its own pipe
         number, last = job["finding"], {}
         began = time.monotonic()
         async for told in self._fitters.run("depth", **job):
@@ -267,7 +283,8 @@ class _Server:
             if isinstance(message, messages.Ping):
                 viewer.show("pong", messages.encode("pong", seq=message.seq, t=message.t))
             elif isinstance(message, messages.Take):
-                self._hub.take(viewer)
+                if self._hub.take(viewer):
+                    self._link.order(messages.Taken())
             elif self._hub.may(viewer, message):
                 self._link.order(message)
                 if isinstance(message, messages.Release):

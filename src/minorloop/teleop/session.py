@@ -55,6 +55,7 @@ class Session:
     def __post_init__(self) -> None:
         self.state = SeatState()
         self.findings: list[Finding] = []
+        self._numbered = 0
         self.reading = np.zeros(4)
         self._known = np.zeros(4)
         self.ticks = self._blind = 0
@@ -89,6 +90,8 @@ class Session:
             self._drive, self._drive_at = message, at
         elif isinstance(message, messages.Mode):
             self._request = message.mode
+        elif isinstance(message, messages.Taken):
+            self.hold("you have the controls; press Head (1) to look round")
         elif isinstance(message, messages.Release):
             self.hold("the controls are free; take them to go on")
         elif isinstance(message, messages.Pick):
@@ -107,8 +110,7 @@ class Session:
             self.focus = "by hand"
             self._wish("focus", message.distance)
         elif isinstance(message, messages.Forget):
-            self.findings = [f for f in self.findings if f.number != message.finding]
-            self.tell_findings()
+            self._forget(message.finding)
 
     def hold(self, reason: str) -> None:
         """Hold, and forget what the operator's page said last."""
@@ -284,15 +286,19 @@ class Session:
         if hole is None:
             self.notice(f"this cannot be measured: {event['verdict']}")
             return
-        number = 1 + max((f.number for f in self.findings), default=0)
+        self._numbered += 1  # never used again: a late fit must not meet another finding
         t = round(self.ticks * self.interval, 2)
-        self.findings.append(camera_finding(number, t, hole, self.view.radius))
+        self.findings.append(camera_finding(self._numbered, t, hole, self.view.radius))
         self.tell_findings()
 
     def _begin_scan(self, number: int | None) -> None:
         wanted = [f for f in self.findings if number is None or f.number == number]
         if not wanted:
-            self.notice("there is nothing to scan; measure a finding first")
+            sentence = "there is nothing to scan; measure a finding first"
+            if number is not None and self.findings:
+                known = ", ".join(str(f.number) for f in self.findings)
+                sentence = f"there is no finding {number}; there is {known}"
+            self.notice(sentence)
             return
         found = wanted[-1]
         self.scan = Scan(
@@ -311,7 +317,10 @@ class Session:
             self.scan, asked = scanned(self.scan, self.view, self.where(), self.interval)
             self._wishes += asked.wishes
             if self.scan.stage == "done":
-                self.hold("the scan is done; press a mode to go on")
+                sentence = "the scan is done; press a mode to go on"
+                if not self.scan.targets:
+                    sentence = "the probe could not be brought over the finding; press Depth again"
+                self.hold(sentence)
                 self.events.append(messages.encode("scanned", finding=self.scan.number))
                 return None
             return asked.angles, asked.rates
@@ -322,6 +331,13 @@ class Session:
         for k, finding in enumerate(self.findings):
             if finding.number == message.finding:
                 self.findings[k] = sounded(finding, message.told, self.view.radius)
+        self.tell_findings()
+
+    def _forget(self, number: int) -> None:
+        """Drop a finding, and a scan of it."""
+        self.findings = [f for f in self.findings if f.number != number]
+        if self.scan is not None and self.scan.number == number and self.state.mode == "SCAN":
+            self.hold(f"finding {number} was dropped; press a mode to go on")
         self.tell_findings()
 
     def tell_findings(self) -> None:
