@@ -38,8 +38,8 @@ START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
 GAIN = 0.8
 """Of the servo, in 1/s."""
-REST = 0.6
-"""Error at which the servo leaves the head alone, in pixels of the camera: 0.3 of the smaller."""
+SOFT = 6.0
+"""Error below which the servo's gain falls, in pixels of the camera: 3 of the smaller image."""
 MOTION, MOTION_SECONDS = 10.0, 20.0
 """Fastest commanded motion that the tracker is tried under, in degrees a second; how long."""
 GREY = 95.0
@@ -160,7 +160,7 @@ def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: 
     state, y = _approach(scene, head, sensor=sensor)
     _meter(head)
     known = np.radians((y if sensor else foretold(control, state)) - STRAIGHT)
-    servo = Servo(eye, gain=GAIN, delay=0.2, cone=CONE, rate_limit=np.radians(20.0), rest=REST)
+    servo = Servo(eye, gain=GAIN, delay=0.2, cone=CONE, rate_limit=np.radians(20.0), soft=SOFT)
     hold, tracker = Hold(servo=servo), Tracker(eye)
     held, believed = hold.begin(known), servo.begin(known)
     shown = scene.pixel(head)

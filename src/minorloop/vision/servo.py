@@ -22,9 +22,8 @@ from minorloop.errors import ParameterError
 from minorloop.vision.eye import Eye
 from minorloop.vision.jacobian import pan_tilt_jacobian, undo, wall_depth
 
-TURNING, AT_REST, AT_CONE, AT_RATE, NO_TARGET, SINGULAR = (
+TURNING, AT_CONE, AT_RATE, NO_TARGET, SINGULAR = (
     "turning",
-    "at rest",
     "at the cone",
     "at the rate limit",
     "no target",
@@ -88,8 +87,7 @@ class ServoStep:
     error : float
         How far the point is from where it is wanted, in pixels; NaN without a point.
     verdict : str
-        ``turning``, ``at rest``, ``at the cone``, ``at the rate limit``, ``no target`` or
-        ``singular``.
+        ``turning``, ``at the cone``, ``at the rate limit``, ``no target`` or ``singular``.
     """
 
     angles: FloatArray
@@ -143,13 +141,13 @@ class Servo:
     cone: Cone = Cone()
     rate_limit: float = math.radians(20)
     lead: float = math.inf
-    rest: float = 0.0
+    soft: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("gain", "interval", "rate_limit", "lead"):
             if not getattr(self, name) > 0:
                 raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give > 0")
-        for name in ("integral_gain", "delay", "rest"):
+        for name in ("integral_gain", "delay", "soft"):
             if not as_finite(name, getattr(self, name)) >= 0:
                 raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give >= 0")
         if not self.gain * (self.delay + self.interval) < 0.5:
@@ -192,8 +190,6 @@ class Servo:
         point = self.eye.lens.normalised(seen)
         off = point - goal
         pixels = float(self.eye.lens.focal * np.hypot(*off))
-        if pixels <= self.rest:
-            return ServoStep(state.angles, np.zeros(2), pixels, AT_REST), state
         error = self.as_angles(point, off, believed)
         if error is None:
             return ServoStep(state.angles, np.zeros(2), pixels, SINGULAR), state
@@ -215,7 +211,8 @@ class Servo:
         self, state: ServoState, error: FloatArray, measured: FloatArray | None, pixels: float
     ) -> tuple[ServoStep, ServoState]:
         integral = state.integral + self.interval * error
-        rates = -self.gain * error - self.integral_gain * integral
+        gain = self.gain * (min(pixels / self.soft, 1.0) if self.soft > 0 else 1.0)
+        rates = -gain * error - self.integral_gain * integral
         aimed, verdict = state.angles + self.interval * rates, TURNING
         if measured is not None and math.isfinite(self.lead):
             near = measured + _shortened(aimed - measured, self.lead)
