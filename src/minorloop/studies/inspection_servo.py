@@ -36,7 +36,7 @@ SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
 START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
-GAIN = 0.8
+GAIN = 0.5
 """Of the servo, in 1/s."""
 SOFT = 6.0
 """Error below which the servo's gain falls, in pixels of the camera: 3 of the smaller image."""

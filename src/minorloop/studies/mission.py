@@ -33,7 +33,7 @@ from minorloop.inspection.unrolled import (
     paste,
     sonar_map,
 )
-from minorloop.studies.inspection_servo import wires_of
+from minorloop.studies.inspection_servo import SOFT, wires_of
 from minorloop.twins.camera import Camera
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
@@ -402,7 +402,7 @@ def _centre(crew: _Crew, pixel: FloatArray, step: str = "centre") -> None:
     """Bring a point to the middle of the image."""
     eye = crew.eye
     tracker = Tracker(eye)
-    servo = Servo(eye, gain=0.8, delay=0.2, cone=CONE)
+    servo = Servo(eye, gain=0.8, delay=0.2, cone=CONE, soft=SOFT)
     _, track = tracker.begin(crew.head.frame().image, pixel, *crew.angles.tolist())
     state = servo.begin(crew.angles)
     error = np.nan
