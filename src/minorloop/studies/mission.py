@@ -38,7 +38,7 @@ from minorloop.twins.camera import Camera
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.pipe import Bore, Pipe
-from minorloop.twins.seeing import STRAIGHT, SeeingHead
+from minorloop.twins.seeing import STRAIGHT, SeeingHead, Sway
 from minorloop.twins.ultrasound import Ultrasound
 from minorloop.vision.defects import Findings, Hole, acquire, find_holes, strongest
 from minorloop.vision.eye import Eye
@@ -55,11 +55,14 @@ CENTRED = 23.0
 """Deflection at which a thing is brought to the middle, in degrees."""
 TRAVEL_TIME, CENTRE_TIME, RASTER_TIME = 6.0, 9.0, 1.6
 """Seconds for a move of the head, for centring, and for a step of the raster."""
-ADVANCES = (0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 24.0)
+ADVANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0)
 """Positions of the catheter from which is looked around, in mm, until echoes confirm something;
-so near one another that every hole is 9 pixels across in some look, and in most in two."""
+so near one another that a hole of 0.85 mm is 9 pixels of a 320 by 240 image across in two looks."""
 MOST_PICKS = 8
 """Things that are gone to in all, one after the other."""
+SWAY, GYRO_NOISE = Sway(), 0.05
+"""How the flow of the water that is let in turns the base of the head, and the noise in degrees
+with which a gyroscope in the base reads that."""
 SAME = 1.0e-3
 """Things on the wall nearer than that are one."""
 OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
@@ -150,6 +153,7 @@ class _Crew:
         self.off = tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
         self.known_off = tuple((np.array(self.off) + rng.normal(0, 0.05e-3, 2)).tolist())
         about = np.random.default_rng([seed, 33])
+        self.gyro = np.random.default_rng([seed, 34])
         self.warm = float(about.uniform(12, 30))
         self.told_thickness = self.wet.thickness * float(1 + OFF_THICKNESS * about.normal())
         self.told_temperature = self.warm + OFF_TEMPERATURE * float(about.normal())
@@ -173,6 +177,15 @@ class _Crew:
     def angles(self) -> FloatArray:
         """(2,) pan and tilt of the line of sight as the joints say, in radians."""
         return np.asarray(np.radians(self.y - STRAIGHT))
+
+    @property
+    def sight(self) -> FloatArray:
+        """(2,) line of sight in radians as joints and gyroscope say: the joints feel no sway."""
+        sway = self.head.sway
+        if sway is None:
+            return self.angles
+        read = sway.at(self.t) + GYRO_NOISE * self.gyro.standard_normal(2)
+        return np.asarray(self.angles + np.radians(read))
 
     @property
     def mount(self) -> Mount:
@@ -361,10 +374,12 @@ def _sounded(crew: _Crew, one: Mission, view: Shades | None, views: list[Shades]
     crew.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
     one = replace(one, centred=centred_image, touch=touch, pit=pit, finding=finding_of(pit))
     if not np.isfinite(pit.depth):
+        crew.head.sway = None
         return one
     seen = [*views, *([view] if view is not None else [])]
     wall, ring, water = _rebuilt(crew, probe, bursts, ear, pit, hole, seen)
     size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
+    crew.head.sway = None
     crew.say("reconstruct", f"{finding_of(pit).kind} of {size}")
     return replace(one, wall=wall, ring=ring, water=water)
 
@@ -451,12 +466,13 @@ def _touch(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], float]:
 
 
 def _scan(crew: _Crew, hole: Hole) -> tuple[Ultrasound, list[Burst], Ear]:
-    """Let water in, bring the probe square to the finding, and scan a raster."""
+    """Bring the probe square to the finding, let water in, and scan a raster in its flow."""
     phi, z = hole.place.tolist()
     crew.travel(1e3 * z, float(np.degrees(wrapped(phi))))
     probe, ear = crew.probe()
     targets = raster(ear, (phi, z))
     crew.turn(targets[0])
+    crew.head.sway = SWAY
     bursts = []
     for k, target in enumerate(targets):
         crew.turn(target, RASTER_TIME)
@@ -464,10 +480,12 @@ def _scan(crew: _Crew, hole: Hole) -> tuple[Ultrasound, list[Burst], Ear]:
         if k == 0:
             way = choose_modality(shots, RADIUS - ear.probe.face, ear.speed)
             crew.say("modality", "the wall is heard" if way == "sonar" else "no echo: camera only")
-        angles = np.tile(crew.angles, (SHOTS, 1))
-        spot, wanted = ear.spots(angles[:1])[0], ear.spots(target[None])[0]
-        off = np.hypot(RADIUS * float(wrapped(spot[0] - wanted[0])), spot[1] - wanted[1])
-        bursts.append(average(shots, angles, np.full(SHOTS, off), most_off=0.6e-3))
+        angles = crew.sight
+        spot, wanted = ear.spots(np.array([angles, target]))[:, :2]
+        off = _distance(spot, wanted)
+        bursts.append(
+            average(shots, np.tile(angles, (SHOTS, 1)), np.full(SHOTS, off), most_off=0.6e-3)
+        )
     return probe, bursts, ear
 
 
@@ -509,7 +527,7 @@ def _sweep(crew: _Crew, probe: Ultrasound, place: tuple[float, float]) -> tuple[
         probe.move(crew._true_mount(advance, roll))
         ear = crew.ear
         shots = _shots(crew, probe, RING_SHOTS)
-        angles = np.tile(crew.angles, (RING_SHOTS, 1))
+        angles = np.tile(crew.sight, (RING_SHOTS, 1))
         profiles.append(wall_profile([average(shots, angles, np.zeros(RING_SHOTS))], ear))
     profile = joined(profiles)
     water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)
