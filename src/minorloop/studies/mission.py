@@ -484,7 +484,7 @@ def _scan(crew: _Crew, hole: Hole) -> tuple[Ultrasound, list[Burst], Ear]:
         spot, wanted = ear.spots(np.array([angles, target]))[:, :2]
         off = _distance(spot, wanted)
         bursts.append(
-            average(shots, np.tile(angles, (SHOTS, 1)), np.full(SHOTS, off), most_off=0.6e-3)
+            average(shots, np.tile(angles, (SHOTS, 1)), np.full(SHOTS, off), most_off=0.8e-3)
         )
     return probe, bursts, ear
 
