@@ -33,6 +33,7 @@ from minorloop.vision.eye import Eye
 def mission():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("minorloop.studies.mission.TURNS", 16)
+        patch.setattr("minorloop.studies.mission.ADVANCES", (9.0, 12.0))
         return run_mission(1)
 
 
@@ -168,7 +169,7 @@ def thing(z, evidence=1.0):
 
 
 def test_a_mission_goes_on_after_a_false_thing_and_to_further_places(monkeypatch):
-    looks = {0.0: [thing(0.01), thing(0.02)], 8.0: [thing(0.02), thing(0.03)]}
+    looks = {0.0: [thing(0.01), thing(0.02)], 9.0: [thing(0.02), thing(0.03)]}
     verdicts = [(0.01, "no pit"), (0.02, "disturbed"), (0.03, "measured")]
     mission, picked = searched(monkeypatch, looks, verdicts)
     assert picked == [0.01, 0.02, 0.03]
@@ -176,7 +177,7 @@ def test_a_mission_goes_on_after_a_false_thing_and_to_further_places(monkeypatch
 
 
 def test_what_is_not_seen_again_waits_until_all_else_was_tried(monkeypatch):
-    looks = {0.0: [thing(0.01, -1.0)], 4.0: [thing(0.02)]}
+    looks = {0.0: [thing(0.01, -1.0)], 3.0: [thing(0.02)]}
     verdicts = [(0.01, "measured"), (0.02, "no pit")]
     mission, picked = searched(monkeypatch, looks, verdicts)
     assert picked == [0.01, 0.02, 0.01]
