@@ -21,6 +21,13 @@ def test_verdicts():
     assert [row[3] for row in rows[3:]] == ["-", "no", "yes"]
 
 
+def test_what_is_not_a_number_is_never_met():
+    claims = [Claim("of none", "a", "-"), Claim("asked for", "a", "-", most=1.0)]
+    rows = claim_table(claims, {"a": float("nan")}).rows
+    assert [row[2] for row in rows] == ["none", "none"]
+    assert [row[-1] for row in rows] == ["nothing to count", "short"]
+
+
 def test_medians_over_specimens():
     runs = [{"x": value, "y": {"z": [value, 1]}, "any": value > 2} for value in (1, 3, 2)]
     assert medians(runs) == {"x": 2.0, "y": {"z": [2.0, 1.0]}, "any": True}

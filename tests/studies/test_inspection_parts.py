@@ -1,10 +1,15 @@
 """The parts of the inspection study on one seed each; the whole is a make target."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from minorloop.geometry import Mount
+from minorloop.inspection.pits import PitDepth
 from minorloop.inspection.unrolled import BOTH, CAMERA, SONAR, UNSEEN
-from minorloop.studies import inspection, inspection_report, soundings
+from minorloop.studies import inspection, inspection_report, inspection_servo, soundings
+from minorloop.studies import mission as missions
 from minorloop.studies.claims import claim_table, figure
 from minorloop.studies.detection import (
     Outcome,
@@ -18,12 +23,17 @@ from minorloop.studies.detection_report import limits
 from minorloop.studies.inspection_servo import ServoRun
 from minorloop.studies.mission import run_mission
 from minorloop.studies.mission_report import save_finding
+from minorloop.twins.camera import LENS, led_positions
+from minorloop.twins.seeing import SeeingHead
+from minorloop.vision.defects import Hole
+from minorloop.vision.eye import Eye
 
 
 @pytest.fixture(scope="module")
 def mission():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("minorloop.studies.mission.TURNS", 16)
+        patch.setattr("minorloop.studies.mission.ADVANCES", (9.0, 12.0))
         return run_mission(1)
 
 
@@ -75,6 +85,10 @@ def test_more_holes_are_found_as_less_evidence_is_asked_for():
     np.testing.assert_allclose(false, [0.25, 0.25, 0.5, 0.75])
     np.testing.assert_allclose(recall, [0.0, 0.5, 0.5, 0.5])
     assert "Missed were 1 of 2 holes" in limits(outcomes)
+    perfect = [Outcome("switched", True, True, 0.0, 0.0, 0, evidence=2.0)]
+    assert limits(perfect) == (
+        "None of 1 holes was missed. The finder stood at 0 false findings in 1 acquisitions."
+    )
 
 
 def test_recall_and_false_findings_are_shares():
@@ -94,6 +108,96 @@ def test_recall_and_false_findings_are_shares():
 def test_wilson_intervals_hold_their_share():
     low, high = wilson(49, 50)
     assert 0.88 < low < 0.98 < high < 1.0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return inspection_servo.Scene(1)
+
+
+def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
+    told = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
+    exchange = SeeingHead.exchange
+    monkeypatch.setattr(SeeingHead, "exchange", lambda self, u: exchange(self, u) + 10.0)
+    lied = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
+    np.testing.assert_array_equal(told.off, lied.off)
+    assert set(told.verdicts) == {"tracked"}
+    assert told.off[-1] < told.off[0]
+    assert told.stabilised_rms(0.0) < 0.5
+
+
+def test_every_hole_is_nine_pixels_across_in_two_looks():
+    eye = Eye(LENS, Mount(), led_positions())
+    turns = 2 * np.pi * np.arange(missions.LOOKS) / missions.LOOKS
+    aims = np.radians(missions.RING) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    rim = np.linspace(0, 2 * np.pi, 24)
+    for phi in np.linspace(-np.pi, np.pi, 9):
+        for z in np.arange(18e-3, 31e-3, 1e-3):
+            hole = np.stack([phi + 42.5e-3 * np.cos(rim), z + 0.425e-3 * np.sin(rim)], axis=1)
+            across = []
+            for advance in missions.ADVANCES:
+                there = hole - [0.0, 1e-3 * advance]
+                for aim in aims:
+                    seen = eye.pixel(there, *aim)
+                    inside = (seen > 4).all() and (seen < [636, 476]).all()
+                    if inside:
+                        across.append(np.sqrt(np.linalg.eigvalsh(2 * np.cov(seen.T))[0]))
+            assert np.sum(np.array(across) >= 9.0) >= 2
+
+
+def searched(monkeypatch, looks, verdicts):
+    """A mission with what it sees and what the echoes say given; the picks in their order."""
+    picked = []
+    echoes = {place: PitDepth(verdict, 0.0, place, depth=1e-3) for place, verdict in verdicts}
+
+    def approached(crew, mission, hole):
+        picked.append(float(hole.place[1]))
+        return replace(mission, found=hole), hole.evidence > 0, None
+
+    def sounded(crew, one, view, views):
+        return replace(one, pit=echoes[float(one.found.place[1])])
+
+    monkeypatch.setattr(missions, "_look_around", lambda crew, at, views: looks.get(at, []))
+    monkeypatch.setattr(missions, "_approached", approached)
+    monkeypatch.setattr(missions, "_sounded", sounded)
+    empty = missions.Mission(0, *[None] * 11, np.nan, None, 0.0)
+    return missions._examined(None, empty), picked
+
+
+def thing(z, evidence=1.0):
+    return Hole(np.array([0.0, z]), 1e-3, evidence, "dark", np.zeros((1, 2)))
+
+
+def test_a_mission_goes_on_after_a_false_thing_and_to_further_places(monkeypatch):
+    looks = {0.0: [thing(0.01), thing(0.02)], 9.0: [thing(0.02), thing(0.03)]}
+    verdicts = [(0.01, "no pit"), (0.02, "disturbed"), (0.03, "measured")]
+    mission, picked = searched(monkeypatch, looks, verdicts)
+    assert picked == [0.01, 0.02, 0.03]
+    assert mission.pit.measured
+
+
+def test_what_is_not_seen_again_waits_until_all_else_was_tried(monkeypatch):
+    looks = {0.0: [thing(0.01, -1.0)], 3.0: [thing(0.02)]}
+    verdicts = [(0.01, "measured"), (0.02, "no pit")]
+    mission, picked = searched(monkeypatch, looks, verdicts)
+    assert picked == [0.01, 0.02, 0.01]
+    assert mission.pit.measured
+
+
+def test_a_mission_that_finds_nothing_says_so(monkeypatch):
+    mission, picked = searched(monkeypatch, {}, [])
+    assert picked == []
+    assert "nothing round was seen" in inspection_report.nothing_found(mission)
+    assert save_finding(mission, None) == []
+
+
+def test_the_probe_is_told_of_wall_and_water_a_little_off(scene):
+    crew = missions._Crew(1)
+    ear = crew.ear
+    assert ear.thickness != crew.wet.thickness
+    assert ear.thickness == pytest.approx(crew.wet.thickness, rel=0.05)
+    assert ear.temperature != crew.warm
+    assert ear.temperature == pytest.approx(crew.warm, abs=1.5)
 
 
 def test_settling_and_losses_of_a_run():
@@ -123,7 +227,7 @@ def test_everything_is_gathered_and_reported(mission):
         "servo": dict.fromkeys(
             ("settle_s_with_sensor", "settle_s_camera_only", "steady_rms_px"), 1.0
         ),
-        "sway": {"ratio": 0.5},
+        "sway": {"ratio": 0.5, "stabilised_ratio": 0.1},
         "tracking": {"lost_fraction": 0.0, "reacquire_s": 0.0},
     }
     study = inspection.InspectionStudy(

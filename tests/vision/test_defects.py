@@ -74,7 +74,10 @@ def spoilt(index, image):
         ([replace(LOOKS[0], pan=np.nan), *LOOKS[1:]], "angle unknown"),
         ([*LOOKS[:2], replace(LOOKS[2], tilt=np.inf), *LOOKS[3:]], "angle unknown"),
         ([*LOOKS[:4], replace(LOOKS[4], pan=None)], "angle unknown"),
+        ([*LOOKS[:4], replace(LOOKS[4], pan=3.0)], "angle unknown"),
+        ([*LOOKS[:4], replace(LOOKS[4], tilt=1e9)], "angle unknown"),
         (spoilt(1, LOOKS[0].image), "frozen"),
+        (spoilt(2, LOOKS[0].image), "frozen"),
         (spoilt(4, np.roll(LOOKS[4].image, 240, axis=0)), "torn"),
         ([LOOKS[3]], "black"),
     ],
@@ -84,6 +87,12 @@ def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
     assert findings.verdict == verdict
     assert findings.holes == ()
     assert findings.wall is None
+
+
+def test_a_lens_that_would_be_outside_the_pipe_has_a_verdict():
+    narrow = Eye(EYE.lens, replace(EYE.mount, lever=6e-3), EYE.leds, radius=4e-3)
+    aside = [replace(look, pan=1.2) for look in LOOKS]
+    assert find_holes(aside, narrow).verdict == "angle unknown"
 
 
 def test_a_wall_too_far_away_is_not_in_view():

@@ -146,3 +146,30 @@ def test_what_cannot_be_is_refused(options):
         Servo(EYE, **options)
     with pytest.raises(ParameterError):
         Cone(0.0)
+
+
+def test_the_gain_falls_near_the_point():
+    plain, soft = Servo(EYE), Servo(EYE, soft=40.0)
+    near = EYE.lens.centre + np.array([10.0, 0.0])
+    far = EYE.lens.centre + np.array([90.0, 0.0])
+    for pixel, share in ((near, 0.25), (far, 1.0)):
+        rates = [servo.step(servo.begin((0.1, 0.0)), pixel)[0].rates for servo in (soft, plain)]
+        assert_allclose(rates[0], share * rates[1], rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"pixel": (320.0, 240.0, 1.0)},
+        {"pixel": (320.0,)},
+        {"pixel": "here"},
+        {"wanted": (np.nan, 0.0)},
+        {"wanted": None},
+    ],
+)
+def test_what_is_no_pair_of_numbers_is_no_target(broken):
+    servo = Servo(EYE)
+    step, after = servo.step(servo.begin((0.1, 0.2)), **({"pixel": (400.0, 240.0)} | broken))
+    assert step.verdict == "no target"
+    assert np.isfinite(step.angles).all()
+    assert np.isfinite(after.angles).all()

@@ -1,10 +1,13 @@
 """Following a piece of the wall."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError, SignalError
 from minorloop.geometry import wall_point
+from minorloop.vision.eye import Eye
 from minorloop.vision.tracking import Tracker
 
 from .walls import EYE, photograph
@@ -112,3 +115,24 @@ def test_what_cannot_be_picked_is_refused():
 def test_options_out_of_range_are_refused(options):
     with pytest.raises(ParameterError):
         Tracker(EYE, **options)
+
+
+@pytest.mark.parametrize("level", [0, 128])
+def test_nothing_is_picked_where_there_is_nothing_to_see(level):
+    with pytest.raises(SignalError, match=r"black|one grey"):
+        TRACKER.begin(np.full((480, 640), level, np.uint8), EYE.pixel(PLACE, *AIM), *AIM)
+
+
+def test_a_frame_that_comes_again_later_is_frozen():
+    _, state = begin()
+    first, second = (photograph(*AIM, seed=n) for n in (1, 2))
+    for image, verdict in ((first, "tracked"), (second, "tracked"), (first, "frozen")):
+        track, state = TRACKER.step(state, image, *AIM)
+        assert track.verdict == verdict
+
+
+def test_angles_that_no_head_in_the_pipe_has_lose_the_piece():
+    eye = Eye(EYE.lens, replace(EYE.mount, lever=11e-3), EYE.leds)
+    _, state = begin()
+    track, _ = replace(TRACKER, eye=eye).step(state, photograph(*AIM, seed=3), 1.5, 0.0)
+    assert track.verdict == "lost"

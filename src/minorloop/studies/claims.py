@@ -57,11 +57,15 @@ class Claim:
             asked = words[wanted] if known else "-"
             return self.what, self.paper, words[value], asked, verdict
         verdict = "reported"
-        if asked:
+        if math.isnan(value):
+            verdict = "nothing to count" if not asked else "short"
+        elif asked:
             verdict = "met" if self.least <= value <= self.most else "short"
         return self.what, self.paper, self._text(value), asked or "-", verdict
 
     def _text(self, value: float) -> str:
+        if math.isnan(value):
+            return "none"
         return f"{value:.2%}" if self.percent else f"{value:.3g}"
 
 

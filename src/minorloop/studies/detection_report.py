@@ -48,14 +48,22 @@ def limits(outcomes: Sequence[Outcome]) -> str:
     dark = sum(each.inside == "dark" for each in missed)
     unseen = sum(not np.isfinite(each.evidence) for each in missed)
     false = sum(each.false for each in own)
-    return (
-        f"Missed were {len(missed)} of {sum(each.hole for each in own)} holes, {dark} of them dark "
-        f"and {unseen} without any outline at their place. What limits it is a dark hole in the "
-        "shadow of a dent, where noise hides an edge that part of the lights do not reach, and a "
-        "white one hardly brighter than the wall. The finder stood at "
-        f"{false} false findings in {len(own)} acquisitions; such are round spots of dirt, which "
-        "images alone cannot tell from a hole, and beads, whose foot is a circle under every light."
-    )
+    holes = sum(each.hole for each in own)
+    words = f"None of {holes} holes was missed. "
+    if missed:
+        words = (
+            f"Missed were {len(missed)} of {holes} holes, {dark} of them dark and {unseen} without "
+            "any outline at their place. What limits it is a dark hole in the shadow of a dent, "
+            "where noise hides an edge that part of the lights do not reach, and a white one "
+            "hardly brighter than the wall. "
+        )
+    words += f"The finder stood at {false} false findings in {len(own)} acquisitions"
+    if false:
+        words += (
+            "; such are round spots of dirt, which images alone cannot tell from a hole, and "
+            "beads, whose foot is a circle under every light"
+        )
+    return f"{words}."
 
 
 def detection_pictures(outcomes: Sequence[Outcome]) -> list[Picture]:
@@ -91,17 +99,25 @@ def detection_pictures(outcomes: Sequence[Outcome]) -> list[Picture]:
 def draw_curve(outcomes: Sequence[Outcome]) -> Any:
     """Recall against false findings of every way to acquire."""
     figure, axes = new_figure(height=3.8)
+    styles = dict(zip(_WORDS, (("-", 2.6), ("--", 1.8), (":", 1.8)), strict=True))
     for mode, words in _WORDS.items():
         own = [each for each in outcomes if each.mode == mode]
         if not any(each.hole for each in own):
             continue
         false, recall = recall_curve(own)
-        (line,) = axes.step(np.maximum(false, _FEW), recall, where="post", label=words)
+        (line,) = axes.step(
+            np.maximum(false, _FEW),
+            recall,
+            where="post",
+            label=words,
+            ls=styles[mode][0],
+            lw=styles[mode][1],
+        )
         at = sum(each.false for each in own) / len(own)
         hits = float(np.mean([each.found for each in own if each.hole]))
         axes.plot(max(at, _FEW), hits, "o", color=line.get_color())
     axes.plot([_FEW, _ASKED[0], _ASKED[0]], [_ASKED[1], _ASKED[1], 1.0], color="0.3", lw=1, ls="--")
-    axes.set(xscale="log", xlim=(_FEW, 2.0), ylim=(0.5, 1.005))
+    axes.set(xscale="log", xlim=(_FEW, 2.0), ylim=(0.5, 1.03))
     axes.set(xlabel=f"false findings an acquisition ({_FEW:g} or fewer at the left)")
     axes.set(ylabel="share of the holes that are found")
     axes.legend(frameon=False, loc="lower right")

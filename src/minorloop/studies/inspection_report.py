@@ -14,6 +14,7 @@ from minorloop.studies.detection_report import detection_pictures, detection_tab
 from minorloop.studies.drawing import new_figure
 from minorloop.studies.inspection import CLAIMS, TITLE
 from minorloop.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
+from minorloop.studies.mission import Mission
 from minorloop.studies.mission_report import (
     draw_finding,
     draw_images,
@@ -50,15 +51,15 @@ def study_report(
         f"Servo, finding, tracking, depth and fusion on {specimens(runs)} with their own pipes; "
         f"figures are drawn for that of seed {study.seed}. {figures['detection']['recall']:.1%} of "
         f"the holes were found with {figures['detection']['false_per_acquisition']:.2f} false "
-        f"findings an acquisition, and depths were off by {figures['depth']['bias_um']:.1f} um on "
-        "average.",
+        f"findings an acquisition, depths were off by {figures['depth']['bias_um']:.1f} um on "
+        f"average, and {_missions(figures)}.",
     )
     report.add(
         "What was found",
         text="Head, camera, pipe and probe are twins: wires of phase, heat and springs, rays that "
         "meet a brushed cylinder between three lights that turn with the head, and pulses through "
-        "a lens onto a concave wall. What estimates knows each of them as it would be calibrated, "
-        "a little off. Pixels are those of a 320 by 240 image.",
+        "a lens onto a concave wall. Whatever makes an estimate knows them as calibrated, a little "
+        "off. Pixels are those of a 320 by 240 image.",
         table=claim_table(CLAIMS, figures),
     )
     report.add(
@@ -67,7 +68,12 @@ def study_report(
         "about its own axis too, and its lens is carried along in front of the pivot, so that both "
         "columns are added, and the integral has the sign of the proportional term. Against sway "
         "the head is told where its joints should read for the point to be in the middle, foretold "
-        "by as much as the wires are late.",
+        "by as much as the wires are late. What the wires are too slow for, a picture shifted by "
+        "where the point is tracked does not show: "
+        f"{figures['sway'].get('stabilised_ratio', np.nan):.2f} of the sway of a still head is "
+        f"left in it, {figures['sway']['ratio']:.2f} without the shift. By the camera alone, no "
+        "reading of a joint is used: the wires are brought near by their model, and then told the "
+        "angles at which the picked piece of wall would be seen where it is.",
         pictures=[
             Picture(draw_servo(study), "Distance of the true point from the middle of the image.")
         ],
@@ -111,6 +117,8 @@ def study_report(
         text="The six steps of the paper's section 5.2, with the two that it announces.",
         table=Table(("time", "step", "outcome"), rows),
     )
+    if mission.wall is None:
+        report.add("No finding", text=nothing_found(mission))
     if mission.wall is not None and mission.finding is not None:
         report.add(
             "The finding",
@@ -132,6 +140,25 @@ def save_beside(study: InspectionStudy, folder: Path) -> list[Path]:
     return save_finding(study.mission, folder)
 
 
+def nothing_found(mission: Mission) -> str:
+    """Why a mission has no finding to show, in a sentence."""
+    why = (
+        "nothing round was seen"
+        if mission.pit is None
+        else f"the echoes said: {mission.pit.verdict}"
+    )
+    return (
+        f"The mission of seed {mission.seed} ended without a depth ({why}); no table and no mesh "
+        "of it is written."
+    )
+
+
+def _missions(figures: Mapping[str, Any]) -> str:
+    found = figures["mission"]
+    count = round(found["measured"] * found["of"])
+    return f"{count} of {found['of']} mission{'s' if found['of'] > 1 else ''} measured their pit"
+
+
 def draw_servo(study: InspectionStudy) -> Any:
     """Distances against time: centring, and holding against sway."""
     figure, (left, right) = new_figure(1, 2, height=3.6)
@@ -140,13 +167,16 @@ def draw_servo(study: InspectionStudy) -> Any:
         left.plot(run.t, run.off, label=words)
     left.axhline(SETTLED_PX, color="0.3", lw=0.8, ls="--")
     left.set(xlabel="time [s]", ylabel="off the middle [px]", yscale="log")
-    for name, words in (("still", "angles held, not looking"), ("swayed", "tracked and held")):
-        run = study.runs[name]
-        late = run.t > SWAY_WAIT
-        right.plot(run.t[late], run.off[late], label=words)
-    right.set(xlabel="time [s]", title="sway of 1 degree")
-    for axes in (left, right):
-        axes.legend(frameon=False)
+    still, swayed = study.runs["still"], study.runs["swayed"]
+    late = swayed.t > SWAY_WAIT
+    right.plot(still.t, still.off, label="angles held, not looking")
+    right.plot(swayed.t[late] - SWAY_WAIT, swayed.off[late], label="tracked and held")
+    if swayed.left is not None:
+        right.plot(swayed.t[late] - SWAY_WAIT, swayed.left[late], label="and the picture shifted")
+    right.set(xlabel="time [s]", ylabel="off the middle [px]", title="sway of 1 degree")
+    right.set_ylim(0.0, 1.5 * float(max(still.off.max(), swayed.off[late].max(initial=0.0))))
+    left.legend(frameon=False)
+    right.legend(frameon=False, loc="upper right")
     return figure
 
 

@@ -1,18 +1,22 @@
 """A point of the wall is brought to the middle of the image and held there by two wires.
 
 Camera, tracker, servo and the wires' controller form one loop at 25 Hz, with the angle sensors
-and without. All pixel figures are at the scale of a 320 by 240 image.
+and without: then no reading of a joint goes anywhere. The head is brought near by the model of its
+wires, and from there on the wires' controller gets what the picked piece of wall tells of the
+head's angles. All pixel figures are at the scale of a 320 by 240 image.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.control.head import HeadControl, head_control
+from minorloop.control.head import HeadControl, HeadState, head_control
+from minorloop.control.sensing import SensorWatch
 from minorloop.geometry import Mount, meet_wall, wall_point
 from minorloop.studies.head_static import identify_head
 from minorloop.twins.camera import Camera
@@ -22,6 +26,7 @@ from minorloop.twins.seeing import STRAIGHT, SeeingHead, Sway
 from minorloop.vision.eye import Eye
 from minorloop.vision.hold import Hold
 from minorloop.vision.servo import Cone, Servo
+from minorloop.vision.sighting import sighted_angles
 from minorloop.vision.tracking import TRACKED, Tracker
 
 TICK = 0.04
@@ -31,12 +36,18 @@ SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
 START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
-GAIN = 0.8
+GAIN = 0.5
 """Of the servo, in 1/s."""
+SOFT = 6.0
+"""Error below which the servo's gain falls, in pixels of the camera: 3 of the smaller image."""
 MOTION, MOTION_SECONDS = 10.0, 20.0
 """Fastest commanded motion that the tracker is tried under, in degrees a second; how long."""
 GREY = 95.0
 CONE = Cone(half=np.radians(30.0))
+BLIND = SensorWatch(patience=10_000)
+"""Of a control that goes by its model for as long as no angles come."""
+
+wires_of = lru_cache(maxsize=4)(identify_head)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +56,8 @@ class ServoRun:
 
     ``t`` (T,) in seconds since the servo took over; ``off`` (T,) how far the true point is from
     the middle of the image, in pixels; ``verdicts`` (T,) of the tracker; ``angles`` (T, 2) true
-    lines of sight in degrees.
+    lines of sight in degrees; ``left`` (T,) how far it is from where the tracker has it, in
+    pixels: what is left to see of a motion when each picture is shifted by that.
     """
 
     name: str
@@ -53,6 +65,7 @@ class ServoRun:
     off: FloatArray
     verdicts: tuple[str, ...]
     angles: FloatArray
+    left: FloatArray | None = None
 
     @property
     def settle(self) -> float:
@@ -63,6 +76,12 @@ class ServoRun:
     def rms(self, after: float) -> float:
         """Root-mean-square distance from a time on, in pixels."""
         return float(np.sqrt(np.mean(self.off[self.t > after] ** 2)))
+
+    def stabilised_rms(self, after: float) -> float:
+        """The same in pictures shifted by what was tracked; NaN where nothing was."""
+        if self.left is None:
+            return np.nan
+        return float(np.sqrt(np.mean(self.left[self.t > after] ** 2)))
 
     @property
     def lost(self) -> float:
@@ -99,8 +118,9 @@ class Scene:
         side = way + np.pi / 2 * rng.choice([-1, 1]) + rng.uniform(-0.6, 0.6)
         start = aim + off * np.array([np.cos(side), np.sin(side)])
         self.start = CONE.clip(start)
-        wires, coupling = identify_head(seed)
+        wires, coupling = wires_of(seed)
         self.control: HeadControl = head_control("observer", wires, coupling=coupling)
+        self.blind = head_control("observer", wires, coupling=coupling, sensor=BLIND)
 
     def head(self, sway: Sway | None = None) -> SeeingHead:
         """A cold head with its camera."""
@@ -117,6 +137,11 @@ class Scene:
             head.camera.calibration, replace(self.mount, offset=(0.0, 0.0)), head.camera.leds
         )
 
+    def pixel(self, head: SeeingHead) -> FloatArray:
+        """(2,) where the true hole is in the image, by the lens as calibrated."""
+        pose = self.mount.pose(*head._line_of_sight())
+        return head.camera.calibration.project(pose.to_camera(_hole(self)))
+
     def off(self, head: SeeingHead) -> float:
         """How far the true hole is from the middle of the image, in pixels."""
         point = wall_point(self.hole.phi, self.hole.z, 10e-3)
@@ -127,39 +152,56 @@ class Scene:
 def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: float) -> ServoRun:
     """Bring the hole to the middle of the image, from where the head was left.
 
-    Against sway it is held by what the joints should read, once it is near.
+    Against sway it is held by what the joints should read, once it is near. Without a sensor, no
+    reading of a joint is used, neither on the way there nor later.
     """
     head = scene.head(sway)
-    eye = scene.eye(head)
-    state, y = _approach(scene, head)
+    eye, control = scene.eye(head), scene.control if sensor else scene.blind
+    state, y = _approach(scene, head, sensor=sensor)
     _meter(head)
-    frame = head.frame()
-    angles = np.radians(y - STRAIGHT)
-    servo = Servo(eye, gain=GAIN, delay=0.2, cone=CONE, rate_limit=np.radians(20.0))
+    known = np.radians((y if sensor else foretold(control, state)) - STRAIGHT)
+    servo = Servo(eye, gain=GAIN, delay=0.2, cone=CONE, rate_limit=np.radians(20.0), soft=SOFT)
     hold, tracker = Hold(servo=servo), Tracker(eye)
-    held = hold.begin(angles)
-    pixel = eye.lens.project(scene.mount.pose(*head._line_of_sight()).to_camera(_hole(scene)))
-    believed = servo.begin(angles)
-    known = believed.angles
-    _, tracked = tracker.begin(frame.image, pixel, float(known[0]), float(known[1]))
+    held, believed = hold.begin(known), servo.begin(known)
+    shown = scene.pixel(head)
+    picked, tracked = tracker.begin(head.frame().image, shown, *known.tolist())
     steps = round(seconds / TICK)
-    off, verdicts, sight = np.empty(steps), [], np.empty((steps, 2))
+    off, left, verdicts, sight = np.empty(steps), np.empty(steps), [], np.empty((steps, 2))
     for k in range(steps):
-        frame = head.frame()
-        known = np.radians(y - STRAIGHT) if sensor else believed.angles
-        track, tracked = tracker.step(tracked, frame.image, float(known[0]), float(known[1]))
+        track, tracked = tracker.step(tracked, head.frame().image, *known.tolist())
         seen = track.pixel if track.verdict == TRACKED else None
+        shown = shown if seen is None else seen
+        left[k] = 0.5 * float(np.hypot(*(scene.pixel(head) - shown)))
+        if not sensor:
+            known, y = _by_image(eye, picked.place, seen, foretold(control, state))
         if sway is not None and k * TICK > HOLD_AFTER:
             step, held = hold.step(held, seen, known)
         else:
-            step, believed = servo.step(believed, seen, known if sensor else None)
+            step, believed = servo.step(believed, seen, known)
             held = hold.begin(step.angles)
-        u, state = scene.control.step(state, np.degrees(step.angles) + STRAIGHT, y)
+        u, state = control.step(state, np.degrees(step.angles) + STRAIGHT, y)
         y = head.exchange(u)
+        known = np.radians(y - STRAIGHT) if sensor else known
         off[k], sight[k] = scene.off(head), np.degrees(head._line_of_sight())
         verdicts.append(track.verdict)
     t = TICK * np.arange(1.0, steps + 1.0)
-    return ServoRun("sensor" if sensor else "camera only", t, off, tuple(verdicts), sight)
+    name = "sensor" if sensor else "camera only"
+    return ServoRun(name, t, off, tuple(verdicts), sight, left)
+
+
+def foretold(control: HeadControl, state: HeadState) -> FloatArray:
+    """(2,) degrees of the joints as the model of the wires has them."""
+    own = np.array([axis.estimate.wire.angle for axis in state.axes])
+    return np.asarray(np.asarray(control.coupling) @ own)
+
+
+def _by_image(
+    eye: Eye, place: FloatArray, pixel: FloatArray | None, guess: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Angles of the head, and what stands for the reading of its joints; NaN without a point."""
+    near = np.radians(guess - STRAIGHT)
+    seen = None if pixel is None else sighted_angles(eye, place, pixel, near)
+    return (near, np.full(2, np.nan)) if seen is None else (seen, np.degrees(seen) + STRAIGHT)
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
@@ -184,9 +226,8 @@ def run_motion(scene: Scene) -> ServoRun:
     state, y = _approach(scene, head)
     _meter(head)
     frame, tracker = head.frame(), Tracker(eye)
-    pixel = eye.lens.project(scene.mount.pose(*head._line_of_sight()).to_camera(_hole(scene)))
     known = np.radians(y - STRAIGHT)
-    _, tracked = tracker.begin(frame.image, pixel, float(known[0]), float(known[1]))
+    _, tracked = tracker.begin(frame.image, scene.pixel(head), float(known[0]), float(known[1]))
     steps = round(MOTION_SECONDS / TICK)
     off, verdicts, sight = np.empty(steps), [], np.empty((steps, 2))
     for k in range(steps):
@@ -218,9 +259,15 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
         "servo": {
             "settle_s_with_sensor": runs["sensor"].settle,
             "settle_s_camera_only": runs["camera"].settle,
+            "steady_rms_px_camera_only": runs["camera"].rms(SERVO - STEADY),
             "steady_rms_px": runs["sensor"].rms(SERVO - STEADY),
         },
-        "sway": {"ratio": held / still, "held_px": held, "still_px": still},
+        "sway": {
+            "ratio": held / still,
+            "stabilised_ratio": runs["swayed"].stabilised_rms(SWAY_WAIT) / still,
+            "held_px": held,
+            "still_px": still,
+        },
         "tracking": {
             "lost_fraction": runs["motion"].lost,
             "reacquire_s": runs["motion"].reacquire,
@@ -229,11 +276,13 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
     return figures, runs
 
 
-def _approach(scene: Scene, head: SeeingHead) -> tuple[Any, FloatArray]:
-    """Bring the head to where the servo takes over."""
-    state, y = scene.control.begin(), np.zeros(2)
+def _approach(scene: Scene, head: SeeingHead, *, sensor: bool = True) -> tuple[Any, FloatArray]:
+    """Bring the head to where the servo takes over; without a sensor, by the model alone."""
+    control = scene.control if sensor else scene.blind
+    state, y = control.begin(), np.zeros(2)
     for _ in range(round(APPROACH / TICK)):
-        u, state = scene.control.step(state, np.degrees(scene.start) + STRAIGHT, y)
+        read = y if sensor else np.full(2, np.nan)
+        u, state = control.step(state, np.degrees(scene.start) + STRAIGHT, read)
         y = head.exchange(u)
     return state, y
 

@@ -17,7 +17,7 @@ from scipy.ndimage import map_coordinates
 from minorloop.arrays import FloatArray
 from minorloop.control.head import HeadControl, head_control
 from minorloop.geometry import Mount, Probe, meet_wall, wall_point, wrapped
-from minorloop.inspection.echoes import average, choose_modality
+from minorloop.inspection.echoes import Burst, average, choose_modality
 from minorloop.inspection.field import Ear
 from minorloop.inspection.findings import Finding, finding_of
 from minorloop.inspection.fusion import fuse, mean_depths, outline_of
@@ -33,12 +33,12 @@ from minorloop.inspection.unrolled import (
     paste,
     sonar_map,
 )
-from minorloop.studies.head_static import identify_head
+from minorloop.studies.inspection_servo import SOFT, wires_of
 from minorloop.twins.camera import Camera
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.pipe import Bore, Pipe
-from minorloop.twins.seeing import STRAIGHT, SeeingHead
+from minorloop.twins.seeing import STRAIGHT, SeeingHead, Sway
 from minorloop.twins.ultrasound import Ultrasound
 from minorloop.vision.defects import Findings, Hole, acquire, find_holes, strongest
 from minorloop.vision.eye import Eye
@@ -49,14 +49,24 @@ from minorloop.vision.tracking import TRACKED, Tracker
 from minorloop.vision.wallmap import WallMap as Shades
 
 TICK, RADIUS = 0.04, 10e-3
-RING, LOOKS = 23.0, 8
-"""Deflection of the looks around in degrees, and how many there are."""
+RING, LOOKS = 25.0, 8
+"""Deflection of the looks around in degrees, and how many there are from one place."""
+CENTRED = 23.0
+"""Deflection at which a thing is brought to the middle, in degrees."""
 TRAVEL_TIME, CENTRE_TIME, RASTER_TIME = 6.0, 9.0, 1.6
 """Seconds for a move of the head, for centring, and for a step of the raster."""
-ADVANCES = (0.0, 8.0, 16.0)
-"""Positions of the catheter from which is looked around, in mm, until something is found."""
-MOST_PICKS = 3
-"""Things that are gone to, one after the other, until echoes confirm one."""
+ADVANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0)
+"""Positions of the catheter from which is looked around, in mm, until echoes confirm something;
+so near one another that a hole of 0.85 mm is 9 pixels of a 320 by 240 image across in two looks."""
+MOST_PICKS = 8
+"""Things that are gone to in all, one after the other."""
+SWAY, GYRO_NOISE = Sway(), 0.05
+"""How the flow of the water that is let in turns the base of the head, and the noise in degrees
+with which a gyroscope in the base reads that."""
+SAME = 1.0e-3
+"""Things on the wall nearer than that are one."""
+OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
+"""Standard deviations of what is told of the wall, as a share, and of the water, in degrees."""
 NEARER = 0.6
 """Share of the deflection at which the finding is centred, where the servo takes over."""
 SHOTS, GREY = 16, 95.0
@@ -142,11 +152,16 @@ class _Crew:
         self.wet = replace(dry, water=_level(self.bore.phi, np.random.default_rng([seed, 32])))
         self.off = tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
         self.known_off = tuple((np.array(self.off) + rng.normal(0, 0.05e-3, 2)).tolist())
+        about = np.random.default_rng([seed, 33])
+        self.gyro = np.random.default_rng([seed, 34])
+        self.warm = float(about.uniform(12, 30))
+        self.told_thickness = self.wet.thickness * float(1 + OFF_THICKNESS * about.normal())
+        self.told_temperature = self.warm + OFF_TEMPERATURE * float(about.normal())
         self.seed = seed
         camera = Camera(dry, Mount(offset=self.off), specimen=seed, seed=seed)
         self.head = SeeingHead(Head(seed, 0.05, seed, delay=TICK), camera)
         self.catheter = Catheter(seed, 0.02, seed)
-        wires, coupling = identify_head(seed)
+        wires, coupling = wires_of(seed)
         self.control: HeadControl = head_control("observer", wires, coupling=coupling)
         self.state, self.y = self.control.begin(), np.zeros(2)
         self.place = np.zeros(2)
@@ -162,6 +177,15 @@ class _Crew:
     def angles(self) -> FloatArray:
         """(2,) pan and tilt of the line of sight as the joints say, in radians."""
         return np.asarray(np.radians(self.y - STRAIGHT))
+
+    @property
+    def sight(self) -> FloatArray:
+        """(2,) line of sight in radians as joints and gyroscope say: the joints feel no sway."""
+        sway = self.head.sway
+        if sway is None:
+            return self.angles
+        read = sway.at(self.t) + GYRO_NOISE * self.gyro.standard_normal(2)
+        return np.asarray(self.angles + np.radians(read))
 
     @property
     def mount(self) -> Mount:
@@ -242,9 +266,20 @@ class _Crew:
         """The probe in the flooded pipe where the catheter is, and what is known of it."""
         advance, roll = self.catheter._output_now().tolist()
         probe = Ultrasound(
-            self.wet, self._true_mount(advance, roll), specimen=self.seed, seed=self.seed
+            self.wet,
+            self._true_mount(advance, roll),
+            specimen=self.seed,
+            seed=self.seed,
+            temperature=self.warm,
         )
-        return probe, Ear(Probe(), self.mount, thickness=self.wet.thickness)
+        return probe, self.ear
+
+    @property
+    def ear(self) -> Ear:
+        """The probe as calibrated, the wall as its maker tells, the water as measured."""
+        return Ear(
+            Probe(), self.mount, thickness=self.told_thickness, temperature=self.told_temperature
+        )
 
 
 def _level(phi: float, rng: np.random.Generator) -> float:
@@ -276,50 +311,99 @@ def run_mission(seed: int) -> Mission:
         seed, (), None, None, None, None, None, None, None, None, None, None, np.nan, crew.bore,
         float(crew.wet.water or 0.0),
     )  # fmt: skip
-    holes, views = _search(crew)
-    for hole in holes[:MOST_PICKS]:
-        first, pixel = _pick(crew, hole)
-        _centre(crew, pixel)
-        _focus(crew)
-        looks, seen, view = _extract(crew, hole)
-        centred_image, touch = _touch(crew, seen)
-        views = [*views, *([looks.wall] if looks.wall is not None else [])]
-        pit, wall, ring, water = _measure(crew, seen, view, views)
-        mission = replace(
-            mission, looks=looks, first=first, pixel=pixel, centred=centred_image, found=seen,
-            pit=pit, wall=wall, ring=ring, water=water, touch=touch, finding=finding_of(pit),
-        )  # fmt: skip
-        if np.isfinite(pit.diameter):
-            size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
-            crew.say("reconstruct", f"{finding_of(pit).kind} of {size}")
-            break
-    return replace(mission, log=tuple(crew.log))
+    best = _examined(crew, mission)
+    if best.pit is None:
+        crew.say("end", "nothing that echoes confirm was found; no depth is given")
+    return replace(best, log=tuple(crew.log))
 
 
-def _search(crew: _Crew) -> tuple[list[Hole], list[Shades]]:
-    """Look around from one place after another until something is found; the likeliest first."""
+def _examined(crew: _Crew, mission: Mission) -> Mission:
+    """Look from place after place, and go to what is seen, until echoes confirm a pit.
+
+    What is not seen again from nearer is gone to after all that is; where nothing is confirmed,
+    what came nearest to it is kept.
+    """
     views: list[Shades] = []
-    for advance in ADVANCES:
-        crew.travel(advance, 0.0)
-        seen: list[Hole] = []
-        for k in range(LOOKS):
-            way = 2 * np.pi * k / LOOKS
-            crew.turn(np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
-            crew.meter()
-            found = crew.look()
-            seen += found.holes
-            views += [found.wall] if found.wall is not None else []
-        each = strongest(seen, RADIUS, -np.inf)
-        words = f"{len(each)} things" if each else "nothing"
-        crew.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
-        if each:
-            return list(each), views
-    return [], views
+    tried: list[Hole] = []
+    doubted: list[Hole] = []
+    best = mission
+    for advance in (*ADVANCES, None):
+        holes = doubted if advance is None else _look_around(crew, advance, views)
+        for hole in holes:
+            known = any(_distance(hole.place, other.place) < SAME for other in tried)
+            if len(tried) >= MOST_PICKS or (known and advance is not None):
+                continue
+            tried += [] if known else [hole]
+            one, again, view = _approached(crew, mission, hole)
+            if not again and advance is not None:
+                doubted.append(hole)
+                continue
+            one = _sounded(crew, one, view, views)
+            best = one if best.pit is None or _better(one, best) else best
+            if best.pit is not None and best.pit.measured:
+                return best
+    return best
+
+
+def _better(one: Mission, other: Mission) -> bool:
+    """Whether the echoes told more of it: measured, or a depth at all."""
+    ranks = [
+        (pit.measured, bool(np.isfinite(pit.depth))) if pit is not None else (False, False)
+        for pit in (one.pit, other.pit)
+    ]
+    return ranks[0] > ranks[1]
+
+
+def _approached(crew: _Crew, mission: Mission, hole: Hole) -> tuple[Mission, bool, Shades | None]:
+    """Pick, centre, focus, extract; whether it is seen again, and the view of it."""
+    first, pixel = _pick(crew, hole)
+    _centre(crew, pixel)
+    _focus(crew)
+    looks, seen, again = _extract(crew, hole)
+    return replace(mission, looks=looks, first=first, pixel=pixel, found=seen), again, looks.wall
+
+
+def _sounded(crew: _Crew, one: Mission, view: Shades | None, views: list[Shades]) -> Mission:
+    """Touch and measure; where echoes tell a depth, sweep round and reconstruct."""
+    hole = one.found
+    if hole is None:
+        return one
+    centred_image, touch = _touch(crew, hole)
+    probe, bursts, ear = _scan(crew, hole)
+    pit = measure_pit(bursts, ear, tuple(hole.place.tolist()), hole.diameter)
+    crew.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
+    one = replace(one, centred=centred_image, touch=touch, pit=pit, finding=finding_of(pit))
+    if not np.isfinite(pit.depth):
+        crew.head.sway = None
+        return one
+    seen = [*views, *([view] if view is not None else [])]
+    wall, ring, water = _rebuilt(crew, probe, bursts, ear, pit, hole, seen)
+    size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
+    crew.head.sway = None
+    crew.say("reconstruct", f"{finding_of(pit).kind} of {size}")
+    return replace(one, wall=wall, ring=ring, water=water)
+
+
+def _look_around(crew: _Crew, advance: float, views: list[Shades]) -> list[Hole]:
+    """What is seen from one place, the likeliest first; the views are added to those there are."""
+    crew.travel(advance, 0.0)
+    seen: list[Hole] = []
+    for k in range(LOOKS):
+        way = 2 * np.pi * k / LOOKS
+        crew.turn(np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
+        crew.meter()
+        found = crew.look()
+        seen += found.holes
+        views += [found.wall] if found.wall is not None else []
+    each = strongest(seen, RADIUS, -np.inf)
+    words = f"{len(each)} thing{'s' if len(each) > 1 else ''}" if each else "nothing"
+    crew.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
+    return list(each)
 
 
 def _pick(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], FloatArray]:
     """Go to where a thing is well in the cone, turn towards it, and say where it is seen."""
-    ahead = RADIUS / np.tan(np.radians(RING))
+    ahead = RADIUS / np.tan(np.radians(CENTRED))
     crew.travel(1e3 * max(float(hole.place[1]) - ahead, 0.0), 0.0)
     crew.turn(CONE.clip(NEARER * crew.aim(hole)))
     crew.meter()
@@ -333,7 +417,7 @@ def _centre(crew: _Crew, pixel: FloatArray, step: str = "centre") -> None:
     """Bring a point to the middle of the image."""
     eye = crew.eye
     tracker = Tracker(eye)
-    servo = Servo(eye, gain=0.8, delay=0.2, cone=CONE)
+    servo = Servo(eye, gain=0.8, delay=0.2, cone=CONE, soft=SOFT)
     _, track = tracker.begin(crew.head.frame().image, pixel, *crew.angles.tolist())
     state = servo.begin(crew.angles)
     error = np.nan
@@ -355,8 +439,8 @@ def _focus(crew: _Crew) -> None:
     crew.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
 
 
-def _extract(crew: _Crew, picked: Hole) -> tuple[Findings, Hole, Shades | None]:
-    """Come nearer, take five frames, and find the outline in them; go back."""
+def _extract(crew: _Crew, picked: Hole) -> tuple[Findings, Hole, bool]:
+    """Come nearer, take five frames, find the outline in them, and go back; whether it is there."""
     advance, roll = crew.place.tolist()
     crew.travel(advance + NEAR, roll)
     crew.turn(CONE.clip(NEARER * crew.aim(picked)))
@@ -367,7 +451,7 @@ def _extract(crew: _Crew, picked: Hole) -> tuple[Findings, Hole, Shades | None]:
     words = "seen again from nearer" if near else "not seen again; the first look counts"
     crew.say("extract", f"{1e3 * hole.diameter:.2f} mm across, {words}")
     crew.travel(advance, roll)
-    return looks, hole, looks.wall
+    return looks, hole, bool(near)
 
 
 def _touch(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], float]:
@@ -381,36 +465,48 @@ def _touch(crew: _Crew, hole: Hole) -> tuple[npt.NDArray[np.uint8], float]:
     return crew.head.frame().image, touch
 
 
-def _measure(
-    crew: _Crew, hole: Hole, view: Shades | None, views: list[Shades]
-) -> tuple[PitDepth, WallMap, WallMap, WaterLine]:
-    """Let water in, bring the probe square to the finding, scan, sweep round, fit and fuse."""
+def _scan(crew: _Crew, hole: Hole) -> tuple[Ultrasound, list[Burst], Ear]:
+    """Bring the probe square to the finding, let water in, and scan a raster in its flow."""
     phi, z = hole.place.tolist()
     crew.travel(1e3 * z, float(np.degrees(wrapped(phi))))
     probe, ear = crew.probe()
     targets = raster(ear, (phi, z))
     crew.turn(targets[0])
+    crew.head.sway = SWAY
     bursts = []
-    stand = RADIUS - ear.probe.face
-    modality = "camera"
     for k, target in enumerate(targets):
         crew.turn(target, RASTER_TIME)
         shots = _shots(crew, probe, SHOTS)
         if k == 0:
-            modality = choose_modality(shots, stand, ear.speed)
-        angles = np.tile(crew.angles, (SHOTS, 1))
-        spot, wanted = ear.spots(angles[:1])[0], ear.spots(target[None])[0]
-        off = np.hypot(RADIUS * float(wrapped(spot[0] - wanted[0])), spot[1] - wanted[1])
-        bursts.append(average(shots, angles, np.full(SHOTS, off), most_off=0.6e-3))
-    pit = measure_pit(bursts, ear, (phi, z), hole.diameter)
-    crew.say("measure", f"{modality}; {pit.bursts} of {len(targets)} places; {pit.verdict}")
+            way = choose_modality(shots, RADIUS - ear.probe.face, ear.speed)
+            crew.say("modality", "the wall is heard" if way == "sonar" else "no echo: camera only")
+        angles = crew.sight
+        spot, wanted = ear.spots(np.array([angles, target]))[:, :2]
+        off = _distance(spot, wanted)
+        bursts.append(
+            average(shots, np.tile(angles, (SHOTS, 1)), np.full(SHOTS, off), most_off=0.8e-3)
+        )
+    return probe, bursts, ear
+
+
+def _rebuilt(
+    crew: _Crew,
+    probe: Ultrasound,
+    bursts: list[Burst],
+    ear: Ear,
+    pit: PitDepth,
+    hole: Hole,
+    views: list[Shades],
+) -> tuple[WallMap, WallMap, WaterLine]:
+    """Fuse echoes and the nearest view, and sweep once round the pipe."""
+    phi, z = hole.place.tolist()
     patch = Patch.around(phi, z, size=PATCH)
-    heard = mean_depths(bursts, ear, patch, pit) if np.isfinite(pit.depth) else None
-    image = None if view is None else _laid(view, patch)
+    heard = mean_depths(bursts, ear, patch, pit)
+    image = _laid(views[-1], patch) if views else None
     outline = None if image is None else outline_of(image, patch, (phi, z), hole.diameter)
     wall = fuse(pit, heard, patch, image=image, outline=outline)
     profile, water = _sweep(crew, probe, (phi, z))
-    return pit, wall, _ring(z, profile, views, wall), water
+    return wall, _ring(z, profile, views, wall), water
 
 
 def _shots(crew: _Crew, probe: Ultrasound, count: int) -> list[Any]:
@@ -423,15 +519,15 @@ def _shots(crew: _Crew, probe: Ultrasound, count: int) -> list[Any]:
 
 def _sweep(crew: _Crew, probe: Ultrasound, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round: where the wall answers, and how far it is."""
-    crew.turn(raster(crew.probe()[1], place, points=1)[0])
+    crew.turn(raster(crew.ear, place, points=1)[0])
     profiles = []
     for k in range(TURNS):
         crew.travel(float(crew.place[0]), -180.0 + 360.0 * k / TURNS)
         advance, roll = crew.catheter._output_now().tolist()
         probe.move(crew._true_mount(advance, roll))
-        ear = Ear(Probe(), crew.mount, thickness=crew.wet.thickness)
+        ear = crew.ear
         shots = _shots(crew, probe, RING_SHOTS)
-        angles = np.tile(crew.angles, (RING_SHOTS, 1))
+        angles = np.tile(crew.sight, (RING_SHOTS, 1))
         profiles.append(wall_profile([average(shots, angles, np.zeros(RING_SHOTS))], ear))
     profile = joined(profiles)
     water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)

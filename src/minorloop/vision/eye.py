@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,6 +50,13 @@ class Eye:
         where = np.asarray(places, dtype=np.float64)
         points = wall_point(where[..., 0], where[..., 1], self.radius)
         return self.lens.project(self.mount.pose(pan, tilt).to_camera(points))
+
+    def inside(self, pan: float, tilt: float) -> bool:
+        """Whether pan and tilt are finite and the lens is inside the pipe there."""
+        if not (math.isfinite(pan) and math.isfinite(tilt)):
+            return False
+        x, y = self.mount.pose(pan, tilt).position[:2]
+        return math.hypot(x, y) < self.radius
 
     def check(self, image: Any) -> None:
         """Refuse an image that is not one of this camera.

@@ -141,12 +141,13 @@ class Servo:
     cone: Cone = Cone()
     rate_limit: float = math.radians(20)
     lead: float = math.inf
+    soft: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("gain", "interval", "rate_limit", "lead"):
             if not getattr(self, name) > 0:
                 raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give > 0")
-        for name in ("integral_gain", "delay"):
+        for name in ("integral_gain", "delay", "soft"):
             if not as_finite(name, getattr(self, name)) >= 0:
                 raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give >= 0")
         if not self.gain * (self.delay + self.interval) < 0.5:
@@ -174,19 +175,20 @@ class Servo:
         ----------
         state : ServoState
         pixel : (2,) array_like, optional
-            Where the point is in the image; None or NaN while it is lost.
+            Where the point is in the image; None, NaN or what is no pair while it is lost.
         angles : (2,) array_like, optional
             Pan and tilt as measured, in radians; without them, those asked for last are taken.
         wanted : (2,) array_like
-            Where the point should be, in normalised coordinates.
+            Where the point should be, in normalised coordinates; what is no pair of numbers is
+            no target.
         """
-        seen = np.full(2, np.nan) if pixel is None else np.asarray(pixel, dtype=np.float64)
-        measured = state.angles if angles is None else np.asarray(angles, dtype=np.float64)
+        seen, goal = _pair(pixel), _pair(wanted)
+        measured = _pair(angles)
         believed = np.where(np.isfinite(measured), measured, state.angles)
-        if not np.isfinite(seen).all():
+        if not (np.isfinite(seen).all() and np.isfinite(goal).all()):
             return ServoStep(state.angles, np.zeros(2), math.nan, NO_TARGET), state
         point = self.eye.lens.normalised(seen)
-        off = point - np.asarray(wanted, dtype=np.float64)
+        off = point - goal
         pixels = float(self.eye.lens.focal * np.hypot(*off))
         error = self.as_angles(point, off, believed)
         if error is None:
@@ -209,7 +211,8 @@ class Servo:
         self, state: ServoState, error: FloatArray, measured: FloatArray | None, pixels: float
     ) -> tuple[ServoStep, ServoState]:
         integral = state.integral + self.interval * error
-        rates = -self.gain * error - self.integral_gain * integral
+        gain = self.gain * (min(pixels / self.soft, 1.0) if self.soft > 0 else 1.0)
+        rates = -gain * error - self.integral_gain * integral
         aimed, verdict = state.angles + self.interval * rates, TURNING
         if measured is not None and math.isfinite(self.lead):
             near = measured + _shortened(aimed - measured, self.lead)
@@ -225,6 +228,15 @@ class Servo:
         step = ServoStep(state.angles + move, move / self.interval, pixels, verdict)
         after = replace(state, angles=step.angles)
         return step, replace(after, integral=integral) if verdict == TURNING else after
+
+
+def _pair(values: npt.ArrayLike | None) -> FloatArray:
+    """Two numbers, NaN where something else was given."""
+    try:
+        pair = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.full(2, np.nan)
+    return pair if pair.shape == (2,) else np.full(2, np.nan)
 
 
 def _shortened(vector: FloatArray, most: float) -> FloatArray:

@@ -14,6 +14,7 @@ widens until the piece is found again::
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,6 +34,8 @@ _FAR = 4
 _BORDER = 4.0
 _FADE = 0.5
 _LIKELY = 3
+_PLAIN = 1e-3
+_KEPT = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +76,8 @@ class TrackState:
         Frames since it was seen.
     before : (height, width) array of uint8
         The frame before.
+    earlier : tuple of int
+        Check sums of the last frames: noise never repeats itself.
     """
 
     anchor: Image32
@@ -81,6 +86,7 @@ class TrackState:
     drift: FloatArray
     missed: int
     before: Image
+    earlier: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +153,12 @@ class Tracker:
         Raises
         ------
         SignalError
-            If the frame is not one of this camera, or does not show the piece whole.
+            If the frame is not one of this camera, is black, does not show the piece whole, or
+            shows nothing in it that could be found again.
         """
         self.eye.check(image)
+        if health.judge(image, self.eye.lens) == health.BLACK:
+            raise SignalError("the frame is black; switch the lights on before a piece is picked")
         place = self.eye.place(pixel, pan, tilt)
         flat = self._flat(image, place, pan, tilt, self._cells * self.texel, self.texel)
         if not np.isfinite(flat).all():
@@ -157,7 +166,11 @@ class Tracker:
                 f"the frame does not show {1e3 * self.size:.3g} mm of wall about pixel "
                 f"{np.asarray(pixel)}; pick a point further from its edge"
             )
-        state = TrackState(flat, flat, place, np.zeros(2), 0, image)
+        if not flat.std() > _PLAIN:
+            raise SignalError(
+                f"the wall about pixel {np.asarray(pixel)} is of one grey; pick a point with detail"
+            )
+        state = TrackState(flat, flat, place, np.zeros(2), 0, image, (_key(image),))
         seen = np.asarray(pixel, dtype=np.float64)
         return Track(seen, place, 1.0, TRACKED), state
 
@@ -175,6 +188,10 @@ class Tracker:
             Where the head was when the frame was taken, measured or commanded, in radians.
         """
         verdict = health.judge(image, self.eye.lens, state.before)
+        if verdict != health.WRONG_SIZE:
+            key = _key(image)
+            verdict = health.FROZEN if key in state.earlier else verdict
+            state = replace(state, earlier=(*state.earlier, key)[-_KEPT:])
         expected = state.place + state.drift
         if verdict not in (health.GOOD, health.SATURATED):
             kept = state if verdict == health.WRONG_SIZE else replace(state, before=image)
@@ -188,7 +205,7 @@ class Tracker:
         self, state: TrackState, image: Image, expected: FloatArray, pan: float, tilt: float
     ) -> tuple[Track, TrackState]:
         """Find the piece in a frame that is good."""
-        if not (math.isfinite(pan) and math.isfinite(tilt)):
+        if not self.eye.inside(pan, tilt):
             return self._unseen(state, expected, math.nan, math.nan, LOST)
         if state.missed:
             return self._again(state, image, expected, pan, tilt)
@@ -310,10 +327,14 @@ class Tracker:
         verdict: str,
         score: float = math.nan,
     ) -> tuple[Track, TrackState]:
-        known = math.isfinite(pan) and math.isfinite(tilt)
+        known = self.eye.inside(pan, tilt)
         pixel = self.eye.pixel(expected, pan, tilt) if known else np.full(2, np.nan)
         after = replace(state, missed=state.missed + 1, drift=np.zeros(2), place=expected)
         return Track(pixel, expected, float(score), verdict), after
+
+
+def _key(image: Image) -> int:
+    return zlib.crc32(np.ascontiguousarray(image).tobytes())
 
 
 def _shrunk(fine: Image32) -> Image32:

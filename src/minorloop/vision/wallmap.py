@@ -21,6 +21,9 @@ from minorloop.vision.eye import Eye, Image32, Window, irradiance, unroll, windo
 NO_ANGLE = "angle unknown"
 """Verdict on a frame of which it is not known where the head was."""
 
+FARTHEST = np.pi / 2
+"""Largest pan or tilt of a head that looks into the pipe; beyond it, an angle is not known."""
+
 LEAST_SEEN = 14e3
 """Pixels for each metre of the wall below which it is not looked at."""
 
@@ -86,15 +89,26 @@ class WallMap:
 
 def judge_looks(looks: Sequence[Look], eye: Eye) -> str:
     """``good``, or what is wrong with the first frame that cannot be used."""
-    before = None
+    earlier: list[Any] = []
     for look in looks:
-        verdict = health.judge(look.image, eye.lens, before, lit=any(look.lights))
+        verdict = health.judge(look.image, eye.lens, lit=any(look.lights))
         if verdict != health.GOOD:
             return verdict
-        if not np.isfinite(np.array([look.pan, look.tilt], dtype=np.float64)).all():
+        if any(np.array_equal(look.image, image) for image in earlier):
+            return health.FROZEN
+        if not _known(look, eye):
             return NO_ANGLE
-        before = look.image
+        earlier.append(look.image)
     return health.GOOD if any(any(look.lights) for look in looks) else health.BLACK
+
+
+def _known(look: Look, eye: Eye) -> bool:
+    """Whether pan and tilt are angles that a head in the pipe can have."""
+    try:
+        pair = np.array([look.pan, look.tilt], dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return bool((np.abs(pair) <= FARTHEST).all()) and eye.inside(*pair.tolist())
 
 
 def lay_flat(looks: Sequence[Look], eye: Eye) -> WallMap | None:
