@@ -224,11 +224,6 @@ def test_the_mouse_looks_picks_and_clutches(browser, address):
         page.mouse.move(x - 200, y, steps=10)
         page.mouse.up()
         operator.moved("pan > 5")
-        page.click("button[data-mode=HEAD]")
-        reached = operator.command()[1]
-        page.keyboard.down("ArrowUp")  # nor may a clicked button keep the arrow keys
-        operator.moved(f"tilt > {reached + 2}")
-        page.keyboard.up("ArrowUp")
         page.keyboard.down("c")
         page.wait_for_selector("#clutch[aria-pressed=true]")
         before = operator.command()
@@ -239,6 +234,11 @@ def test_the_mouse_looks_picks_and_clutches(browser, address):
         page.keyboard.up("c")
         page.click("#camera", position={"x": 30, "y": 30})
         page.wait_for_selector("#guide li:nth-child(2).done")
+        page.click("button[data-mode=HEAD]")
+        reached = operator.command()[1]
+        page.keyboard.down("ArrowUp")  # nor may a clicked button keep the arrow keys
+        operator.moved(f"tilt > {reached + 2}")
+        page.keyboard.up("ArrowUp")
 
 
 def test_one_steers_and_the_others_watch(browser, address):
