@@ -60,12 +60,12 @@ def test_limits_of_a_rig_are_kept():
 
 def test_a_tip_hears_in_water_only_and_sees_what_a_camera_there_sees():
     tip = Tip(Pipe.draw(1))
-    tip.stand((0.44, 0.0, 0.0, 0.0, 0.02, 0.0))
+    tip.stand((0.31, 0.0, 0.0, 0.0, 0.02, 0.0))
     camera = Camera(Pipe.draw(1), Mount(advance=0.02))
-    camera.look(0.44, 0.0)
+    camera.look(0.31, 0.0)
     np.testing.assert_array_equal(tip.frame().image, camera.frame().image)
     dry = tip.shots(1)[0].trace
     tip.flood(True)
-    tip.stand((0.44, 0.0, 0.0, 0.0, 0.02, 0.0))
+    tip.stand((0.31, 0.0, 0.0, 0.0, 0.02, 0.0))
     wet = tip.shots(1)[0].trace
     assert np.abs(wet[600:]).max() > 3 * np.abs(dry[600:]).max()
