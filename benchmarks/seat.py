@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,7 @@ class _Page:
         self.socket, self.seq, self.grant = socket, 0, 0
         self.drive = dict(_DRIVE)
         self.state: dict = {}
+        self.states: list[dict] = []
         self.late, self.answers, self.ages, self.seen = [], [], [], 0
         self.recording = None
         self.notices: list[str] = []
@@ -125,6 +127,7 @@ class _Page:
                 self.recording = told["name"] or self.recording
             elif told["type"] == "state":
                 self.state = told
+                self.states.append({key: told[key] for key in ("t", "mode", "rates")})
                 self.seen += 1
                 self.late.append(told["late"])
                 if told["heard"] and self.grant:
@@ -230,7 +233,34 @@ async def _watched(server: _Server, seconds: float) -> list[Row]:
 
 
 async def _cut_off(server: _Server, folder: Path) -> list[Row]:
-    """Time until it holds, for each way to lose the operator; a recording runs through it all."""
+    """Time until it holds, for each way to lose the operator; each operator records."""
+    async with server.connect() as socket:
+        watcher = _Page(socket)
+        watching = asyncio.create_task(watcher.listen())
+        cuts, found, jump = await _cut(server)
+        await asyncio.sleep(0.5)
+        watching.cancel()
+    recordings = _recorded(folder)
+    states = sorted([*watcher.states, *chain(*recordings)], key=lambda state: state["t"])
+    for name, began in cuts.items():
+        first = next(s for s in states if s["t"] > began and s["mode"] == "HOLD")
+        found.append(_held(name, first["t"] - began, stopped=first["rates"] == [0.0, 0.0]))
+    gaps = sum(int(np.sum(np.diff([s["seq"] for s in each]) != 1)) for each in recordings)
+    told = sum(map(len, recordings))
+    found.append(
+        Row(
+            "to go on after that",
+            0.0,
+            required="no jump, nothing lost",
+            met=jump <= 0.1 and gaps == 0,
+            accuracy=f"{jump:.3f} degrees; {gaps} gaps in {told} recorded states",
+        )
+    )
+    return found
+
+
+async def _cut(server: _Server) -> tuple[dict[str, float], list[Row], float]:
+    """When each way was tried, what the first gave, and the jump at the end."""
     found = []
     async with _piloted(server) as page:
         await page.send("record", grant=page.grant, on=True)
@@ -241,12 +271,14 @@ async def _cut_off(server: _Server, folder: Path) -> list[Row]:
         found.append(_held("pose lost", page.state["t"] - began))
     cuts = {}
     async with _piloted(server) as page:
+        await page.send("record", grant=page.grant, on=True)
         page.drive["stick"] = [1.0, 0.0]
         await asyncio.sleep(1.0)
         page.tasks[1].cancel()
         cuts["page silent"] = time.monotonic()
         await page.until(lambda: page.state["mode"] == "HOLD")
     async with _piloted(server) as page:
+        await page.send("record", grant=page.grant, on=True)
         page.drive["stick"] = [1.0, 0.0]
         await asyncio.sleep(1.0)
         cuts["link cut"] = time.monotonic()
@@ -254,6 +286,7 @@ async def _cut_off(server: _Server, folder: Path) -> list[Row]:
     await asyncio.sleep(1.0)
     jump = 0.0
     async with _piloted(server) as page:
+        await page.send("record", grant=page.grant, on=True)
         page.drive["stick"] = [1.0, 0.0]
         page.drive["pose"] = [0.0, -0.1, 0.0, 0.995]
         await asyncio.sleep(1.0)
@@ -270,21 +303,7 @@ async def _cut_off(server: _Server, folder: Path) -> list[Row]:
         jump = float(np.abs(np.subtract(page.state["command"], held)).max())
         await page.send("record", grant=page.grant, on=False)
         await asyncio.sleep(0.5)
-    states = _recorded(folder)
-    for name, began in cuts.items():
-        first = next(s for s in states if s["t"] > began and s["mode"] == "HOLD")
-        found.append(_held(name, first["t"] - began, stopped=first["rates"] == [0.0, 0.0]))
-    gaps = int(np.sum(np.diff([s["seq"] for s in states]) != 1))
-    found.append(
-        Row(
-            "to go on after that",
-            0.0,
-            required="no jump, nothing lost",
-            met=jump <= 0.1 and gaps == 0,
-            accuracy=f"{jump:.3f} degrees; {gaps} gaps in {len(states)} recorded states",
-        )
-    )
-    return found
+    return cuts, found, jump
 
 
 def _held(name: str, seconds: float, *, stopped: bool = True) -> Row:
@@ -298,12 +317,15 @@ def _held(name: str, seconds: float, *, stopped: bool = True) -> Row:
     )
 
 
-def _recorded(folder: Path) -> list[dict]:
+def _recorded(folder: Path) -> list[list[dict]]:
+    """The states of each recording."""
     from minorloop.teleop.recording import TEXT, entries, listed
 
-    path = folder / f"{listed(folder)[0]}.session"
-    told = [json.loads(content) for kind, _, content in entries(path) if kind == TEXT]
-    return [each for each in told if each["type"] == "state"]
+    found = []
+    for name in listed(folder):
+        told = (json.loads(c) for kind, _, c in entries(folder / f"{name}.session") if kind == TEXT)
+        found.append([each for each in told if each["type"] == "state"])
+    return found
 
 
 async def _attacked(server: _Server, count: int) -> list[Row]:
