@@ -23,14 +23,6 @@ MOST_DELAY = 250
 """Longest delay of the sensor, in steps."""
 
 
-class ControlState(Protocol):
-    """What a controller remembers between two steps."""
-
-    @property
-    def applied(self) -> float:
-        """Current in A that is on until the next step."""
-
-
 class Controller(Protocol):
     """A control law for one wire: from a wish and a reading to a current."""
 

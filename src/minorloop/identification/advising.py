@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 WELL_EXCITED = 0.5
 """Share of the cells below which a record is said not to identify the plane."""
-MANY_SAMPLES = 4
 _OVERFIT = 2.0
 _HARDLY = 0.8
 _AGAINST = -0.5

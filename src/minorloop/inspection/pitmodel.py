@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy.special import jn_zeros, jnp_zeros, jv
 
 from minorloop.arrays import FloatArray
+from minorloop.geometry import wrapped
 from minorloop.inspection import _field_kernels as kernels
 from minorloop.inspection.field import ComplexArray, Ear, SoundField, sound_field
 
@@ -122,7 +123,7 @@ class PitModel:
 
     def off(self) -> FloatArray:
         """(K, 2) spots off the first guess of the centre, around and along, in metres."""
-        around = (self.spots[:, 0] - self.centre[0] + np.pi) % (2 * np.pi) - np.pi
+        around = wrapped(self.spots[:, 0] - self.centre[0])
         return np.stack([self.ear.radius * around, self.spots[:, 1] - self.centre[1]], axis=1)
 
     def mouth(self, around: float, along: float, size: float) -> ComplexArray:

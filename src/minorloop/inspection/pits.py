@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
-from minorloop.geometry import wall_point
+from minorloop.geometry import wall_point, wrapped
 from minorloop.inspection import deepfloor
 from minorloop.inspection.deepfloor import FURTHER
 from minorloop.inspection.echoes import Burst
@@ -217,7 +216,7 @@ def _too_little(
     if not covered(good, ear):
         return SHORT
     spots = ear.spots(np.array([burst.angles for burst in good]))
-    around = ear.radius * ((spots[:, 0] - centre[0] + np.pi) % (2 * np.pi) - np.pi)
+    around = ear.radius * wrapped(spots[:, 0] - centre[0])
     off = np.hypot(around, spots[:, 1] - centre[1])
     inside = int((off < max(diameter / 2, 0.4e-3)).sum())
     outside = int((off > diameter / 2 + 0.2e-3).sum())
@@ -442,10 +441,3 @@ def _if_noticed(fit: JointFit, best: Solution) -> str:
     gone = fit.pulse * model.missing(model.mouth(x, y, size), size)
     power = 0.5 * np.abs(gone / fit.spectra.noise[model.near, None]) ** 2
     return NO_PIT if power.sum() > _NOTICEABLE * _NOTICED * best.cost else FAINT
-
-
-def same_place(pit: PitDepth, place: npt.ArrayLike, radius: float) -> float:
-    """Distance along the wall, in metres, of a pit from phi and z (2,)."""
-    phi, z = np.asarray(place, dtype=np.float64)
-    around = radius * ((pit.phi - phi + np.pi) % (2 * np.pi) - np.pi)
-    return float(np.hypot(around, pit.z - z))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal.windows import tukey
 
 from minorloop.arrays import FloatArray
+from minorloop.geometry import wrapped
 from minorloop.inspection.echoes import Burst, Pulse, find_echoes
 from minorloop.inspection.field import HIGHEST, LOWEST, RESOLUTION, ComplexArray, Ear
 
@@ -64,7 +65,7 @@ def spectra_of(
     """
     angles = np.array([burst.angles for burst in bursts])
     spots = ear.spots(angles)
-    x = ear.radius * ((spots[:, 0] - centre[0] + np.pi) % (2 * np.pi) - np.pi)
+    x = ear.radius * wrapped(spots[:, 0] - centre[0])
     y = spots[:, 1] - centre[1]
     expected = 2 * spots[:, 2] / ear.speed
     far = np.argsort(-np.hypot(x, y))[: max(FAR, len(bursts) // 3)]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
+from minorloop.geometry import wrapped
 
 STEP = 0.1e-3
 UNSEEN, CAMERA, SONAR, BOTH = 0, 1, 2, 3
@@ -76,7 +77,7 @@ class Patch:
     def off(self, phi: float, z: float) -> FloatArray:
         """(rows, columns, 2) metres around and along from a place."""
         places = self.places
-        around = (places[..., 0] - phi + np.pi) % (2 * np.pi) - np.pi
+        around = wrapped(places[..., 0] - phi)
         return np.stack([self.radius * around, places[..., 1] - z], axis=-1)
 
 
@@ -227,7 +228,7 @@ def paste(wall: WallMap, part: WallMap) -> WallMap:
     """
     places, patch = wall.patch.places, part.patch
     middle = patch.phi + 0.5 * (patch.columns - 1) * patch.step / patch.radius
-    around = (places[..., 0] - middle + np.pi) % (2 * np.pi) - np.pi
+    around = wrapped(places[..., 0] - middle)
     column = np.rint(around * patch.radius / patch.step + 0.5 * (patch.columns - 1)).astype(int)
     row = np.rint((places[..., 1] - patch.z) / patch.step).astype(int)
     inside = (column >= 0) & (column < patch.columns) & (row >= 0) & (row < patch.rows)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from minorloop.report import Picture
 from minorloop.studies.claims import Claim, figure
 
 COLOURS = {"Preisach": "C0", "quadratic": "C3", "plays": "C2", "polynomial": "C3"}
@@ -24,6 +25,16 @@ def new_figure(
     for one in np.atleast_1d(axes).ravel():
         one.grid(alpha=0.25)
     return drawn, axes
+
+
+def every_specimen(
+    claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], first_seed: int
+) -> list[Picture]:
+    """`draw_specimens` for a report, where there is more than one."""
+    if len(runs) == 1:
+        return []
+    said = f"Every specimen (points) and the median (bar), {len(runs)} in all."
+    return [Picture(draw_specimens(claims, runs, first_seed), said)]
 
 
 def draw_specimens(

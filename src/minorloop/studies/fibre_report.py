@@ -11,7 +11,7 @@ import numpy as np
 from minorloop.operators.drawing import draw_density
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
-from minorloop.studies.drawing import COLOURS, MINUTE, draw_specimens, new_figure
+from minorloop.studies.drawing import COLOURS, MINUTE, every_specimen, new_figure
 from minorloop.studies.fibre import CLAIMS, MARKER_LEVELS, TITLE, marker_diagrams, unit_step
 from minorloop.studies.fibre_steady import HIGH, LOW, VALIDATION
 
@@ -77,14 +77,7 @@ def _add_overview(
             "weights, not y0. The marker rules are right, and are what is used.",
         ),
         table=claim_table(CLAIMS, figures),
-        pictures=[
-            Picture(
-                draw_specimens(CLAIMS, runs, study.seed),
-                f"Every specimen (points) and the median (bar), {len(runs)} in all.",
-            )
-        ]
-        if len(runs) > 1
-        else (),
+        pictures=every_specimen(CLAIMS, runs, study.seed),
     )
     report.add(
         "The twin",

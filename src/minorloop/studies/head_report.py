@@ -10,7 +10,7 @@ import numpy as np
 from minorloop.operators.drawing import draw_density
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
-from minorloop.studies.drawing import draw_specimens, new_figure
+from minorloop.studies.drawing import every_specimen, new_figure
 from minorloop.studies.head import (
     CLAIMS,
     DEFAULT,
@@ -101,14 +101,7 @@ def _add_overview(
             "400 mA here.",
         ),
         table=claim_table(CLAIMS, figures),
-        pictures=[
-            Picture(
-                draw_specimens(CLAIMS, runs, study.seed),
-                f"Every specimen (points) and the median (bar), {len(runs)} in all.",
-            )
-        ]
-        if len(runs) > 1
-        else (),
+        pictures=every_specimen(CLAIMS, runs, study.seed),
     )
     report.add(
         "The twin",

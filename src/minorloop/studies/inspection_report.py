@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.detection_report import detection_pictures, detection_table, limits
@@ -26,8 +27,6 @@ from minorloop.studies.mission_report import (
 
 if TYPE_CHECKING:
     from minorloop.studies.inspection import InspectionStudy
-
-_BAND = 1.6449
 
 
 def study_report(
@@ -190,7 +189,7 @@ def _depth_table(study: InspectionStudy) -> Table:
                 "through" if np.isinf(truth) else f"{1e3 * truth:.3f}",
                 pit.verdict,
                 f"{1e3 * pit.depth:.3f}" if np.isfinite(pit.depth) else "-",
-                f"{1e6 * _BAND * pit.depth_sd:.1f}" if np.isfinite(pit.depth_sd) else "-",
+                f"{1e6 * PER_DEVIATION * pit.depth_sd:.1f}" if np.isfinite(pit.depth_sd) else "-",
             )
         )
     return Table(("scene", "true depth, mm", "verdict", "depth, mm", "90 % band, um"), rows)

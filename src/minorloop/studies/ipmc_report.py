@@ -10,7 +10,7 @@ import numpy as np
 from minorloop.identification.frequency import decibels
 from minorloop.report import Picture, Report
 from minorloop.studies.claims import claim_table, specimens
-from minorloop.studies.drawing import COLOURS, HOUR, draw_specimens, new_figure
+from minorloop.studies.drawing import COLOURS, HOUR, every_specimen, new_figure
 from minorloop.studies.ipmc import CLAIMS, TITLE
 from minorloop.studies.positioning_report import (
     draw_errors,
@@ -78,14 +78,7 @@ def _add_overview(
             "minorloop uses 2 (d0 - d) / ((d - d0)^2 + h0^2), which is 0 for a straight strip.",
         ),
         table=claim_table(CLAIMS, figures),
-        pictures=[
-            Picture(
-                draw_specimens(CLAIMS, runs, study.seed),
-                f"Every specimen (points) and the median (bar), {len(runs)} in all.",
-            )
-        ]
-        if len(runs) > 1
-        else (),
+        pictures=every_specimen(CLAIMS, runs, study.seed),
     )
     report.add(
         "The twin",

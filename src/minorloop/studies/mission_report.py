@@ -11,6 +11,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.inspection.findings import Finding, save_findings
 from minorloop.inspection.mesh import save_mesh
 from minorloop.inspection.unrolled import SONAR, WallMap
@@ -18,7 +19,6 @@ from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
 from minorloop.studies.mission import Mission
 
-BAND = 1.6449
 _SOURCES = ("unseen", "camera", "sonar", "both")
 _SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
@@ -71,7 +71,7 @@ def draw_finding(wall: WallMap) -> Any:
 
     figure = Figure(figsize=(9.2, 7.0), layout="constrained")
     depth = 1e3 * np.where(np.isfinite(wall.depth), wall.depth, np.nan)
-    band = 1e3 * BAND * np.where(np.isfinite(wall.sd), wall.sd, np.nan)
+    band = 1e3 * PER_DEVIATION * np.where(np.isfinite(wall.sd), wall.sd, np.nan)
     half = 5e2 * wall.patch.columns * wall.patch.step
     extent = (-half, half, -half, half)
     flat = ((depth, "depth under the wall [mm]"), (band, "half the 90 % band of it [mm]"))
@@ -173,7 +173,7 @@ def draw_soundings(runs: Sequence[Mapping[str, Any]]) -> Any:
         told = [one for one in each if one.found.measured]
         depth = [1e3 * one.sounding.depth for one in told]
         error = [1e6 * (one.found.depth - one.sounding.depth) for one in told]
-        band = [1e6 * BAND * one.found.depth_sd for one in told]
+        band = [1e6 * PER_DEVIATION * one.found.depth_sd for one in told]
         if told:
             axes.errorbar(depth, error, yerr=band, fmt="o", ms=3, lw=0.8, capsize=1.5)
         axes.axhline(0.0, color="0.3", lw=0.8)
@@ -201,7 +201,7 @@ def finding_rows(finding: Finding) -> Table:
             (
                 what,
                 f"{scale * value:.3f} {unit}" if known else "not known",
-                f"+- {scale * BAND * sd:.3f} {unit}" if known and np.isfinite(sd) else "-",
+                f"+- {scale * PER_DEVIATION * sd:.3f} {unit}" if known and np.isfinite(sd) else "-",
             )
         )
     return Table((f"{finding.kind}: {finding.verdict}", "found", "90 % band"), rows)

@@ -16,6 +16,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.geometry import Mount, Probe, wrapped
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.inspection.echoes import Burst, average, choose_modality
 from minorloop.inspection.field import Ear
 from minorloop.inspection.fusion import fuse, mean_depths, outline_of
@@ -26,7 +27,6 @@ from minorloop.twins.ultrasound import Ultrasound
 
 KINDS = ("pit", "dished", "hole", "mark", "dry")
 DISH = 0.1e-3
-BAND = 1.645
 """Half the width of a 90 % band in standard deviations."""
 _Z = 20e-3
 _FLOODED = -9.999e-3
@@ -281,7 +281,7 @@ def band_figures(scored: Iterable[Scored]) -> dict[str, float]:
     """How often the true depth lies inside the 90 % band, half its width, and of how many."""
     runs = [run for run in scored if run.found.measured]
     depths = np.array([abs(1e3 * _error(run)) for run in runs])
-    bands = np.array([1e3 * BAND * run.found.depth_sd for run in runs])
+    bands = np.array([1e3 * PER_DEVIATION * run.found.depth_sd for run in runs])
     return {
         "coverage": float((depths <= bands).mean()) if runs else math.nan,
         "band_mm": float(np.median(bands)) if runs else math.nan,
@@ -322,5 +322,5 @@ def _covered(run: Scored) -> BoolArray:
     floor = bore.depth + off @ np.array(bore.floor_tilt) - bore.dish * square
     truth = np.where(square <= 1, floor, 0.0)
     near = square <= (1 + 0.2e-3 / bore.diameter) ** 2
-    inside: BoolArray = (np.abs(run.wall.depth - truth) <= BAND * run.wall.sd)[near]
+    inside: BoolArray = (np.abs(run.wall.depth - truth) <= PER_DEVIATION * run.wall.sd)[near]
     return inside

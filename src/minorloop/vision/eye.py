@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
-from minorloop.geometry import Mount, Pinhole, meet_wall, wall_point
+from minorloop.geometry import Mount, Pinhole, meet_wall, wall_point, wrapped
 from minorloop.vision import _kernels
 
 Image = npt.NDArray[np.uint8]
@@ -157,7 +157,7 @@ def window_in_view(
     if not large.any():
         return None
     middle = float(np.angle(np.exp(1j * phi[large]).sum()))
-    x = eye.radius * ((phi[large] - middle + np.pi) % (2 * np.pi) - np.pi)
+    x = eye.radius * wrapped(phi[large] - middle)
     left, top = float(x.min()), float(z[large].min())
     return Window(
         middle + left / eye.radius,
