@@ -43,6 +43,8 @@ SOFT = 6.0
 MOTION, MOTION_SECONDS = 10.0, 20.0
 """Fastest commanded motion that the tracker is tried under, in degrees a second; how long."""
 GREY = 95.0
+STROKE_SHARE = 0.93
+"""Of a wire's identified stroke, what a scene asks for at most: no hole is where no wire gets."""
 CONE = Cone(half=np.radians(30.0))
 BLIND = SensorWatch(patience=10_000)
 """Of a control that goes by its model for as long as no angles come."""
@@ -104,11 +106,13 @@ class Scene:
     def __init__(self, seed: int) -> None:
         self.seed = seed
         rng = np.random.default_rng([seed, 11])
-        away, way = np.radians(rng.uniform(19, 27)), rng.uniform(0, 2 * np.pi)
+        wires, coupling = wires_of(seed)
+        self.control: HeadControl = head_control("observer", wires, coupling=coupling)
+        self.blind = head_control("observer", wires, coupling=coupling, sensor=BLIND)
+        aim, way = self._within_stroke(rng)
         self.mount = Mount(
             offset=tuple(rng.uniform(-0.4e-3, 0.4e-3, 2)), roll=rng.uniform(-np.pi, np.pi)
         )
-        aim = away * np.array([np.cos(way), np.sin(way)])
         pose = self.mount.pose(*aim)
         phi, z, _ = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
         self.hole = Bore(float(phi), float(z), 1e-3)
@@ -118,9 +122,16 @@ class Scene:
         side = way + np.pi / 2 * rng.choice([-1, 1]) + rng.uniform(-0.6, 0.6)
         start = aim + off * np.array([np.cos(side), np.sin(side)])
         self.start = CONE.clip(start)
-        wires, coupling = wires_of(seed)
-        self.control: HeadControl = head_control("observer", wires, coupling=coupling)
-        self.blind = head_control("observer", wires, coupling=coupling, sensor=BLIND)
+
+    def _within_stroke(self, rng: np.random.Generator) -> tuple[FloatArray, float]:
+        """A line of sight (2,) that the wires as identified come to, and its direction."""
+        top = [axis.observer.wire.operator.range[1] for axis in self.control.axes]
+        while True:
+            away, way = np.radians(rng.uniform(19, 27)), float(rng.uniform(0, 2 * np.pi))
+            aim = away * np.array([np.cos(way), np.sin(way)])
+            own = np.linalg.solve(np.asarray(self.control.coupling), np.degrees(aim) + STRAIGHT)
+            if (own < STROKE_SHARE * np.array(top)).all():
+                return aim, way
 
     def head(self, sway: Sway | None = None) -> SeeingHead:
         """A cold head with its camera."""
