@@ -51,7 +51,7 @@ def test_coverage_counts_depths_inside_the_band():
     bands = band_figures([*runs, run(replace(FOUND, verdict="disturbed"))])
     assert bands["coverage"] == 0.5
     assert bands["scans"] == 4
-    assert bands["band_mm"] == pytest.approx(1.645 * 5e-3)
+    assert bands["band_mm"] == pytest.approx(1.6449 * 5e-3)
     assert figures["depth_error_mm"] == pytest.approx(0.1)
     assert figures["position_mm"] == pytest.approx(0.0, abs=1e-9)
 
