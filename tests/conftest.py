@@ -7,11 +7,39 @@ import pytest
 from hypothesis import settings
 
 os.environ["MPLBACKEND"] = "Agg"
+# The tests share the cores already: threads of their algebra would only wait for one another. Set
+# before NumPy is imported, here and in every process that a test starts.
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("repeatable")
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+# The longest files, the longest first: no worker is left with one of them at the end.
+LONGEST = (
+    "teleop/test_pages.py",
+    "test_documents.py",
+    "studies/test_inspection_parts.py",
+    "studies/test_head_study.py",
+    "cli/test_run_verbs.py",
+    "twins/test_ultrasound.py",
+    "teleop/test_eyes.py",
+    "teleop/test_lab.py",
+    "inspection/test_pits.py",
+    "test_report.py",
+    "cli/test_identify.py",
+    "identification/test_prior.py",
+)
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the longest files; pytest-xdist hands them out in this order."""
+    rank = {HERE / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path, len(LONGEST)))
 
 
 @pytest.fixture(scope="session")

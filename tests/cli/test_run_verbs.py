@@ -2,8 +2,6 @@ import csv
 import json
 import os
 import random
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,7 @@ import pytest
 from minorloop.cli._adaptive import warnings
 from minorloop.cli.run import _unsettled
 from minorloop.identification.adaptive import Adaptive
+from offspring import started
 
 KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
@@ -111,22 +110,16 @@ def test_a_damaged_store_does_not_hide_the_others(run, answer):
     assert len(found["runs"]) == len(found["unusable"]) == 1
 
 
-def _start(line):
-    command = [sys.executable, "-m", "minorloop", *line.split()]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-
-
 def _killed(line, points, delay):
     """Kill a process a moment after its log has told of so many points; whether it was."""
-    with _start(line) as process:
+    with started(line) as (process, log):
         for _ in range(points):
-            if not process.stderr.readline():
+            if not log.readline():
                 break
-        try:
-            process.wait(delay)
-        except subprocess.TimeoutExpired:
-            process.kill()
-        return process.wait() != 0
+        process.join(delay)
+        process.kill()
+        process.join()
+        return process.exitcode != 0
 
 
 def _killed_until_done(chance):
@@ -135,7 +128,7 @@ def _killed_until_done(chance):
         begun = Path("runs.sqlite").exists()
         line = "resume --store runs.sqlite" if begun else f"{RUN} --store runs.sqlite"
         points = chance.choice([0, 1, 1, 2, 3])
-        if not _killed(line, points, chance.uniform(0, 0.02 if points else 0.8)):
+        if not _killed(line, points, chance.uniform(0, 0.02 if points else 0.2)):
             break
         yield kills
 

@@ -11,7 +11,14 @@ from minorloop.twins.surroundings import Surroundings
 
 @pytest.fixture(scope="module")
 def study():
-    return head.run_study(1)
+    """All of the study on one specimen, its longest runs with fewer targets each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(head, "OPEN_TARGETS", 5)
+        patch.setattr(head, "OLD_TARGETS", 8)
+        patch.setattr(head, "FASTER", ())
+        patch.setattr(head, "STEP_SECONDS", 20.0)
+        patch.setattr(head, "FAULT_SECONDS", 18.0)
+        yield head.run_study(1)
 
 
 @pytest.fixture(scope="module")

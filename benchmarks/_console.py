@@ -1,0 +1,159 @@
+"""A console that was started to be measured, and pages over real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http.client
+import json
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+DRIVE = {"pose": [0, 0, 0, 1], "age": 0.0, "stick": [0, 0], "clutch": False}
+_PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
+
+
+class Server:
+    """A console, and the cookie of a browser that came with its key."""
+
+    def __init__(self, folder: str, *options: str) -> None:
+        command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
+        self.process = subprocess.Popen(
+            [*command, "--folder", folder, *options], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        address = re.search(r"http://([^/]+)(/\S*)", self.process.stdout.readline())
+        assert address is not None
+        self.host = address[1]
+        self.cookie = self._enter(address[2])
+
+    def _enter(self, path: str) -> str:
+        for _ in range(600):
+            with contextlib.suppress(ConnectionError):
+                answer = self.ask("GET", path)
+                return answer.headers["set-cookie"].split(";")[0]
+            time.sleep(0.1)
+        raise TimeoutError("the console did not start")
+
+    def ask(self, method: str, path: str, body: bytes | None = None) -> http.client.HTTPResponse:
+        connection = http.client.HTTPConnection(self.host, timeout=300)
+        headers = {"Origin": f"http://{self.host}", "Cookie": getattr(self, "cookie", "")}
+        connection.request(method, path, body, headers)
+        return connection.getresponse()
+
+    def __enter__(self) -> Server:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.send_signal(signal.SIGTERM)
+        self.process.wait(30)
+
+    def memory(self) -> float:
+        """Resident memory of the server and of what it started, in MiB."""
+        pids = [self.process.pid, *_children(self.process.pid)]
+        return sum(_resident(pid) for pid in pids) / 2**20
+
+    def connect(self, **options):
+        from websockets.asyncio.client import connect
+
+        headers = {"Cookie": options.pop("cookie", self.cookie)}
+        options = {"origin": f"http://{self.host}", "additional_headers": headers, **options}
+        return connect(f"ws://{self.host}/ws", max_size=None, compression=None, **options)
+
+
+class Page:
+    """A page that takes the controls and sends what its operator does, 50 times a second."""
+
+    def __init__(self, socket) -> None:
+        self.socket, self.seq, self.grant = socket, 0, 0
+        self.drive = dict(DRIVE)
+        self.state: dict = {}
+        self.states: list[dict] = []
+        self.late, self.answers, self.ages, self.seen = [], [], [], 0
+        self.recording = None
+        self.notices: list[str] = []
+        self._changed = asyncio.Event()
+
+    async def send(self, kind: str, **content) -> None:
+        self.seq += 1
+        message = {"type": kind, "seq": self.seq, "t": time.monotonic(), **content}
+        await self.socket.send(json.dumps(message))
+
+    async def listen(self) -> None:
+        async for message in self.socket:
+            now = time.monotonic()
+            if isinstance(message, bytes):
+                if message[0] == 1:
+                    self.ages.append(now - struct.unpack_from("<d", message, 8)[0])
+                continue
+            told = json.loads(message)
+            if told["type"] == "seats":
+                self.grant = told["grant"]
+            elif told["type"] == "recording":
+                self.recording = told["name"] or self.recording
+            elif told["type"] == "state":
+                self.state = told
+                self.states.append({key: told[key] for key in ("t", "mode", "rates")})
+                self.seen += 1
+                self.late.append(told["late"])
+                if told["heard"] and self.grant:
+                    self.answers.append(told["t"] - told["heard"]["t"])
+            self._changed.set()
+
+    async def until(self, holds, seconds: float = 60.0) -> None:
+        async with asyncio.timeout(seconds):
+            while not holds():
+                self._changed.clear()
+                await self._changed.wait()
+
+    async def steer(self) -> None:
+        """Drive for ever."""
+        due = time.monotonic()
+        while True:
+            await self.send("drive", grant=self.grant, **self.drive)
+            due += 0.02
+            await asyncio.sleep(max(due - time.monotonic(), 0.0))
+
+
+@contextlib.asynccontextmanager
+async def piloted(server: Server):
+    """A pilot in HEAD."""
+    async with server.connect() as socket:
+        page = Page(socket)
+        tasks = [asyncio.create_task(page.listen())]
+        await page.until(lambda: page.state)
+        await page.send("take")
+        await page.until(lambda: page.grant)
+        tasks.append(asyncio.create_task(page.steer()))
+        await page.until(lambda: page.state["heard"] and page.state["heard"]["seq"] > 2)
+        while page.state["mode"] != "HEAD":  # on a machine that is busy, more than once
+            await page.send("mode", grant=page.grant, mode="HEAD")
+            with contextlib.suppress(TimeoutError):
+                await page.until(lambda: page.state["mode"] == "HEAD", 1.0)
+        page.tasks = tasks
+        try:
+            yield page
+        finally:
+            for task in tasks:
+                task.cancel()
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    except OSError:
+        return []
+    return [int(word) for word in text.split()]
+
+
+def _resident(pid: int) -> float:
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_SIZE
+    except (OSError, IndexError):
+        return 0.0
