@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from threadpoolctl import ThreadpoolController
 
 from minorloop.arrays import FloatArray, as_samples
 from minorloop.dynamics import _kernels
 from minorloop.errors import SignalError
+from minorloop.threads import one_thread
 
 Between: TypeAlias = Literal["held", "straight"]
 """What an input does between its samples: each sample was held over the interval before it,
@@ -124,18 +123,12 @@ def transitions(
     block[:, :n, :n] = a * lengths[:, None, None]
     block[:, :n, n] = b * lengths[:, None]
     block[:, n, n + 1] = 1.0
-    # Threads wait for each other longer than such matrices take, once a core is busy.
-    with _linear_algebra().limit(limits=1, user_api="blas"):
+    with one_thread():
         done = np.asarray(expm(block))
     at_end = np.ascontiguousarray(done[:, :n, n + 1])
     at_begin = np.ascontiguousarray(done[:, :n, n]) - at_end
     phi = np.ascontiguousarray(done[:, :n, :n])
     return phi, at_begin, at_end, np.asarray(which, dtype=np.int64)
-
-
-@cache
-def _linear_algebra() -> ThreadpoolController:
-    return ThreadpoolController()  # type: ignore[no-untyped-call]
 
 
 def _ends(

@@ -15,17 +15,15 @@ cheaper, a few hundred steps where a penalty keeps the condition low.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from scipy.linalg import LinAlgError, lapack
-from threadpoolctl import ThreadpoolController
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _kernels
+from minorloop.threads import one_thread
 
 TOLERANCE = 1e-12
 """Relative violation of the optimality conditions at which the iteration ends."""
@@ -36,7 +34,6 @@ _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
 _FIRST_SWEEPS = 5
 _FACTORISED, _FACTORISED_SMOOTH = 4000, 1500
-_THREADED = 3000
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
 
 
@@ -112,25 +109,6 @@ def solve(
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
     with one_thread(len(gram)):
         return solver.run(solver.first_guess() if guess is None else guess)
-
-
-@contextmanager
-def one_thread(unknowns: int) -> Iterator[None]:
-    """Keep the linear algebra to one thread where there are few unknowns.
-
-    Threads gain little on small matrices, and wait for each other, tens of times as long as the
-    work takes, once anything else keeps a core busy.
-    """
-    if unknowns > _THREADED:
-        yield
-        return
-    with _linear_algebra().limit(limits=1, user_api="blas"):
-        yield
-
-
-@cache
-def _linear_algebra() -> ThreadpoolController:
-    return ThreadpoolController()  # type: ignore[no-untyped-call]
 
 
 class _Solver:

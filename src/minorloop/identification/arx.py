@@ -11,7 +11,6 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import output_error
-from minorloop.identification.active_set import one_thread
 from minorloop.identification.linear_fit import Candidate, Kind, LinearFit, StepResponse
 from minorloop.identification.output_error import Coefficients, Stretch, Structure
 from minorloop.identification.steps import (
@@ -21,6 +20,7 @@ from minorloop.identification.steps import (
     steps_in,
     whole,
 )
+from minorloop.threads import one_thread
 
 HIGHEST_ORDER = 4
 _NEARLY = 1.05

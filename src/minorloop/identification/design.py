@@ -22,11 +22,11 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_levels
 from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
-from minorloop.identification.active_set import one_thread
 from minorloop.identification.areas import Form
 from minorloop.identification.prior import Belief, Hyperparameters, believe, regressors
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Diagonal
+from minorloop.threads import one_thread
 
 if TYPE_CHECKING:
     from minorloop.identification.result import Identification

@@ -31,6 +31,7 @@ from minorloop.identification.areas import Areas, Form
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import cell_areas
 from minorloop.operators.preisach import Preisach, Start
+from minorloop.threads import one_thread
 
 LEVEL_VARIANCE = 4.0
 """Of offset and slope, in squared ranges of the output."""
@@ -262,7 +263,7 @@ def fit_prior(
         return fit_marked(
             areas.form, y, marked, signed=signed, noise=noise, guess=guess, coarse=coarse
         )
-    with active_set.one_thread(areas.form.unknowns):
+    with one_thread(areas.form.unknowns):
         return _fit_summed(areas, y, signed, noise, guess)
 
 
@@ -313,7 +314,7 @@ def fit_marked(
     scaled, unit, shift = _scaled(form, y)
     found = Evidence(form, scaled, *marked)
     plane = Plane(form)
-    with active_set.one_thread(form.unknowns):
+    with one_thread(form.unknowns):
         if coarse is None:
             learnt = h = search(found, _known(noise, unit), guess)
         else:

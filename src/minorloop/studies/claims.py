@@ -6,12 +6,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
 import numpy as np
 
 from minorloop.report import Table
+from minorloop.threads import one_thread
 
 T = TypeVar("T")
 
@@ -113,13 +115,18 @@ def _over(key: str, values: Sequence[Any]) -> Any:
 def for_each(
     work: Callable[[int], T], specimens: int, seed: int, progress: Callable[[str], None]
 ) -> list[T]:
-    """Run ``work(seed)``, ``work(seed + 1)``, ... on all cores, one process each."""
+    """Run ``work(seed)``, ``work(seed + 1)``, ... on all cores, one process and one thread each."""
     seeds = range(seed, seed + specimens)
     results: list[T] = []
     if specimens == 1:
-        return [work(seed)]
+        return [_alone(work, seed)]
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        for result in pool.map(work, seeds):
+        for result in pool.map(partial(_alone, work), seeds):
             results.append(result)
             progress(f"specimen {len(results)} of {specimens} done")
     return results
+
+
+def _alone(work: Callable[[int], T], seed: int) -> T:
+    with one_thread():
+        return work(seed)

@@ -1,0 +1,18 @@
+import numpy as np
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from minorloop.threads import one_thread
+
+
+def blas_threads():
+    return max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+
+def test_few_unknowns_get_one_thread_and_many_keep_theirs():
+    np.linalg.inv(np.eye(2))
+    with threadpool_limits(2, user_api="blas"):
+        with one_thread(10):
+            assert blas_threads() == 1
+        assert blas_threads() == 2
+        with one_thread(10_000):
+            assert blas_threads() == 2
