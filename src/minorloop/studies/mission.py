@@ -69,7 +69,11 @@ OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
 """Standard deviations of what is told of the wall, as a share, and of the water, in degrees."""
 NEARER = 0.6
 """Share of the deflection at which the finding is centred, where the servo takes over."""
-SHOTS, GREY = 16, 95.0
+REACHED, STILL = float(np.radians(0.15)), 12
+"""How near the joints must be to a line of sight, in radians, and for how many ticks."""
+SHOTS, GREY, METERED = 16, 95.0, 4
+"""Shots at a place; grey that is exposed for, and ticks from one frame that is metered to the next:
+what exposure has not reached after six is below the noise."""
 CONE = Cone(half=np.radians(30.0))
 PATCH = 2.4e-3
 NEAR = 8.0
@@ -214,9 +218,14 @@ class _Crew:
         self.head.camera.move(self._true_mount(advance, roll))
 
     def turn(self, wanted: FloatArray, seconds: float = TRAVEL_TIME) -> None:
-        """Go to a line of sight."""
+        """Go to a line of sight, until the joints say that it is reached, or the time is over."""
+        still = 0
         for _ in range(round(seconds / TICK)):
             self.tick(wanted)
+            there = bool((np.abs(self.angles - wanted) < REACHED).all())
+            still = still + 1 if there else 0
+            if still == STILL:
+                break
 
     def travel(self, advance: float, roll: float) -> None:
         """Bring the catheter to mm and degrees, the head as it is."""
@@ -235,10 +244,11 @@ class _Crew:
         ahead = wall_depth(self.eye, np.zeros(2), *self.angles.tolist())
         self.head.camera.focus_at(float(np.clip(ahead, 5e-3, 55e-3)))
         hold = self.angles
-        for _ in range(25):
-            mean = float(np.mean(self.head.frame().image))
-            self.gain = float(np.clip(self.gain * (GREY / max(mean, 1.0)) ** 0.7, 0.1, 20.0))
-            self.head.camera.expose(0.01, self.gain)
+        for k in range(25):
+            if k % METERED == 0:
+                mean = float(np.mean(self.head.frame().image))
+                self.gain = float(np.clip(self.gain * (GREY / max(mean, 1.0)) ** 0.7, 0.1, 20.0))
+                self.head.camera.expose(0.01, self.gain)
             self.tick(hold)
 
     def look(self) -> Findings:
