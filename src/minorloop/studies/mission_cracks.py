@@ -22,6 +22,9 @@ from minorloop.twins.pipe import Crack
 from minorloop.vision.cracks import TracedCrack, trace_cracks
 from minorloop.vision.defects import Findings
 
+CLOSER, KNOWN = (6.0, 10.0), (0.25, 0.12)
+"""How much nearer a course is looked at, in mm, until it is seen; heights of the ridge from which
+on it is there, and down to which it goes on, now that it is known where to look."""
 MOST = 3
 """Things like cracks that are gone to in all."""
 BESIDE, SHARED = 0.6e-3, 0.5
@@ -65,12 +68,20 @@ class SeenCrack:
         return crack_finding(self.traced.places, self.width, self.found, RADIUS)
 
 
-def traces_of(looks: Findings) -> tuple[TracedCrack, ...]:
-    """What looks like a crack in an acquisition, away from what looks like holes."""
+def traces_of(looks: Findings, **heights: float) -> tuple[TracedCrack, ...]:
+    """What looks like a crack in an acquisition, away from what looks like holes.
+
+    Parameters
+    ----------
+    looks : Findings
+        The acquisition.
+    **heights
+        ``high`` and ``low`` of `trace_cracks`.
+    """
     if looks.wall is None:
         return ()
     holes = [(float(h.place[0]), float(h.place[1]), h.diameter) for h in looks.holes]
-    return trace_cracks(looks.wall.brightest, looks.wall.window, RADIUS, apart=holes)
+    return trace_cracks(looks.wall.brightest, looks.wall.window, RADIUS, apart=holes, **heights)
 
 
 def likely(
@@ -107,9 +118,8 @@ def examined(crew: Crew, trace: TracedCrack, looks: int) -> SeenCrack | None:
     pick(crew, middle, f"a line of {1e3 * trace.length:.1f} mm in {many}")
     centre(crew, middle)
     focus(crew)
-    near, photo = look_nearer(crew, middle)
-    again = [other for other in traces_of(near) if one_course(other.places, trace.places)]
-    if not again:
+    again, photo = _again(crew, trace, middle)
+    if not again or photo is None:
         crew.say("trace", "not seen again from nearer; not counted as a crack")
         return None
     best = max(again, key=lambda other: other.length)
@@ -123,6 +133,20 @@ def examined(crew: Crew, trace: TracedCrack, looks: int) -> SeenCrack | None:
     crew.say("measure", f"{found.verdict}{deep}")
     wall = crack_map(best.places, width, found, tuple(widest.tolist()), _patch(best.places))
     return SeenCrack(best, widest, width, found, photo, wall)
+
+
+def _again(
+    crew: Crew, trace: TracedCrack, middle: FloatArray
+) -> tuple[list[TracedCrack], Photo | None]:
+    """What is seen of a course from nearer, and the photo of it."""
+    high, low = KNOWN
+    for by in CLOSER:
+        near, photo = look_nearer(crew, middle, by)
+        lines = traces_of(near, high=high, low=low)
+        again = [line for line in lines if one_course(line.places, trace.places)]
+        if again:
+            return again, photo
+    return [], None
 
 
 def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:

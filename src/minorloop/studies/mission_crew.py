@@ -33,6 +33,8 @@ from minorloop.vision.servo import Cone
 TICK, RADIUS = 0.04, 10e-3
 TRAVEL_TIME, RASTER_TIME = 6.0, 1.6
 """Seconds that a move of the head may take, and a step of a raster."""
+MOST_TRAVEL = 400
+"""Ticks after which the catheter is left where it is."""
 REACHED, STILL = float(np.radians(0.15)), 12
 """How near the joints must be to a line of sight, in radians, and for how many ticks."""
 SHOTS, GREY, METERED = 16, 95.0, 4
@@ -164,7 +166,7 @@ class Crew:
         """Bring the catheter to mm and degrees, the head as it is."""
         wanted, limits = np.array([advance, roll]), np.array([8.0, 40.0])
         hold = self.angles
-        for _ in range(1000):
+        for _ in range(MOST_TRAVEL):
             off = wanted - self.place
             if (np.abs(off) < (0.05, 0.3)).all():
                 break

@@ -21,15 +21,16 @@ CENTRE_TIME = 9.0
 """Seconds for centring."""
 NEARER = 0.6
 """Share of the deflection at which a thing is centred, where the servo takes over."""
-NEAR = 6.0
-"""How much nearer than where it was centred a thing is looked at to extract it, in mm."""
+NEAR, NEAREST = 6.0, 1.0
+"""How much nearer than where it was centred a thing is looked at to extract it, and how near to its
+stop the catheter is sent, in mm: drawn back further, its tip sticks."""
 SAME = 1.5e-3
 """Farthest from where it was picked that a thing is it when it is seen again, in metres."""
 
 
 def pick(crew: Crew, place: FloatArray, words: str) -> tuple[npt.NDArray[np.uint8], FloatArray]:
     """Go to where a thing is well in the cone, turn towards it, and say where it is seen."""
-    crew.travel(1e3 * max(float(place[1]) - _ahead(), 0.0), 0.0)
+    crew.travel(max(1e3 * (float(place[1]) - _ahead()), NEAREST), 0.0)
     crew.turn(CONE.clip(NEARER * crew.aim(place)))
     crew.meter()
     where = f"phi {np.degrees(place[0]):.0f} deg, z {1e3 * place[1]:.1f} mm"
@@ -70,10 +71,10 @@ def focus(crew: Crew) -> None:
     crew.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
 
 
-def look_nearer(crew: Crew, place: FloatArray) -> tuple[Findings, Photo]:
-    """Come nearer to what is in the middle, take five frames and a photo, and go back."""
+def look_nearer(crew: Crew, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
+    """Come nearer by mm to what is in the middle, take five frames and a photo, and go back."""
     advance, roll = crew.place.tolist()
-    crew.travel(advance + NEAR, roll)
+    crew.travel(advance + by, roll)
     crew.turn(CONE.clip(crew.aim(place)))
     crew.meter()
     looks, photo = crew.look(), crew.photo()
