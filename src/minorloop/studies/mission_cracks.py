@@ -22,9 +22,9 @@ from minorloop.twins.pipe import Crack
 from minorloop.vision.cracks import TracedCrack, trace_cracks
 from minorloop.vision.defects import Findings
 
-CLOSER, KNOWN = (6.0, 10.0), (0.25, 0.12)
-"""How much nearer a course is looked at, in mm, until it is seen; heights of the ridge from which
-on it is there, and down to which it goes on, now that it is known where to look."""
+CLOSER, KNOWN = (6.0, 10.0), {"high": 0.25, "low": 0.12}
+"""How much nearer a course is looked at, in mm, until it is seen; heights of a ridge that suffice
+where it is not seen by the usual ones, now that it is known where to look."""
 MOST = 3
 """Things like cracks that are gone to in all."""
 BESIDE, SHARED = 0.6e-3, 0.5
@@ -139,13 +139,12 @@ def _again(
     crew: Crew, trace: TracedCrack, middle: FloatArray
 ) -> tuple[list[TracedCrack], Photo | None]:
     """What is seen of a course from nearer, and the photo of it."""
-    high, low = KNOWN
     for by in CLOSER:
         near, photo = look_nearer(crew, middle, by)
-        lines = traces_of(near, high=high, low=low)
-        again = [line for line in lines if one_course(line.places, trace.places)]
-        if again:
-            return again, photo
+        for lines in (traces_of(near), traces_of(near, **KNOWN)):
+            again = [line for line in lines if one_course(line.places, trace.places)]
+            if again:
+                return again, photo
     return [], None
 
 

@@ -31,7 +31,7 @@ from minorloop.vision.jacobian import wall_depth
 from minorloop.vision.servo import Cone
 
 TICK, RADIUS = 0.04, 10e-3
-TRAVEL_TIME, RASTER_TIME = 6.0, 1.6
+TRAVEL_TIME, RASTER_TIME = 12.0, 1.6
 """Seconds that a move of the head may take, and a step of a raster."""
 MOST_TRAVEL = 400
 """Ticks after which the catheter is left where it is."""

@@ -17,8 +17,9 @@ from minorloop.vision.tracking import TRACKED, Tracker
 
 CENTRED = 23.0
 """Deflection at which a thing is brought to the middle, in degrees."""
-CENTRE_TIME = 9.0
-"""Seconds for centring."""
+CENTRE_TIME, IN_MIDDLE, HELD = 15.0, 2.0, 25
+"""Seconds that centring may take; how near the middle a thing is there, in pixels, and for how many
+ticks it is to stay."""
 NEARER = 0.6
 """Share of the deflection at which a thing is centred, where the servo takes over."""
 NEAR, NEAREST = 6.0, 1.0
@@ -52,12 +53,15 @@ def centre(crew: Crew, place: FloatArray, step: str = "centre") -> None:
         crew.say(step, "not whole in view; turned there by the joints alone")
         return
     state = servo.begin(crew.angles)
-    error = np.nan
+    error, held = np.nan, 0
     for _ in range(round(CENTRE_TIME / TICK)):
         now, track = tracker.step(track, crew.head.frame().image, *crew.angles.tolist())
         move, state = servo.step(state, now.pixel if now.verdict == TRACKED else None, crew.angles)
         error = move.error
         crew.tick(move.angles)
+        held = held + 1 if now.verdict == TRACKED and error < IN_MIDDLE else 0
+        if held == HELD:
+            break
     crew.say(step, f"{error / 2:.2f} px from the middle of a 320 by 240 image")
 
 
