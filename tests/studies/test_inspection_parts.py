@@ -45,7 +45,8 @@ from minorloop.vision.eye import Eye
 def mission():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("minorloop.studies.mission_ears.TURNS", 16)
-        patch.setattr("minorloop.studies.mission.ADVANCES", (6.0,))
+        patch.setattr("minorloop.studies.mission.ADVANCES", (4.0,))
+        patch.setattr("minorloop.studies.mission.LOOKS", 4)
         return run_mission(1)
 
 
