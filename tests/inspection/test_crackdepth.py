@@ -5,10 +5,11 @@ import pytest
 
 from minorloop.errors import SignalError
 from minorloop.geometry import Mount, Probe
-from minorloop.inspection.crackdepth import crack_depth, crack_finding
+from minorloop.inspection.crackdepth import CrackDepth, crack_depth, crack_finding, crack_map
 from minorloop.inspection.echoes import average
 from minorloop.inspection.field import Ear
 from minorloop.inspection.pits import raster
+from minorloop.inspection.unrolled import BOTH, CAMERA, Patch
 from minorloop.twins.pipe import Crack, Pipe
 from minorloop.twins.ultrasound import Ultrasound
 
@@ -57,6 +58,22 @@ def test_a_hair_is_too_narrow_and_the_bound_is_told():
     assert row.kind == "crack"
     assert "under" in row.verdict
     assert row.length == pytest.approx(6e-3, rel=0.01)
+
+
+def test_the_map_is_as_deep_as_was_measured_and_open_where_it_was_not():
+    patch = Patch.around(*CENTRE, size=7e-3)
+    found = CrackDepth("measured", 0.5e-3, 10e-6)
+    wall = crack_map(COURSE, 0.3e-3, found, CENTRE, patch)
+    off = patch.off(*CENTRE)
+    on = np.abs(off[..., 1] + off[..., 0] / 30) < 0.05e-3
+    inner, outer = np.abs(off[..., 0]) < 0.9e-3, np.abs(off[..., 0]) > 1.2e-3
+    assert (wall.depth[on & inner] == 0.5e-3).all()
+    assert (wall.source[on & inner] == BOTH).all()
+    assert np.isnan(wall.depth[on & outer & (np.abs(off[..., 0]) < 2.9e-3)]).all()
+    assert (wall.depth[np.abs(off[..., 1]) > 0.5e-3] == 0).all()
+    silent = crack_map(COURSE, 0.3e-3, CrackDepth("no floor heard"), CENTRE, patch)
+    assert np.isnan(silent.depth[on & inner]).all()
+    assert (silent.source == CAMERA).all()
 
 
 def test_without_echoes_there_is_no_depth():

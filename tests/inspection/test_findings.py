@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import OutputError
-from minorloop.inspection.findings import finding_of, finding_table, save_findings
+from minorloop.inspection.findings import finding_of, finding_table, kind_of, save_findings
 from minorloop.inspection.pits import PitDepth
 
 PIT = PitDepth("measured", np.radians(30.0), 20e-3, 1e-3, 0.5e-3, 20e-6, 30e-6, 5e-6)
@@ -35,3 +35,21 @@ def test_it_is_written_or_refused(tmp_path):
     assert path.read_text() == finding_table([finding_of(PIT)])
     with pytest.raises(OutputError, match="cannot write"):
         save_findings([], tmp_path / "no" / "findings.csv")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "kind"),
+    [
+        ("measured", "pit"),
+        ("disturbed", "pit"),
+        ("through-hole", "hole"),
+        ("no pit", "mark"),
+        ("deeper than 1.25 mm", "hole or pit"),
+        ("no coupling", "hole or pit"),
+        ("too short", "hole or pit"),
+        ("not heard", "hole or pit"),
+    ],
+)
+def test_only_what_echoes_decide_has_a_kind(verdict, kind):
+    assert kind_of(verdict) == kind
+    assert finding_of(PitDepth(verdict, 0.0, 10e-3)).kind == kind

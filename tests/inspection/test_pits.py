@@ -13,7 +13,8 @@ from minorloop.inspection.findings import finding_of
 from minorloop.inspection.fusion import mean_depths
 from minorloop.inspection.jointfit import CENTRE as CENTRE_UNKNOWNS
 from minorloop.inspection.jointfit import Solution
-from minorloop.inspection.pits import DEPTHS, _with_slips, measure_pit, raster
+from minorloop.inspection.pits import measure_pit, raster
+from minorloop.inspection.pitsearch import DEPTHS, _with_slips
 from minorloop.inspection.unrolled import Patch
 from minorloop.lab.actuator import Shot
 from minorloop.twins.pipe import Bore, Pipe

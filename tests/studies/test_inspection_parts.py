@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from minorloop.geometry import Mount
+from minorloop.inspection.crackdepth import CrackDepth
 from minorloop.inspection.pits import PitDepth
 from minorloop.inspection.unrolled import BOTH, CAMERA, SONAR, UNSEEN
-from minorloop.studies import inspection, inspection_report, inspection_servo, soundings
+from minorloop.studies import (
+    inspection,
+    inspection_report,
+    inspection_servo,
+    mission_cracks,
+    mission_crew,
+    soundings,
+)
 from minorloop.studies import mission as missions
 from minorloop.studies.claims import claim_table, figure
 from minorloop.studies.detection import (
@@ -22,9 +30,13 @@ from minorloop.studies.detection import (
 from minorloop.studies.detection_report import limits
 from minorloop.studies.inspection_servo import ServoRun
 from minorloop.studies.mission import run_mission
-from minorloop.studies.mission_report import save_finding
+from minorloop.studies.mission_cracks import SeenCrack
+from minorloop.studies.mission_crew import Crew
+from minorloop.studies.mission_report import save_mission
 from minorloop.twins.camera import LENS, led_positions
+from minorloop.twins.pipe import Bore, Crack
 from minorloop.twins.seeing import SeeingHead
+from minorloop.vision.cracks import TracedCrack
 from minorloop.vision.defects import Hole
 from minorloop.vision.eye import Eye
 
@@ -32,15 +44,20 @@ from minorloop.vision.eye import Eye
 @pytest.fixture(scope="module")
 def mission():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("minorloop.studies.mission.TURNS", 16)
-        patch.setattr("minorloop.studies.mission.ADVANCES", (9.0, 12.0))
+        patch.setattr("minorloop.studies.mission_ears.TURNS", 16)
+        patch.setattr("minorloop.studies.mission.ADVANCES", (4.0,))
+        patch.setattr("minorloop.studies.mission.LOOKS", 4)
         return run_mission(1)
 
 
 def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     steps = [step.what for step in mission.log]
     order = ["look around", "pick", "centre", "focus", "extract", "touch", "measure", "reconstruct"]
-    assert [what for what in steps if what in order][-7:] == order[1:]
+    after = [what for what in steps if what in order]
+    assert after[: len(order)] == order
+    assert steps[steps.index("reconstruct") + 1 :] == [
+        "pick", "centre", "focus", "trace", "modality", "measure",
+    ]  # fmt: skip
     figures = mission.figures()
     assert figures["measured"]
     assert figures["position_mm"] <= 0.3
@@ -51,12 +68,30 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     assert set(np.unique(mission.ring.source)) == {UNSEEN, CAMERA, SONAR, BOTH}
 
 
-def test_a_finding_is_saved_as_meshes_and_a_table(mission, tmp_path):
-    written = save_finding(mission, tmp_path)
-    assert [path.name for path in written] == ["findings.csv", "finding.ply", "finding.glb"]
-    header, row = written[0].read_text(encoding="utf-8").splitlines()
+def test_a_mission_traces_its_crack_and_measures_it(mission):
+    figures = mission.figures()
+    assert figures["crack_found"]
+    assert figures["false_cracks"] == 0
+    assert figures["crack_off_mm"] <= 0.2
+    assert figures["crack_length_error_pct"] <= 25
+    assert figures["crack_width_error_pct"] <= 40
+    assert figures["crack_measured"]
+    assert figures["crack_depth_error_mm"] <= 0.05
+    (crack,) = mission.cracks
+    deep = np.isfinite(crack.wall.depth) & (crack.wall.depth > 0)
+    assert crack.wall.depth[deep] == pytest.approx(crack.found.depth)
+    assert np.isnan(crack.wall.depth).any()
+    assert mission.ring.patch.z < crack.wall.patch.z
+
+
+def test_findings_are_saved_as_meshes_and_a_table(mission, tmp_path):
+    written = save_mission(mission, tmp_path)
+    meshes = ["finding.ply", "finding.glb", "crack.ply", "crack.glb"]
+    assert [path.name for path in written] == ["findings.csv", *meshes]
+    header, pit, crack = written[0].read_text(encoding="utf-8").splitlines()
     assert "depth_sd [mm]" in header
-    assert row.startswith("1,pit,measured,")
+    assert pit.startswith("1,pit,measured,")
+    assert crack.startswith("2,crack,measured,")
 
 
 def test_a_dark_hole_is_found_and_an_empty_wall_stays_empty():
@@ -154,14 +189,14 @@ def searched(monkeypatch, looks, verdicts):
         picked.append(float(hole.place[1]))
         return replace(mission, found=hole), hole.evidence > 0, None
 
-    def sounded(crew, one, view, views):
+    def sounded(crew, one, view):
         return replace(one, pit=echoes[float(one.found.place[1])])
 
-    monkeypatch.setattr(missions, "_look_around", lambda crew, at, views: looks.get(at, []))
+    monkeypatch.setattr(missions, "_look_around", lambda crew, at, seen: looks.get(at, []))
     monkeypatch.setattr(missions, "_approached", approached)
     monkeypatch.setattr(missions, "_sounded", sounded)
-    empty = missions.Mission(0, *[None] * 11, np.nan, None, 0.0)
-    return missions._examined(None, empty), picked
+    empty = missions.Mission(0, None, None, 0.0)
+    return missions._examined(None, empty, missions.Seen()), picked
 
 
 def thing(z, evidence=1.0):
@@ -188,11 +223,72 @@ def test_a_mission_that_finds_nothing_says_so(monkeypatch):
     mission, picked = searched(monkeypatch, {}, [])
     assert picked == []
     assert "nothing round was seen" in inspection_report.nothing_found(mission)
-    assert save_finding(mission, None) == []
+    assert save_mission(mission, None) == []
+
+
+def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
+    verdicts, shifts = ["disturbed", "measured"], []
+
+    def scan(crew, place, *, shift=0.0):
+        shifts.append(shift)
+        return None, None, []
+
+    def heard(bursts, ear, place, diameter):
+        return PitDepth(verdicts.pop(0), *place)
+
+    monkeypatch.setattr(missions, "touch", lambda crew, hole: (None, 0.0))
+    monkeypatch.setattr(missions, "scan", scan)
+    monkeypatch.setattr(missions, "measure_pit", heard)
+    crew = Crew(1)
+    mission = missions.Mission(1, crew.bore, crew.crack, 0.0, found=thing(0.02))
+    after = missions._sounded(crew, mission, None)
+    assert shifts == [0.0, 0.5]
+    assert after.pit.measured
+    assert [step.what for step in crew.log] == ["measure", "measure again"]
+
+
+def line(z, *, phi=0.0, length=4e-3, contrast=0.5):
+    course = np.stack([np.linspace(phi, phi + length / 10e-3, 40), np.full(40, z)], axis=1)
+    return TracedCrack(course, np.full(40, 0.2e-3), length, contrast)
+
+
+def test_lines_of_one_course_are_one_and_what_was_tried_is_not_tried_again():
+    seen = [line(0.02), line(0.0202), line(0.025, length=6e-3), line(0.02, phi=2.0)]
+    found = mission_cracks.likely(seen, [line(0.02, phi=2.01)])
+    assert [(trace.places[0, 1], looks) for trace, looks in found] == [(0.02, 2), (0.025, 1)]
+
+
+def test_a_line_beside_the_true_crack_is_false():
+    truth = Crack(((0.0, 0.02), (0.4, 0.02)), (0.2e-3, 0.2e-3), depth=0.5e-3)
+    heard = CrackDepth("too narrow for a depth", least_width=0.3e-3)
+    right, wrong = (
+        SeenCrack(trace, trace.places[20], 0.18e-3, heard, None, None)
+        for trace in (line(0.0201), line(0.024))
+    )
+    figures = mission_cracks.crack_figures([right, wrong], truth)
+    assert figures["crack_found"]
+    assert figures["false_cracks"] == 1
+    assert not figures["crack_measured"]
+    assert figures["crack_off_mm"] == pytest.approx(0.1, abs=1e-3)
+    assert figures["crack_width_error_pct"] == pytest.approx(10.0)
+    assert np.isnan(figures["crack_depth_error_mm"])
+    assert right.finding.verdict == "too narrow for a depth (under 0.30 mm)"
+    none = mission_cracks.crack_figures([], truth)
+    assert (none["crack_found"], none["false_cracks"]) == (False, 0)
+
+
+def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
+    for seed in range(100, 120):
+        bore = Bore(0.5, 0.025, 1e-3, depth=0.5e-3)
+        crack = mission_crew._crack_beside(bore, np.random.default_rng(seed))
+        low, high = mission_crew.CRACKED
+        assert all(low < z < high for _, z in crack.points)
+        off = min(mission_crew.distance(corner, (0.5, 0.025)) for corner in crack.points)
+        assert off > mission_crew.CLEAR
 
 
 def test_the_probe_is_told_of_wall_and_water_a_little_off(scene):
-    crew = missions._Crew(1)
+    crew = Crew(1)
     ear = crew.ear
     assert ear.thickness != crew.wet.thickness
     assert ear.thickness == pytest.approx(crew.wet.thickness, rel=0.05)
@@ -238,8 +334,9 @@ def test_everything_is_gathered_and_reported(mission):
     found = inspection.gather(runs)
     assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
     assert found["modality"]["wrong"] == 0
-    assert figure(found, "mission.measured") == 1.0
+    assert figure(found, "mission.measured") == figure(found, "mission.crack_found") == 1.0
+    assert figure(found, "mission.false_cracks") == 0
     page = inspection_report.study_report(study, found, runs).html()
     assert found["detection"]["plain_edge_px_p90"] == 0.3
-    assert page.count("<img") == 6
+    assert page.count("<img") == 8
     assert "Fig 14" in page

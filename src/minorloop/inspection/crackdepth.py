@@ -20,12 +20,13 @@ from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
 from minorloop.inspection.pits import DEEPER, DEEPEST
 from minorloop.inspection.spectra import FAR, spectra_of
-from minorloop.inspection.unrolled import Patch
+from minorloop.inspection.unrolled import BOTH, Patch, WallMap, camera_map
 from minorloop.inspection.usable import covered, usable
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
 _FEWEST, _REACH = 12, 2.4e-3
 _TEXEL = 0.04e-3
+_CROSSED = 1e-3  # m, half the side of a raster
 _ENOUGH = 60.0
 """Half the energy over the noise that the floor must return for a depth to be tried."""
 _SURE = 20.0
@@ -130,6 +131,43 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
         "crack", verdict, phi, place_sd / radius, z, place_sd, width, width_sd, length,
         max(0.05 * length, 0.1e-3), found.depth, found.depth_sd,
     )  # fmt: skip
+
+
+def crack_map(
+    places: npt.ArrayLike,
+    width: float,
+    found: CrackDepth,
+    middle: tuple[float, float],
+    patch: Patch,
+) -> WallMap:
+    """The wall with a crack in it, as deep as it was measured, where it was.
+
+    Parameters
+    ----------
+    places : (N, 2) array_like
+        Phi and z along it.
+    width : float
+        In metres.
+    found : CrackDepth
+        By the echoes.
+    middle : (float, float)
+        Phi and z in the middle of the raster; farther than half its side from there, and where
+        no depth was measured, that of the crack is unknown.
+    patch : Patch
+        Where.
+    """
+    course = _dense(np.asarray(places, dtype=np.float64), patch.radius)
+    inside = _cover(patch, course, width) >= 0.5
+    wall = camera_map(patch, np.ones(inside.shape, dtype=bool), inside)
+    crossed = inside & (np.abs(patch.off(*middle)).max(axis=-1) < _CROSSED)
+    if not np.isfinite(found.depth):
+        return wall
+    return WallMap(
+        patch,
+        np.where(crossed, found.depth, wall.depth),
+        np.where(crossed, found.depth_sd, wall.sd),
+        np.where(crossed, BOTH, wall.source).astype(np.uint8),
+    )
 
 
 def _dense(course: FloatArray, radius: float) -> FloatArray:

@@ -22,7 +22,7 @@ class Finding:
     Parameters
     ----------
     kind : str
-        ``pit``, ``hole``, ``crack`` or ``mark``.
+        ``pit``, ``hole``, ``crack`` or ``mark``; ``hole or pit`` where echoes have not decided.
     verdict : str
         Of the echoes, as in ``PitDepth``, with what was heard of an interrupted scan.
     phi, z, width, length, depth : float
@@ -46,7 +46,26 @@ class Finding:
 
 
 _UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
-_KINDS = {"through-hole": "hole", "no pit": "mark"}
+UNDECIDED = "hole or pit"
+_KINDS = {
+    "measured": "pit",
+    "uneven floor": "pit",
+    "disturbed": "pit",
+    "ambiguous depth": "pit",
+    "through-hole": "hole",
+    "no pit": "mark",
+}
+
+
+def kind_of(verdict: str) -> str:
+    """What a round thing is by the verdict of its echoes; ``hole or pit`` where they leave it open.
+
+    Parameters
+    ----------
+    verdict : str
+        As in ``PitDepth``; any other, such as of a scan that never was, decides nothing.
+    """
+    return _KINDS.get(verdict, UNDECIDED)
 
 
 def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
@@ -63,7 +82,7 @@ def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
     if not pit.whole:
         verdict += f" ({pit.bursts} of {pit.planned} places)"
     return Finding(
-        _KINDS.get(pit.verdict, "pit"),
+        kind_of(pit.verdict),
         verdict,
         pit.phi,
         pit.place_sd / radius,

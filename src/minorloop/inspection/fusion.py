@@ -17,7 +17,8 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import JointFit
 from minorloop.inspection.pitmodel import PitModel
-from minorloop.inspection.pits import DEPTHS, PitDepth
+from minorloop.inspection.pits import PitDepth
+from minorloop.inspection.pitsearch import DEPTHS
 from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.unrolled import CAMERA, SONAR, UNSEEN, Patch, WallMap
 from minorloop.inspection.usable import covered, usable

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -17,10 +16,17 @@ from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import CENTRE, PRIOR, JointFit, Solution
 from minorloop.inspection.pitmodel import PitModel
+from minorloop.inspection.pitsearch import (
+    DEPTHS,
+    STRANGE,
+    best_fit,
+    cost_of_hole,
+    gains_nothing,
+    surest,
+)
 from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.usable import covered, reasons_of, usable
 
-DEPTHS: FloatArray = np.arange(0.08e-3, 1.25e-3, 0.01e-3)
 FEWEST = 16
 """Bursts without which no depth is given."""
 DEEPEST = 1.25e-3
@@ -31,19 +37,10 @@ NO_PIT, FAINT = "no pit", "too faint"
 _NEAR_DEEPEST = 1e-3
 SHORT, SMALL = "too short", "raster too small"
 _FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
-_STARTS = 2
-_SLIP = 0.033e-3  # m, half a wave there and back, where another fit may lie
 _NOTICED, _HOPELESS, _NOTICEABLE = 0.05, 1.15, 3.0
 """How much better than a plain wall a pit must explain the traces; how much worse, before any
 fit, that none is tried; and how many times the first a mouth must take, for it to be missed."""
-_RIVAL, _AMBIGUOUS = 0.8, 0.87
-"""Share of what the best depth explains beyond a plain wall from which on another depth is tried
-too, and from which on neither can be told."""
-_APART = 0.02e-3
-_TOLD_APART = 20.0
-"""Cost by which the best depth must beat any other: noise at 4 dB makes up for 10 of it."""
-_USUAL, _STRANGE = 1.06, 1.2  # times the cost of noise alone
-_OPEN, _FAINT, _UNEVEN, _UNSURE = 0.1, 0.3, 0.6, 0.88
+_OPEN, _UNEVEN = 0.1, 0.6
 # What the curvature of the misfit does not tell, calibrated on scans of its own: broken edges of
 # the mouth and waves that the modes leave out, the aim of the beam, the size of the spot.
 _WIDER, _UNMODELLED = 2.0, 3.1e-6
@@ -53,8 +50,6 @@ _STRAINED = 2.5
 """Prior deviations of the size, off what the camera saw, from which on the echoes are those of
 something else too, and the outline of the camera is kept."""
 _WIDE = 0.1e-3
-_DISHES = (0.0, 0.03e-3, 0.05e-3)
-_SLOPES = (-0.06, 0.0, 0.06)
 
 
 @dataclass(frozen=True)
@@ -198,7 +193,7 @@ def _measured(
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
         return PitDepth(_if_noticed(fit, Solution(start, float(costs.min()))), *centre)
     start[3] = DEPTHS[np.argmin(costs)]
-    return _judged(fit, *_surest(fit, _best(fit, start)), good)
+    return _judged(fit, *surest(fit, best_fit(fit, start)), good)
 
 
 def _too_little(
@@ -225,144 +220,11 @@ def _too_little(
     return "" if inside >= _FEWEST_INSIDE else "too few echoes"
 
 
-def _best(fit: JointFit, start: FloatArray) -> Solution:
-    """The best of several starts, since a waveform also fits half a wave off."""
-    first = fit.solve(start)
-    fit.refine_pulse(first.unknowns)
-    best = fit.solve(first.unknowns)
-    if best.cost < _USUAL * fit.usual_cost and best.unknowns[4] > _UNSURE:
-        return best
-    flat = best.unknowns.copy()
-    flat[4:] = [1.0, 0.0, 0.0, 0.0]
-    taken = float(best.unknowns[3])
-    starts = [_at_depth(flat, taken + slip) for slip in (-_SLIP, _SLIP) if taken + slip > 0.04e-3]
-    starts += _dips(fit, flat, taken)
-    starts += _shaped(fit, flat, (0.0,), _DISHES[1:], DEPTHS)[:1]
-    best = _better(fit, best, starts)
-    gain = best.unknowns[4]
-    if gain < _FAINT and _is_open(fit, best):
-        return best
-    if gain < _UNSURE or best.cost > _STRANGE * fit.usual_cost:
-        near = DEPTHS[np.abs(DEPTHS - best.unknowns[3]) < 0.125e-3]
-        depths = near if gain > 0.5 else DEPTHS
-        best = _better(fit, best, _shaped(fit, flat, _SLOPES, _DISHES, depths)[: 2 * _STARTS])
-    fit.refine_pulse(best.unknowns)
-    return fit.solve(best.unknowns)
-
-
-def _surest(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
-    """The best of a solution and its rival at another depth, and whether both are as good.
-
-    Through a lens the starts have tried what else fits, and noise alone may hide which is right.
-    """
-    if np.isfinite(fit.model.ear.probe.focus):
-        return _with_slips(fit, best)
-    rival, share = _rival(fit, best)
-    if share < _RIVAL:
-        return best, False
-    other = fit.solve(_at_depth(best.unknowns, rival))
-    fit.refine_pulse(other.unknowns)
-    other = fit.solve(other.unknowns)
-    if other.cost > best.cost:
-        fit.refine_pulse(best.unknowns)
-        other = fit.solve(best.unknowns)
-    return other, _rival(fit, other)[1] > _AMBIGUOUS
-
-
-def _with_slips(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
-    """The best of a solution and of those some half waves off, and whether noise could swap two."""
-    if best.unknowns[4] < _FAINT:
-        return best, False
-    costs = fit.sweep(best.unknowns, DEPTHS)
-    near = [
-        float(DEPTHS[n])
-        for n in _lowest(costs)
-        if abs(DEPTHS[n] - best.unknowns[3]) > _APART and costs[n] < best.cost + 3 * _TOLD_APART
-    ]
-    starts = [_at_depth(best.unknowns, depth) for depth in near[:_STARTS]]
-    found = [best, *(fit.solve(start, rounds=4) for start in starts)]
-    least = min(found, key=lambda solution: solution.cost)
-    others = [one.cost for one in found if abs(one.unknowns[3] - least.unknowns[3]) > _APART]
-    return least, min(others, default=np.inf) < least.cost + _TOLD_APART
-
-
-def _rival(fit: JointFit, best: Solution) -> tuple[float, float]:
-    """The depth of the second best dip, and what it explains of what the best explains."""
-    costs = fit.sweep(best.unknowns, DEPTHS)
-    gained = max(fit.cost_of(fit.model.plain) - best.cost, 1e-9)
-    taken = float(best.unknowns[3])
-    for n in _lowest(costs):
-        if abs(DEPTHS[n] - taken) > _APART:
-            return float(DEPTHS[n]), float(1 - (costs[n] - best.cost) / gained)
-    return np.nan, 0.0
-
-
-def _is_open(fit: JointFit, best: Solution) -> bool:
-    """Whether a mouth without a floor explains the traces, as well as they can be."""
-    hole = _hole(fit, best)
-    return _gains_nothing(best, hole) and hole < 1.1 * fit.usual_cost
-
-
-def _gains_nothing(best: Solution, hole: float) -> bool:
-    return hole < 1.02 * best.cost + 10
-
-
-def _better(fit: JointFit, best: Solution, starts: list[FloatArray]) -> Solution:
-    """The best of one solution and a few steps from other starts, seen to its end."""
-    others = [fit.solve(start, rounds=3) for start in starts]
-    other = min(others, key=lambda solution: solution.cost, default=best)
-    if other.cost > 1.5 * best.cost:
-        return best
-    return min(best, fit.solve(other.unknowns), key=lambda solution: solution.cost)
-
-
-def _dips(fit: JointFit, flat: FloatArray, taken: float) -> list[FloatArray]:
-    """Starts at the lowest dips over the depth, other than the one taken."""
-    costs = fit.sweep(flat, DEPTHS)
-    dips = [
-        n
-        for n in _lowest(costs)
-        if abs(DEPTHS[n] - taken) > 0.045e-3 and costs[n] < 1.4 * costs.min()
-    ]
-    return [_at_depth(flat, DEPTHS[n]) for n in dips[:_STARTS]]
-
-
-def _lowest(costs: FloatArray) -> list[int]:
-    """Where costs dip, the lowest first."""
-    padded = np.pad(costs, 1, constant_values=np.inf)
-    dips = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
-    return [int(n) for n in dips[np.argsort(costs[dips])]]
-
-
-def _at_depth(unknowns: FloatArray, depth: float) -> FloatArray:
-    moved = unknowns.copy()
-    moved[3] = depth
-    return moved
-
-
-def _shaped(
-    fit: JointFit,
-    flat: FloatArray,
-    slopes: tuple[float, ...],
-    dishes: tuple[float, ...],
-    depths: FloatArray,
-) -> list[FloatArray]:
-    """Starts with a floor that is tilted, and deeper in its middle, the best first."""
-    found = []
-    for u, v, dish in product(slopes, slopes, dishes):
-        begun = flat.copy()
-        begun[5:] = u, v, dish
-        costs = fit.sweep(begun, depths)
-        found += [(float(costs[n]), _at_depth(begun, depths[n])) for n in _lowest(costs)[:2]]
-    found.sort(key=lambda pair: pair[0])
-    return [begun for _, begun in found]
-
-
 def _judged(fit: JointFit, best: Solution, ambiguous: bool, bursts: Sequence[Burst]) -> PitDepth:
     """The verdict on a fit, with what of it can be told."""
     ear, centre = fit.model.ear, fit.model.centre
     disturbed = abs(best.unknowns[2]) > _STRAINED * PRIOR[2]
-    verdict, depth_sd = _verdict(fit, best, _hole(fit, best))
+    verdict, depth_sd = _verdict(fit, best, cost_of_hole(fit, best))
     if verdict == MEASURED and (disturbed or ambiguous):
         verdict, depth_sd = ("disturbed", _WIDE) if disturbed else ("ambiguous depth", np.nan)
     verdict = _if_deeper(fit, best, verdict, bursts)
@@ -395,7 +257,7 @@ def _if_deeper(fit: JointFit, best: Solution, verdict: str, bursts: Sequence[Bur
     further = best.unknowns[3] > DEEPEST or fit.sweep(best.unknowns, FURTHER).min() < best.cost
     if verdict != HOLE and further:
         return DEEPER
-    strange = best.cost > _STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
+    strange = best.cost > STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
     if verdict == HOLE or best.unknowns[4] < _UNEVEN or strange:
         floor = deepfloor.deep_floor(fit, best.unknowns, bursts)
         if floor == deepfloor.HEARD:
@@ -412,21 +274,13 @@ def _as_seen(fit: JointFit, best: Solution) -> Solution:
     return fit.solve(start, prior=prior)
 
 
-def _hole(fit: JointFit, best: Solution) -> float:
-    """Cost of the best mouth without a floor."""
-    without, prior = best.unknowns.copy(), PRIOR.copy()
-    without[4], prior[3:] = 0.0, 1e-6
-    prior[3] = 1e-9
-    return fit.solve(without, centre=without, prior=prior, rounds=3).cost
-
-
 def _verdict(fit: JointFit, best: Solution, hole: float) -> tuple[str, float]:
     """A verdict and the standard deviation of the depth, NaN where there is none."""
     gain, raw_sd = best.unknowns[4], float(fit.deviations(best.unknowns)[3])
     plain = fit.cost_of(fit.model.plain)
     if plain < (1 + _NOTICED) * best.cost:
         return _if_noticed(fit, best), np.nan
-    if gain < _OPEN or _gains_nothing(best, hole):
+    if gain < _OPEN or gains_nothing(best, hole):
         return HOLE, np.nan
     if gain < _UNEVEN:
         return "uneven floor", _WIDE

@@ -75,11 +75,19 @@ CLAIMS = (
     ),
     Claim("of those, depth error, median [mm]", "mission.depth_error_mm", "announced"),
     Claim("of those, water line, median error [mm]", "mission.water_error_mm", "-"),
+    Claim("missions that found their crack", "mission.crack_found", "announced", percent=True),
+    Claim("cracks reported where none is, in all", "mission.false_cracks", "-"),
+    Claim("cracks found: off their course, median [mm]", "mission.crack_off_mm", "-"),
+    Claim("cracks found: length error, median [%]", "mission.crack_length_error_pct", "-"),
+    Claim("cracks found: width error, median [%]", "mission.crack_width_error_pct", "-"),
+    Claim("cracks found that have a depth", "mission.crack_measured", "announced", percent=True),
+    Claim("of those, depth error, median [mm]", "mission.crack_depth_error_mm", "-"),
     Claim("mission: seconds of the head", "mission.seconds", "-"),
     Claim("processor time of a specimen [s]", "seconds", "-"),
 )
 
 
+_OF_CRACKS = ("crack_length_error_pct", "crack_width_error_pct", "crack_off_mm")
 _OF_MISSIONS = (
     "touch_mm",
     "position_mm",
@@ -160,8 +168,6 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
     depth = soundings.depth_figures(kinds["pit"])
     unfocused = soundings.depth_figures(kinds["unfocused"])
-    missions = [run["mission"] for run in runs]
-    measured = [mission for mission in missions if mission["measured"]]
     found |= {
         "detection": {
             **detection_figures(every),
@@ -182,19 +188,31 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             + soundings.modality_wrong(kinds["dry"]),
             "scans": len(kinds["hole"]) + len(kinds["dry"]),
         },
-        "mission": {
-            "of": len(missions),
-            "measured": float(np.mean([mission["measured"] for mission in missions])),
-            "seconds": float(np.median([mission["seconds"] for mission in missions])),
-            **{
-                key: float(np.median([mission[key] for mission in measured]))
-                if measured
-                else np.nan
-                for key in _OF_MISSIONS
-            },
-        },
+        "mission": _of_missions([run["mission"] for run in runs]),
     }
     return found
+
+
+def _of_missions(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Shares of all missions, and medians over those that have something to tell."""
+    measured = [mission for mission in missions if mission["measured"]]
+    cracks = [mission for mission in missions if mission["crack_found"]]
+    deep = [mission for mission in cracks if mission["crack_measured"]]
+    return {
+        "of": len(missions),
+        "measured": float(np.mean([mission["measured"] for mission in missions])),
+        "seconds": float(np.median([mission["seconds"] for mission in missions])),
+        **{key: _median(measured, key) for key in _OF_MISSIONS},
+        "crack_found": len(cracks) / len(missions),
+        "false_cracks": sum(mission["false_cracks"] for mission in missions),
+        **{key: _median(cracks, key) for key in _OF_CRACKS},
+        "crack_measured": len(deep) / len(cracks) if cracks else np.nan,
+        "crack_depth_error_mm": _median(deep, "crack_depth_error_mm"),
+    }
+
+
+def _median(missions: Sequence[Mapping[str, Any]], key: str) -> float:
+    return float(np.median([mission[key] for mission in missions])) if missions else np.nan
 
 
 def _soundings(seed: int, pits: int) -> dict[str, tuple[Scored, ...]]:

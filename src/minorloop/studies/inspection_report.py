@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.identification.bands import PER_DEVIATION
+from minorloop.inspection.findings import finding_of
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.detection_report import detection_pictures, detection_table, limits
@@ -17,12 +18,13 @@ from minorloop.studies.inspection import CLAIMS, TITLE
 from minorloop.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
 from minorloop.studies.mission import Mission
 from minorloop.studies.mission_report import (
+    draw_crack,
     draw_finding,
     draw_images,
     draw_ring,
     draw_soundings,
     finding_rows,
-    save_finding,
+    save_mission,
 )
 
 if TYPE_CHECKING:
@@ -113,49 +115,78 @@ def study_report(
     rows = [(f"{step.t:.0f} s", step.what, step.outcome) for step in mission.log]
     report.add(
         "A mission without a hand",
-        text="The six steps of the paper's section 5.2, with the two that it announces.",
+        text="The six steps of the paper's section 5.2, with the two that it announces; then the "
+        "lines that were seen on the way are gone to as well.",
         table=Table(("time", "step", "outcome"), rows),
     )
-    if mission.wall is None:
-        report.add("No finding", text=nothing_found(mission))
-    if mission.wall is not None and mission.finding is not None:
+    if mission.wall is None or mission.pit is None:
+        report.add("No pit", text=nothing_found(mission))
+    else:
         report.add(
-            "The finding",
+            "The pit",
             text="The outline is that of the image and of the echoes together, the depth that of "
-            "the joint fit spread by the footprints of the beams; the rim is the least sure. Round "
-            "the pipe, what is under water has a profile by echoes, and what the camera saw in the "
+            "the joint fit spread by the footprints of the beams; the rim is the least sure.",
+            table=finding_rows(finding_of(mission.pit)),
+            pictures=[Picture(draw_finding(mission.wall), "The pit, unrolled and in 3-D.")],
+        )
+    _add_cracks(report, mission)
+    if mission.ring is not None:
+        report.add(
+            "Once round the pipe",
+            text="What is under water has a profile by echoes, and what the camera saw in the "
             "drained pipe lies on its cylinder. The dashed line is the water, as found.",
-            table=finding_rows(mission.finding),
             pictures=[
-                Picture(draw_finding(mission.wall), "The finding, unrolled and in 3-D."),
-                Picture(draw_ring(mission), "Once round the pipe; the finding is circled."),
+                Picture(draw_ring(mission), "The pit is circled; a crack is drawn as traced.")
             ],
         )
     return report
 
 
+def _add_cracks(report: Report, mission: Mission) -> None:
+    """A section for each crack, or what there was instead."""
+    if not mission.cracks:
+        words = "No line was seen again from nearer, so that no crack is reported."
+        report.add("No crack", text=words)
+    for crack in mission.cracks:
+        words = (
+            "Dark under every light, thin, and seen again from nearer. The echoes were asked where "
+            "it is widest: a narrow one takes too little of a beam for its floor to be heard, and "
+            "the verdict then says from which width on these echoes would have told a depth."
+        )
+        report.add(
+            "A crack",
+            text=words,
+            table=finding_rows(crack.finding),
+            pictures=[
+                Picture(draw_crack(crack), "The crack and its course (orange)."),
+                Picture(draw_finding(crack.wall), "The wall about it, unrolled and in 3-D."),
+            ],
+        )
+
+
 def save_beside(study: InspectionStudy, folder: Path) -> list[Path]:
-    """Write the finding of the first specimen's mission beside the report: PLY, glTF, a table."""
-    return save_finding(study.mission, folder)
+    """Write what the first specimen's mission found beside the report: a table, PLY and glTF."""
+    return save_mission(study.mission, folder)
 
 
 def nothing_found(mission: Mission) -> str:
-    """Why a mission has no finding to show, in a sentence."""
+    """Why a mission has no pit to show, in a sentence."""
     why = (
         "nothing round was seen"
         if mission.pit is None
         else f"the echoes said: {mission.pit.verdict}"
     )
     return (
-        f"The mission of seed {mission.seed} ended without a depth ({why}); no table and no mesh "
-        "of it is written."
+        f"The mission of seed {mission.seed} ended without the depth of a pit ({why}); no mesh of "
+        "one is written."
     )
 
 
 def _missions(figures: Mapping[str, Any]) -> str:
     found = figures["mission"]
-    count = round(found["measured"] * found["of"])
-    return f"{count} of {found['of']} mission{'s' if found['of'] > 1 else ''} measured their pit"
+    many = f"mission{'s' if found['of'] > 1 else ''}"
+    measured, cracks = (round(found[key] * found["of"]) for key in ("measured", "crack_found"))
+    return f"{measured} of {found['of']} {many} measured their pit and {cracks} found their crack"
 
 
 def draw_servo(study: InspectionStudy) -> Any:

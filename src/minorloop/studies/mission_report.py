@@ -11,6 +11,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError
+from minorloop.geometry import wrapped
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.inspection.findings import Finding, save_findings
 from minorloop.inspection.mesh import save_mesh
@@ -18,14 +19,17 @@ from minorloop.inspection.unrolled import SONAR, WallMap
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
 from minorloop.studies.mission import Mission
+from minorloop.studies.mission_cracks import SeenCrack
 
 _SOURCES = ("unseen", "camera", "sonar", "both")
 _SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
+_AROUND = 25.0  # pixels
+_FINE = 60  # texels a side, from which on their edges are not drawn
 
 
-def save_finding(mission: Mission, folder: Path) -> list[Path]:
-    """Write the finding as PLY, glTF and a table; without trimesh, the table alone.
+def save_mission(mission: Mission, folder: Path) -> list[Path]:
+    """Write findings as a table, and the wall about each as PLY and glTF, with trimesh there.
 
     Parameters
     ----------
@@ -34,11 +38,16 @@ def save_finding(mission: Mission, folder: Path) -> list[Path]:
     folder : path
         That exists.
     """
-    if mission.wall is None or mission.finding is None:
+    if not mission.findings:
         return []
-    written = [save_findings([mission.finding], folder / "findings.csv")]
+    written = [save_findings(mission.findings, folder / "findings.csv")]
+    walls = {} if mission.wall is None else {"finding": mission.wall}
+    many = len(mission.cracks) > 1
+    for number, crack in enumerate(mission.cracks, start=1):
+        walls[f"crack{number}" if many else "crack"] = crack.wall
     with suppress(MissingExtraError):
-        written += [save_mesh(mission.wall, folder / f"finding.{kind}") for kind in ("ply", "glb")]
+        for name, wall in walls.items():
+            written += [save_mesh(wall, folder / f"{name}.{kind}") for kind in ("ply", "glb")]
     return written
 
 
@@ -72,8 +81,8 @@ def draw_finding(wall: WallMap) -> Any:
     figure = Figure(figsize=(9.2, 7.0), layout="constrained")
     depth = 1e3 * np.where(np.isfinite(wall.depth), wall.depth, np.nan)
     band = 1e3 * PER_DEVIATION * np.where(np.isfinite(wall.sd), wall.sd, np.nan)
-    half = 5e2 * wall.patch.columns * wall.patch.step
-    extent = (-half, half, -half, half)
+    wide, long = (5e2 * n * wall.patch.step for n in (wall.patch.columns, wall.patch.rows))
+    extent = (-wide, wide, -long, long)
     flat = ((depth, "depth under the wall [mm]"), (band, "half the 90 % band of it [mm]"))
     for place, (values, title) in enumerate(flat, start=1):
         axes = figure.add_subplot(2, 2, place)
@@ -92,21 +101,22 @@ def draw_finding(wall: WallMap) -> Any:
     bar = figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
     bar.ax.set_yticklabels(_SOURCES)
     axes.set(title="seen by", xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
-    _solid(figure.add_subplot(2, 2, 4, projection="3d"), wall, half)
+    _solid(figure.add_subplot(2, 2, 4, projection="3d"), wall)
     return figure
 
 
-def _solid(axes: Any, wall: WallMap, half: float) -> None:
+def _solid(axes: Any, wall: WallMap) -> None:
     """The wall from inside, the depth down, with the curve of the pipe; open where not known."""
-    x = np.linspace(-half, half, wall.depth.shape[1])
-    y = np.linspace(-half, half, wall.depth.shape[0])
+    x, y = (5e2 * n * wall.patch.step * np.linspace(-1.0, 1.0, n) for n in wall.depth.shape[::-1])
     radius = 1e3 * wall.patch.radius
     bow = radius - np.sqrt(radius**2 - x**2)
     down = np.where(np.isfinite(wall.depth), -1e3 * wall.depth, np.nan) + bow[None, :]
     around, along = np.meshgrid(x, y)
-    axes.plot_surface(
-        around, along, down, cmap="viridis_r", linewidth=0.15, edgecolor="0.4", rcount=60, ccount=60
-    )
+    lines = {"linewidth": 0.15, "edgecolor": "0.4"} if max(down.shape) < _FINE else {}
+    shades = _shades(wall.depth)
+    axes.plot_surface(around, along, down, facecolors=shades, rcount=160, ccount=160, **lines)
+    axes.set_aspect("equalxy")
+    axes.locator_params(axis="z", nbins=3)
     axes.set_title("in 3-D, seen from the axis; cut out where not known")
     axes.set_xlabel("around [mm]", labelpad=-2)
     axes.set_ylabel("along [mm]", labelpad=-2)
@@ -114,6 +124,15 @@ def _solid(axes: Any, wall: WallMap, half: float) -> None:
     axes.tick_params(labelsize=7, pad=-2)
     # Steep enough to see a floor behind the rim of its pit.
     axes.view_init(elev=72, azim=-55)
+
+
+def _shades(depth: FloatArray) -> Any:
+    """Colours (rows, columns, 4) of depths, as they are in the map beside."""
+    from matplotlib import colormaps
+
+    known = np.where(np.isfinite(depth), depth, np.nan)
+    low, high = float(np.nanmin(known)), float(np.nanmax(known))
+    return colormaps["viridis"](np.nan_to_num((known - low) / max(high - low, 1e-6)))
 
 
 def draw_ring(mission: Mission) -> Any:
@@ -148,9 +167,43 @@ def draw_ring(mission: Mission) -> Any:
         for phi in _water_angles(water.height, patch.radius):
             axes.axvline(phi, color="C3", lw=1.2, ls="--")
         if mission.pit is not None:
-            place = np.degrees(mission.pit.phi), 1e3 * mission.pit.z
+            place = np.degrees(wrapped(mission.pit.phi)), 1e3 * mission.pit.z
             axes.plot(*place, "o", ms=11, mec="C1", mfc="none", mew=1.4)
+        for crack in mission.cracks:
+            phi, z = crack.traced.places.T
+            _course(axes, np.degrees(wrapped(phi)), 1e3 * z)
     return figure
+
+
+def draw_crack(crack: SeenCrack) -> Any:
+    """A crack as it was seen from nearer, its course over it, and how wide it is along it."""
+    figure, (bare, traced, wide) = new_figure(1, 3, height=3.0)
+    image, course = crack.photo.image, crack.photo.pixels(crack.traced.places)
+    widest = crack.photo.pixels(crack.widest)
+    middle = 0.5 * (course.min(axis=0) + course.max(axis=0))
+    half = 0.5 * float(np.ptp(course, axis=0).max()) + _AROUND
+    for axes, title in ((bare, "seen from nearer"), (traced, "as it was traced")):
+        axes.grid(False)
+        axes.imshow(image, cmap="gray", vmin=0, vmax=255)
+        axes.set(xticks=[], yticks=[], title=title)
+        axes.set(xlim=(middle[0] - half, middle[0] + half))
+        axes.set(ylim=(middle[1] + half, middle[1] - half))
+        axes.set_xlabel(f"{2 * half:.0f} px of {image.shape[1]} across")
+    traced.plot(*course.T, color="C1", lw=0.9)
+    traced.plot(*widest, "o", ms=11, mec="C0", mfc="none", mew=1.4)
+    along = np.linspace(0.0, 1e3 * crack.traced.length, len(crack.traced.widths))
+    wide.plot(along, 1e3 * crack.traced.widths, color="C1")
+    near = int(np.argmin(np.linalg.norm(course - widest, axis=1)))
+    wide.plot(along[near], 1e3 * crack.width, "o", ms=11, mec="C0", mfc="none", mew=1.4)
+    wide.set(xlabel="along the crack [mm]", ylabel="width [mm]", title="scanned at the circle")
+    wide.set_ylim(0.0, 1.3e3 * float(crack.traced.widths.max()))
+    return figure
+
+
+def _course(axes: Any, phi: FloatArray, z: FloatArray) -> None:
+    """A course on the unrolled wall, broken where it leaves it on one side."""
+    broken = np.flatnonzero(np.abs(np.diff(phi)) > 180.0) + 1
+    axes.plot(np.insert(phi, broken, np.nan), np.insert(z, broken, np.nan), color="C1", lw=1.0)
 
 
 def _water_angles(height: float, radius: float) -> FloatArray:

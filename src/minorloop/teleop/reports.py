@@ -9,6 +9,7 @@ from typing import Any
 
 from minorloop.arrays import FloatArray
 from minorloop.inspection import findings as tables
+from minorloop.inspection.findings import UNDECIDED, kind_of
 from minorloop.teleop import messages
 from minorloop.teleop.modes import Seat
 from minorloop.teleop.plant import MIDDLE, View
@@ -18,15 +19,6 @@ _PLACE_SD = (
 )
 _SIZE_SD = 0.08
 NOT_HEARD = "not heard"
-UNDECIDED = "hole or pit"
-_KINDS = {
-    "measured": "pit",
-    "uneven floor": "pit",
-    "disturbed": "pit",
-    "ambiguous depth": "pit",
-    "through-hole": "hole",
-    "no pit": "mark",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,11 +99,6 @@ def sounded(finding: Finding, told: Mapping[str, Any], radius: float) -> Finding
         value = told.get(name)
         changed[name] = None if value is None else round(1e3 * value, 4)
     return replace(finding, patch=told.get("patch"), **changed)
-
-
-def kind_of(verdict: str) -> str:
-    """What a finding is by the verdict of its echoes."""
-    return _KINDS.get(verdict, UNDECIDED)
 
 
 def table_of(rows: Sequence[Mapping[str, Any]]) -> str:

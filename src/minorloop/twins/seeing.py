@@ -107,15 +107,23 @@ class SeeingHead(_Joints):
     def __init__(self, head: Head, camera: Camera, *, sway: Sway | None = None) -> None:
         super().__init__(head, sway)
         self.camera = camera
+        self._framed = False
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold two currents for a tick; pan and tilt of the joints at its end, in degrees."""
+        """Hold two currents for a tick; pan and tilt of the joints at its end, in degrees.
+
+        The time of a frame is that of the tick after it; without one, the lens moves on as well.
+        """
+        if not self._framed:
+            self.camera._pass(self.head.tick)
+        self._framed = False
         return self._move(u)
 
     def frame(self) -> Frame:
         """The image that begins now; it does not take time from the wires."""
         pan, tilt, *rates = self._pointing()
         self.camera.look(pan, tilt, rates=(rates[0], rates[1]))
+        self._framed = True
         return self.camera.frame()
 
     def safe(self) -> None:
