@@ -34,7 +34,7 @@ def _kill_a_worker() -> int:
     workers = [
         process.pid
         for process in psutil.Process().children(recursive=True)
-        if "spawn_main" in " ".join(process.cmdline())
+        if not process.children() and "resource_tracker" not in " ".join(process.cmdline())
     ]
     os.kill(workers[0], signal.SIGKILL)
     return workers[0]
