@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,7 @@ def _write_records(folder: Path, specimens: int) -> None:
 
 def _identified(folder: Path, workers: int, kill: bool = False) -> tuple[float, int]:
     """Seconds, and how many were identified; in a process of its own, as Dask wants it."""
-    said = in_child("-m", "benchmarks.one_fleet", folder, workers, int(kill))
+    said = in_child("-m", "benchmarks.one_fleet", folder, workers, int(kill), time.time())
     took, done = re.findall(r"^([\d.]+) (\d+)$", said, flags=re.MULTILINE)[-1]
     return float(took), int(done)
 

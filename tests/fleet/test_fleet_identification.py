@@ -95,7 +95,7 @@ def test_a_killed_worker_costs_a_retry(tmp_path):
         workers = [
             process
             for process in psutil.Process().children(recursive=True)
-            if "spawn_main" in " ".join(process.cmdline())
+            if not process.children() and "resource_tracker" not in " ".join(process.cmdline())
         ]
         if workers:
             killed.append(workers[0].pid)
@@ -191,7 +191,7 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
     def cluster(workers, address):
         yield Client(), Completed
 
-    monkeypatch.setattr(identification, "_cluster", cluster)
+    monkeypatch.setattr(identification, "cluster", cluster)
     monkeypatch.setattr(identification, "_STINT", 1e9)
     summary = identify_fleet(specimens, tmp_path / "out", **OPTIONS)
     assert [one.specimen for one in summary.failures] == ["s3"]

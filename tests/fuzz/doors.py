@@ -197,8 +197,8 @@ def _table_maker(texts: list[str]) -> Callable[[Random], bytes]:
     return make
 
 
-def cells_of(data: bytes) -> list[list[str]]:
-    """A table, read letter by letter; blank lines are left out."""
+def cells_of(data: bytes, *, indented: bool = False) -> list[list[str]]:
+    """A table, read letter by letter; blank lines are left out, and spaces that indent a cell."""
     text = data.decode("utf-8").removeprefix("\ufeff")
     first = re.split("\r\n|\r|\n", text, maxsplit=1)[0]
     comma = max(",;\t", key=first.count)
@@ -215,6 +215,8 @@ def cells_of(data: bytes) -> list[list[str]]:
                 cell += letter
         elif letter == '"' and not begun:
             quoted = begun = True
+        elif letter == " " and indented and not begun:
+            pass
         elif letter == comma:
             row.append(cell)
             cell, begun = "", False
@@ -278,7 +280,7 @@ def _read_plan(path: Path, data: bytes) -> None:
 
 def _read_manifest(path: Path, data: bytes) -> None:
     specimens = read_manifest(path, input="u", output="y")
-    rows = cells_of(data)
+    rows = cells_of(data, indented=True)
     where = {header.strip().lower(): k for k, header in enumerate(rows[0])}
     filled = [row for row in rows[1:] if any(cell.strip() for cell in row)]
     names = [row[where["specimen"]].strip() for row in filled]

@@ -41,3 +41,4 @@ def test_a_door_that_lets_in_too_much_is_noticed(tmp_path):
 
 def test_the_own_reader_of_tables_reads_tables():
     assert cells_of(b'\xef\xbb\xbfa,"b ""c"""\r\n\r\n1,"2\n3"\r') == [["a", 'b "c"'], ["1", "2\n3"]]
+    assert cells_of(b'a,b\n "1 , 2", 3\n', indented=True) == [["a", "b"], ["1 , 2", "3"]]

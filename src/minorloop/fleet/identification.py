@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
-import os
-import socket
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -18,13 +15,9 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import as_levels, as_whole
-from minorloop.errors import (
-    MinorloopError,
-    MissingExtraError,
-    ParameterError,
-    RecordError,
-)
+from minorloop.errors import MinorloopError, ParameterError, RecordError
 from minorloop.files import PathLike
+from minorloop.fleet._workers import check_address, cluster, get_ready
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import (
     AT_ONCE,
@@ -32,6 +25,7 @@ from minorloop.fleet.results import (
     kept,
     one_line,
     open_folder,
+    settle,
     settle_all,
     write_summary,
 )
@@ -44,11 +38,10 @@ __all__ = ["identify_fleet"]
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
 ) | {"lag", "start", "offset"}
-_AHEAD = 4
+_AHEAD = 3
 """Batches on their way to each worker."""
-_STINT, _MOST_EACH = 0.3, AT_ONCE
+_STINT, _MOST_EACH = 0.5, 64
 """Seconds of work in a batch, and the most specimens."""
-_PATIENCE = 10
 _FINE = 64
 """Bands beyond which a prior takes no plane, which is found out before anything is fitted."""
 
@@ -100,8 +93,11 @@ def identify_fleet(
         If the folder holds something else, another fleet, or cannot be written to.
     """
     _check(specimens, workers, options)
+    if address is None:
+        get_ready()
+    try_options(options)
     if address is not None:
-        _check_address(address)
+        check_address(address)
     place = open_folder(Path(folder), specimens, options)
     known = kept(place, specimens)
     pending = [one for one in specimens if one.name not in known]
@@ -134,8 +130,16 @@ def identify_batch(
     """
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "record.csv"
-        found = [identify_one(data, one, options, path) for data, one in batch]
-    return found if place is None else settle_all(place, [one for _, one in batch], found)
+        found = (identify_one(data, one, options, path) for data, one in batch)
+        if place is None:
+            return list(found)
+        # Each is written while the next is identified: a disk takes its time.
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            written = [
+                pool.submit(settle, place, one, each)
+                for (_, one), each in zip(batch, found, strict=True)
+            ]
+        return [future.result() for future in written]
 
 
 def identify_one(
@@ -206,7 +210,7 @@ def _outcomes(
         except (OSError, ValueError) as error:
             yield fail(place, one, _unreadable(one, error))
     if readable:
-        with _cluster(workers, address) as (client, as_completed):
+        with cluster(workers, address) as (client, as_completed):
             flow = _Flow(client, as_completed, place, options, shared=address is None)
             yield from flow.run(readable)
 
@@ -214,7 +218,7 @@ def _outcomes(
 class _Flow:
     """Specimens on their way to workers and back.
 
-    They go in batches of about a third of a second of work, so that sending them costs little;
+    They go in batches of about half a second of work, so that sending them costs little;
     a batch that no worker survives is taken apart, so that one specimen fails and not its
     neighbours. Workers on this machine share its files: they read records and write results down
     themselves, so that this process has next to nothing to do and is no brake on them.
@@ -279,57 +283,12 @@ class _Flow:
             return
         outcomes = found if self._shared else settle_all(self._place, batch, found)
         yield from outcomes
-        slowest = max((one.seconds or 0.0 for one in outcomes), default=0.0)
-        self._size = min(_MOST_EACH, max(1, round(_STINT / max(slowest, 1e-3))))
+        each = sum(one.seconds or 0.0 for one in outcomes) / len(batch)
+        self._size = min(_MOST_EACH, max(1, round(_STINT / max(each, 1e-3))))
 
 
 def _unreadable(one: Specimen, error: Exception) -> str:
     return f"{one.file} cannot be read: {getattr(error, 'strerror', None) or error}"
-
-
-@contextmanager
-def _cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, Any]]:
-    """A Dask client, and what gives futures as they complete."""
-    try:
-        from distributed import Client, LocalCluster, as_completed
-    except ImportError:
-        raise MissingExtraError("dask.distributed", "fleet") from None
-    if address is not None:
-        try:
-            client = Client(address, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None
-        with closing(client):
-            yield client, as_completed
-        return
-    count = workers or os.cpu_count() or 1
-    with (
-        LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",  # any port: a fixed one may be another fleet's
-            silence_logs=logging.CRITICAL,  # a worker that died is retried, or a failure by name
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        yield client, as_completed
-
-
-def _check_address(address: str) -> None:
-    """Refuse at once what is no address, or where nothing listens."""
-    scheme, _, place = address.partition("://")
-    if scheme == "inproc":
-        return
-    host, _, port = place.rpartition(":")
-    if scheme not in ("tcp", "tls") or not host or not port.isdecimal():
-        raise ParameterError(
-            f"address is {address!r}; give that of a Dask scheduler, such as tcp://10.0.0.1:8786"
-        )
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE).close()
-    except (OSError, OverflowError, UnicodeError) as error:
-        raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None
 
 
 def _check(specimens: Sequence[Specimen], workers: int | None, options: Mapping[str, Any]) -> None:
@@ -346,10 +305,9 @@ def _check(specimens: Sequence[Specimen], workers: int | None, options: Mapping[
         json.dumps(options)
     except (TypeError, ValueError):
         raise ParameterError("options of a fleet are numbers, words and lists of them") from None
-    _try_options(options)
 
 
-def _try_options(options: Mapping[str, Any]) -> None:
+def try_options(options: Mapping[str, Any]) -> None:
     """Refuse what no record could be identified with, by identifying a small one."""
     from minorloop.identification import identify
     from minorloop.identification.areas import MOST_BANDS

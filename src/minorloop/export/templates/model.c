@@ -82,12 +82,8 @@ static const real readout[ORDER] = {
 {%- endif %}
 {#- The Everett surface, once for the weights and once for their absolute values. #}
 {%- macro everett(function, nodes, bow) %}
-static real {{ function }}(const extremum *high, const extremum *low)
+static inline real {{ function }}_inside(int32_t i, real s, int32_t j, real f)
 {
-    const int32_t i = high->band;
-    const int32_t j = low->band;
-    const real s = high->fraction;
-    const real f = low->fraction;
     const real *const row = &{{ nodes }}[(i * (i + 1)) / 2];
     const real *const above = &row[i + 1];
     real value;
@@ -105,6 +101,11 @@ static real {{ function }}(const extremum *high, const extremum *low)
     }
     return value;
 }
+
+static real {{ function }}(const extremum *high, const extremum *low)
+{
+    return {{ function }}_inside(high->band, high->fraction, low->band, low->fraction);
+}
 {%- endmacro %}
 
 /* Band of the plane that holds u, which is inside it. */
@@ -113,6 +114,11 @@ static int32_t band_of(real u)
     const real slice = (u - levels[0]) * PER_UNIT;
     const int32_t index = (int32_t)slice;
     int32_t low = (int32_t)begun[index];
+{%- if narrow %}
+
+    /* No slice holds more than one threshold. A sum, for no processor can guess which side u is. */
+    low += (int32_t)((low < (int32_t)begun[index + 1]) & (levels[low + 1] <= u));
+{%- else %}
     int32_t high = (int32_t)begun[index + 1];
 
     while (low < high) {
@@ -123,6 +129,7 @@ static int32_t band_of(real u)
             high = middle - 1;
         }
     }
+{%- endif %}
     return low;
 }
 
@@ -140,7 +147,11 @@ static int is_maximum(int32_t place)
 /* Output of the relays at `to` on the branch that leaves `from`. */
 static real output_on_branch(const extremum *from, const extremum *to, int rising)
 {
-    return rising ? (from->output + everett(to, from)) : (from->output - everett(from, to));
+    const extremum *const high = rising ? to : from;
+    const extremum *const low = rising ? from : to;
+    const real weight = everett(high, low);
+
+    return from->output + (rising ? weight : -weight);
 }
 
 /* What dropping places k and k + 1 would change: the weight between the extrema around them. */
@@ -262,7 +273,8 @@ static void relays_begin(state_t *state)
 }
 
 /* Output of the relays after the next input. Room for another extremum is made afterwards, so that
- * an input that the inverse chose gives the output that it was chosen for. */
+ * an input that the inverse chose gives the output that it was chosen for.
+ * What was just stored is not read back, for that would take longer than all the sums. */
 static real relays_step(state_t *state, real u)
 {
     const real before = state->past[state->count].value;
@@ -278,17 +290,29 @@ static real relays_step(state_t *state, real u)
     }
     if (x != before) {
         const int rising = x > before;
+        const int32_t band = band_of(x);
+        const real fraction = (x - levels[band]) * per_band[band];
         extremum *now;
+
         if (rising != is_maximum(state->count)) {
             remember(state);
         }
         wipe_out(state, x, rising);
         now = &state->past[state->count];
+        output = SATURATION;
+        if (state->count > 0) {
+            const extremum *const from = now - 1;
+            const int32_t i = rising ? band : from->band;
+            const int32_t j = rising ? from->band : band;
+            const real s = rising ? fraction : from->fraction;
+            const real f = rising ? from->fraction : fraction;
+            const real weight = everett_inside(i, s, j, f);
+            output = from->output + (rising ? weight : -weight);
+        }
         now->value = x;
-        now->band = band_of(x);
-        now->fraction = (x - levels[now->band]) * per_band[now->band];
-        output = (state->count > 0) ? output_on_branch(now - 1, now, rising) : SATURATION;
         now->output = output;
+        now->fraction = fraction;
+        now->band = band;
         if (state->count >= {{ guard }}_MEMORY) {
             drop_smallest(state);
         }

@@ -51,14 +51,15 @@ typedef {{ real }} {{ name }}_real;
 #define {{ guard }}_INTERVAL {{ linear.interval }}
 {%- endif %}
 
-/* An extremum: the input, the output of the relays, the band of the plane, how far into the band,
- * and what dropping it with the next one would change. */
+/* An extremum: the input, what dropping it with the next one would change, how far it is into its
+ * band of the plane, the band, and the output of the relays. What is stored at different times is
+ * apart, so that no compiler makes one store of two and lets the input wait for the output. */
 typedef struct {
     {{ name }}_real value;
-    {{ name }}_real output;
-    {{ name }}_real fraction;
     {{ name }}_real loss;
+    {{ name }}_real fraction;
     int32_t band;
+    {{ name }}_real output;
 } {{ name }}_extremum;
 
 /* All that the past left behind. Only the functions below should touch it. */
