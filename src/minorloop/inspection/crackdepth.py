@@ -22,6 +22,7 @@ from minorloop.inspection.pits import DEEPER, DEEPEST
 from minorloop.inspection.spectra import FAR, spectra_of
 from minorloop.inspection.unrolled import BOTH, Patch, WallMap, camera_map
 from minorloop.inspection.usable import covered, usable
+from minorloop.threads import one_thread
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
 _FEWEST, _REACH = 12, 2.4e-3
@@ -60,6 +61,7 @@ class CrackDepth:
     least_width: float = np.nan
 
 
+@one_thread()
 def crack_depth(
     bursts: Sequence[Burst], ear: Ear, places: npt.ArrayLike, width: float
 ) -> CrackDepth:

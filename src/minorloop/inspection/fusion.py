@@ -22,6 +22,7 @@ from minorloop.inspection.pitsearch import DEPTHS
 from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.unrolled import CAMERA, SONAR, UNSEEN, Patch, WallMap
 from minorloop.inspection.usable import covered, usable
+from minorloop.threads import one_thread
 
 SHARE_ERROR = 0.08
 """Standard deviation of what a two-echo share misses of the waves in a pit, as a share of depth."""
@@ -53,6 +54,7 @@ class MeanDepths:
     footprints: FloatArray
 
 
+@one_thread()
 def mean_depths(
     bursts: Sequence[Burst], ear: Ear, patch: Patch, pit: PitDepth
 ) -> MeanDepths | None:
@@ -216,6 +218,7 @@ def outline_of(
     return np.where(seen, np.where(near, by_level, disc), np.nan)
 
 
+@one_thread()
 def fuse(
     pit: PitDepth,
     heard: MeanDepths | None,

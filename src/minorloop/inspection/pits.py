@@ -26,6 +26,7 @@ from minorloop.inspection.pitsearch import (
 )
 from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.usable import covered, reasons_of, usable
+from minorloop.threads import one_thread
 
 FEWEST = 16
 """Bursts without which no depth is given."""
@@ -135,6 +136,7 @@ def raster(
     return np.array(aims)
 
 
+@one_thread()
 def measure_pit(
     bursts: Sequence[Burst],
     ear: Ear,
