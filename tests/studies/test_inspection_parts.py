@@ -262,7 +262,7 @@ def test_a_line_beside_the_true_crack_is_false():
     truth = Crack(((0.0, 0.02), (0.4, 0.02)), (0.2e-3, 0.2e-3), depth=0.5e-3)
     heard = CrackDepth("too narrow for a depth", least_width=0.3e-3)
     right, wrong = (
-        SeenCrack(trace, trace.places[20], 0.18e-3, heard, None, None)
+        SeenCrack(trace, trace, trace.places[20], 0.18e-3, heard, None, None)
         for trace in (line(0.0201), line(0.024))
     )
     figures = mission_cracks.crack_figures([right, wrong], truth)

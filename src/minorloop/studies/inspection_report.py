@@ -49,7 +49,7 @@ def study_report(
     outcomes = [outcome for run in runs for outcome in run["outcomes"]]
     report = Report(
         TITLE,
-        f"Servo, finding, tracking, depth and fusion on {specimens(runs)} with their own pipes; "
+        f"Servo, finding, tracking, depth and fusion on {specimens(runs)}, each with its own pipe; "
         f"figures are drawn for that of seed {study.seed}. {figures['detection']['recall']:.1%} of "
         f"the holes were found with {figures['detection']['false_per_acquisition']:.2f} false "
         f"findings an acquisition, depths were off by {figures['depth']['bias_um']:.1f} um on "
@@ -186,7 +186,9 @@ def _missions(figures: Mapping[str, Any]) -> str:
     found = figures["mission"]
     many = f"mission{'s' if found['of'] > 1 else ''}"
     measured, cracks = (round(found[key] * found["of"]) for key in ("measured", "crack_found"))
-    return f"{measured} of {found['of']} {many} measured their pit and {cracks} found their crack"
+    return (
+        f"in {measured} of {found['of']} {many} the pit was measured, in {cracks} the crack found"
+    )
 
 
 def draw_servo(study: InspectionStudy) -> Any:

@@ -31,6 +31,8 @@ BESIDE, SHARED = 0.6e-3, 0.5
 """How far apart two courses may run, in metres, and over which share of the shorter, to be one."""
 TEXEL, MARGIN = 0.05e-3, 0.6e-3
 """Of the map of a crack: size of a texel, and what is shown around, in metres."""
+LONGER = 1.1
+"""How many times as long as by the nearer look a crack is by another, for that to be its course."""
 EVEN = 0.5e-3
 """Length over which the width of a crack is averaged, in metres."""
 
@@ -42,7 +44,9 @@ class SeenCrack:
     Parameters
     ----------
     traced : TracedCrack
-        Its course and widths by the nearer look.
+        By the nearer look.
+    course : TracedCrack
+        By whichever look shows it longest.
     widest : (2,) array
         Phi and z where it was scanned.
     width : float
@@ -56,6 +60,7 @@ class SeenCrack:
     """
 
     traced: TracedCrack
+    course: TracedCrack
     widest: FloatArray
     width: float
     found: CrackDepth
@@ -65,7 +70,7 @@ class SeenCrack:
     @property
     def finding(self) -> Finding:
         """Its line in the table."""
-        return crack_finding(self.traced.places, self.width, self.found, RADIUS)
+        return crack_finding(self.course.places, self.width, self.found, RADIUS)
 
 
 def traces_of(looks: Findings, **heights: float) -> tuple[TracedCrack, ...]:
@@ -123,16 +128,19 @@ def examined(crew: Crew, trace: TracedCrack, looks: int) -> SeenCrack | None:
         crew.say("trace", "not seen again from nearer; not counted as a crack")
         return None
     best = max(again, key=lambda other: other.length)
+    # The nearer look may end before the crack does.
+    course = trace if trace.length > LONGER * best.length else best
     widest, width = _widest(best)
-    words = f"{1e3 * best.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
+    words = f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
     crew.say("trace", f"a crack, {words}")
     _, ear, bursts = scan(crew, (float(widest[0]), float(widest[1])))
     crew.head.sway = None
     found = crack_depth(bursts, ear, best.places, width)
     deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
     crew.say("measure", f"{found.verdict}{deep}")
-    wall = crack_map(best.places, width, found, tuple(widest.tolist()), _patch(best.places))
-    return SeenCrack(best, widest, width, found, photo, wall)
+    patch = _patch(course.places)
+    wall = crack_map(course.places, width, found, tuple(widest.tolist()), patch)
+    return SeenCrack(best, course, widest, width, found, photo, wall)
 
 
 def _again(
@@ -159,7 +167,7 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
         For scoring only.
     """
     course, widths = _true(truth)
-    right = [one for one in cracks if one_course(one.traced.places, course)]
+    right = [one for one in cracks if one_course(one.course.places, course)]
     figures: dict[str, Any] = {
         "crack_found": bool(right),
         "false_cracks": len(cracks) - len(right),
@@ -173,12 +181,12 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
     )
     if not right:
         return figures | dict.fromkeys(names, np.nan)
-    best = max(right, key=lambda one: one.traced.length)
-    off = _between(best.traced.places, course)
+    best = max(right, key=lambda one: one.course.length)
+    off = _between(best.course.places, course)
     length = float(_along(course)[-1])
     there = widths[int(np.argmin(_between(best.widest[None], course)[0]))]
     values = (
-        100 * abs(best.traced.length / length - 1),
+        100 * abs(best.course.length / length - 1),
         100 * abs(best.width / there - 1),
         1e3 * float(np.median(off.min(axis=1))),
         1e3 * abs(best.found.depth - truth.depth),

@@ -170,7 +170,7 @@ def draw_ring(mission: Mission) -> Any:
             place = np.degrees(wrapped(mission.pit.phi)), 1e3 * mission.pit.z
             axes.plot(*place, "o", ms=11, mec="C1", mfc="none", mew=1.4)
         for crack in mission.cracks:
-            phi, z = crack.traced.places.T
+            phi, z = crack.course.places.T
             _course(axes, np.degrees(wrapped(phi)), 1e3 * z)
     return figure
 
