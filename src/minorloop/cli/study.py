@@ -12,6 +12,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError
+from minorloop.threads import one_thread
 
 NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
@@ -65,7 +66,8 @@ def run(
     with _common.working(f"specimen 1 of {specimens}") as now:
         study = import_module(f"minorloop.studies.{name}")
         claims = import_module("minorloop.studies.claims")
-        first = study.run_study(seed, **options)
+        with one_thread():
+            first = study.run_study(seed, **options)
         work = partial(_figures_of, name, options)
         others = claims.for_each(work, specimens - 1, seed + 1, now) if specimens > 1 else []
         runs = [first.figures(), *others]
