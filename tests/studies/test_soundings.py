@@ -1,5 +1,6 @@
 """Figures from findings that are made up; one scan on the twin is in tests/inspection."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from minorloop.inspection.pits import PitDepth
 from minorloop.inspection.unrolled import Patch
 from minorloop.studies.soundings import (
     Scored,
-    Sounding,
+    Site,
     band_figures,
     depth_figures,
     dished_figure,
@@ -30,7 +31,7 @@ PATCH = Patch.around(0.0, 20e-3, size=1.6e-3)
 
 def run(found=FOUND, truth=TRUTH, *, dry=False, modality="sonar"):
     ear = Ear(Probe(), Mount())
-    place = Sounding(None, ear, (0.0, 20e-3), 1e-3, truth, dry, np.random.default_rng(0))
+    place = Site(ear, (0.0, 20e-3), 1e-3, truth, dry)
     return Scored(place, found, 1.0, fuse(found, None, PATCH), modality)
 
 
@@ -82,13 +83,15 @@ def test_what_is_drawn_depends_on_the_seed_alone():
         draw_sounding(1, kind="crater")
 
 
-def test_the_mount_and_the_camera_are_off_together():
+def test_the_mount_and_the_camera_are_off_together_and_the_place_is_small():
     place = draw_sounding(3)
     turned, moved = place.strayed
     assert turned != 0
     assert moved != 0
     assert place.ear.mount.advance != 20e-3
     assert abs(place.centre[1] - moved - place.truth.z) < 4 * 0.035e-3
+    # A study of many specimens keeps every place, and hands it from process to process.
+    assert len(pickle.dumps(place.site)) < 10_000
 
 
 def test_the_map_is_guided_by_a_picture():

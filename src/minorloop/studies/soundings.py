@@ -27,7 +27,7 @@ from minorloop.twins.ultrasound import Ultrasound
 
 KINDS = ("pit", "dished", "hole", "mark", "dry")
 DISH = 0.1e-3
-"""Half the width of a 90 % band in standard deviations."""
+"""How much shallower a dished floor is at its rim, in metres."""
 _Z = 20e-3
 _FLOODED = -9.999e-3
 _ANGLE_NOISE = math.radians(0.05)
@@ -39,15 +39,13 @@ _ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
 
 
 @dataclass(eq=False)
-class Sounding:
-    """A place of a pipe with a probe before it.
+class Site:
+    """A place of a pipe, what is known of it, and what is true.
 
     Parameters
     ----------
-    sonar : Ultrasound
-        The twin.
     ear : Ear
-        What is known of it.
+        What is known of the probe.
     centre : (float, float)
         Of the mouth as the camera saw it, phi and z.
     diameter : float
@@ -56,25 +54,42 @@ class Sounding:
         For scoring only.
     dry : bool
         Whether there is no water.
-    rng : numpy Generator
-        Of the sway, of the noise of the angles, and of the picture.
     strayed : (float, float)
         Known less true roll and advance of the mount. For scoring only.
     """
 
-    sonar: Ultrasound
     ear: Ear
     centre: tuple[float, float]
     diameter: float
     truth: Bore
     dry: bool
-    rng: np.random.Generator
     strayed: tuple[float, float] = (0.0, 0.0)
 
     @property
     def depth(self) -> float:
         """True mean depth of the floor, in metres. For scoring only."""
         return self.truth.depth - self.truth.dish / 2
+
+
+@dataclass(eq=False, kw_only=True)
+class Sounding(Site):
+    """A place with a probe before it.
+
+    Parameters
+    ----------
+    sonar : Ultrasound
+        The twin.
+    rng : numpy Generator
+        Of the sway, of the noise of the angles, and of the picture.
+    """
+
+    sonar: Ultrasound
+    rng: np.random.Generator
+
+    @property
+    def site(self) -> Site:
+        """The place alone: the twin of a probe fills 19 MB."""
+        return Site(self.ear, self.centre, self.diameter, self.truth, self.dry, self.strayed)
 
     def picture(self, patch: Patch) -> FloatArray:
         """Logarithm (rows, columns) of the image laid flat: a dark mouth where the camera saw it.
@@ -155,7 +170,8 @@ def draw_sounding(
     known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
     centre = (centre[0] + turned, centre[1] + moved)
     ear = replace(ear, mount=known)
-    return Sounding(sonar, ear, centre, seen, pit, kind == "dry", rng, (turned, moved))
+    about = (ear, centre, seen, pit, kind == "dry", (turned, moved))
+    return Sounding(*about, sonar=sonar, rng=rng)
 
 
 def scan(
@@ -202,7 +218,7 @@ class Scored:
 
     Parameters
     ----------
-    sounding : Sounding
+    sounding : Site
         Where.
     found : PitDepth
         What was found.
@@ -214,7 +230,7 @@ class Scored:
         As the front echoes chose it.
     """
 
-    sounding: Sounding
+    sounding: Site
     found: PitDepth
     seconds: float
     wall: WallMap
@@ -242,7 +258,7 @@ def examined(sounding: Sounding, bursts: Sequence[Burst], modality: str = "sonar
     outline = outline_of(image, patch, sounding.centre, sounding.diameter)
     heard = mean_depths(bursts, sounding.ear, patch, found)
     wall = fuse(found, heard, patch, image=image, outline=outline)
-    return Scored(sounding, found, seconds, wall, modality)
+    return Scored(sounding.site, found, seconds, wall, modality)
 
 
 def depth_figures(scored: Iterable[Scored]) -> dict[str, float]:
