@@ -31,11 +31,10 @@ def rows(quick: bool) -> list[Row]:
     seconds = 5.0 if quick else float(os.environ.get("MINORLOOP_SEAT_SECONDS", "60"))
     with tempfile.TemporaryDirectory() as folder, Server(folder) as server:
         lab(server, True)  # the workers have begun, and are as large as they become
-        dropped = lab(server, quick)
-        found = asyncio.run(_watched(server, seconds))
+        found = [lab(server, quick), still(), *painted(server)]
+        found += asyncio.run(_watched(server, seconds))
         found += asyncio.run(_cut_off(server, Path(folder)))
         found += asyncio.run(attacked(server, 300 if quick else HOSTILE))
-        found += [dropped, still(), *painted(server)]
         return found
 
 
