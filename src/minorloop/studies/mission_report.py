@@ -167,7 +167,7 @@ def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
 
     every = max(-(-max(shades.shape[:2]) // _MOST_FACES), 1)
     few, colours = corners[::every, ::every], shades[::every, ::every]
-    quads = np.stack([few[:-1, :-1], few[1:, :-1], few[1:, 1:], few[:-1, 1:]], axis=2)
+    quads = np.stack([few[:-1, :-1], few[:-1, 1:], few[1:, 1:], few[1:, :-1]], axis=2)
     known = np.isfinite(quads).all(axis=(2, 3))
     if known.any():
         fine = max(shades.shape) >= _FINE
