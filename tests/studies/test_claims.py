@@ -28,6 +28,26 @@ def test_what_is_not_a_number_is_never_met():
     assert [row[-1] for row in rows] == ["nothing to count", "short"]
 
 
+def test_bounds_are_said_as_short_as_they_can_be():
+    figures = {"bias": -2.0, "wrong": 0}
+    bias = Claim("bias", "bias", "-", least=-10, most=10)
+    wrong = Claim("wrong", "wrong", "-", most=0)
+    assert bias.row(figures)[3:] == ("-10 to 10", "met")
+    assert wrong.row(figures)[3:] == ("0", "met")
+    assert wrong.row(figures | {"wrong": 1})[3:] == ("0", "short")
+    assert Claim("sign", "bias", "-", most=0).row(figures)[3:] == ("<= 0", "met")
+
+
+def test_of_too_few_nothing_is_said():
+    claim = Claim("cover", "cover", "-", 0.85, 0.95, percent=True, count="scans", enough=100)
+    assert claim.row({"cover": 1.0, "scans": 6})[2:] == (
+        "100.00% (of 6)", "85.00% to 95.00%", "too few"
+    )  # fmt: skip
+    assert claim.row({"cover": 1.0, "scans": 100})[-1] == "short"
+    spread = Claim("spread", "spread", "-", most=20.0, count="scans", enough=2)
+    assert spread.row({"spread": float("nan"), "scans": 1})[-1] == "too few"
+
+
 def test_medians_over_specimens():
     runs = [{"x": value, "y": {"z": [value, 1]}, "any": value > 2} for value in (1, 3, 2)]
     assert medians(runs) == {"x": 2.0, "y": {"z": [2.0, 1.0]}, "any": True}

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from minorloop.errors import ParameterError, SignalError
 from minorloop.vision.cracks import trace_cracks
 from minorloop.vision.eye import Window
 
@@ -81,3 +82,12 @@ def test_a_map_that_is_not_seen_has_no_cracks():
     half = (bare() + line([(40, 60), (200, 60)], 3.0)).astype(np.float32)
     half[100:] = np.nan
     assert len(trace_cracks(half, WINDOW, RADIUS)) == 1
+
+
+def test_a_map_that_is_not_that_of_its_window_or_pipe_is_refused():
+    level = bare().astype(np.float32)
+    with pytest.raises(SignalError, match="give the map of that window"):
+        trace_cracks(level[:5], WINDOW, RADIUS)
+    for radius in (0.0, np.nan, -1e-3):
+        with pytest.raises(ParameterError, match="radius"):
+            trace_cracks(level, WINDOW, radius)

@@ -20,6 +20,14 @@ def taken(seed, **options):
 
 
 VIEW, EYE, LOOKS = taken(1, hole=True, inside="backlit")
+NOISE = np.random.default_rng(5)
+
+
+def turned():
+    """A further frame with all lights, two degrees on."""
+    pan = VIEW.pan + np.radians(2.0)
+    VIEW.camera.look(pan, VIEW.tilt)
+    return Look(VIEW.camera.frame().image, pan, VIEW.tilt)
 
 
 @pytest.mark.parametrize("inside", ["dark", "white", "backlit"])
@@ -80,6 +88,11 @@ def spoilt(index, image):
         (spoilt(2, LOOKS[0].image), "frozen"),
         (spoilt(4, np.roll(LOOKS[4].image, 240, axis=0)), "torn"),
         ([LOOKS[3]], "black"),
+        (spoilt(2, np.full((480, 640), 100, np.uint8)), "no picture"),
+        (spoilt(4, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
+        (spoilt(3, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
+        (spoilt(1, NOISE.integers(250, 256, (480, 640)).astype(np.uint8)), "saturated"),
+        (spoilt(4, LOOKS[3].image + NOISE.integers(0, 2, (480, 640), np.uint8)), "black"),
     ],
 )
 def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
@@ -87,6 +100,49 @@ def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
     assert findings.verdict == verdict
     assert findings.holes == ()
     assert findings.wall is None
+
+
+def again(index):
+    """The frame as it would be taken once more: another noise."""
+    off = NOISE.integers(-1, 2, (480, 640))
+    return np.clip(LOOKS[index].image.astype(int) + off, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("row", [80, 240, 400])
+@pytest.mark.parametrize("index", [1, 2, 3, 4])
+@pytest.mark.parametrize("old", [lambda index: LOOKS[index].image, again])
+def test_a_frame_that_holds_rows_of_the_one_before_is_torn(index, row, old):
+    halves = [LOOKS[index].image[:row], old(index - 1)[row:]]
+    assert find_holes(spoilt(index, np.vstack(halves)), EYE).verdict == "torn"
+    upside = [old(index - 1)[:row], LOOKS[index].image[row:]]
+    assert find_holes(spoilt(index, np.vstack(upside)), EYE).verdict == "torn"
+
+
+def test_the_first_frame_may_hold_rows_of_the_acquisition_before():
+    torn = np.vstack([LOOKS[0].image[:300], again(4)[300:]])
+    assert find_holes(spoilt(0, torn), EYE).verdict == "torn"
+
+
+def test_a_light_that_was_not_switched_is_a_frozen_picture():
+    assert find_holes(spoilt(2, again(1)), EYE).verdict == "frozen"
+    assert find_holes(spoilt(3, again(2)), EYE).verdict == "frozen"
+
+
+def test_rows_of_another_frame_tear_a_turned_one_as_well():
+    looks = [LOOKS[-1], turned()]
+    torn = np.vstack([looks[1].image[:200], looks[0].image[200:]])
+    findings = find_holes([looks[0], replace(looks[1], image=torn)], EYE, mode="dither")
+    assert findings.verdict == "torn"
+
+
+def test_a_finding_is_read_in_degrees_and_millimetres():
+    findings = find_holes(LOOKS, EYE)
+    hole = findings.holes[0]
+    first, *rest = repr(findings).splitlines()
+    assert first == "1 hole; frames good"
+    assert len(rest) == 1
+    assert f"phi {np.degrees(hole.place[0]):+.2f} deg, z {1e3 * hole.place[1]:.2f} mm" in rest[0]
+    assert str(find_holes(spoilt(2, None), EYE)) == "no holes; frames wrong size"
 
 
 def test_a_lens_that_would_be_outside_the_pipe_has_a_verdict():
@@ -107,11 +163,24 @@ def test_unknown_ways_and_no_frames_are_refused():
         find_holes(LOOKS, EYE, mode="guess")
     with pytest.raises(ParameterError, match="no frames"):
         find_holes([], EYE)
+    with pytest.raises(ParameterError, match="evidence"):
+        find_holes(LOOKS, EYE, least=np.nan)
+
+
+@pytest.mark.parametrize("lights", [(), (True,), (True, False, False, True)])
+def test_a_look_says_of_each_light_whether_it_was_on(lights):
+    with pytest.raises(ParameterError, match="look 1 has"):
+        find_holes([LOOKS[0], replace(LOOKS[1], lights=lights), *LOOKS[2:]], EYE)
+
+
+def test_lights_may_be_told_as_ones_and_noughts():
+    looks = [replace(look, lights=tuple(map(int, look.lights))) for look in LOOKS]
+    assert repr(find_holes(looks, EYE)) == repr(find_holes(LOOKS, EYE))
 
 
 @pytest.mark.parametrize("mode", ["single", "dither"])
 def test_other_ways_to_acquire(mode):
-    looks = LOOKS[-1:] if mode == "single" else [LOOKS[-1], taken(1, hole=True)[2][-1]]
+    looks = LOOKS[-1:] if mode == "single" else [LOOKS[-1], turned()]
     assert find_holes(looks, EYE, mode=mode).verdict == "good"
 
 

@@ -40,6 +40,21 @@ def test_black_and_white_frames():
     assert judge(np.full((480, 640), 255, np.uint8), LENS) == "saturated"
 
 
+def test_frames_without_a_picture():
+    rng = np.random.default_rng(1)
+    noise = rng.integers(0, 256, (480, 640)).astype(np.uint8)
+    assert judge(noise, LENS) == judge(noise, LENS, lit=False) == "no picture"
+    assert judge(np.full((480, 640), 100, np.uint8), LENS) == "no picture"
+    # A bare wall is a picture, though a dull one.
+    assert judge(rng.normal(95, 1.5, (480, 640)).astype(np.uint8), LENS) == "good"
+    assert judge(np.zeros((480, 640), np.uint8), LENS, lit=False) == "good"
+
+
+def test_a_frame_that_is_nearly_white_is_saturated():
+    white = np.random.default_rng(2).integers(250, 256, (480, 640)).astype(np.uint8)
+    assert judge(white, LENS) == "saturated"
+
+
 def test_a_frame_twice_is_frozen():
     assert judge(IMAGE.copy(), LENS, IMAGE) == "frozen"
 

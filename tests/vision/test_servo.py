@@ -157,6 +157,12 @@ def test_the_gain_falls_near_the_point():
         assert_allclose(rates[0], share * rates[1], rtol=0.05)
 
 
+@pytest.mark.parametrize("angles", [(np.nan, 0.0), (np.inf, 0.0), (0.1,), None, "ahead"])
+def test_a_servo_does_not_begin_where_nobody_knows(angles):
+    with pytest.raises(ParameterError, match="cannot begin"):
+        Servo(EYE).begin(angles)
+
+
 @pytest.mark.parametrize(
     "broken",
     [

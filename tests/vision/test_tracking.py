@@ -99,9 +99,11 @@ def test_a_bad_frame_is_said_to_be_bad_and_passed_over(frame, verdict):
 def test_a_frozen_frame_and_broken_angles():
     _, state = begin()
     assert TRACKER.step(state, photograph(*AIM), *AIM)[0].verdict == "frozen"
-    track, _ = TRACKER.step(state, photograph(*AIM, seed=1), np.nan, 0.0)
-    assert track.verdict == "lost"
-    assert np.isnan(track.pixel).all()
+    for seed, pan in enumerate((np.nan, None, "far"), start=1):
+        track, after = TRACKER.step(state, photograph(*AIM, seed=seed), pan, 0.0)
+        assert track.verdict == "angle unknown"
+        assert np.isnan(track.pixel).all()
+    assert TRACKER.step(after, photograph(*AIM, seed=9), *AIM)[0].verdict == "tracked"
 
 
 def test_what_cannot_be_picked_is_refused():

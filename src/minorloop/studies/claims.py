@@ -34,6 +34,10 @@ class Claim:
         What the figure must lie between; infinite where it is only reported.
     percent : bool
         Whether the figure is shown in percent.
+    count : str
+        Name of the figure that says of how many this one is; it is shown beside it.
+    enough : int
+        So many are needed for a verdict.
     """
 
     what: str
@@ -42,15 +46,13 @@ class Claim:
     least: float = -math.inf
     most: float = math.inf
     percent: bool = False
+    count: str = ""
+    enough: int = 0
 
     def row(self, figures: Mapping[str, Any]) -> tuple[str, str, str, str, str]:
         """What, the paper, this run, asked for, verdict."""
         value = figure(figures, self.key)
-        asked = " ".join(
-            f"{sign} {self._text(bound)}"
-            for sign, bound in ((">=", self.least), ("<=", self.most))
-            if math.isfinite(bound)
-        )
+        asked = self._asked(value)
         if isinstance(value, bool):
             known = math.isfinite(self.most) or math.isfinite(self.least)
             wanted = self.least > 0 if math.isfinite(self.least) else self.most > 0
@@ -59,11 +61,26 @@ class Claim:
             asked = words[wanted] if known else "-"
             return self.what, self.paper, words[value], asked, verdict
         verdict = "reported"
-        if math.isnan(value):
+        count = figure(figures, self.count) if self.count else math.inf
+        if count < self.enough:
+            verdict = "too few"
+        elif math.isnan(value):
             verdict = "nothing to count" if not asked else "short"
         elif asked:
             verdict = "met" if self.least <= value <= self.most else "short"
-        return self.what, self.paper, self._text(value), asked or "-", verdict
+        shown = f"{self._text(value)} (of {count:.0f})" if self.count else self._text(value)
+        return self.what, self.paper, shown, asked or "-", verdict
+
+    def _asked(self, value: float) -> str:
+        """What the figure must be, as short as it can be said."""
+        if math.isfinite(self.least) and math.isfinite(self.most):
+            return f"{self._text(self.least)} to {self._text(self.most)}"
+        if math.isfinite(self.least):
+            return f">= {self._text(self.least)}"
+        if math.isfinite(self.most):
+            # What is counted is not below nothing.
+            return "0" if self.most == 0 and value >= 0 else f"<= {self._text(self.most)}"
+        return ""
 
     def _text(self, value: float) -> str:
         if math.isnan(value):

@@ -27,6 +27,8 @@ from minorloop.studies.mission_report import (
     save_mission,
 )
 
+_LOOKED = "A camera looks into a defect as onto the wall, but tells no depth there."
+
 if TYPE_CHECKING:
     from minorloop.studies.inspection import InspectionStudy
 
@@ -49,11 +51,13 @@ def study_report(
     outcomes = [outcome for run in runs for outcome in run["outcomes"]]
     report = Report(
         TITLE,
-        f"Servo, finding, tracking, depth and fusion on {specimens(runs)}, each with its own pipe; "
-        f"figures are drawn for that of seed {study.seed}. {figures['detection']['recall']:.1%} of "
-        f"the holes were found with {figures['detection']['false_per_acquisition']:.2f} false "
-        f"findings an acquisition, depths were off by {figures['depth']['bias_um']:.1f} um on "
-        f"average, and {_missions(figures)}.",
+        f"Servo, finding, tracking, depth and fusion on {specimens(runs)} "
+        f"with {'pipes of their own' if len(runs) > 1 else 'a pipe of its own'}; figures are drawn "
+        f"for {'that of ' if len(runs) > 1 else ''}seed {study.seed}. "
+        f"{figures['detection']['recall']:.1%} of the holes were found with "
+        f"{figures['detection']['false_per_acquisition']:.2f} false findings an "
+        f"acquisition, depths were off by {figures['depth']['bias_um']:.1f} um on average, and "
+        f"{_missions(figures)}.",
     )
     report.add(
         "What was found",
@@ -127,7 +131,9 @@ def study_report(
             text="The outline is that of the image and of the echoes together, the depth that of "
             "the joint fit spread by the footprints of the beams; the rim is the least sure.",
             table=finding_rows(finding_of(mission.pit)),
-            pictures=[Picture(draw_finding(mission.wall), "The pit, unrolled and in 3-D.")],
+            pictures=[
+                Picture(draw_finding(mission.wall), f"The pit, unrolled and in 3-D. {_LOOKED}")
+            ],
         )
     _add_cracks(report, mission)
     if mission.ring is not None:
@@ -149,17 +155,23 @@ def _add_cracks(report: Report, mission: Mission) -> None:
         report.add("No crack", text=words)
     for crack in mission.cracks:
         words = (
-            "Dark under every light, thin, and seen again from nearer. The echoes were asked where "
-            "it is widest: a narrow one takes too little of a beam for its floor to be heard, and "
-            "the verdict then says from which width on these echoes would have told a depth."
+            "Dark under every light, thin, and seen again from nearer. The echoes were asked for "
+            f"its depth where it is widest, and what they told is: {crack.finding.verdict}. A "
+            "narrow one takes too little of a beam for its floor to be heard."
         )
         report.add(
             "A crack",
             text=words,
             table=finding_rows(crack.finding),
             pictures=[
-                Picture(draw_crack(crack), "The crack and its course (orange)."),
-                Picture(draw_finding(crack.wall), "The wall about it, unrolled and in 3-D."),
+                Picture(
+                    draw_crack(crack),
+                    "The crack and its course (orange), drawn where the head was read to look: "
+                    "what the readings were off, from look to look, is between the two.",
+                ),
+                Picture(
+                    draw_finding(crack.wall), f"The wall about it, unrolled and in 3-D. {_LOOKED}"
+                ),
             ],
         )
 

@@ -25,6 +25,9 @@ _SOURCES = ("unseen", "camera", "sonar", "both")
 _SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
 _AROUND = 25.0  # pixels
+_NARROW = 0.55  # of its length, is a map with room for two ticks across
+_EVEN = 1e-6  # mm, between the least and the most of a map of one colour
+_MOST_FACES = 160  # along a side of a surface
 _FINE = 60  # texels a side, from which on their edges are not drawn
 
 
@@ -82,27 +85,59 @@ def draw_finding(wall: WallMap) -> Any:
     depth = 1e3 * np.where(np.isfinite(wall.depth), wall.depth, np.nan)
     band = 1e3 * PER_DEVIATION * np.where(np.isfinite(wall.sd), wall.sd, np.nan)
     wide, long = (5e2 * n * wall.patch.step for n in (wall.patch.columns, wall.patch.rows))
-    extent = (-wide, wide, -long, long)
-    flat = ((depth, "depth under the wall [mm]"), (band, "half the 90 % band of it [mm]"))
-    for place, (values, title) in enumerate(flat, start=1):
-        axes = figure.add_subplot(2, 2, place)
-        shown = axes.imshow(values, origin="lower", extent=extent, cmap="viridis")
-        figure.colorbar(shown, ax=axes, shrink=0.9)
-        axes.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
-    axes = figure.add_subplot(2, 2, 3)
+    low, _ = _limits(wall)
+    axes = _plane(figure, 1, (wide, long), "depth under the wall [mm]")
+    _draw_values(axes, np.maximum(depth, 1e3 * low), (-wide, wide, -long, long))
+    axes = _plane(figure, 2, (wide, long), "half the 90 % band of it [mm]")
+    _draw_values(axes, band, (-wide, wide, -long, long))
+    axes = _plane(figure, 3, (wide, long), "looked at or heard by")
     shown = axes.imshow(
         wall.source,
         origin="lower",
-        extent=extent,
+        extent=(-wide, wide, -long, long),
         cmap=ListedColormap(_SHADES),
         vmin=-0.5,
         vmax=3.5,
     )
     bar = figure.colorbar(shown, ax=axes, shrink=0.9, ticks=range(4))
     bar.ax.set_yticklabels(_SOURCES)
-    axes.set(title="seen by", xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
     _solid(figure.add_subplot(2, 2, 4, projection="3d"), wall)
     return figure
+
+
+def _plane(figure: Any, place: int, half: tuple[float, float], title: str) -> Any:
+    """Axes of a piece of wall laid flat, with as many ticks as there is room for."""
+    axes = figure.add_subplot(2, 2, place)
+    axes.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
+    if half[0] < _NARROW * half[1]:
+        axes.set_xticks(_two_ticks(half[0]))
+    return axes
+
+
+def _two_ticks(half: float) -> tuple[float, float]:
+    """A round number of each sign within a half width."""
+    unit = 10.0 ** np.floor(np.log10(half))
+    at = float(unit * np.floor(0.9 * half / unit) or 0.5 * unit)
+    return -at, at
+
+
+def _draw_values(axes: Any, values: FloatArray, extent: tuple[float, float, float, float]) -> None:
+    """A map of a number, with its colours; one that is the same all over is said in words."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    even = high - low < _EVEN
+    # An even map is of the shade that what the camera has seen has.
+    axes.imshow(
+        np.where(np.isfinite(values), 0.0, np.nan) if even else values,
+        origin="lower", extent=extent, cmap="Greys_r" if even else "viridis",
+        vmin=-0.6 if even else low, vmax=0.25 if even else high,
+    )  # fmt: skip
+    if not even:
+        axes.figure.colorbar(axes.images[0], ax=axes, shrink=0.9)
+        return
+    told = f"{low:.3g} mm\nwherever known" if known.size else "nowhere known"
+    place = {"x": 1.06, "y": 0.5, "va": "center", "fontsize": 9, "transform": axes.transAxes}
+    axes.text(s=f"{told}\n(blank: unknown)" if known.size else told, **place)
 
 
 def _solid(axes: Any, wall: WallMap) -> None:
@@ -111,13 +146,13 @@ def _solid(axes: Any, wall: WallMap) -> None:
     radius = 1e3 * wall.patch.radius
     bow = radius - np.sqrt(radius**2 - x**2)
     down = np.where(np.isfinite(wall.depth), -1e3 * wall.depth, np.nan) + bow[None, :]
-    around, along = np.meshgrid(x, y)
-    lines = {"linewidth": 0.15, "edgecolor": "0.4"} if max(down.shape) < _FINE else {}
-    shades = _shades(wall.depth)
-    axes.plot_surface(around, along, down, facecolors=shades, rcount=160, ccount=160, **lines)
+    _add_quads(axes, np.stack([*np.meshgrid(x, y), down], axis=-1), _shades(wall))
+    axes.auto_scale_xyz(x, y, down[np.isfinite(down)] if np.isfinite(down).any() else [0.0])
     axes.set_aspect("equalxy")
     axes.locator_params(axis="z", nbins=3)
-    axes.set_title("in 3-D, seen from the axis; cut out where not known")
+    axes.set_xticks(_two_ticks(float(x[-1])))
+    axes.set_yticks(_two_ticks(float(y[-1])))
+    axes.set_title("in 3-D from the axis; open where unknown")
     axes.set_xlabel("around [mm]", labelpad=-2)
     axes.set_ylabel("along [mm]", labelpad=-2)
     axes.set_zlabel("height [mm]", labelpad=-4)
@@ -126,13 +161,39 @@ def _solid(axes: Any, wall: WallMap) -> None:
     axes.view_init(elev=72, azim=-55)
 
 
-def _shades(depth: FloatArray) -> Any:
+def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
+    """A surface of (rows, columns, 3) corners; matplotlib's own pads what NaN cuts with garbage."""
+    from mpl_toolkits.mplot3d import art3d
+
+    every = max(-(-max(shades.shape[:2]) // _MOST_FACES), 1)
+    few, colours = corners[::every, ::every], shades[::every, ::every]
+    quads = np.stack([few[:-1, :-1], few[:-1, 1:], few[1:, 1:], few[1:, :-1]], axis=2)
+    known = np.isfinite(quads).all(axis=(2, 3))
+    if known.any():
+        fine = max(shades.shape) >= _FINE
+        polygons: Any = art3d.Poly3DCollection
+        lines = {"antialiased": False} if fine else {"linewidth": 0.15, "edgecolors": "0.4"}
+        shown = colours[:-1, :-1][known]
+        axes.add_collection3d(polygons(quads[known], facecolors=shown, shade=True, **lines))
+
+
+def _shades(wall: WallMap) -> FloatArray:
     """Colours (rows, columns, 4) of depths, as they are in the map beside."""
     from matplotlib import colormaps
 
-    known = np.where(np.isfinite(depth), depth, np.nan)
-    low, high = float(np.nanmin(known)), float(np.nanmax(known))
-    return colormaps["viridis"](np.nan_to_num((known - low) / max(high - low, 1e-6)))
+    low, high = _limits(wall)
+    share = (np.where(np.isfinite(wall.depth), wall.depth, low) - low) / max(high - low, 1e-6)
+    return np.asarray(colormaps["viridis"](share))
+
+
+def _limits(wall: WallMap) -> tuple[float, float]:
+    """Least and greatest depth of colours, in metres: not above the wall by less than a band."""
+    known = np.isfinite(wall.depth)
+    if not known.any():
+        return 0.0, 0.0
+    depth, band = wall.depth[known], PER_DEVIATION * wall.sd[known]
+    sure = np.where(np.abs(depth) < band, np.maximum(depth, 0.0), depth)
+    return float(sure.min()), float(depth.max())
 
 
 def draw_ring(mission: Mission) -> Any:

@@ -270,6 +270,8 @@ def depth_figures(scored: Iterable[Scored]) -> dict[str, float]:
         "sd_um": float(errors.std(ddof=1)) if errors.size > 1 else math.nan,
         "worst_um": float(np.abs(errors).max()) if errors.size else math.nan,
         "measured_fraction": errors.size / max(len(runs), 1),
+        "measured": errors.size,
+        "scans": len(runs),
         "seconds": float(np.median([run.seconds for run in runs])) if runs else math.nan,
     }
 

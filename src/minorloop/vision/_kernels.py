@@ -67,3 +67,16 @@ def irradiance(light, phi, z, step, radius, leds):
                 along = leds[k, 2] - z - i * step
                 square = flat + along * along
                 light[k, i, j] = _NEAR * face / (square * np.sqrt(square))
+
+
+@njit(cache=True, nogil=True)
+def cell_means(image, means):
+    """Mean grey of square cells of an image, into means (rows, columns) of them."""
+    side = image.shape[0] // means.shape[0]
+    for i in range(means.shape[0]):
+        for j in range(means.shape[1]):
+            total = 0
+            for p in range(i * side, (i + 1) * side):
+                for q in range(j * side, (j + 1) * side):
+                    total += image[p, q]
+            means[i, j] = total / (side * side)

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError, SignalError
 from minorloop.geometry import wrapped
 from minorloop.vision.eye import Image32, Window
 
@@ -83,11 +84,25 @@ def trace_cracks(
     apart : sequence of (phi, z, diameter)
         Holes, at whose rims no crack is looked for.
 
+    Raises
+    ------
+    SignalError
+        If the map has another shape than the window.
+    ParameterError
+        If the radius is not a length above 0.
+
     Notes
     -----
     The ridge is the larger eigenvalue of the second derivatives, normalised by scale (Lindeberg,
     Edge detection and ridge detection with automatic scale selection, 1998).
     """
+    if np.shape(brightest) != (window.rows, window.columns):
+        raise SignalError(
+            f"a map of shape {np.shape(brightest)} for a window of {window.rows} rows and "
+            f"{window.columns} columns; give the map of that window"
+        )
+    if not as_finite("radius of the pipe", radius) > 0:
+        raise ParameterError(f"a pipe of radius {radius} m; give a length > 0 in m")
     seen = np.isfinite(brightest)
     if seen.sum() < 100:
         return ()

@@ -6,12 +6,12 @@ is there without any::
 
     looks = acquire(camera, lambda: (pan, tilt), exposure=0.01, gain=2.0)
     findings = find_holes(looks, eye)
-    for hole in findings.holes:
-        print(hole.place, hole.diameter, hole.evidence)
+    print(findings)
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -88,6 +88,13 @@ class Hole:
     kind: str
     rim: FloatArray
 
+    def __repr__(self) -> str:
+        phi, z = self.place
+        return (
+            f"hole at phi {math.degrees(phi):+.2f} deg, z {1e3 * z:.2f} mm, "
+            f"diameter {1e3 * self.diameter:.2f} mm, evidence {self.evidence:+.1f} ({self.kind})"
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Findings:
@@ -99,7 +106,9 @@ class Findings:
         Strongest first.
     verdict : str
         ``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``,
-        ``frozen``, ``torn``, ``wrong size``, ``angle unknown``.
+        ``no picture``, ``frozen``, ``torn``, ``wrong size``, ``angle unknown``. ``torn`` is also
+        an acquisition in which rows of one frame are those of another, though another light was
+        on; ``frozen`` one in which all are.
     wall : WallMap, optional
         The map on which they were found; None where the verdict is not ``good``.
     """
@@ -108,14 +117,10 @@ class Findings:
     verdict: str
     wall: WallMap | None = None
 
-    def __str__(self) -> str:
-        lines = [f"{len(self.holes)} holes; frames {self.verdict}"]
-        lines += [
-            f"  phi {hole.place[0]:+.3f} rad  z {1e3 * hole.place[1]:.2f} mm  "
-            f"diameter {1e3 * hole.diameter:.2f} mm  evidence {hole.evidence:+.1f}  {hole.kind}"
-            for hole in self.holes
-        ]
-        return "\n".join(lines)
+    def __repr__(self) -> str:
+        count = len(self.holes)
+        head = f"{count or 'no'} hole{'' if count == 1 else 's'}; frames {self.verdict}"
+        return "\n".join([head, *(f"  {hole}" for hole in self.holes)])
 
 
 def acquire(
@@ -164,18 +169,21 @@ def find_holes(
     Raises
     ------
     ParameterError
-        If the mode is unknown or there are no frames.
+        If the mode is unknown, there are no frames, the least evidence is no number, or a look
+        does not say of each light whether it was on.
     """
     check_option("mode", mode, MODES)
     if not looks:
         raise ParameterError("there are no frames; give at least one")
+    threshold = LEAST_EVIDENCE[mode] if least is None else least
+    if math.isnan(threshold):
+        raise ParameterError("the least evidence is nan; give a number, or none for the usual one")
     verdict = judge_looks(looks, eye)
     if verdict != health.GOOD:
         return Findings((), verdict)
     wall = lay_flat(looks, eye)
     if wall is None:
         return Findings((), NOT_IN_VIEW)
-    threshold = LEAST_EVIDENCE[mode] if least is None else least
     holes = [_hole(candidate, wall, eye, mode) for candidate in candidates(wall)]
     return Findings(strongest(holes, eye.radius, threshold), verdict, wall)
 
@@ -201,4 +209,4 @@ def _hole(candidate: Candidate, wall: WallMap, eye: Eye, mode: str) -> Hole:
     place = wall.window.place(candidate.x, candidate.y, eye.radius)
     x, y = candidate.outline(wall.window.step).T
     rim = wall.window.place(x, y, eye.radius)
-    return Hole(place, candidate.diameter, evidence(candidate, mode), candidate.kind, rim)
+    return Hole(place, float(candidate.diameter), evidence(candidate, mode), candidate.kind, rim)

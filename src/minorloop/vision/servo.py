@@ -157,8 +157,18 @@ class Servo:
             )
 
     def begin(self, angles: npt.ArrayLike) -> ServoState:
-        """State of a servo that takes over at (2,) angles in radians, without a jump."""
-        start = np.nan_to_num(np.asarray(angles, dtype=np.float64))
+        """State of a servo that takes over at (2,) angles in radians, without a jump.
+
+        Raises
+        ------
+        ParameterError
+            If they are no pair of finite numbers.
+        """
+        start = _pair(angles)
+        if not np.isfinite(start).all():
+            raise ParameterError(
+                f"a servo cannot begin at {angles!r}; give pan and tilt, two finite numbers in rad"
+            )
         return ServoState(self.cone.clip(start), np.zeros(2))
 
     def step(

@@ -26,6 +26,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.vision import _track_kernels as kernels
 from minorloop.vision import health
 from minorloop.vision.eye import Eye, Image, Image32, Window, unroll
+from minorloop.vision.wallmap import NO_ANGLE, known_angles
 
 TRACKED, LOST, OUT_OF_VIEW = "tracked", "lost", "out of view"
 """Verdicts of a step; further ones are those of ``health``."""
@@ -51,7 +52,8 @@ class Track:
     score : float
         Correlation with the piece as it was picked, up to 1; NaN when nothing was looked at.
     verdict : str
-        ``tracked``, ``lost``, ``out of view``, or what is wrong with the frame.
+        ``tracked``, ``lost``, ``out of view``, ``angle unknown``, or what is wrong with the
+        frame.
     """
 
     pixel: FloatArray
@@ -185,14 +187,19 @@ class Tracker:
         image : (height, width) array of uint8
             The frame.
         pan, tilt : float
-            Where the head was when the frame was taken, measured or commanded, in radians.
+            Where the head was when the frame was taken, measured or commanded, in radians; the
+            verdict on what is no finite number is ``angle unknown``.
         """
         verdict = health.judge(image, self.eye.lens, state.before)
+        known = known_angles(pan, tilt)
+        pan, tilt = (pan, tilt) if known else (math.nan, math.nan)
         if verdict != health.WRONG_SIZE:
             key = _key(image)
             verdict = health.FROZEN if key in state.earlier else verdict
             state = replace(state, earlier=(*state.earlier, key)[-_KEPT:])
         expected = state.place + state.drift
+        if not known and verdict in (health.GOOD, health.SATURATED):
+            verdict = NO_ANGLE
         if verdict not in (health.GOOD, health.SATURATED):
             kept = state if verdict == health.WRONG_SIZE else replace(state, before=image)
             return self._unseen(kept, expected, pan, tilt, verdict)

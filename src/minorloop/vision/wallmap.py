@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
 from minorloop.vision import health
 from minorloop.vision.eye import Eye, Image32, Window, irradiance, unroll, window_in_view
 
@@ -88,27 +90,72 @@ class WallMap:
 
 
 def judge_looks(looks: Sequence[Look], eye: Eye) -> str:
-    """``good``, or what is wrong with the first frame that cannot be used."""
-    earlier: list[Any] = []
-    for look in looks:
+    """``good``, or what is wrong with the first frame that cannot be used.
+
+    Raises
+    ------
+    ParameterError
+        If a look does not say of each light of the eye whether it was on.
+    """
+    earlier: list[Look] = []
+    for number, look in enumerate(looks):
+        if len(look.lights) != len(eye.leds):
+            raise ParameterError(
+                f"look {number} has {len(look.lights)} lights; give a truth value for each of the "
+                f"{len(eye.leds)} of the eye"
+            )
         verdict = health.judge(look.image, eye.lens, lit=any(look.lights))
         if verdict != health.GOOD:
             return verdict
-        if any(np.array_equal(look.image, image) for image in earlier):
+        if any(np.array_equal(look.image, other.image) for other in earlier):
             return health.FROZEN
         if not _known(look, eye):
             return NO_ANGLE
-        earlier.append(look.image)
-    return health.GOOD if any(any(look.lights) for look in looks) else health.BLACK
+        earlier.append(look)
+    if not any(any(look.lights) for look in looks):
+        return health.BLACK
+    return _judge_pairs(looks)
+
+
+def _judge_pairs(looks: Sequence[Look]) -> str:
+    """What is wrong with a frame that holds another, whole or in part, or lacks its light."""
+    greys = [health.Greys.of(look.image) for look in looks]
+    for (one, first), (other, second) in combinations(zip(looks, greys, strict=True), 2):
+        verdict = _judge_pair(one, other, first, second)
+        if verdict != health.GOOD:
+            return verdict
+    return health.GOOD
+
+
+def _judge_pair(one: Look, other: Look, first: health.Greys, second: health.Greys) -> str:
+    if health.shares_rows(one.image, other.image):
+        return health.TORN
+    on, more = np.array([one.lights, other.lights], dtype=bool)
+    if (on == more).all():
+        return health.GOOD
+    verdict = health.same_light(first, second)
+    if verdict == health.GOOD and not (on & ~more).any():
+        return health.less_light(second, first)
+    if verdict == health.GOOD and not (more & ~on).any():
+        return health.less_light(first, second)
+    return verdict
+
+
+def known_angles(pan: Any, tilt: Any) -> bool:
+    """Whether pan and tilt are finite numbers."""
+    try:
+        pair = np.array([pan, tilt], dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return bool(np.isfinite(pair).all())
 
 
 def _known(look: Look, eye: Eye) -> bool:
     """Whether pan and tilt are angles that a head in the pipe can have."""
-    try:
-        pair = np.array([look.pan, look.tilt], dtype=np.float64)
-    except (TypeError, ValueError):
+    if not known_angles(look.pan, look.tilt):
         return False
-    return bool((np.abs(pair) <= FARTHEST).all()) and eye.inside(*pair.tolist())
+    pan, tilt = float(look.pan), float(look.tilt)
+    return max(abs(pan), abs(tilt)) <= FARTHEST and eye.inside(pan, tilt)
 
 
 def lay_flat(looks: Sequence[Look], eye: Eye) -> WallMap | None:
@@ -145,7 +192,7 @@ def lay_flat(looks: Sequence[Look], eye: Eye) -> WallMap | None:
         if not any(look.lights):
             dark.append(np.log((flat + _GLOW_FLOOR) / _GLOW_FLOOR))
             continue
-        fall = light[np.array(look.lights)].sum(axis=0)
+        fall = light[np.array(look.lights, dtype=bool)].sum(axis=0)
         level = np.log((flat + _FLOOR) / fall)
         (alone if sum(look.lights) == 1 else full).append(level)
     stack = np.array(alone if len(alone) > 1 else [*full, *alone], dtype=np.float32)
