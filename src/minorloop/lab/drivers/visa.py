@@ -164,6 +164,7 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
                 f"{path} allows [{channel.low:g}, {channel.high:g}] and the board keeps "
                 f"[{board.low:g}, {board.high:g}]; give limits inside those of the board"
             )
+        board.keep_alive()
         return Bench(board, board, channel, output, **options)
     assert described.source is not None
     assert described.meter is not None
