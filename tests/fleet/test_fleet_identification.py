@@ -1,4 +1,5 @@
 import contextlib
+import csv
 import dataclasses
 import json
 import os
@@ -227,6 +228,38 @@ def test_what_is_to_be_identified_from_other_columns_is_done_again(change, tmp_p
     for specimen in (one, one, dataclasses.replace(one, **changed[change])):
         identify_fleet([specimen], tmp_path / "out", **OPTIONS)
     assert seen == ["a", "a"]
+
+
+def test_a_folder_holds_models_of_what_is_identified_and_says_what_else_it_holds(
+    tmp_path, monkeypatch
+):
+    seen, out = [], tmp_path / "out"
+    monkeypatch.setattr(identification, "_outcomes", outcomes_of(seen))
+    for name in "abc":
+        write_record(tmp_path / f"{name}.csv", ord(name))
+    specimens = write_manifest(tmp_path, "abc")
+    assert identify_fleet(specimens, out, **OPTIONS).strays == []
+    (tmp_path / "a.csv").write_text("nonsense")
+    with (out / "models" / "b.json").open("a") as file:
+        file.write(" ")
+    seen.clear()
+    summary = identify_fleet(specimens[:2], out, **OPTIONS)
+    assert seen == ["a", "b"]
+    assert [one.specimen for one in summary.failures] == ["a"]
+    assert summary.strays == ["models/c.json", "results/c.json"]
+    assert summary.plain()["strays"] == summary.strays
+    assert "models/c.json is of no specimen" in str(summary)
+    assert sorted(file.name for file in (out / "models").iterdir()) == ["b.json", "c.json"]
+
+
+def test_the_table_names_files_as_the_manifest_does(tmp_path, monkeypatch):
+    monkeypatch.setattr(identification, "_outcomes", outcomes_of([]))
+    (tmp_path / "lot1").mkdir()
+    write_record(tmp_path / "lot1" / "s.csv", 0)
+    specimens = write_manifest(tmp_path, ["lot1/s"])
+    identify_fleet(specimens, tmp_path / "out", **OPTIONS)
+    (row,) = csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines())
+    assert row["file"] == "lot1/s.csv"
 
 
 def test_a_pipe_is_no_record(tmp_path):

@@ -114,6 +114,8 @@ def _show(summary: Summary, out: Path) -> None:
         )
     for failure in summary.failures[:_SHOWN]:
         typer.echo(f"failed {failure.specimen}: {failure.error}")
-    if max(len(outliers), len(summary.failures)) > _SHOWN:
+    for file in summary.strays[:_SHOWN]:
+        typer.echo(f"{out / file} is of no specimen of this manifest; remove it if it is of no use")
+    if max(len(outliers), len(summary.failures), len(summary.strays)) > _SHOWN:
         typer.echo(f"more are in {out / 'summary.json'}")
     typer.echo(f"models and results are in {out}")

@@ -27,6 +27,7 @@ from minorloop.fleet.results import (
     open_folder,
     settle,
     settle_all,
+    strays,
     write_summary,
 )
 from minorloop.fleet.summary import Outcome, Summary
@@ -66,7 +67,8 @@ def identify_fleet(
         As `read_manifest` gives them.
     folder : str or path
         For the results: new, empty, or of the same fleet, which then goes on: specimens that
-        are identified and whose record and columns are unchanged are kept, the others done.
+        are identified and whose record, columns and model file are unchanged are kept, the
+        others done. What fails loses the model of an earlier start.
     workers : int, optional
         Local processes; as many as there are cores if not given.
     address : str, optional
@@ -107,7 +109,7 @@ def identify_fleet(
         done += 1
         if watch is not None:
             watch(done, len(specimens), outcome)
-    summary = Summary([known[one.name] for one in specimens])
+    summary = Summary([known[one.name] for one in specimens], strays(place, specimens))
     write_summary(place, summary)
     return summary
 

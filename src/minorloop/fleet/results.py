@@ -54,10 +54,11 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
         sha256=digest,
         **_origin(one),
     )
+    path = _model(place, one)
     try:
         modelfile.save(
             model,
-            place / "models" / f"{one.key}.json",
+            path,
             input=found["input"],
             output=found["output"],
             lag=found["lag"],
@@ -70,19 +71,35 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
         )
     except ParameterError as error:
         return fail(place, one, str(error), digest)
+    outcome = replace(outcome, model=_digest(path))
     _write_outcome(place, one, outcome)
     return outcome
 
 
 def fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:
-    """Write down why a specimen has no model."""
+    """Write down why a specimen has no model; one of an earlier start goes."""
     outcome = Outcome(one.name, error=one_line(reason), sha256=digest, **_origin(one))
     _write_outcome(place, one, outcome)
+    try:
+        _model(place, one).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{_model(place, one)}, which no longer holds, cannot be removed: "
+            f"{error.strerror or error}"
+        ) from None
     return outcome
 
 
+def _model(place: Path, one: Specimen) -> Path:
+    return place / "models" / f"{one.key}.json"
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def _origin(one: Specimen) -> dict[str, Any]:
-    return {"file": one.file.name, "input": one.input, "output": one.output}
+    return {"file": one.listed or str(one.file), "input": one.input, "output": one.output}
 
 
 def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
@@ -91,19 +108,27 @@ def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
 
 
 def kept(place: Path, specimens: Sequence[Specimen]) -> dict[str, Outcome]:
-    """Outcomes of an earlier start that still hold."""
+    """Outcomes of an earlier start that still hold: record, columns and model are as they were."""
     found = {}
     for one in specimens:
         try:
             outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
             digest = hashlib.sha256(one.read()).hexdigest()
+            model = _digest(_model(place, one))
         except (OSError, ValueError, TypeError):
             continue
-        model = place / "models" / f"{one.key}.json"
-        same = replace(outcome, specimen=one.name, sha256=digest, **_origin(one)) == outcome
-        if outcome.error is None and same and model.exists():
+        now = {"specimen": one.name, "sha256": digest, "model": model, **_origin(one)}
+        if outcome.error is None and replace(outcome, **now) == outcome:
             found[one.name] = outcome
     return found
+
+
+def strays(place: Path, specimens: Sequence[Specimen]) -> list[str]:
+    """Files of specimens that are not in the manifest, such as ``models/old.json``."""
+    known = {f"{one.key}.json" for one in specimens}
+    found = (place / folder for folder in ("models", "results"))
+    files = (file for folder in found for file in folder.glob("*.json"))
+    return sorted(f"{file.parent.name}/{file.name}" for file in files if file.name not in known)
 
 
 def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:

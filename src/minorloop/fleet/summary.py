@@ -40,7 +40,9 @@ class Outcome:
     sha256 : str, optional
         Digest of the record.
     file, input, output : str, optional
-        Name of the file of the record, and the columns identified.
+        File of the record, as the manifest names it, and the columns identified.
+    model : str, optional
+        Digest of the file of the model.
     """
 
     specimen: str
@@ -55,6 +57,7 @@ class Outcome:
     file: str | None = None
     input: str | None = None
     output: str | None = None
+    model: str | None = None
 
     def plain(self) -> dict[str, Any]:
         """As a mapping, for files."""
@@ -92,9 +95,12 @@ class Summary:
     ----------
     outcomes : sequence of Outcome
         In the order of the manifest.
+    strays : sequence of str
+        Files in the folder that are of none of these specimens.
     """
 
     outcomes: Sequence[Outcome]
+    strays: Sequence[str] = ()
 
     @property
     def failures(self) -> list[Outcome]:
@@ -148,6 +154,7 @@ class Summary:
             "figures": self.distributions(),
             "outliers": [asdict(outlier) for outlier in self.outliers()],
             "failures": {one.specimen: one.error for one in self.failures},
+            "strays": list(self.strays),
         }
 
     def __str__(self) -> str:
@@ -161,6 +168,7 @@ class Summary:
             for one in self.outliers()
         ]
         lines += [f"failed {one.specimen}: {one.error}" for one in self.failures]
+        lines += [f"{file} is of no specimen of the manifest" for file in self.strays]
         return "\n".join(lines)
 
     def _values(self, figure: str) -> Any:
