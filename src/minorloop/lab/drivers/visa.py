@@ -157,6 +157,7 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
     channel = Channel(wanted.name, wanted.unit, wanted.low, wanted.high, wanted.rate)
     output = Channel(seen.name, seen.unit, seen.low, seen.high)
     options: dict[str, Any] = {"rest": described.rest, "tick": described.tick, "clock": clock}
+    options["description"] = _description(described)
     if described.board is not None:
         board = Board(link(described.board))
         if not board.low <= channel.low < channel.high <= board.high:
@@ -179,6 +180,16 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
         zero=described.meter.zero,
     )
     return Bench(source, meter, channel, output, **options)
+
+
+def _description(described: msgspec.Struct) -> dict[str, Any]:
+    """All that a reading depends on: how fast the lines are and how long is waited is not."""
+    return {
+        field.name: _description(value) if isinstance(value, msgspec.Struct) else value
+        for field in msgspec.structs.fields(described)
+        if (value := getattr(described, field.name)) != field.default
+        and field.name not in ("timeout", "baud")
+    }
 
 
 def _beside(library: str, path: Path) -> str:
