@@ -3,7 +3,7 @@
 ::
 
     {"library": "@py",
-     "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.6g}", "on": ["OUTP ON"],
+     "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.9g}", "on": ["OUTP ON"],
                 "safe": ["VOLT 0", "OUTP OFF"], "confirm": "VOLT?"},
      "meter": {"resource": "GPIB0::7::INSTR", "read": "READ?", "scale": 0.001},
      "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2, "rate": 10},
@@ -171,7 +171,9 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
     assert described.meter is not None
     fields = msgspec.structs.asdict(described.source)
     source = ScpiSource(
-        link(described.source), **{k: v for k, v in fields.items() if k not in ("resource", "baud")}
+        link(described.source),
+        span=channel.high - channel.low,
+        **{k: v for k, v in fields.items() if k not in ("resource", "baud")},
     )
     meter = ScpiMeter(
         link(described.meter),
