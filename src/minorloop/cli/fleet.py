@@ -64,6 +64,9 @@ def run(
     address: Annotated[
         str | None, typer.Option(help="Scheduler of a Dask cluster: tcp://10.0.0.1:8786.")
     ] = None,
+    patience: Annotated[
+        float, _common.number_option("Seconds to wait until the cluster has a worker.")
+    ] = 60.0,
     as_json: _common.Json = False,
 ) -> None:
     """Identify every specimen of a manifest; what fails is reported and stops nothing.
@@ -84,6 +87,8 @@ def run(
             out,
             workers=workers,
             address=address,
+            patience=patience,
+            say=now,
             watch=lambda done, of, last: now(f"{done} of {of} specimens, last {last.specimen}"),
             **options,
         )
@@ -97,13 +102,16 @@ def run(
 
 
 def _show(summary: Summary, out: Path) -> None:
+    from minorloop.fleet.summary import WORDS
+
     rows = [
-        (figure, *(f"{at[word]:.4g}" for word in ("min", "quarter", "median", "max")))
+        (figure, *(f"{at[word]:.4g}" for word in WORDS))
         for figure, at in summary.distributions().items()
     ]
     title = f"{len(summary.identified)} of {len(summary.outcomes)} specimens identified"
     if rows:
-        _common.print_table(("", "least", "quarter", "median", "greatest"), rows, title)
+        headers = "", "least", "quarter", "median", "three quarters", "greatest"
+        _common.print_table(headers, rows, title)
     else:
         typer.echo(title)
     outliers = summary.outliers()
@@ -118,4 +126,4 @@ def _show(summary: Summary, out: Path) -> None:
         typer.echo(f"{out / file} is of no specimen of this manifest; remove it if it is of no use")
     if max(len(outliers), len(summary.failures), len(summary.strays)) > _SHOWN:
         typer.echo(f"more are in {out / 'summary.json'}")
-    typer.echo(f"models and results are in {out}")
+    typer.echo(f"{'models and results are' if summary.identified else 'the results are'} in {out}")

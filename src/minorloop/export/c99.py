@@ -280,6 +280,8 @@ def _check_options(name: str, memory: int) -> None:
 
 
 def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> None:
+    if largest is not None and largest < 1:
+        raise ParameterError(f"largest is {largest} bytes; give a positive number of them")
     needed = table_bytes + state_bytes
     if largest is not None and needed > largest:
         raise ParameterError(

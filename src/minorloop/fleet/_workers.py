@@ -6,13 +6,15 @@ import logging
 import os
 import socket
 import sys
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 from minorloop.errors import MissingExtraError, ParameterError
 
 _PATIENCE = 10
+_SILENT = 3.0
+"""Seconds after which it is said that something is waited for."""
 _FORKED = sys.platform == "linux"
 """Whether workers are forked; elsewhere libraries of the system may not survive that."""
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -47,15 +49,17 @@ def get_ready() -> None:
 
 
 @contextmanager
-def cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, Any]]:
-    """A Dask client, and what gives futures as they complete.
+def cluster(
+    workers: int | None, address: str | None, patience: float, say: Callable[[str], None]
+) -> Iterator[tuple[Any, Any]]:
+    """A Dask client with at least one worker, and what gives futures as they complete.
 
     Raises
     ------
     MissingExtraError
         If Dask is not installed.
     ParameterError
-        If there is no scheduler at the address.
+        If there is no scheduler at the address, or it has no worker for all the patience.
     """
     try:
         import dask
@@ -68,6 +72,7 @@ def cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, Any
         except (OSError, ValueError, TimeoutError) as error:
             raise ParameterError(f"there is no Dask scheduler at {address}: {error}") from None
         with closing(client):
+            _wait_for_a_worker(client, address, patience, say)
             yield client, as_completed
         return
     with (
@@ -82,6 +87,24 @@ def cluster(workers: int | None, address: str | None) -> Iterator[tuple[Any, Any
         Client(local, set_as_default=False) as client,
     ):
         yield client, as_completed
+
+
+def _wait_for_a_worker(
+    client: Any, address: str, patience: float, say: Callable[[str], None]
+) -> None:
+    silent = min(_SILENT, patience)
+    try:
+        client.wait_for_workers(1, timeout=silent)
+        return
+    except TimeoutError:
+        say(f"no workers at {address}; waiting")
+    with suppress(TimeoutError):
+        client.wait_for_workers(1, timeout=max(patience - silent, 1e-3))
+        return
+    raise ParameterError(
+        f"no worker came to the scheduler at {address} within {patience:g} s; start some "
+        f"(dask worker {address}), or have more patience"
+    )
 
 
 def check_address(address: str) -> None:

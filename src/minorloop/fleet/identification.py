@@ -8,6 +8,8 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -53,7 +55,9 @@ def identify_fleet(
     *,
     workers: int | None = None,
     address: str | None = None,
+    patience: float = 60.0,
     watch: Callable[[int, int, Outcome], None] | None = None,
+    say: Callable[[str], None] | None = None,
     **options: Any,
 ) -> Summary:
     """Identify every specimen; what fails is reported and stops nothing.
@@ -75,8 +79,12 @@ def identify_fleet(
         Address of the scheduler of a cluster to use instead, such as ``tcp://10.0.0.1:8786``.
         Records are read here and sent there, and models come back, so that nothing has to be
         shared but this package.
+    patience : float
+        Seconds to wait until the cluster has a worker.
     watch : callable, optional
         Told how many are done, of how many, and the last outcome.
+    say : callable, optional
+        Told in a sentence what is being waited for.
     **options
         Of `minorloop.identify`, the same for all.
 
@@ -90,11 +98,18 @@ def identify_fleet(
         If Dask is not installed.
     ParameterError
         If there is no specimen, an option is not one that `minorloop.identify` takes, or there
-        is no scheduler at the address.
+        is no scheduler at the address, or no worker in time.
     OutputError
         If the folder holds something else, another fleet, or cannot be written to.
     """
     _check(specimens, workers, options)
+    if workers is not None and address is not None:
+        raise ParameterError(
+            f"the workers of a cluster are as many as it has, not {workers}; leave workers or "
+            "address out"
+        )
+    if not 0 < patience < float("inf"):
+        raise ParameterError(f"patience is {patience!r} s; give a positive time")
     if address is None:
         get_ready()
     try_options(options)
@@ -104,7 +119,8 @@ def identify_fleet(
     known = kept(place, specimens)
     pending = [one for one in specimens if one.name not in known]
     done = len(known)
-    for outcome in _outcomes(pending, place, workers, address, options):
+    gather = partial(cluster, workers, address, patience, say or (lambda sentence: None))
+    for outcome in _outcomes(pending, place, gather, address is None, options):
         known[outcome.specimen] = outcome
         done += 1
         if watch is not None:
@@ -199,8 +215,8 @@ def _record(data: bytes, specimen: Specimen, scratch: Path) -> Record:
 def _outcomes(
     pending: Sequence[Specimen],
     place: Path,
-    workers: int | None,
-    address: str | None,
+    gather: Callable[[], AbstractContextManager[tuple[Any, Any]]],
+    shared: bool,
     options: Mapping[str, Any],
 ) -> Iterator[Outcome]:
     """What becomes of each, as it becomes known, and written down by then."""
@@ -212,8 +228,8 @@ def _outcomes(
         except (OSError, ValueError) as error:
             yield fail(place, one, _unreadable(one, error))
     if readable:
-        with cluster(workers, address) as (client, as_completed):
-            flow = _Flow(client, as_completed, place, options, shared=address is None)
+        with gather() as (client, as_completed):
+            flow = _Flow(client, as_completed, place, options, shared=shared)
             yield from flow.run(readable)
 
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from minorloop import modelfile
 from minorloop.errors import OutputError, ParameterError
-from minorloop.files import write_atomically
+from minorloop.files import first_difference, write_atomically
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
@@ -148,10 +148,13 @@ def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str
                 found = None
             if not isinstance(found, dict) or found.get("format") != content["format"]:
                 raise OutputError(f"{header} is not of a fleet; give another folder")
-            if found.get("options") != json.loads(json.dumps(content["options"])):
+            before, now = found.get("options"), json.loads(json.dumps(content["options"]))
+            difference = first_difference({"options": before}, {"options": now})
+            if difference:
                 raise OutputError(
-                    f"{place} holds a fleet identified with other options, {found.get('options')}; "
-                    "give the same options, or another folder"
+                    f"{place} holds a fleet identified with other options: "
+                    f"{difference.removeprefix('options.')}; give the same options, or another "
+                    "folder"
                 )
         elif place.exists() and any(place.iterdir()):
             raise OutputError(f"the folder {place} is not empty; give a new or an empty one")

@@ -10,6 +10,7 @@ import numpy as np
 
 FIGURES = ("nrmse", "low", "high", "opening", "seconds")
 JUDGED = ("nrmse", "low", "high", "opening")
+WORDS = ("min", "quarter", "median", "three_quarters", "max")
 FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
 _FEWEST = 8
@@ -119,8 +120,7 @@ class Summary:
             values = self._values(figure)
             if values.size:
                 at = np.percentile(values, [0, 25, 50, 75, 100])
-                words = ("min", "quarter", "median", "three_quarters", "max")
-                found[figure] = dict(zip(words, map(float, at), strict=True))
+                found[figure] = dict(zip(WORDS, map(float, at), strict=True))
         return found
 
     def outliers(self, far: float = FAR) -> list[Outlier]:
@@ -159,9 +159,9 @@ class Summary:
 
     def __str__(self) -> str:
         lines = [f"{len(self.identified)} of {len(self.outcomes)} specimens identified"]
-        lines.append(f"{'':<10} {'min':>11} {'median':>11} {'max':>11}")
+        lines.append(" ".join([f"{'':<10}", *(f"{word:>14}" for word in WORDS)]))
         for figure, at in self.distributions().items():
-            row = " ".join(f"{at[word]:>11.4g}" for word in ("min", "median", "max"))
+            row = " ".join(f"{at[word]:>14.4g}" for word in WORDS)
             lines.append(f"{figure:<10} {row}")
         lines += [
             f"outlier {one.specimen}: {one.figure} {one.value:.4g}, median {one.median:.4g}"

@@ -182,6 +182,7 @@ def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
     *progress, last = capsys.readouterr().err.splitlines()
     assert last.startswith("error: ")
     assert message in last
+    assert last.endswith("1 of 2 levels are kept, and minorloop resume --store s.sqlite goes on")
     assert not any("Traceback" in line for line in progress)
     assert told[-2:] == ["VOLT 0.000000000", "OUTP OFF"]
     with Store.open("s.sqlite") as store:
