@@ -10,6 +10,10 @@ def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
     (tmp_path / "manifest.csv").write_text("\n".join([HEADER, *rows]) + "\n")
     line = "fleet identify manifest.csv --out fleet --levels 8 --prior none --workers 1"
     found = answer(line)
+    assert 0 < found["figures"]["excited"]["min"] <= 1
+    assert "nrmse_holdout" not in found["figures"]
+    held = answer(f"{line.replace('--out fleet', '--out held')} --holdout 0.2")["figures"]
+    assert 0 < held["nrmse_holdout"]["median"] < 1
     assert (found["specimens"], found["identified"], found["failed"]) == (3, 2, 1)
     assert (tmp_path / "fleet" / "models" / "a.json").exists()
     (tmp_path / "gone.csv").write_bytes((tmp_path / "good.csv").read_bytes())

@@ -58,6 +58,12 @@ def run(
         ),
     ] = "auto",
     start: _common.Start = "negative",
+    holdout: Annotated[
+        float,
+        _common.number_option(
+            "Share at the end of each record kept from the fit and scored, 0 to 0.9; try 0.2."
+        ),
+    ] = 0.0,
     workers: Annotated[
         int | None, _common.whole_option("Local processes; as many as cores if not given.")
     ] = None,
@@ -80,6 +86,8 @@ def run(
     specimens = read_manifest(manifest, input=input, output=output)
     options: dict[str, Any] = {"levels": levels, "relay": relay, "diagonal": diagonal}
     options |= {"prior": prior, "start": start}
+    if holdout != 0:  # folders made without it have none among their options
+        options["holdout"] = holdout
     options["smoothness"] = smoothness if smoothness == "auto" else _common.number(smoothness)
     with _common.working(f"identifying {len(specimens)} specimens", logged=not as_json) as now:
         summary = identify_fleet(

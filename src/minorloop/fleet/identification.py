@@ -40,7 +40,7 @@ __all__ = ["identify_fleet"]
 
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
-) | {"lag", "start", "offset"}
+) | {"lag", "start", "offset", "holdout"}
 _AHEAD = 3
 """Batches on their way to each worker."""
 _STINT, _MOST_EACH = 0.5, 64
@@ -186,6 +186,8 @@ def identify_one(
             "output": str(record.output),
             "lag": result.lag,
             "nrmse": float(result.nrmse),
+            "nrmse_holdout": result.holdout_nrmse,
+            "excited": result.excited_fraction,
             "opening": opening(model),
             "samples": int(result.samples),
             "seconds": time.perf_counter() - began,

@@ -46,6 +46,8 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
     outcome = Outcome(
         one.name,
         nrmse=found["nrmse"],
+        nrmse_holdout=found["nrmse_holdout"],
+        excited=found["excited"],
         low=low,
         high=high,
         opening=found["opening"],
@@ -65,7 +67,7 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
             provenance={
                 "data": one.file.name,
                 "sha256": digest,
-                "scores": {"nrmse": found["nrmse"]},
+                "scores": _scores(found),
             },
             force=True,
         )
@@ -74,6 +76,11 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
     outcome = replace(outcome, model=_digest(path))
     _write_outcome(place, one, outcome)
     return outcome
+
+
+def _scores(found: Mapping[str, Any]) -> dict[str, Any]:
+    scores = {name: found[name] for name in ("nrmse", "nrmse_holdout", "excited")}
+    return {name: value for name, value in scores.items() if value is not None}
 
 
 def fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-FIGURES = ("nrmse", "low", "high", "opening", "seconds")
-JUDGED = ("nrmse", "low", "high", "opening")
+FIGURES = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening", "seconds")
+JUDGED = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening")
 WORDS = ("min", "quarter", "median", "three_quarters", "max")
 FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
@@ -29,7 +29,11 @@ class Outcome:
     error : str, optional
         Why there is no model; None where there is one.
     nrmse : float, optional
-        Error of the model on the record, as a share of the output's range.
+        Error of the model on what it was fitted to, as a share of the output's range.
+    nrmse_holdout : float, optional
+        Error on the end of the record, which was kept from the fit; None where nothing was.
+    excited : float, optional
+        Share of the plane's cells that the record looks into; the others are filled in.
     low, high : float, optional
         Least and greatest output that the model reaches.
     opening : float, optional
@@ -59,6 +63,8 @@ class Outcome:
     input: str | None = None
     output: str | None = None
     model: str | None = None
+    nrmse_holdout: float | None = None
+    excited: float | None = None
 
     def plain(self) -> dict[str, Any]:
         """As a mapping, for files."""
@@ -137,7 +143,8 @@ class Summary:
             median = float(np.median(values))
             spread = _TO_SD * float(np.median(np.abs(values - median)))
             spread = max(spread, _LEAST_SPREAD * max(1.0, abs(median)))
-            for outcome, value in zip(self.identified, values, strict=True):
+            with_it = [one for one in self.identified if getattr(one, figure) is not None]
+            for outcome, value in zip(with_it, values, strict=True):
                 deviations = abs(float(value) - median) / spread
                 if deviations > far:
                     found.append(
@@ -159,10 +166,10 @@ class Summary:
 
     def __str__(self) -> str:
         lines = [f"{len(self.identified)} of {len(self.outcomes)} specimens identified"]
-        lines.append(" ".join([f"{'':<10}", *(f"{word:>14}" for word in WORDS)]))
+        lines.append(" ".join([f"{'':<14}", *(f"{word:>14}" for word in WORDS)]))
         for figure, at in self.distributions().items():
             row = " ".join(f"{at[word]:>14.4g}" for word in WORDS)
-            lines.append(f"{figure:<10} {row}")
+            lines.append(f"{figure:<14} {row}")
         lines += [
             f"outlier {one.specimen}: {one.figure} {one.value:.4g}, median {one.median:.4g}"
             for one in self.outliers()
@@ -172,4 +179,5 @@ class Summary:
         return "\n".join(lines)
 
     def _values(self, figure: str) -> Any:
-        return np.array([getattr(one, figure) for one in self.identified], dtype=np.float64)
+        values = [getattr(one, figure) for one in self.identified]
+        return np.array([value for value in values if value is not None], dtype=np.float64)
