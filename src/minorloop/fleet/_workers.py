@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import socket
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import Any
 
 from minorloop.errors import MissingExtraError, ParameterError
@@ -30,17 +32,23 @@ _CALM = {
 
 
 def get_ready() -> None:
-    """Begin to load what local workers need, while this process goes on with something else."""
+    """Begin to load what local workers need, while this process goes on with something else.
+
+    Control-C at a terminal goes to every process; this one ends the others, which do not hear it.
+    """
     if not _FORKED:
         return
-    from multiprocessing import forkserver
+    from multiprocessing import forkserver, resource_tracker
 
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    resource_tracker.ensure_running()  # which would let the signal through again
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         forkserver.set_forkserver_preload(["minorloop.fleet._preload"])
         forkserver.ensure_running()
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
@@ -75,18 +83,35 @@ def cluster(
             _wait_for_a_worker(client, address, patience, say)
             yield client, as_completed
         return
-    with (
-        dask.config.set(_CALM),
-        LocalCluster(
-            n_workers=workers or os.cpu_count() or 1,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",  # any port: a fixed one may be another fleet's
-            silence_logs=logging.CRITICAL,  # a worker that died is retried, or a failure by name
-        ) as local,
-        Client(local, set_as_default=False) as client,
-    ):
+    with dask.config.set(_CALM), ExitStack() as opened:
+        with _held_back():  # a cluster that is half made cannot be closed
+            local = LocalCluster(
+                n_workers=workers or os.cpu_count() or 1,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address="127.0.0.1:0",  # any port: a fixed one may be another fleet's
+                silence_logs=logging.CRITICAL,  # a worker that died is retried, or a failure
+            )
+            opened.enter_context(local)
+            client = opened.enter_context(Client(local, set_as_default=False))
         yield client, as_completed
+
+
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Raise what Control-C asks for at the end of the block, and not within it."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    caught: list[tuple[int, Any]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: caught.append((number, frame)))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    for number, frame in caught[:1]:
+        before(number, frame)
 
 
 def _wait_for_a_worker(
