@@ -4,7 +4,7 @@ import pytest
 
 from minorloop import files
 from minorloop.errors import OutputError
-from minorloop.files import check_writable, make_folder, write_atomically
+from minorloop.files import check_writable, first_difference, make_folder, write_atomically
 
 
 def test_a_new_name_in_an_existing_folder_is_writable(tmp_path):
@@ -96,3 +96,18 @@ def test_a_file_is_no_folder(tmp_path):
         make_folder(tmp_path / "file")
     with pytest.raises(OutputError, match="cannot be written"):
         make_folder(tmp_path / "file" / "inside")
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "says"),
+    [
+        ({}, {}, ""),
+        ({"a": 1, "b": {"c": [1, 2]}}, {"b": {"c": [1, 2]}, "a": 1.0}, ""),
+        ({"a": 1}, {"a": 2}, "a was 1 and is 2 now"),
+        ({"a": 1}, {}, "a was 1 and is left out now"),
+        ({"b": {"c": 1}}, {"b": {"c": 1, "d": "x"}}, "b.d was left out and is 'x' now"),
+        ({"b": {"c": 1}}, {"b": 1}, "b was {'c': 1} and is 1 now"),
+    ],
+)
+def test_the_first_difference_is_named(before, now, says):
+    assert first_difference(before, now) == says

@@ -7,9 +7,10 @@ to a temporary file beside the target, which then takes its name.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from minorloop.errors import OutputError
 
@@ -132,3 +133,33 @@ def _refusal(path: Path, error: OSError) -> OutputError:
     if isinstance(error, OutputError):
         return error
     return OutputError(f"{path} cannot be written: {error.strerror or error}")
+
+
+def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: str = "") -> str:
+    """The first thing in which two descriptions differ, in words; empty if they are the same.
+
+    Parameters
+    ----------
+    before, now : mapping
+        As JSON gives them, one in another to any depth.
+    within : str
+        What they are part of: ``meter`` makes a ``scale`` a ``meter.scale``.
+
+    Returns
+    -------
+    str
+        Such as ``meter.scale was 1 and is 2 now``.
+    """
+    for name in [*before, *(name for name in now if name not in before)]:
+        path = f"{within}.{name}" if within else name
+        one, other = before.get(name), now.get(name)
+        if isinstance(one, Mapping) and isinstance(other, Mapping):
+            if found := first_difference(one, other, path):
+                return found
+        elif one != other:
+            return f"{path} was {_said(one)} and is {_said(other)} now"
+    return ""
+
+
+def _said(value: Any) -> str:
+    return "left out" if value is None else f"{value!r:.80}"

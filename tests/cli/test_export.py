@@ -66,6 +66,7 @@ def test_a_linear_part_that_cannot_be_used(refused, tmp_path, content, message):
         ("export c nothing.json --out x", "there is no file nothing.json"),
         ("export c good.csv --out x", "good.csv"),
         (f"{LINE} --memory 2", "memory is 2 extrema"),
+        (f"{LINE} --largest -5", "largest is -5 bytes"),
         (f"{LINE} --largest 100", "needs 1955 bytes, 595 of tables"),
         (f"{LINE} --linear nothing.json", "cannot be read"),
         ("export c model.json --out model.json", "is a file"),

@@ -10,12 +10,17 @@ def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
     (tmp_path / "manifest.csv").write_text("\n".join([HEADER, *rows]) + "\n")
     line = "fleet identify manifest.csv --out fleet --levels 8 --prior none --workers 1"
     found = answer(line)
+    assert 0 < found["figures"]["excited"]["min"] <= 1
+    assert "nrmse_holdout" not in found["figures"]
+    held = answer(f"{line.replace('--out fleet', '--out held')} --holdout 0.2")["figures"]
+    assert 0 < held["nrmse_holdout"]["median"] < 1
     assert (found["specimens"], found["identified"], found["failed"]) == (3, 2, 1)
     assert (tmp_path / "fleet" / "models" / "a.json").exists()
     (tmp_path / "gone.csv").write_bytes((tmp_path / "good.csv").read_bytes())
     status, out, _ = run(line)
     assert status == 0
     assert "3 of 3 specimens identified" in out
+    assert "three quarters" in out
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -25,6 +30,7 @@ def test_a_fleet_of_which_nothing_is_identified_has_a_status_of_its_own(run, tmp
     status, out, said = run("fleet identify manifest.csv --out fleet --levels 8")
     assert status == 1
     assert "0 of 2 specimens identified" in out
+    assert "models" not in out
     assert said.splitlines() == ["1 of 2 specimens, last a"]
 
 
@@ -34,6 +40,8 @@ def test_refusals(refused, tmp_path):
     (tmp_path / "m.csv").write_text("specimen,file\na,good.csv\n")
     assert "has no input" in refused("fleet identify m.csv --out fleet")
     line = "fleet identify m.csv --out fleet --input voltage --output length"
+    said = refused(f"{line} --workers 2 --address tcp://127.0.0.1:1")
+    assert "leave workers or address out" in said
     assert "workers is 0" in refused(f"{line} --workers 0")
     assert "is not a number" in refused(f"{line} --smoothness much")
     assert "give one of 'bipolar'" in refused(f"{line} --relay foo")

@@ -1,4 +1,6 @@
+import dataclasses
 import re
+import subprocess
 
 import numpy as np
 import pytest
@@ -53,6 +55,37 @@ def test_compiles_without_a_warning_and_passes_its_own_test(kind, float32, cc, t
     code = source(operator(**built), float32=float32, **options)
     said = compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
     assert said.startswith("worst error")
+    moves = kind != "one band"  # whose only weight is 0
+    assert ("inverse" in said) == (moves and options.get("inverse", True))
+
+
+@pytest.mark.parametrize("kind", ["plain", "lags after it", "lags before it", "a gain after it"])
+def test_a_self_test_notices_an_inverse_that_is_off(kind, tmp_path):
+    built, options = KINDS[kind]
+    code = source(operator(**built), **options)
+    wrong = re.sub(r"(return u)(;| / GAIN;)", r"\1 * (real)1.001\2", code.files["minorloop.c"])
+    assert wrong.count("1.001") == 2  # march gives what aim gives on
+    dataclasses.replace(code, files={**code.files, "minorloop.c": wrong}).write(tmp_path)
+    program = compiled.build(tmp_path, ["minorloop.c", "minorloop_selftest.c"])
+    done = subprocess.run([program], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert "forward" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({}, ["leads to the target\n", "what the output is then\n"]),
+        ({"linear": LAGS}, ["when held", "one interval later\n", "first 3 steps.\n"]),
+        ({"linear": LAGS, "first": "linear"}, ["What the linear part overshoots by"]),
+        ({"linear": LAGS, "inverse": False}, ["one interval later\n *\n * Memory"]),
+    ],
+)
+def test_the_header_says_when_the_output_is_at_the_target(options, says):
+    header = source(operator(), **options).files["minorloop.h"]
+    for words in says:
+        assert words in header
+    assert ("leads to the target\n" in header) == ("linear" not in options)
 
 
 def shifted(base, width, bands=10):

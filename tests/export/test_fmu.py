@@ -178,3 +178,12 @@ def test_refusals(model, tmp_path):
     (tmp_path / "a.fmu").write_text("mine")
     with pytest.raises(OutputError, match="exists already"):
         export_fmu(model, tmp_path / "a.fmu")
+
+
+def test_the_input_begins_where_the_plane_does_though_a_gain_is_off_in_its_last_digit(tmp_path):
+    lag = Linear([0.1], [1.0, -0.9], 0.01)
+    assert lag.dc_gain != 1.0
+    model = Preisach(np.linspace(-1.2, 1.2, 5), np.tril(np.ones((4, 4))))
+    export_fmu(model, tmp_path / "a.fmu", linear=lag, first="linear")
+    with zipfile.ZipFile(tmp_path / "a.fmu") as unit:
+        assert '<Real start="-1.2"' in unit.read("modelDescription.xml").decode()

@@ -197,6 +197,7 @@ def test_wrong_shapes_are_refused():
     function, parameters = as_function(preisach())
     for wrong, u, said in (
         ({"weights": parameters["weights"]}, np.zeros(3), "give weights, offset, slope"),
+        (parameters, np.zeros(0), "u is empty"),
         ({**parameters, "weights": np.zeros((2, 2))}, np.zeros(3), r"weights has shape \(2, 2\)"),
         (parameters, np.zeros((2, 3)), "jax.vmap for several"),
         (parameters, np.zeros(3, dtype=complex), "complex"),

@@ -1,4 +1,5 @@
 import contextlib
+import csv
 import dataclasses
 import json
 import os
@@ -11,7 +12,7 @@ import pytest
 
 from minorloop import load
 from minorloop.errors import MissingExtraError, OutputError, ParameterError
-from minorloop.fleet import identification
+from minorloop.fleet import _workers, identification
 from minorloop.fleet.identification import identify_batch, identify_fleet
 from minorloop.fleet.manifest import Specimen, read_manifest
 from minorloop.fleet.results import settle
@@ -76,7 +77,7 @@ def test_failures_are_reported_the_rest_is_identified_and_a_stopped_fleet_goes_o
     )
     assert sorted(again) == ["bad", "gone", "s0", "s1"]
     assert [one.specimen for one in summary.failures] == ["bad"]
-    with pytest.raises(OutputError, match="other options"):
+    with pytest.raises(OutputError, match="other options: levels was 6 and is 7 now; give"):
         identify_fleet(six, out, workers=1, **{**OPTIONS, "levels": 7})
 
 
@@ -188,7 +189,7 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
                 yield self.pop(0)
 
     @contextlib.contextmanager
-    def cluster(workers, address):
+    def cluster(workers, address, patience, say):
         yield Client(), Completed
 
     monkeypatch.setattr(identification, "cluster", cluster)
@@ -202,7 +203,7 @@ def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
 def outcomes_of(seen):
     """In place of workers: says what is to be identified and identifies it here."""
 
-    def outcomes(pending, place, workers, address, options):
+    def outcomes(pending, place, gather, shared, options):
         for one in pending:
             seen.append(one.name)
             found = identification.identify_one(None, one, options, place / "scratch.csv")
@@ -227,6 +228,38 @@ def test_what_is_to_be_identified_from_other_columns_is_done_again(change, tmp_p
     for specimen in (one, one, dataclasses.replace(one, **changed[change])):
         identify_fleet([specimen], tmp_path / "out", **OPTIONS)
     assert seen == ["a", "a"]
+
+
+def test_a_folder_holds_models_of_what_is_identified_and_says_what_else_it_holds(
+    tmp_path, monkeypatch
+):
+    seen, out = [], tmp_path / "out"
+    monkeypatch.setattr(identification, "_outcomes", outcomes_of(seen))
+    for name in "abc":
+        write_record(tmp_path / f"{name}.csv", ord(name))
+    specimens = write_manifest(tmp_path, "abc")
+    assert identify_fleet(specimens, out, **OPTIONS).strays == []
+    (tmp_path / "a.csv").write_text("nonsense")
+    with (out / "models" / "b.json").open("a") as file:
+        file.write(" ")
+    seen.clear()
+    summary = identify_fleet(specimens[:2], out, **OPTIONS)
+    assert seen == ["a", "b"]
+    assert [one.specimen for one in summary.failures] == ["a"]
+    assert summary.strays == ["models/c.json", "results/c.json"]
+    assert summary.plain()["strays"] == summary.strays
+    assert "models/c.json is of no specimen" in str(summary)
+    assert sorted(file.name for file in (out / "models").iterdir()) == ["b.json", "c.json"]
+
+
+def test_the_table_names_files_as_the_manifest_does(tmp_path, monkeypatch):
+    monkeypatch.setattr(identification, "_outcomes", outcomes_of([]))
+    (tmp_path / "lot1").mkdir()
+    write_record(tmp_path / "lot1" / "s.csv", 0)
+    specimens = write_manifest(tmp_path, ["lot1/s"])
+    identify_fleet(specimens, tmp_path / "out", **OPTIONS)
+    (row,) = csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines())
+    assert row["file"] == "lot1/s.csv"
 
 
 def test_a_pipe_is_no_record(tmp_path):
@@ -256,6 +289,37 @@ def test_options_that_make_no_sense(options, message, six, tmp_path):
     with pytest.raises(ParameterError, match=message):
         identify_fleet(six, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
+
+
+def test_workers_of_a_cluster_are_not_counted_here(six, tmp_path):
+    with pytest.raises(ParameterError, match="leave workers or address out"):
+        identify_fleet(six, tmp_path / "out", workers=2, address="tcp://127.0.0.1:1", **OPTIONS)
+
+
+@pytest.mark.parametrize("patience", [0, -1.0, float("nan"), float("inf")])
+def test_a_patience_that_makes_no_sense(patience, six, tmp_path):
+    with pytest.raises(ParameterError, match="patience is"):
+        identify_fleet(six, tmp_path / "out", patience=patience, **OPTIONS)
+
+
+@needs_dask
+def test_a_scheduler_without_workers_is_told_of_and_given_up(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+    monkeypatch.setattr(_workers, "_SILENT", 0.01)
+    write_record(tmp_path / "s0.csv", 0)
+    specimens, said = write_manifest(tmp_path, ["s0"]), []
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        with pytest.raises(ParameterError, match=r"no worker came to .* within 0.2 s"):
+            identify_fleet(
+                specimens,
+                tmp_path / "out",
+                address=address,
+                patience=0.2,
+                say=said.append,
+                **OPTIONS,
+            )
+    assert said == [f"no workers at {address}; waiting"]
 
 
 def test_folders_that_hold_something_else(six, tmp_path):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from minorloop.fleet.summary import Outcome, Summary
@@ -40,6 +42,18 @@ def test_distributions_are_over_what_was_identified():
     assert [one.specimen for one in summary.failures] == ["lost"]
     assert "10 of 11 specimens identified" in str(summary)
     assert "failed lost: no file" in str(summary)
+
+
+def test_a_figure_that_some_have_is_over_those():
+    outcomes = [
+        replace(outcome(k), nrmse_holdout=0.1 + 1e-3 * k if k % 2 else None) for k in range(20)
+    ]
+    outcomes += [replace(outcome(50), nrmse_holdout=0.9)]
+    summary = Summary(outcomes)
+    assert summary.distributions()["nrmse_holdout"]["min"] == 0.101
+    assert "excited" not in summary.distributions()
+    (found,) = summary.outliers()
+    assert (found.specimen, found.figure) == ("s50", "nrmse_holdout")
 
 
 def test_a_fleet_without_models_has_a_summary_too():

@@ -342,7 +342,7 @@ def _word(random: Random) -> str:
 
 def _make_lines(random: Random) -> list[str]:
     """What a board says to HELLO, SET 0.25 and GET; some of it damaged, late or twice."""
-    lines = [sealed(1, "OK minorloop 1 -1 1")]
+    lines = [sealed(1, "OK minorloop 2 -1 1 1000")]
     for sequence in (2, 3):
         right = sealed(sequence, f"OK {'0.25' if sequence == 2 else _word(random)}")
         for _ in range(random.choice((0, 0, 1, 3))):
@@ -361,7 +361,9 @@ def _make_lines(random: Random) -> list[str]:
                 lines.append(lines[-1])
         lines.append(right if random.random() < 0.7 else _damaged_line(random, right))
     if random.random() < 0.1:
-        lines[0] = _damaged_line(random, sealed(1, f"OK minorloop 1 {_word(random)} 1"))
+        lines[0] = _damaged_line(
+            random, sealed(1, f"OK minorloop 2 {_word(random)} 1 {_word(random)}")
+        )
     return lines
 
 

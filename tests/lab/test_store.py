@@ -1,3 +1,4 @@
+import dataclasses
 import os
 import resource
 import shutil
@@ -210,6 +211,9 @@ class TestRefusals:
                 store.check_same(Plan([0.0, 0.4, -0.25, 0, 1], 40.0, input="voltage [V]"))
             other = Setup(SETUP.address, SETUP.input, SETUP.output, 4, 0, {"noise": 0.1})
             with pytest.raises(StoreError, match="its specimen is 3, not 4"):
+                store.check_same(PLAN, other)
+            other = dataclasses.replace(SETUP, options={"noise": 0.2})
+            with pytest.raises(StoreError, match=r"options.noise was 0\.1 and is 0\.2 now"):
                 store.check_same(PLAN, other)
 
     def test_nothing_is_replaced(self, tmp_path):

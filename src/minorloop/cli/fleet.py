@@ -58,12 +58,21 @@ def run(
         ),
     ] = "auto",
     start: _common.Start = "negative",
+    holdout: Annotated[
+        float,
+        _common.number_option(
+            "Share at the end of each record kept from the fit and scored, 0 to 0.9; try 0.2."
+        ),
+    ] = 0.0,
     workers: Annotated[
         int | None, _common.whole_option("Local processes; as many as cores if not given.")
     ] = None,
     address: Annotated[
         str | None, typer.Option(help="Scheduler of a Dask cluster: tcp://10.0.0.1:8786.")
     ] = None,
+    patience: Annotated[
+        float, _common.number_option("Seconds to wait until the cluster has a worker.")
+    ] = 60.0,
     as_json: _common.Json = False,
 ) -> None:
     """Identify every specimen of a manifest; what fails is reported and stops nothing.
@@ -77,6 +86,8 @@ def run(
     specimens = read_manifest(manifest, input=input, output=output)
     options: dict[str, Any] = {"levels": levels, "relay": relay, "diagonal": diagonal}
     options |= {"prior": prior, "start": start}
+    if holdout != 0:  # folders made without it have none among their options
+        options["holdout"] = holdout
     options["smoothness"] = smoothness if smoothness == "auto" else _common.number(smoothness)
     with _common.working(f"identifying {len(specimens)} specimens", logged=not as_json) as now:
         summary = identify_fleet(
@@ -84,6 +95,8 @@ def run(
             out,
             workers=workers,
             address=address,
+            patience=patience,
+            say=now,
             watch=lambda done, of, last: now(f"{done} of {of} specimens, last {last.specimen}"),
             **options,
         )
@@ -97,13 +110,16 @@ def run(
 
 
 def _show(summary: Summary, out: Path) -> None:
+    from minorloop.fleet.summary import WORDS
+
     rows = [
-        (figure, *(f"{at[word]:.4g}" for word in ("min", "quarter", "median", "max")))
+        (figure, *(f"{at[word]:.4g}" for word in WORDS))
         for figure, at in summary.distributions().items()
     ]
     title = f"{len(summary.identified)} of {len(summary.outcomes)} specimens identified"
     if rows:
-        _common.print_table(("", "least", "quarter", "median", "greatest"), rows, title)
+        headers = "", "least", "quarter", "median", "three quarters", "greatest"
+        _common.print_table(headers, rows, title)
     else:
         typer.echo(title)
     outliers = summary.outliers()
@@ -114,6 +130,8 @@ def _show(summary: Summary, out: Path) -> None:
         )
     for failure in summary.failures[:_SHOWN]:
         typer.echo(f"failed {failure.specimen}: {failure.error}")
-    if max(len(outliers), len(summary.failures)) > _SHOWN:
+    for file in summary.strays[:_SHOWN]:
+        typer.echo(f"{out / file} is of no specimen of this manifest; remove it if it is of no use")
+    if max(len(outliers), len(summary.failures), len(summary.strays)) > _SHOWN:
         typer.echo(f"more are in {out / 'summary.json'}")
-    typer.echo(f"models and results are in {out}")
+    typer.echo(f"{'models and results are' if summary.identified else 'the results are'} in {out}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ import typer
 
 from minorloop.cli import _adaptive, _common
 from minorloop.cli._watch import as_duration, watching
-from minorloop.errors import ParameterError, StoreError
+from minorloop.errors import InstrumentError, ParameterError, StoreError
 
 if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
@@ -142,8 +143,14 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         None if store.setup.design is None else _adaptive.chooser_of(store.setup, store.points())
     )
     choose = None if chooser is None else partial(_adaptive.chosen, chooser)
-    with watching(store, chooser) as watch:
-        way = carry(plant, store.plan, store, choose=choose, watch=watch)
+    try:
+        with watching(store, chooser) as watch:
+            way = carry(plant, store.plan, store, choose=choose, watch=watch)
+    except InstrumentError as error:
+        raise InstrumentError(
+            f"{error}; {len(store)} of {len(store.plan)} levels are kept, and minorloop resume "
+            f"--store {shlex.quote(str(store.path))} goes on"
+        ) from None
     figures = summary(store)
     if chooser is not None:
         figures |= _adaptive.findings(chooser, store)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.dynamics.cascade import Cascade, First
+from minorloop.dynamics.cascade import Cascade, CascadeState, First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
-from minorloop.export._tables import Numbers
+from minorloop.export._tables import Numbers, wrapped
 from minorloop.export._templates import render
 from minorloop.operators.preisach import Preisach
 
 _VECTORS = 200
 _COARSEST = 0.01
 """Share of the range that the last digit of an input may be worth."""
+_NEAR, _STEEPEST = 1e-4, 10.0
+"""Shares of both ranges: the output changes by at least a tenth of the input, this near."""
 _DIGITS = 8
 """Last digits by which thresholds, inputs and what is made of them may be off together."""
 
@@ -64,8 +68,13 @@ def selftest(
     width: float,
     both_ways: bool,
     digit: float = 0.0,
+    asked: Asked | None = None,
 ) -> str:
-    """The self-test: what Python gave for these inputs, whose last digits are worth so much."""
+    """The self-test: what Python gave for these inputs, whose last digits are worth so much.
+
+    Targets are chased both ways. Where a linear part keeps the output from its target for a while,
+    what the C asks for is compared instead, along the inputs.
+    """
     width = width or 1.0
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
     scale = 1 + float(np.abs(y).max()) / width
@@ -74,6 +83,13 @@ def selftest(
         "outputs": numbers.table(y),
         "targets": numbers.table(y[::-1]),
     }
+    tolerance = max(1e-12, 300 * rounding) * scale + _DIGITS * digit
+    if asked is not None:
+        tables |= {
+            "asked_targets": numbers.table(asked.targets),
+            "asked_inputs": numbers.table(asked.inputs),
+            "asked_after": wrapped(f"{k}" for k in asked.after),
+        }
     return render(
         "selftest.c",
         {
@@ -82,9 +98,62 @@ def selftest(
             "count": u.size,
             "both_ways": both_ways,
             "width": repr(width),
-            "tolerance": f"{max(1e-12, 300 * rounding) * scale + _DIGITS * digit:.3g}",
+            "tolerance": f"{tolerance:.3g}",
+            "asked": asked,
+            "asked_tolerance": f"{_STEEPEST * tolerance:.3g}",
         },
     )
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Inputs that an inverse has to ask for, each after some of the inputs of the self-test.
+
+    Parameters
+    ----------
+    after : sequence of int
+        The input after which it is asked, counted from 0.
+    targets, inputs : sequence of float
+        What is wanted, and what has to be put on for it.
+    span : float
+        Range of the inputs, which errors are shares of.
+    """
+
+    after: Sequence[int]
+    targets: Sequence[float]
+    inputs: Sequence[float]
+    span: float
+
+    @property
+    def count(self) -> int:
+        """How often it is asked."""
+        return len(self.after)
+
+
+def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> Asked | None:
+    """What the inverse of the operator asks for on the way, wherever the output is steep enough.
+
+    Where it is flat, the last digit of a target moves the input by much. None where it is flat
+    everywhere.
+    """
+    (low, high), cascade = map(float, model.levels[[0, -1]]), Cascade(model, linear, first)
+    (least, most), gain = model.range, linear.dc_gain
+    near, rng = _NEAR * (most - least), np.random.default_rng(2)
+    state, found = _begun(cascade), []
+    for k, sample in enumerate(u):
+        state = cascade.step(state, float(sample))[1]
+        tracker = model.track(state.memory)
+        target = tracker.peek(float(rng.uniform(low, high)))
+        below, wanted, above = (tracker.aim(target + x) for x in (-near, 0.0, near))
+        inside = least + near <= target <= most - near
+        if inside and above - below <= 2 * _NEAR * _STEEPEST * (high - low):
+            found.append((k, target, wanted))
+    if not found:
+        return None
+    after, targets, inputs = zip(*found, strict=True)
+    if first == "operator":
+        return Asked(after, [gain * y for y in targets], inputs, high - low)
+    return Asked(after, targets, [v / gain for v in inputs], (high - low) / abs(gain))
 
 
 def _inputs(model: Preisach, memory: int) -> FloatArray:
@@ -105,9 +174,13 @@ def _inputs(model: Preisach, memory: int) -> FloatArray:
 
 def _stepped(cascade: Cascade, u: FloatArray) -> FloatArray:
     """Outputs of a cascade from negative saturation."""
-    low = float(cascade.operator.levels[0])  # type: ignore[attr-defined]
-    before = low if cascade.first == "operator" else low / cascade.linear.dc_gain
-    state, y = cascade.begin(before), np.empty(u.size)
+    state, y = _begun(cascade), np.empty(u.size)
     for k, sample in enumerate(u):
         y[k], state = cascade.step(state, float(sample))
     return y
+
+
+def _begun(cascade: Cascade) -> CascadeState:
+    """A cascade in negative saturation, all settled."""
+    low = float(cascade.operator.levels[0])  # type: ignore[attr-defined]
+    return cascade.begin(low if cascade.first == "operator" else low / cascade.linear.dc_gain)

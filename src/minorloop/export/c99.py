@@ -17,7 +17,7 @@ from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export._plays import plays_parts
 from minorloop.export._relays import relay_parts
-from minorloop.export._selftest import examples, selftest, width_of
+from minorloop.export._selftest import asked_of, examples, selftest, width_of
 from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.export._templates import render
 from minorloop.files import PathLike, make_folder, write_atomically
@@ -197,12 +197,15 @@ def source(
         "about": about(operator, linear, first),
         **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
     }
-    both_ways = inverse and linear is None and operator.range[0] < operator.range[1]
+    both_ways = inverse and operator.range[0] < operator.range[1]
+    asked = None
+    if both_ways and linear is not None:
+        asked, both_ways = asked_of(operator, linear, first, u), False
     files = {
         f"{name}.h": render("model.h", context),
         f"{name}.c": render("model.c", context),
         f"{name}_selftest.c": selftest(
-            context, numbers, u, y, width_of(operator, linear), both_ways, digit
+            context, numbers, u, y, width_of(operator, linear), both_ways, digit, asked
         ),
     }
     if firmware:
@@ -280,6 +283,8 @@ def _check_options(name: str, memory: int) -> None:
 
 
 def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> None:
+    if largest is not None and largest < 1:
+        raise ParameterError(f"largest is {largest} bytes; give a positive number of them")
     needed = table_bytes + state_bytes
     if largest is not None and needed > largest:
         raise ParameterError(

@@ -156,7 +156,7 @@ def _context(
     digest = hashlib.sha256("".join(f"{k}{files[k]}" for k in sorted(files)).encode())
     low = float(model.levels[0])
     if linear is not None and first == "linear":
-        low /= linear.dc_gain
+        low = float(f"{low / linear.dc_gain:.15g}")  # a gain of 1 is computed to the last digit
     words = [Quantity(escape(q.name), escape(q.unit)) for q in named]
     return {
         "name": name,

@@ -8,7 +8,8 @@ it; beyond the levels the relays give none.
 
 What goes in and comes out has the type of the arrays, float32 unless ``jax_enable_x64`` is set;
 inside, everything is float64. Only reverse mode is there: `jax.grad` and `jax.vjp`, under
-`jax.jit` and `jax.vmap` too, but no derivative of a gradient. If an argument is not finite, the
+`jax.jit` and `jax.vmap` too, but no `jax.jvp`, no `jax.jacfwd`, and no derivative of a gradient, so
+no `jax.hessian` either. If an argument is not finite, the
 output is NaN throughout, and so are its gradients.
 """
 
@@ -72,7 +73,8 @@ def as_function(
     -------
     function : callable
         ``function(parameters, u)`` gives the (T,) output for a (T,) input; for many signals
-        at once, ``jax.vmap(function, in_axes=(None, 0))``.
+        at once, ``jax.vmap(function, in_axes=(None, 0))``. For reverse mode only; where an
+        argument is not finite the whole output is NaN.
     parameters : dict of str to array
         ``weights`` and ``offset``, and ``slope`` of a Preisach operator, of the model. Weights
         above the diagonal are not looked at.
@@ -80,7 +82,8 @@ def as_function(
     Raises
     ------
     ParameterError
-        If the model is of another kind. The function raises it where shapes are wrong.
+        If the model is of another kind. The function raises it where shapes are wrong, or the
+        input is empty.
     """
     operator = _operator(model, start)
     call = _differentiable(operator)
@@ -238,6 +241,8 @@ def _checked(operator: _Operator, parameters: Parameters, u: Any) -> list[Any]:
         raise ParameterError(
             f"u has shape {signal.shape}; give (T,) inputs, and jax.vmap for several signals"
         )
+    if not signal.size:
+        raise ParameterError("u is empty; give at least one sample")
     return [*arrays, signal]
 
 

@@ -8,6 +8,8 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,7 @@ from minorloop.fleet.results import (
     open_folder,
     settle,
     settle_all,
+    strays,
     write_summary,
 )
 from minorloop.fleet.summary import Outcome, Summary
@@ -37,7 +40,7 @@ __all__ = ["identify_fleet"]
 
 OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
-) | {"lag", "start", "offset"}
+) | {"lag", "start", "offset", "holdout"}
 _AHEAD = 3
 """Batches on their way to each worker."""
 _STINT, _MOST_EACH = 0.5, 64
@@ -52,7 +55,9 @@ def identify_fleet(
     *,
     workers: int | None = None,
     address: str | None = None,
+    patience: float = 60.0,
     watch: Callable[[int, int, Outcome], None] | None = None,
+    say: Callable[[str], None] | None = None,
     **options: Any,
 ) -> Summary:
     """Identify every specimen; what fails is reported and stops nothing.
@@ -66,15 +71,20 @@ def identify_fleet(
         As `read_manifest` gives them.
     folder : str or path
         For the results: new, empty, or of the same fleet, which then goes on: specimens that
-        are identified and whose record and columns are unchanged are kept, the others done.
+        are identified and whose record, columns and model file are unchanged are kept, the
+        others done. What fails loses the model of an earlier start.
     workers : int, optional
         Local processes; as many as there are cores if not given.
     address : str, optional
         Address of the scheduler of a cluster to use instead, such as ``tcp://10.0.0.1:8786``.
         Records are read here and sent there, and models come back, so that nothing has to be
         shared but this package.
+    patience : float
+        Seconds to wait until the cluster has a worker.
     watch : callable, optional
         Told how many are done, of how many, and the last outcome.
+    say : callable, optional
+        Told in a sentence what is being waited for.
     **options
         Of `minorloop.identify`, the same for all.
 
@@ -88,11 +98,18 @@ def identify_fleet(
         If Dask is not installed.
     ParameterError
         If there is no specimen, an option is not one that `minorloop.identify` takes, or there
-        is no scheduler at the address.
+        is no scheduler at the address, or no worker in time.
     OutputError
         If the folder holds something else, another fleet, or cannot be written to.
     """
     _check(specimens, workers, options)
+    if workers is not None and address is not None:
+        raise ParameterError(
+            f"the workers of a cluster are as many as it has, not {workers}; leave workers or "
+            "address out"
+        )
+    if not 0 < patience < float("inf"):
+        raise ParameterError(f"patience is {patience!r} s; give a positive time")
     if address is None:
         get_ready()
     try_options(options)
@@ -102,12 +119,13 @@ def identify_fleet(
     known = kept(place, specimens)
     pending = [one for one in specimens if one.name not in known]
     done = len(known)
-    for outcome in _outcomes(pending, place, workers, address, options):
+    gather = partial(cluster, workers, address, patience, say or (lambda sentence: None))
+    for outcome in _outcomes(pending, place, gather, address is None, options):
         known[outcome.specimen] = outcome
         done += 1
         if watch is not None:
             watch(done, len(specimens), outcome)
-    summary = Summary([known[one.name] for one in specimens])
+    summary = Summary([known[one.name] for one in specimens], strays(place, specimens))
     write_summary(place, summary)
     return summary
 
@@ -168,6 +186,8 @@ def identify_one(
             "output": str(record.output),
             "lag": result.lag,
             "nrmse": float(result.nrmse),
+            "nrmse_holdout": result.holdout_nrmse,
+            "excited": result.excited_fraction,
             "opening": opening(model),
             "samples": int(result.samples),
             "seconds": time.perf_counter() - began,
@@ -197,8 +217,8 @@ def _record(data: bytes, specimen: Specimen, scratch: Path) -> Record:
 def _outcomes(
     pending: Sequence[Specimen],
     place: Path,
-    workers: int | None,
-    address: str | None,
+    gather: Callable[[], AbstractContextManager[tuple[Any, Any]]],
+    shared: bool,
     options: Mapping[str, Any],
 ) -> Iterator[Outcome]:
     """What becomes of each, as it becomes known, and written down by then."""
@@ -210,8 +230,8 @@ def _outcomes(
         except (OSError, ValueError) as error:
             yield fail(place, one, _unreadable(one, error))
     if readable:
-        with cluster(workers, address) as (client, as_completed):
-            flow = _Flow(client, as_completed, place, options, shared=address is None)
+        with gather() as (client, as_completed):
+            flow = _Flow(client, as_completed, place, options, shared=shared)
             yield from flow.run(readable)
 
 

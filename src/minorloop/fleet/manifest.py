@@ -33,12 +33,15 @@ class Specimen:
         CSV file of its record.
     input, output : str
         Columns of the record.
+    listed : str, optional
+        The file as the manifest names it.
     """
 
     name: str
     file: Path
     input: str
     output: str
+    listed: str | None = None
 
     @property
     def key(self) -> str:
@@ -156,6 +159,5 @@ def _specimen(
         raise RecordError(
             f"line {line} of {path} has {columns[0]!r} for input and output; give two columns"
         )
-    return Specimen(
-        cells["specimen"], path.parent / cells["file"], str(columns[0]), str(columns[1])
-    )
+    file = path.parent / cells["file"]
+    return Specimen(cells["specimen"], file, str(columns[0]), str(columns[1]), cells["file"])

@@ -20,7 +20,7 @@ from typing import Any
 
 from minorloop import modelfile
 from minorloop.errors import OutputError, ParameterError
-from minorloop.files import write_atomically
+from minorloop.files import first_difference, write_atomically
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
@@ -46,6 +46,8 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
     outcome = Outcome(
         one.name,
         nrmse=found["nrmse"],
+        nrmse_holdout=found["nrmse_holdout"],
+        excited=found["excited"],
         low=low,
         high=high,
         opening=found["opening"],
@@ -54,35 +56,57 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
         sha256=digest,
         **_origin(one),
     )
+    path = _model(place, one)
     try:
         modelfile.save(
             model,
-            place / "models" / f"{one.key}.json",
+            path,
             input=found["input"],
             output=found["output"],
             lag=found["lag"],
             provenance={
                 "data": one.file.name,
                 "sha256": digest,
-                "scores": {"nrmse": found["nrmse"]},
+                "scores": _scores(found),
             },
             force=True,
         )
     except ParameterError as error:
         return fail(place, one, str(error), digest)
+    outcome = replace(outcome, model=_digest(path))
     _write_outcome(place, one, outcome)
     return outcome
+
+
+def _scores(found: Mapping[str, Any]) -> dict[str, Any]:
+    scores = {name: found[name] for name in ("nrmse", "nrmse_holdout", "excited")}
+    return {name: value for name, value in scores.items() if value is not None}
 
 
 def fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:
-    """Write down why a specimen has no model."""
+    """Write down why a specimen has no model; one of an earlier start goes."""
     outcome = Outcome(one.name, error=one_line(reason), sha256=digest, **_origin(one))
     _write_outcome(place, one, outcome)
+    try:
+        _model(place, one).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{_model(place, one)}, which no longer holds, cannot be removed: "
+            f"{error.strerror or error}"
+        ) from None
     return outcome
 
 
+def _model(place: Path, one: Specimen) -> Path:
+    return place / "models" / f"{one.key}.json"
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def _origin(one: Specimen) -> dict[str, Any]:
-    return {"file": one.file.name, "input": one.input, "output": one.output}
+    return {"file": one.listed or str(one.file), "input": one.input, "output": one.output}
 
 
 def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
@@ -91,19 +115,27 @@ def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
 
 
 def kept(place: Path, specimens: Sequence[Specimen]) -> dict[str, Outcome]:
-    """Outcomes of an earlier start that still hold."""
+    """Outcomes of an earlier start that still hold: record, columns and model are as they were."""
     found = {}
     for one in specimens:
         try:
             outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
             digest = hashlib.sha256(one.read()).hexdigest()
+            model = _digest(_model(place, one))
         except (OSError, ValueError, TypeError):
             continue
-        model = place / "models" / f"{one.key}.json"
-        same = replace(outcome, specimen=one.name, sha256=digest, **_origin(one)) == outcome
-        if outcome.error is None and same and model.exists():
+        now = {"specimen": one.name, "sha256": digest, "model": model, **_origin(one)}
+        if outcome.error is None and replace(outcome, **now) == outcome:
             found[one.name] = outcome
     return found
+
+
+def strays(place: Path, specimens: Sequence[Specimen]) -> list[str]:
+    """Files of specimens that are not in the manifest, such as ``models/old.json``."""
+    known = {f"{one.key}.json" for one in specimens}
+    found = (place / folder for folder in ("models", "results"))
+    files = (file for folder in found for file in folder.glob("*.json"))
+    return sorted(f"{file.parent.name}/{file.name}" for file in files if file.name not in known)
 
 
 def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:
@@ -123,10 +155,13 @@ def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str
                 found = None
             if not isinstance(found, dict) or found.get("format") != content["format"]:
                 raise OutputError(f"{header} is not of a fleet; give another folder")
-            if found.get("options") != json.loads(json.dumps(content["options"])):
+            before, now = found.get("options"), json.loads(json.dumps(content["options"]))
+            difference = first_difference({"options": before}, {"options": now})
+            if difference:
                 raise OutputError(
-                    f"{place} holds a fleet identified with other options, {found.get('options')}; "
-                    "give the same options, or another folder"
+                    f"{place} holds a fleet identified with other options: "
+                    f"{difference.removeprefix('options.')}; give the same options, or another "
+                    "folder"
                 )
         elif place.exists() and any(place.iterdir()):
             raise OutputError(f"the folder {place} is not empty; give a new or an empty one")

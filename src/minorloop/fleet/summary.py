@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-FIGURES = ("nrmse", "low", "high", "opening", "seconds")
-JUDGED = ("nrmse", "low", "high", "opening")
+FIGURES = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening", "seconds")
+JUDGED = ("nrmse", "nrmse_holdout", "excited", "low", "high", "opening")
+WORDS = ("min", "quarter", "median", "three_quarters", "max")
 FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
 _FEWEST = 8
@@ -28,7 +29,11 @@ class Outcome:
     error : str, optional
         Why there is no model; None where there is one.
     nrmse : float, optional
-        Error of the model on the record, as a share of the output's range.
+        Error of the model on what it was fitted to, as a share of the output's range.
+    nrmse_holdout : float, optional
+        Error on the end of the record, which was kept from the fit; None where nothing was.
+    excited : float, optional
+        Share of the plane's cells that the record looks into; the others are filled in.
     low, high : float, optional
         Least and greatest output that the model reaches.
     opening : float, optional
@@ -40,7 +45,9 @@ class Outcome:
     sha256 : str, optional
         Digest of the record.
     file, input, output : str, optional
-        Name of the file of the record, and the columns identified.
+        File of the record, as the manifest names it, and the columns identified.
+    model : str, optional
+        Digest of the file of the model.
     """
 
     specimen: str
@@ -55,6 +62,9 @@ class Outcome:
     file: str | None = None
     input: str | None = None
     output: str | None = None
+    model: str | None = None
+    nrmse_holdout: float | None = None
+    excited: float | None = None
 
     def plain(self) -> dict[str, Any]:
         """As a mapping, for files."""
@@ -92,9 +102,12 @@ class Summary:
     ----------
     outcomes : sequence of Outcome
         In the order of the manifest.
+    strays : sequence of str
+        Files in the folder that are of none of these specimens.
     """
 
     outcomes: Sequence[Outcome]
+    strays: Sequence[str] = ()
 
     @property
     def failures(self) -> list[Outcome]:
@@ -113,8 +126,7 @@ class Summary:
             values = self._values(figure)
             if values.size:
                 at = np.percentile(values, [0, 25, 50, 75, 100])
-                words = ("min", "quarter", "median", "three_quarters", "max")
-                found[figure] = dict(zip(words, map(float, at), strict=True))
+                found[figure] = dict(zip(WORDS, map(float, at), strict=True))
         return found
 
     def outliers(self, far: float = FAR) -> list[Outlier]:
@@ -131,7 +143,8 @@ class Summary:
             median = float(np.median(values))
             spread = _TO_SD * float(np.median(np.abs(values - median)))
             spread = max(spread, _LEAST_SPREAD * max(1.0, abs(median)))
-            for outcome, value in zip(self.identified, values, strict=True):
+            with_it = [one for one in self.identified if getattr(one, figure) is not None]
+            for outcome, value in zip(with_it, values, strict=True):
                 deviations = abs(float(value) - median) / spread
                 if deviations > far:
                     found.append(
@@ -148,20 +161,23 @@ class Summary:
             "figures": self.distributions(),
             "outliers": [asdict(outlier) for outlier in self.outliers()],
             "failures": {one.specimen: one.error for one in self.failures},
+            "strays": list(self.strays),
         }
 
     def __str__(self) -> str:
         lines = [f"{len(self.identified)} of {len(self.outcomes)} specimens identified"]
-        lines.append(f"{'':<10} {'min':>11} {'median':>11} {'max':>11}")
+        lines.append(" ".join([f"{'':<14}", *(f"{word:>14}" for word in WORDS)]))
         for figure, at in self.distributions().items():
-            row = " ".join(f"{at[word]:>11.4g}" for word in ("min", "median", "max"))
-            lines.append(f"{figure:<10} {row}")
+            row = " ".join(f"{at[word]:>14.4g}" for word in WORDS)
+            lines.append(f"{figure:<14} {row}")
         lines += [
             f"outlier {one.specimen}: {one.figure} {one.value:.4g}, median {one.median:.4g}"
             for one in self.outliers()
         ]
         lines += [f"failed {one.specimen}: {one.error}" for one in self.failures]
+        lines += [f"{file} is of no specimen of the manifest" for file in self.strays]
         return "\n".join(lines)
 
     def _values(self, figure: str) -> Any:
-        return np.array([getattr(one, figure) for one in self.identified], dtype=np.float64)
+        values = [getattr(one, figure) for one in self.identified]
+        return np.array([value for value in values if value is not None], dtype=np.float64)

@@ -16,6 +16,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import OutputError, ParameterError
+from minorloop.files import first_difference
 
 MAGIC = b"SQLite format 3\0"
 SCHEMA = (
@@ -83,7 +84,10 @@ class Setup:
         """
         for name, mine in asdict(self).items():
             theirs = getattr(other, name)
-            if mine != theirs:
+            if isinstance(mine, dict) and isinstance(theirs, dict):
+                if difference := first_difference(mine, theirs, name):
+                    return difference
+            elif mine != theirs:
                 return f"its {name} is {mine}, not {theirs}"
         return ""
 

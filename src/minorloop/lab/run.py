@@ -47,6 +47,15 @@ class Restorable(Protocol):
         """Go back to a state."""
 
 
+@runtime_checkable
+class Described(Protocol):
+    """A plant that can tell what it consists of, so that a run goes on with the same."""
+
+    @property
+    def description(self) -> dict[str, Any] | None:
+        """Instruments, and how their readings are understood, ready for JSON; None if unknown."""
+
+
 class Stopped(KeyboardInterrupt):
     """The process was asked to end."""
 
@@ -115,7 +124,8 @@ def run(
     LimitError
         If a level is beyond the limits of the actuator; it is not applied then.
     StoreError
-        If the store belongs to another plan, or cannot be written; its points are kept.
+        If the store belongs to another plan, was measured on another bench, or cannot be written;
+        its points are kept.
     """
     check_plan(actuator, plan)
     store.check_same(plan)
@@ -132,6 +142,8 @@ def run(
         )
     if store.finished:
         return "finished"
+    if isinstance(actuator, Described) and actuator.description is not None:
+        store.check_bench(actuator.description)
     with _left_safe(actuator):
         way = _take_up(actuator, store, watch)
         sitting = store.begin_sitting(way)

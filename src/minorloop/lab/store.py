@@ -24,7 +24,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError, StoreError
-from minorloop.files import PathLike, check_writable
+from minorloop.files import PathLike, check_writable, first_difference
 from minorloop.lab import _store_rows as rows
 from minorloop.lab._store_rows import Point, Setup, Sitting
 from minorloop.lab.plan import Plan
@@ -277,6 +277,35 @@ class Store:
         """
         with self._transaction():
             self._execute(rows.INSERT_ABOUT, *rows.sealed("origin", json.dumps(checkpoint)))
+
+    def bench(self) -> dict[str, Any] | None:
+        """What the run was measured with, where the actuator can tell."""
+        with _explained(self.path):
+            found = self._select(f"{rows.ABOUT} WHERE name = 'bench'")
+            return json.loads(rows.unsealed(found[0])[1]) if found else None
+
+    def check_bench(self, description: dict[str, Any]) -> None:
+        """Refuse to go on with other instruments than the run began with; keep them, once.
+
+        Parameters
+        ----------
+        description : dict
+            Of the instruments, and how their readings are understood; ready for JSON.
+
+        Raises
+        ------
+        StoreError
+            Naming the first difference.
+        """
+        before = self.bench()
+        if before is None:
+            with self._transaction():
+                self._execute(rows.INSERT_ABOUT, *rows.sealed("bench", json.dumps(description)))
+        elif difference := first_difference(before, description):
+            raise StoreError(
+                f"{self.path} was measured on another bench: {difference}; put the bench back "
+                "as it was, or begin a new run"
+            )
 
     def set_enough(self) -> None:
         """Note that the points are enough: the levels that are still open stay open."""

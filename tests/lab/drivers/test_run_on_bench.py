@@ -97,6 +97,41 @@ def test_the_command_line_runs_on_a_simulated_bench(simulated, capsys):
     assert json.loads(capsys.readouterr().out)["points"] == 2
 
 
+def test_a_run_is_not_resumed_on_a_bench_that_was_changed(simulated, monkeypatch, capsys):
+    def stopped(link, text):
+        raise InstrumentError("enough")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VisaLink, "ask", failing_at("VOLT -0.5", stopped))
+        assert main(simulated) == 2
+    described = json.loads(Path("bench.json").read_text())
+    changed = {**described, "meter": {**described["meter"], "scale": 2.0}}
+    Path("bench.json").write_text(json.dumps(changed))
+    capsys.readouterr()
+    assert main(["resume", "--store", "s.sqlite"]) == 2
+    said = capsys.readouterr().err
+    assert "another bench: meter.scale was left out and is 2.0 now; put the bench back" in said
+    with Store.open("s.sqlite") as store:
+        assert len(store) == 1
+        assert store.bench()["meter"] == described["meter"]
+    Path("bench.json").write_text(json.dumps({**described, "timeout": 0.2, "rest": 0}, indent=4))
+    assert main(["resume", "--store", "s.sqlite"]) == 0
+
+
+def failing_at(level, trouble):
+    """In place of `VisaLink.ask`: trouble with readings while a level is on."""
+    told, ask = [], VisaLink.ask
+
+    def ask_or_fail(link, text):
+        if text == "VOLT?":
+            told.append(ask(link, text))
+            return told[-1]
+        at = f"VOLT {float(told[-1]):g}" if told else ""
+        return trouble(link, text) if at == level else ask(link, text)
+
+    return ask_or_fail
+
+
 def garbage(link, text):
     return "?\x07?"
 
@@ -147,6 +182,7 @@ def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
     *progress, last = capsys.readouterr().err.splitlines()
     assert last.startswith("error: ")
     assert message in last
+    assert last.endswith("1 of 2 levels are kept, and minorloop resume --store s.sqlite goes on")
     assert not any("Traceback" in line for line in progress)
     assert told[-2:] == ["VOLT 0.000000000", "OUTP OFF"]
     with Store.open("s.sqlite") as store:

@@ -85,6 +85,53 @@ def test_making_safe_goes_on_after_a_line_that_fails():
     assert script.finished()
 
 
+@pytest.mark.parametrize(
+    ("line", "span", "value"),
+    [
+        ("VOLT {:.1g}", None, -1.15),
+        ("VOLT {:.1g}", 2.4, -1.15),
+        ("VOLT {:.3f}", 2.4, 0.0001),
+        ("VOLT {0:.9g};CURR {0:.1f}", 2.4, 0.55),
+        ("VOLT {0:.0f}", 1e4, 1.5),
+    ],
+)
+def test_a_line_that_says_another_number_is_not_sent(line, span, value):
+    with pytest.raises(ParameterError, match="another input; write more digits"):
+        ScpiSource(Script([]), set=line, span=span).set(value)
+
+
+@pytest.mark.parametrize(
+    ("line", "span", "value", "sent"),
+    [
+        ("VOLT {:.1f}", 2.4, -0.3, "VOLT -0.3"),
+        ("VOLT {:.6g}", 2.4, 1.1234564999, "VOLT 1.12346"),
+        ("VOLT {0:+.3e}", None, 0.5, "VOLT +5.000e-01"),
+        ("VOLT {!r}", None, 0.1 + 0.2, "VOLT 0.30000000000000004"),
+        ("VOLT {:.9g}", None, 0.0, "VOLT 0"),
+    ],
+)
+def test_a_line_that_says_the_number_is_sent(line, span, value, sent):
+    script = Script([(sent, None)])
+    ScpiSource(script, set=line, span=span).set(value)
+    assert script.finished()
+
+
+@pytest.mark.parametrize("line", ["VOLT {:%}", "VOLT {:a<9}"])
+def test_a_line_that_writes_no_plain_number_is_refused(line):
+    with pytest.raises(ParameterError, match="which writes"):
+        ScpiSource(Script([]), set=line)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"scale": 0.0}, {"scale": float("nan")}, {"zero": float("inf")}, {"zero": float("nan")}],
+)
+def test_a_meter_that_could_say_nothing_is_refused(wrong):
+    (name,) = wrong
+    with pytest.raises(ParameterError, match=f"{name} is "):
+        ScpiMeter(Script([]), **wrong)
+
+
 @pytest.mark.parametrize("line", ["VOLT", "VOLT {", "VOLT {x}", "VOLT {:q}", "VOLT {1}"])
 def test_a_line_that_takes_no_number_is_refused(line):
     with pytest.raises(ParameterError, match="takes no number"):

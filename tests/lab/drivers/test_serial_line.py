@@ -1,6 +1,7 @@
 import random
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ from hypothesis import strategies as st
 import compiled
 from minorloop.errors import InstrumentError
 from minorloop.export.c99 import source
+from minorloop.lab.actuator import Channel
+from minorloop.lab.drivers import visa
+from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.scripted import SILENCE, Script
 from minorloop.lab.drivers.serial_line import Board, parse, write
 from minorloop.operators.preisach import Preisach
@@ -20,7 +24,7 @@ def ok(sequence, *words):
     return write(sequence, "OK", *words)
 
 
-HELLO = (write(1, "HELLO"), ok(1, "minorloop", "1", "-1", "1"))
+HELLO = (write(1, "HELLO"), ok(1, "minorloop", "2", "-1", "1", "30"))
 
 
 def board(*lines):
@@ -79,7 +83,7 @@ def test_a_board_that_has_another_input_on_is_not_believed():
         board((write(2, "SET", "0.25"), ok(2, "0.5"))).set(0.25)
 
 
-@pytest.mark.parametrize("words", [("minorloop", "2", "-1", "1"), ("other",), ()])
+@pytest.mark.parametrize("words", [("minorloop", "1", "-1", "1"), ("other",), ()])
 def test_another_firmware_is_refused(words):
     with pytest.raises(InstrumentError, match="another protocol"):
         Board(Script([(write(1, "HELLO"), ok(1, *words))]))
@@ -107,6 +111,66 @@ def test_a_hundred_thousand_damaged_answers_are_all_refused():
                     line.insert(place, rng.choice(letters))
         damaged = "".join(line)
         assert damaged == sound or parse(damaged, k % 65_536) is None
+
+
+@pytest.mark.parametrize("patience", ["0", "nan", "1e300"])
+def test_a_board_without_a_patience_to_speak_of_is_refused(patience):
+    hello = ok(1, "minorloop", "2", "-1", "1", patience)
+    with pytest.raises(InstrumentError, match="patience"):
+        Board(Script([(write(1, "HELLO"), hello)]))
+
+
+def test_a_board_that_went_safe_by_itself_is_not_read():
+    one = board(
+        (write(2, "SET", "0.25"), ok(2, "0.25")), (write(3, "GET"), write(3, "ERR", "safe"))
+    )
+    one.set(0.25)
+    with pytest.raises(InstrumentError, match="went to its safe input by itself"):
+        one.read()
+
+
+class Listener(Script):
+    """A board that says when it has been asked for a reading so many times."""
+
+    def __init__(self, count):
+        super().__init__([])
+        self.count, self.enough = count, threading.Event()
+
+    def ask(self, text):
+        sequence, command = text.split()[:2]
+        if command == "GET":
+            self.count -= 1
+            if self.count == 0:
+                self.enough.set()
+        words = {"HELLO": "minorloop 2 -1 1 30", "SET": "0.25", "GET": "1"}.get(command, "")
+        return ok(int(sequence), *words.split())
+
+
+def test_a_board_that_is_on_is_kept_alive_until_nobody_has_it():
+    link = Listener(3)
+    one = Board(link)
+    one.keep_alive()
+    one.set(0.25)
+    assert link.enough.wait(20)
+    one.safe()
+    keepers = [thread for thread in threading.enumerate() if "_keep" in thread.name]
+    del one
+    for thread in keepers:
+        thread.join(20)
+        assert not thread.is_alive()
+
+
+def test_a_board_of_a_bench_file_is_kept_alive(tmp_path, monkeypatch):
+    link = Listener(4)  # two readings are asked for
+    monkeypatch.setattr(visa, "VisaLink", lambda *args, **options: link)
+    (tmp_path / "bench.json").write_text(
+        '{"board": {"resource": "ASRL1::INSTR"}, "tick": 0.001, "output": {"name": "tip"},'
+        ' "input": {"name": "voltage", "low": -1, "high": 1}}'
+    )
+    bench = visa.open_bench(tmp_path / "bench.json")
+    bench.exchange(0.25)
+    assert link.enough.wait(20)
+    bench.safe()
 
 
 # The firmware that the C export sketches.
@@ -176,6 +240,89 @@ def test_the_firmware_speaks_the_protocol(program, model):
     link.close()
 
 
+BOARD = """
+#define _POSIX_C_SOURCE 199309L
+#include "minorloop.h"
+#include <stdio.h>
+#include <time.h>
+int32_t board_receive(void);
+void board_send(const char *text);
+uint32_t board_milliseconds(void);
+void board_set(minorloop_real u);
+minorloop_real board_get(void);
+void firmware_begin(void);
+void firmware_poll(void);
+static minorloop_real input;
+static uint32_t late;
+static int ended;
+int32_t board_receive(void)
+{
+    const int next = getchar();
+    ended = next == EOF;
+    late += (next == '@') ? 1200u : 0u;
+    return (ended || (next == '@')) ? -1 : (int32_t)next;
+}
+void board_send(const char *text)
+{
+    (void)fputs(text, stdout);
+    (void)fflush(stdout);
+}
+uint32_t board_milliseconds(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return late + (uint32_t)(1000 * (long)now.tv_sec + (long)(now.tv_nsec / 1000000));
+}
+void board_set(minorloop_real u) { input = u; }
+minorloop_real board_get(void) { return input; }
+int main(void)
+{
+    firmware_begin();
+    while (!ended) { firmware_poll(); }
+    return 0;
+}
+"""
+"""A board with a clock, which an at-sign puts on, and whose sensor sees the input that is on."""
+
+
+@pytest.fixture(scope="module")
+def clocked(model, tmp_path_factory):
+    folder = source(model, firmware=True).write(tmp_path_factory.mktemp("clocked"))
+    (folder / "board.c").write_text(BOARD)
+    sources = ["minorloop.c", "minorloop_firmware.c", "board.c"]
+    return compiled.build(folder, sources, *compiled.SANITIZED)
+
+
+def test_a_board_that_heard_nothing_says_that_its_input_is_lost(clocked):
+    link = Pipe(clocked)
+    assert parse(link.ask(write(1, "GET")), 1) == (False, ["safe"])  # it may have lost its power
+    one = Board(link)
+    assert one.patience == 1.0
+    link.tell("@")
+    one.set(0.5)  # nothing was on, so nothing was lost
+    assert one.read() == 0.5
+    link.tell("@")
+    for act in (one.read, lambda: one.set(0.5), one.read):
+        with pytest.raises(InstrumentError, match="went to its safe input by itself"):
+            act()
+    one.safe()
+    assert one.read() == 0.0
+    one.set(0.25)
+    assert one.read() == 0.25
+    link.close()
+
+
+def test_a_hold_longer_than_the_board_is_patient_is_measured_with_its_input_on(clocked):
+    link = Pipe(clocked)
+    one = Board(link)
+    one.keep_alive()
+    voltage = Channel("voltage", "V", -1.0, 1.0)
+    record = Bench(one, one, voltage, Channel("tip", "mm")).apply(0.5, 1.5, 1.5)
+    assert list(record.y) == [0.5]
+    one.safe()
+    link.close()
+
+
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 def test_the_firmware_compiles_in_single_precision(model, cc, tmp_path):
     source(model, firmware=True, float32=True, inverse=False, name="wing").write(tmp_path)
@@ -185,6 +332,7 @@ def test_the_firmware_compiles_in_single_precision(model, cc, tmp_path):
 
 def test_the_firmware_refuses_what_it_does_not_know(program):
     link = Pipe(program)
+    link.ask(write(1, "HELLO"))
     for words in (("DANCE",), ("SET",), ("GET", "1"), ("SET", "nan"), ("SET", "1x"), ("SET", "")):
         found = parse(link.ask(write(3, *words)), 3)
         assert found is not None
@@ -204,12 +352,13 @@ def test_a_hundred_thousand_damaged_lines_do_nothing_to_the_firmware(program):
         damaged = "".join(line) * rng.choice([1, 1, 1, 9])
         if damaged != sound:
             lines.append(damaged)
-    text = "\n".join([*lines, write(5, "GET")]) + "\n"
+    text = "\n".join([write(5, "HELLO"), *lines, write(5, "GET")]) + "\n"
     done = subprocess.run(
         [program], input=text.encode(), capture_output=True, timeout=120, check=True
     )
-    (answer,) = done.stdout.decode().splitlines()
+    _, answer = done.stdout.decode().splitlines()
     untouched = Pipe(program)
+    untouched.ask(write(5, "HELLO"))
     assert answer == untouched.ask(write(5, "GET"))
     untouched.close()
 

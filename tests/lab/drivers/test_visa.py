@@ -6,7 +6,7 @@ import pytest
 from minorloop.connect import connect
 from minorloop.errors import InstrumentError, MissingExtraError, ParameterError
 from minorloop.lab.drivers import visa
-from minorloop.lab.drivers.link import VisaLink
+from minorloop.lab.drivers.link import VisaLink, _short
 
 pytest.importorskip("pyvisa_sim", reason="needs pyvisa and pyvisa-sim: minorloop[instruments]")
 SIMULATION = Path(__file__).parent / "bench.yaml"
@@ -97,6 +97,12 @@ def test_an_instrument_that_is_not_there(opened):
         opened(meter={"resource": "nothing at all"})
 
 
+def test_what_a_library_says_is_not_cut_off_in_the_middle():
+    said = _short(ValueError(f"{'Please install a library. ' * 8}\nNo module named 'gpib'"))
+    assert said.endswith("No module named 'gpib'")
+    assert _short(ValueError("x " * 300)).endswith(" ...")
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -109,6 +115,7 @@ def test_an_instrument_that_is_not_there(opened):
         ({"rest": 5.0}, "rest 5 is beyond"),
         ({"source": {"resource": "ASRL1::INSTR"}}, "missing required field `safe`"),
         ({"input": {"name": "voltage", "low": 1.0, "high": -1.0}}, "low below high"),
+        ({"meter": {"resource": "ASRL2::INSTR", "scale": 0}}, "scale is 0.0"),
         ({"input": {"name": "voltage"}}, "missing required field `low`"),
     ],
 )

@@ -6,7 +6,9 @@
  *
  * The lines are those of minorloop.lab.drivers.serial_line: "7 SET 0.25 *CRC32" is answered by
  * "7 OK 0.25 *CRC32". A line that is damaged, too long or not understood changes nothing. When no
- * sound line has come for {{ guard }}_PATIENCE_MS, the input goes to {{ guard }}_SAFE.
+ * sound line has come for {{ guard }}_PATIENCE_MS, the input goes to {{ guard }}_SAFE. Whoever had put
+ * one on must learn of that: from then on, and from power-up on, SET and GET are refused with
+ * "ERR safe" until HELLO or SAFE has been said.
  */
 #include "{{ name }}.h"
 
@@ -16,7 +18,9 @@
 #include <string.h>
 
 #define {{ guard }}_SAFE {{ safe }}
+#ifndef {{ guard }}_PATIENCE_MS
 #define {{ guard }}_PATIENCE_MS 1000u
+#endif
 #define LINE_MAX_LENGTH 120
 
 int32_t board_receive(void);          /* the next character, or -1 */
@@ -31,6 +35,8 @@ static {{ name }}_state model;
 static char line[LINE_MAX_LENGTH + 1];
 static size_t length;
 static uint32_t heard;
+static int on;   /* an input was put on since the last SAFE */
+static int lost; /* and it was taken off, by the watchdog or by a loss of power */
 
 static uint32_t crc32(const char *text, size_t count)
 {
@@ -80,19 +86,24 @@ static void obey(unsigned long sequence, const char *command, const char *argume
 {
     const int given = argument[0] != '\0';
     {{ name }}_real value = 0;
-    char words[80];
+    char words[96];
 
     if (given && !as_number(argument, &value)) {
         answer(sequence, "ERR that is no number");
     } else if (!given && (strcmp(command, "HELLO") == 0)) {
-        (void)snprintf(words, sizeof words, "OK minorloop 1 %.17g %.17g",
-                       (double){{ guard }}_INPUT_LOW, (double){{ guard }}_INPUT_HIGH);
+        lost = 0;
+        (void)snprintf(words, sizeof words, "OK minorloop 2 %.17g %.17g %lu",
+                       (double){{ guard }}_INPUT_LOW, (double){{ guard }}_INPUT_HIGH,
+                       (unsigned long){{ guard }}_PATIENCE_MS);
         answer(sequence, words);
+    } else if ((lost != 0) && ((strcmp(command, "SET") == 0) || (strcmp(command, "GET") == 0))) {
+        answer(sequence, "ERR safe");
     } else if (given && (strcmp(command, "SET") == 0)) {
         if ((value < {{ guard }}_INPUT_LOW) || (value > {{ guard }}_INPUT_HIGH)) {
             answer(sequence, "ERR beyond the limits");
         } else {
             board_set(value);
+            on = 1;
             answer_number(sequence, (double)value);
         }
     } else if (!given && (strcmp(command, "GET") == 0)) {
@@ -105,6 +116,8 @@ static void obey(unsigned long sequence, const char *command, const char *argume
 {%- endif %}
     } else if (!given && (strcmp(command, "SAFE") == 0)) {
         board_set({{ guard }}_SAFE);
+        on = 0;
+        lost = 0;
         answer(sequence, "OK");
     } else {
         answer(sequence, "ERR unknown command");
@@ -149,6 +162,8 @@ void firmware_begin(void)
 {
     {{ name }}_reset(&model);
     board_set({{ guard }}_SAFE);
+    on = 0;
+    lost = 1;
     length = 0;
     heard = board_milliseconds();
 }
@@ -171,6 +186,8 @@ void firmware_poll(void)
     }
     if ((uint32_t)(board_milliseconds() - heard) > {{ guard }}_PATIENCE_MS) {
         board_set({{ guard }}_SAFE);
+        lost = ((lost != 0) || (on != 0)) ? 1 : 0;
+        on = 0;
         heard = board_milliseconds();
     }
 }

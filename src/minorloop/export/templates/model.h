@@ -10,10 +10,26 @@
  *
  *     {{ name }}_state state;
  *     {{ name }}_reset(&state);
-{%- if inverse %}
+{%- if inverse and not linear %}
  *     u = {{ name }}_aim(&state, target);   the input that leads to the target
+{%- elif inverse %}
+ *     u = {{ name }}_aim(&state, target);   the input that leads to the target, when held
 {%- endif %}
+{%- if linear %}
+ *     y = {{ name }}_step(&state, u);       the output one interval later
+{%- if inverse %}
+ *
+ * Hold the input by further steps: the output comes to the target as the linear part settles.
+{%- if linear.lag %}
+ * Nothing of it is seen for the first {{ linear.lag }} steps.
+{%- endif %}
+{%- if linear.first == "linear" %}
+ * What the linear part overshoots by, the operator remembers; ask again then.
+{%- endif %}
+{%- endif %}
+{%- else %}
  *     y = {{ name }}_step(&state, u);       what the output is then
+{%- endif %}
  *
  * Memory is bounded. At most {{ memory }} extrema of the input are remembered; when a history reaches
  * that many, the two next to each other whose loss changes the output least are dropped after the

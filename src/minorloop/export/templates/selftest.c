@@ -21,6 +21,19 @@ static const {{ name }}_real targets[COUNT] = {
 {{ tables.targets }}
 };
 {%- endif %}
+{%- if asked %}
+/* What brings the output to a target once all has settled, asked after the input of this index. */
+#define ASKED {{ asked.count }}
+static const int asked_after[ASKED] = {
+{{ tables.asked_after }}
+};
+static const {{ name }}_real asked_targets[ASKED] = {
+{{ tables.asked_targets }}
+};
+static const {{ name }}_real asked_inputs[ASKED] = {
+{{ tables.asked_inputs }}
+};
+{%- endif %}
 
 static double distance({{ name }}_real found, {{ name }}_real wanted)
 {
@@ -33,8 +46,11 @@ int main(void)
 {
     {{ name }}_state state;
     double forward = 0.0;
-{%- if both_ways %}
+{%- if both_ways or asked %}
     double inverse = 0.0;
+{%- endif %}
+{%- if asked %}
+    int next = 0;
 {%- endif %}
     int k;
 
@@ -42,6 +58,14 @@ int main(void)
     for (k = 0; k < COUNT; ++k) {
         const double error = distance({{ name }}_step(&state, inputs[k]), outputs[k]);
         forward = (error > forward) ? error : forward;
+{%- if asked %}
+        if ((next < ASKED) && (asked_after[next] == k)) {
+            const double missed =
+                distance({{ name }}_aim(&state, asked_targets[next]), asked_inputs[next]);
+            inverse = (missed > inverse) ? missed : inverse;
+            next += 1;
+        }
+{%- endif %}
     }
 {%- if both_ways %}
     {{ name }}_reset(&state);
@@ -55,6 +79,12 @@ int main(void)
     (void)printf("worst error, of range: forward %.3g, inverse %.3g\n", forward / {{ width }},
                  inverse / {{ width }});
     forward = (inverse > forward) ? inverse : forward;
+{%- elif asked %}
+    (void)printf("worst error, of range: forward %.3g, inverse %.3g\n", forward / {{ width }},
+                 inverse / {{ asked.span }});
+    if (inverse > {{ asked_tolerance }} * {{ asked.span }}) {
+        return 1;
+    }
 {%- else %}
     (void)printf("worst error, of range: forward %.3g\n", forward / {{ width }});
 {%- endif %}

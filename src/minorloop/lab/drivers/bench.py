@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -85,6 +85,8 @@ class Bench:
         How long one ``exchange`` takes, in seconds.
     clock : Clock, optional
         Another clock than that of the machine.
+    description : dict, optional
+        What all this is, ready for JSON; a run is not resumed on a bench of another description.
 
     Raises
     ------
@@ -102,6 +104,7 @@ class Bench:
         rest: float = 0.0,
         tick: float = 0.05,
         clock: Clock | None = None,
+        description: dict[str, Any] | None = None,
     ) -> None:
         if not (math.isfinite(input.low) and math.isfinite(input.high)):
             raise ParameterError(f"{input} has no limits; give the least and greatest input")
@@ -114,6 +117,7 @@ class Bench:
         self._source, self._meter = source, meter
         self._inputs, self._outputs = (input,), (output,)
         self._rest, self._tick = float(rest), float(tick)
+        self._description = description
         self._clock = Wall() if clock is None else clock
         self._began = self._clock.now()
         self._present, self._changed = self._rest, -math.inf
@@ -132,6 +136,11 @@ class Bench:
     def tick(self) -> float:
         """How long one ``exchange`` takes, in seconds."""
         return self._tick
+
+    @property
+    def description(self) -> dict[str, Any] | None:
+        """What it is, ready for JSON; None where that was not said."""
+        return self._description
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold an input and record it and the output.

@@ -12,6 +12,8 @@ __all__ = ["Link", "VisaLink"]
 
 LONGEST = 4096
 """Characters of an answer, at most."""
+_SAID = 400
+"""Characters of what a library says of an error, at most."""
 _QUIET, _AT_ONCE = 20, 1
 """Milliseconds without a character after which nothing more is expected; what is there already."""
 
@@ -227,4 +229,5 @@ class VisaLink:
 
 
 def _short(error: Exception) -> str:
-    return " ".join(f"{error or type(error).__name__}".split())[:200]
+    said = " ".join(f"{error or type(error).__name__}".split())
+    return said if len(said) <= _SAID else f"{said[:_SAID]} ..."

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from string import Formatter
 
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.drivers.link import Link
 
 __all__ = ["ScpiMeter", "ScpiSource"]
 
+_ROUNDED = 5e-6
+"""Share of the range by which six digits may miss an input."""
 _NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 
 
@@ -22,7 +25,8 @@ class ScpiSource:
     link : Link
         The line to the instrument.
     set : str
-        What sets the input, with the number in braces: ``VOLT {:.6g}``.
+        What sets the input, with the number in braces: ``VOLT {:.9g}``. An input that it rounds
+        by more than 5e-6 of ``span`` is refused, for it would be recorded as another.
     on : sequence of str
         What to send once, before the first input: the range, the current limit, output on.
     safe : sequence of str
@@ -35,11 +39,13 @@ class ScpiSource:
     errors : str, optional
         What asks for an error, ``SYST:ERR?``, after each input; an answer that does not begin
         with the number 0 is one.
+    span : float, optional
+        Width of the range of the input, in its unit; the size of each input if not given.
 
     Raises
     ------
     ParameterError
-        If there is no line that makes it safe, or ``set`` takes no number.
+        If there is no line that makes it safe, or ``set`` does not write a number as one.
     """
 
     def __init__(
@@ -52,6 +58,7 @@ class ScpiSource:
         confirm: str | None = None,
         tolerance: float = 1e-3,
         errors: str | None = None,
+        span: float | None = None,
     ) -> None:
         if not safe:
             raise ParameterError("there is no line that makes the source safe; give some")
@@ -61,7 +68,8 @@ class ScpiSource:
             raise ParameterError(f"set is {set!r}, which takes no number: {error}") from None
         if not different:
             raise ParameterError(f"set is {set!r}, which takes no number; write VOLT {{:.9g}}")
-        self._link, self._set = link, set
+        self._link, self._set, self._span = link, set, span
+        self._written(1.0)
         self._on, self._safe = tuple(on), tuple(safe)
         self._confirm, self._tolerance, self._errors = confirm, tolerance, errors
         self._is_on = False
@@ -73,9 +81,18 @@ class ScpiSource:
         ------
         InstrumentError
             If the instrument does not take it, or says that another input is on.
+        ParameterError
+            If the line that sets it would say another number; nothing is sent then.
         """
         if not math.isfinite(value):
             raise InstrumentError(f"{value} is no input; nothing was sent")
+        said = self._written(value)
+        width = abs(value) if self._span is None else self._span
+        if any(abs(number - value) > _ROUNDED * width for number in said):
+            raise ParameterError(
+                f"{self._set!r} makes {self._set.format(value)!r} of {value:.9g}, which is another "
+                "input; write more digits, such as {:.9g}, or give inputs that need fewer"
+            )
         self._link.tell(self._set.format(value))
         if not self._is_on:
             for line in self._on:
@@ -104,6 +121,21 @@ class ScpiSource:
         if first is not None:
             raise first
 
+    def _written(self, value: float) -> list[float]:
+        """The numbers that the line says for an input."""
+        found = []
+        for _, name, spec, conversion in Formatter().parse(self._set):
+            if name is not None:
+                field = f"{{{name}{f'!{conversion}' if conversion else ''}:{spec}}}"
+                try:
+                    found.append(float(field.format(value)))
+                except ValueError:
+                    raise ParameterError(
+                        f"set is {self._set!r}, which writes {field.format(value)!r} for "
+                        f"{value:g}; write VOLT {{:.9g}}"
+                    ) from None
+        return found
+
 
 class ScpiMeter:
     """Reads an output by a line of text.
@@ -116,11 +148,23 @@ class ScpiMeter:
         What asks for a reading.
     scale, zero : float
         The output is ``scale * (reading - zero)``.
+
+    Raises
+    ------
+    ParameterError
+        If they are no finite numbers, or the scale is 0.
     """
 
     def __init__(
         self, link: Link, *, read: str = "READ?", scale: float = 1.0, zero: float = 0.0
     ) -> None:
+        if not math.isfinite(scale) or scale == 0:
+            raise ParameterError(
+                f"scale is {scale!r}, with which no reading says anything; give how much of the "
+                "output one unit of the reading is"
+            )
+        if not math.isfinite(zero):
+            raise ParameterError(f"zero is {zero!r}; give the reading at an output of 0")
         self._link, self._read = link, read
         self._scale, self._zero = scale, zero
 

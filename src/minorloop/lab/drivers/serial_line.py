@@ -6,7 +6,7 @@ One line of printable ASCII asks, one answers::
     7 OK 0.25 *40C4B8B3         answer: the same number, OK or ERR, values, CRC-32
 
 ============  =====================  ====================================================
-``HELLO``     ``minorloop 1 L H``    protocol, version, and the limits of the input
+``HELLO``     ``minorloop 2 L H P``  protocol, version, limits of the input, patience in ms
 ``SET u``     ``u``                  put an input on; ERR if it is beyond the limits
 ``GET``       ``y``                  read the sensor
 ``STEP u``    ``y``                  what the model in the firmware gives for an input
@@ -15,15 +15,23 @@ One line of printable ASCII asks, one answers::
 ============  =====================  ====================================================
 
 An answer counts only if its number is that of the question and its sum is right: one that comes
-late, doubled or damaged is thrown away. The firmware goes to the safe input by itself when it has
-heard nothing for a second.
+late, doubled or damaged is thrown away.
+
+The firmware goes to the safe input by itself when it has heard nothing for its patience, a second
+as it is exported. If an input was on, ``SET`` and ``GET`` are answered ``ERR safe`` from then on,
+and so they are after a loss of power, until ``HELLO`` or ``SAFE`` is said: what is read then is not
+of the input that was set. `Board.keep_alive` asks something often enough while an input is on.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import threading
+import time
+import weakref
 import zlib
+from contextlib import suppress
 
 from minorloop.errors import InstrumentError
 from minorloop.lab.drivers.link import Link
@@ -31,10 +39,13 @@ from minorloop.lab.drivers.scpi import number
 
 __all__ = ["Board", "parse", "write"]
 
-VERSION = 1
+VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
 _PATIENCE = 8
 _MOST = 65_536
+_LONGEST = 3_600_000
+_OFTEN = 3
+"""Questions within the patience of a board while an input is on, at least."""
 
 
 def write(sequence: int, *words: str) -> str:
@@ -68,6 +79,8 @@ class Board:
         Lower limit of the input that the firmware keeps, in its unit.
     high : float
         Upper limit.
+    patience : float
+        Seconds without a question after which the board goes to its safe input.
 
     Raises
     ------
@@ -77,12 +90,19 @@ class Board:
 
     def __init__(self, link: Link) -> None:
         self._link, self._sequence = link, 0
+        self._turn, self._on, self._asked = threading.Lock(), False, -math.inf
         words = self._ask("HELLO")
-        if len(words) != 4 or words[:2] != ["minorloop", str(VERSION)]:
+        if len(words) != 5 or words[:2] != ["minorloop", str(VERSION)]:
             raise InstrumentError(
-                f"{link.name} answers {' '.join(words)!r}; its firmware speaks another protocol"
+                f"{link.name} answers {' '.join(words)!r}; its firmware speaks another protocol "
+                f"than minorloop {VERSION}: export it again"
             )
-        self.low, self.high = (number(word, link.name) for word in words[2:])
+        self.low, self.high, patience = (number(word, link.name) for word in words[2:])
+        if not 1 <= patience <= _LONGEST:
+            raise InstrumentError(
+                f"{link.name} says that its patience is {patience:g} ms; give it 1 to {_LONGEST}"
+            )
+        self.patience = 1e-3 * patience
 
     def set(self, value: float) -> None:
         """Put an input on.
@@ -90,8 +110,10 @@ class Board:
         Raises
         ------
         InstrumentError
-            If the board refuses it, or says that another is on.
+            If the board refuses it, has gone to its safe input by itself, or says that another
+            is on.
         """
+        self._on = True
         found = self._number("SET", repr(float(value)))
         if abs(found - value) > 1e-6 * max(1.0, abs(value)):
             raise InstrumentError(f"{self._link.name} was told {value:g} and has {found:g} on")
@@ -110,7 +132,28 @@ class Board:
 
     def safe(self) -> None:
         """Go to the safe input."""
+        self._on = False
         self._ask("SAFE")
+
+    def keep_alive(self) -> None:
+        """Ask something in time while an input is on, as long as this program runs.
+
+        A hold is longer than the board is patient, and so may be what is done between two holds.
+        The board hears nothing from a program that is stopped, dead or cut off.
+        """
+        threading.Thread(target=_keep, args=(weakref.ref(self),), daemon=True).start()
+
+    def _stay(self) -> float:
+        """Ask something if it is time to; gives how long it can wait for the next."""
+        every = self.patience / _OFTEN
+        if not self._on:
+            return every
+        left = self._asked + every - time.monotonic()
+        if left > 0:
+            return left
+        with suppress(InstrumentError):  # the next question of the program meets it again
+            self._ask("GET")
+        return every
 
     def _number(self, *words: str) -> float:
         answer = self._ask(*words)
@@ -123,19 +166,38 @@ class Board:
 
     def _ask(self, *words: str) -> list[str]:
         """The words of the answer to this question and no other."""
+        with self._turn:
+            found = self._converse(*words)
+            self._asked = time.monotonic()
+        ok, answer = found
+        if ok:
+            return answer
+        if answer == ["safe"]:
+            raise InstrumentError(
+                f"{self._link.name} went to its safe input by itself: it had heard nothing in "
+                "time, or lost its power; what was on is lost, so begin again "
+                "from there"
+            )
+        raise InstrumentError(f"{self._link.name} refuses {' '.join(words)}: {' '.join(answer)}")
+
+    def _converse(self, *words: str) -> tuple[bool, list[str]]:
+        """Whether the answer to this question is OK, and its words."""
         self._sequence = (self._sequence + 1) % _MOST
         line = self._link.ask(write(self._sequence, *words))
         for _ in range(_PATIENCE):
             found = parse(line, self._sequence)
             if found is not None:
-                ok, answer = found
-                if not ok:
-                    raise InstrumentError(
-                        f"{self._link.name} refuses {' '.join(words)}: {' '.join(answer)}"
-                    )
-                return answer
+                return found
             line = self._link.read()
         raise InstrumentError(
             f"{self._link.name} gave no sound answer to {words[0]}, last {line[:60]!r}; check the "
             "cable and the baud rate"
         )
+
+
+def _keep(kept: weakref.ref[Board]) -> None:
+    """Keep a board alive as long as somebody has it."""
+    while (board := kept()) is not None:
+        wait = board._stay()
+        del board
+        time.sleep(wait)

@@ -3,7 +3,7 @@
 ::
 
     {"library": "@py",
-     "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.6g}", "on": ["OUTP ON"],
+     "source": {"resource": "GPIB0::5::INSTR", "set": "VOLT {:.9g}", "on": ["OUTP ON"],
                 "safe": ["VOLT 0", "OUTP OFF"], "confirm": "VOLT?"},
      "meter": {"resource": "GPIB0::7::INSTR", "read": "READ?", "scale": 0.001},
      "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2, "rate": 10},
@@ -157,6 +157,7 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
     channel = Channel(wanted.name, wanted.unit, wanted.low, wanted.high, wanted.rate)
     output = Channel(seen.name, seen.unit, seen.low, seen.high)
     options: dict[str, Any] = {"rest": described.rest, "tick": described.tick, "clock": clock}
+    options["description"] = _description(described)
     if described.board is not None:
         board = Board(link(described.board))
         if not board.low <= channel.low < channel.high <= board.high:
@@ -164,12 +165,15 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
                 f"{path} allows [{channel.low:g}, {channel.high:g}] and the board keeps "
                 f"[{board.low:g}, {board.high:g}]; give limits inside those of the board"
             )
+        board.keep_alive()
         return Bench(board, board, channel, output, **options)
     assert described.source is not None
     assert described.meter is not None
     fields = msgspec.structs.asdict(described.source)
     source = ScpiSource(
-        link(described.source), **{k: v for k, v in fields.items() if k not in ("resource", "baud")}
+        link(described.source),
+        span=channel.high - channel.low,
+        **{k: v for k, v in fields.items() if k not in ("resource", "baud")},
     )
     meter = ScpiMeter(
         link(described.meter),
@@ -178,6 +182,16 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
         zero=described.meter.zero,
     )
     return Bench(source, meter, channel, output, **options)
+
+
+def _description(described: msgspec.Struct) -> dict[str, Any]:
+    """All that a reading depends on: how fast the lines are and how long is waited is not."""
+    return {
+        field.name: _description(value) if isinstance(value, msgspec.Struct) else value
+        for field in msgspec.structs.fields(described)
+        if (value := getattr(described, field.name)) != field.default
+        and field.name not in ("timeout", "baud")
+    }
 
 
 def _beside(library: str, path: Path) -> str:
