@@ -199,7 +199,8 @@ def _measured(
     if spectra is None:
         return PitDepth("no coupling", *centre)
     fit = JointFit(PitModel(ear, spectra.angles, centre, diameter / 2), spectra)
-    if fit.strayed > _ASTRAY:
+    # Without a lens all traces hear the mouth, and none tells the wall alone.
+    if np.isfinite(ear.probe.focus) and fit.strayed > _ASTRAY:
         return PitDepth(ASTRAY, *centre)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
