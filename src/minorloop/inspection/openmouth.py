@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal.windows import tukey
 
 from minorloop.arrays import FloatArray
 from minorloop.inspection.field import HIGHEST, LOWEST, ComplexArray
 from minorloop.inspection.jointfit import JointFit, Solution
-from minorloop.inspection.spectra import TAPER
+from minorloop.inspection.spectra import LEAD, TAPER, WINDOW
 
-_TIMES: FloatArray = np.arange(-0.4e-6, 2.3e-6, 0.05e-6)
+_TIMES: FloatArray = np.arange(-0.5e-6, 2.3e-6, 0.05e-6)
 """When what is left is looked at, in seconds after the echo of the wall."""
 _WIDE = 8
 """How many of these times are one window, whose power is told from that of noise."""
@@ -44,14 +45,19 @@ def is_open(fit: JointFit, hole: Solution) -> bool:
     taken[model.near] = model.missing(model.mouth(x, y, size), size)
     gone = _power(fit, fit.pulse * taken).sum(axis=1)
     share = gone / max(float(gone.max()), 1e-12)
-    # Of noise, more than its mean over the window is left where the window does not taper.
-    usual = 1 / (1 - 0.625 * TAPER)
-    excess = np.convolve(share @ (left - usual), np.ones(_WIDE), mode="valid")
-    samples = _WIDE * (_TIMES[1] - _TIMES[0]) * (HIGHEST - LOWEST)
-    sure = excess / _WIDE / (usual * np.sqrt((share**2).sum() / samples))
+    usual = np.interp(_TIMES, WINDOW * np.linspace(0, 1, 512) - LEAD, tukey(512, TAPER) ** 2)
+    # The median of what noise leaves tells its mean, whatever comes out of a few traces at times.
+    usual *= np.median(left / usual) / np.log(2)
+    excess = _windows(share @ (left - usual))
+    samples = (_TIMES[1] - _TIMES[0]) * (HIGHEST - LOWEST)
+    sure = excess / np.sqrt(_windows(usual**2) * (share**2).sum() / samples)
     late = _TIMES[: excess.size] > _LATE
     early = (sure > _EARLY_SURE) & (excess > _EARLY_SHARE * float(share @ gone))
     return not (early[~late].any() or (sure[late] > _LATE_SURE).any())
+
+
+def _windows(values: FloatArray) -> FloatArray:
+    return np.convolve(values, np.ones(_WIDE), mode="valid")
 
 
 def _power(fit: JointFit, spectra: ComplexArray) -> FloatArray:
