@@ -69,15 +69,20 @@ class PitDepth:
     ----------
     verdict : str
         ``measured``; ``deeper than 1.25 mm`` (a floor is heard where depths are no longer
-        measured); ``through-hole`` (no floor is heard down to the thickness of the wall);
-        ``no floor heard`` (nor would one be, for noise or because traces end too early);
+        measured); ``through-hole`` (nothing at all comes back out of the mouth, down to the
+        thickness of the wall); ``no floor heard`` (no floor, but something else comes back, or
+        none would be heard for noise or because traces end too early);
         ``uneven floor`` (heard, but not as a flat one: the depth is a mean, with a wide band);
         ``disturbed`` (something beside the mouth, such as a bead, echoes too: the outline is the
-        camera's, the band wide); ``ambiguous depth`` (another depth explains nearly as much);
-        ``no pit`` (a plain wall explains all); or why there is no depth: ``too faint`` (noise
-        would hide a pit), ``too few echoes``, ``no coupling``, ``too short`` (traces end before a
-        floor would be heard), ``raster too small`` (nothing of it falls on the wall beside the
-        mouth), ``frozen`` (the same trace again and again), and words of ``Burst``.
+        camera's, the band wide); ``ambiguous depth`` (another depth explains nearly as much, or
+        the floor is louder than any can be); ``no pit`` (a plain wall explains all); or why there
+        is no depth: ``too faint`` (noise would hide a pit), ``too few echoes``, ``no coupling``,
+        ``distances disagree`` (the wall is not as far from place to place as the angles say: a
+        head that does not move, shots out of time, or a bent wall), ``too short`` (traces end
+        before a floor would be heard), ``raster too small`` (nothing of it falls on the wall
+        beside the mouth), ``part missing`` (of the scan, so that mouth or wall is not covered),
+        ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again and
+        again), and words of ``Burst``.
     phi, z : float
         Centre, in radians and metres.
     diameter, depth : float
@@ -115,7 +120,7 @@ class PitDepth:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing of the scan is missing."""
+        """Whether there is a scan, and nothing of it is missing."""
         return 0 < self.bursts >= self.planned
 
 
