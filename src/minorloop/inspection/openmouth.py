@@ -16,8 +16,8 @@ _WIDE = 8
 """How many of these times are one window, whose power is told from that of noise."""
 _LATE = 0.19e-6
 """From when on a window is late, in seconds."""
-_LATE_SURE, _EARLY_SURE, _EARLY_SHARE = 4.0, 5.0, 2e-3
-"""Deviations of noise that a hole does not leave late (72 scans of holes left at most 3.2), nor
+_LATE_SURE, _EARLY_SURE, _EARLY_SHARE = 4.0, 5.0, 1e-3
+"""Deviations of noise that a hole does not leave late (50 scans of holes left at most 3.7), nor
 early; and the share of what the mouth takes that broken edges may leave early."""
 
 
