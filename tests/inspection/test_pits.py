@@ -17,7 +17,9 @@ from minorloop.inspection.pits import measure_pit, raster
 from minorloop.inspection.pitsearch import DEPTHS, _with_slips
 from minorloop.inspection.unrolled import Patch
 from minorloop.lab.actuator import Shot
-from minorloop.twins.pipe import Bore, Pipe
+from minorloop.studies.soundings import draw_sounding
+from minorloop.studies.soundings import scan as sweep
+from minorloop.twins.pipe import Bore, Dent, Pipe
 from minorloop.twins.ultrasound import Ultrasound
 
 MOUNT = Mount(advance=20e-3)
@@ -26,9 +28,10 @@ TRUE = Bore(3e-3, 20.02e-3, 1.1e-3, depth=0.6e-3, floor_tilt=(0.03, 0.02))
 CENTRE = (0.0, 20e-3)
 
 
-def scan(bores, seed, water=-9.99e-3):
+def scan(bores, seed, water=-9.99e-3, dents=(), noise=0.1):
     """A raster with 4 shots a point and a tenth of a degree of sway."""
-    sonar = Ultrasound(Pipe(bores=bores, water=water), MOUNT, specimen=5, seed=seed, noise=0.1)
+    pipe = Pipe(bores=bores, dents=dents, water=water)
+    sonar = Ultrasound(pipe, MOUNT, specimen=5, seed=seed, noise=noise)
     rng = np.random.default_rng(seed)
     bursts = []
     for target in raster(EAR, CENTRE):
@@ -218,3 +221,75 @@ def test_a_raster_aims_at_the_wall_about_its_centre():
     spots = EAR.spots(raster(EAR, CENTRE, points=3, pitch=0.5e-3))
     expected = wall_point(0.05, 20.5e-3, 10e-3)
     assert wall_point(spots[-1, 0], spots[-1, 1], 10e-3) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("bores", "dents"),
+    [
+        ((replace(TRUE, depth=0.8e-3, floor_tilt=(0.0, 0.0), dish=0.2e-3),), ()),
+        ((), (Dent(2e-3, 20.02e-3, 0.2e-3, 0.3e-3),)),
+    ],
+    ids=["dished", "bead"],
+)
+def test_what_is_not_a_floor_but_comes_back_makes_no_hole(bores, dents):
+    found = measure_pit(scan(bores, 1, dents=dents, noise=0.02), EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "no floor heard"
+    assert np.isnan(found.depth)
+
+
+def test_a_floor_too_loud_for_a_flat_one_has_no_depth():
+    deep = draw_sounding(205, bore=Bore(0.0, 0.0, 0.9e-3, 1.5e-3))
+    found = measure_pit(sweep(deep), deep.ear, deep.centre, deep.diameter)
+    assert found.verdict == "deeper than 1.25 mm"
+    assert np.isnan(found.depth)
+
+
+def test_a_missing_part_of_a_raster_is_said(bursts):
+    found = measure_pit(bursts[8:30], EAR, CENTRE, 1.45e-3, planned=36)
+    assert found.verdict == "part missing"
+    assert finding_of(found).verdict == "part missing (22 of 36 places)"
+    lost = [replace(burst, verdict="dropout") for burst in bursts]
+    lost[8:30] = bursts[8:30]
+    assert measure_pit(lost, EAR, CENTRE, 1.45e-3).verdict == "part missing"
+    beside = measure_pit(bursts[:18], EAR, (0.0, 20.9e-3), 0.8e-3, planned=36)
+    assert beside.verdict == "part missing"
+
+
+def test_bursts_on_one_place_or_beside_the_mouth_are_said(bursts):
+    heap = [replace(burst, angles=bursts[0].angles) for burst in bursts]
+    assert measure_pit(heap, EAR, CENTRE, 1.1e-3).verdict == "all at one place"
+    assert measure_pit(bursts, EAR, (0.3, 20e-3), 1.1e-3).verdict == "raster beside the mouth"
+
+
+@pytest.mark.parametrize("stuck", [0, 9])
+def test_a_head_that_does_not_follow_its_angles_measures_nothing(bursts, stuck):
+    rng, last = np.random.default_rng(1), bursts[stuck]
+    again = [
+        replace(last, angles=burst.angles, trace=last.trace + rng.normal(0, last.noise, 2048))
+        for burst in bursts[stuck:]
+    ]
+    found = measure_pit(bursts[:stuck] + again, EAR, CENTRE, 1.1e-3)
+    assert found.verdict == "distances disagree"
+    assert np.isnan(found.depth)
+
+
+def test_shots_out_of_time_measure_nothing(bursts):
+    rng = np.random.default_rng(1)
+    late = [replace(one, trace=np.roll(one.trace, int(rng.integers(-5, 6)))) for one in bursts]
+    assert measure_pit(late, EAR, CENTRE, 1.1e-3).verdict == "distances disagree"
+
+
+@pytest.mark.parametrize("centre", [(np.nan, 20e-3), (0.0, np.inf)])
+def test_a_mouth_without_a_place_is_refused(bursts, centre):
+    with pytest.raises(ParameterError, match="of a mouth"):
+        measure_pit(bursts, EAR, centre, 1.1e-3)
+
+
+@pytest.mark.parametrize("planned", [-1, 0, 10, 36.5, np.nan])
+def test_fewer_places_than_were_scanned_cannot_have_been_planned(bursts, planned):
+    with pytest.raises(ParameterError, match="bursts planned"):
+        measure_pit(bursts, EAR, CENTRE, 1.1e-3, planned=planned)
+
+
+def test_a_scan_of_nothing_is_not_whole():
+    assert not measure_pit([], EAR, CENTRE, 1.1e-3).whole

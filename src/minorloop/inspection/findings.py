@@ -79,7 +79,7 @@ def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
         Of the pipe, in metres.
     """
     verdict = pit.verdict
-    if not pit.whole:
+    if pit.bursts < pit.planned:
         verdict += f" ({pit.bursts} of {pit.planned} places)"
     return Finding(
         kind_of(pit.verdict),

@@ -78,6 +78,7 @@ class JointFit:
         for _ in range(4):
             self.pulse = _pulse(plain, heard, self._turn()[far])
             self.shift[far] = self._shifts(self.pulse * plain, far)
+        self._far = far
         self._weights = np.ones(len(self.spectra.heard))
 
     @property
@@ -85,6 +86,19 @@ class JointFit:
         """Cost where nothing but noise is left."""
         count = self.spectra.heard.size
         return float(4 * self.scale * np.log1p(1 / (4 * self.scale)) * count)
+
+    @property
+    def strayed(self) -> float:
+        """How far the wall is off the smooth fit in the traces that tell the pulse, in metres.
+
+        The root mean square without the worst quarter, so that another pit near by counts
+        little, and without what noise adds.
+        """
+        far = self._far
+        slope = 2 * self._k * np.abs(self.pulse * self.model.plain[far])
+        told = (slope**2).sum(axis=1) / self.spectra.noise[far] ** 2
+        square = np.sort(self._shifts(self.pulse * self.model.plain[far], far) ** 2 - 1 / told)
+        return float(np.sqrt(max(square[: -(-3 * far.size // 4)].mean(), 0.0)))
 
     def sweep(self, unknowns: FloatArray, depths: FloatArray) -> FloatArray:
         """Costs (D,) over evenly spaced depths, the other unknowns as they are."""
@@ -180,10 +194,15 @@ class JointFit:
             shift += np.clip(step, -_SLIP / 2, _SLIP / 2)
         return shift
 
+    def left(self, model: ComplexArray) -> ComplexArray:
+        """What echoes (K, F) leave of the spectra; shifts as they are."""
+        left: ComplexArray = self.spectra.heard - self.pulse * model * self._turn()
+        return left
+
     def _misfit(self, model: ComplexArray) -> FloatArray:
         """Mean square (K,) of what is left of each trace over its noise; shifts as they are."""
-        left = self.spectra.heard - self.pulse * model * self._turn()
-        misfit: FloatArray = (np.abs(left) ** 2).mean(axis=1) / (2 * self.spectra.noise**2)
+        power = (np.abs(self.left(model)) ** 2).mean(axis=1)
+        misfit: FloatArray = power / (2 * self.spectra.noise**2)
         return misfit
 
     def _normal(

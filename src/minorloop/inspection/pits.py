@@ -7,25 +7,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, as_finite
+from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import ParameterError
-from minorloop.geometry import wall_point, wrapped
+from minorloop.geometry import wall_point
 from minorloop.inspection import deepfloor
 from minorloop.inspection.deepfloor import FURTHER
 from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.jointfit import CENTRE, PRIOR, JointFit, Solution
+from minorloop.inspection.openmouth import is_open
 from minorloop.inspection.pitmodel import PitModel
 from minorloop.inspection.pitsearch import (
     DEPTHS,
     STRANGE,
     best_fit,
-    cost_of_hole,
     gains_nothing,
     surest,
+    without_floor,
 )
 from minorloop.inspection.spectra import spectra_of
-from minorloop.inspection.usable import covered, reasons_of, usable
+from minorloop.inspection.usable import FEW, reasons_of, too_little, usable
 from minorloop.threads import one_thread
 
 FEWEST = 16
@@ -36,8 +37,8 @@ MEASURED, HOLE = "measured", "through-hole"
 DEEPER, SILENT = "deeper than 1.25 mm", "no floor heard"
 NO_PIT, FAINT = "no pit", "too faint"
 _NEAR_DEEPEST = 1e-3
-SHORT, SMALL = "too short", "raster too small"
-_FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
+UNEVEN, DISTURBED, AMBIGUOUS = "uneven floor", "disturbed", "ambiguous depth"
+ASTRAY = "distances disagree"
 _NOTICED, _HOPELESS, _NOTICEABLE = 0.05, 1.15, 3.0
 """How much better than a plain wall a pit must explain the traces; how much worse, before any
 fit, that none is tried; and how many times the first a mouth must take, for it to be missed."""
@@ -50,7 +51,14 @@ _POINTING, _SIZE = 34e-6, 0.018
 _STRAINED = 2.5
 """Prior deviations of the size, off what the camera saw, from which on the echoes are those of
 something else too, and the outline of the camera is kept."""
-_WIDE = 0.1e-3
+_WIDE, _WIDEST = 0.1e-3, 0.05e-3
+"""Standard deviation of the depth of a floor that is not flat, and up to which one counts as flat
+enough, in metres."""
+_LOUD = 1.3
+"""Echo of a floor, over that of a flat one, beyond which none can be."""
+_ASTRAY = 3.2e-6
+"""How far distances may be off the angles, in metres; of 100 scans, 2.7e-6 at most."""
+_MOST = 100_000
 
 
 @dataclass(frozen=True)
@@ -61,15 +69,20 @@ class PitDepth:
     ----------
     verdict : str
         ``measured``; ``deeper than 1.25 mm`` (a floor is heard where depths are no longer
-        measured); ``through-hole`` (no floor is heard down to the thickness of the wall);
-        ``no floor heard`` (nor would one be, for noise or because traces end too early);
+        measured); ``through-hole`` (nothing at all comes back out of the mouth, down to the
+        thickness of the wall); ``no floor heard`` (no floor, but something else comes back, or
+        none would be heard for noise or because traces end too early);
         ``uneven floor`` (heard, but not as a flat one: the depth is a mean, with a wide band);
         ``disturbed`` (something beside the mouth, such as a bead, echoes too: the outline is the
-        camera's, the band wide); ``ambiguous depth`` (another depth explains nearly as much);
-        ``no pit`` (a plain wall explains all); or why there is no depth: ``too faint`` (noise
-        would hide a pit), ``too few echoes``, ``no coupling``, ``too short`` (traces end before a
-        floor would be heard), ``raster too small`` (nothing of it falls on the wall beside the
-        mouth), ``frozen`` (the same trace again and again), and words of ``Burst``.
+        camera's, the band wide); ``ambiguous depth`` (another depth explains nearly as much, or
+        the floor is louder than any can be); ``no pit`` (a plain wall explains all); or why there
+        is no depth: ``too faint`` (noise would hide a pit), ``too few echoes``, ``no coupling``,
+        ``distances disagree`` (the wall is not as far from place to place as the angles say: a
+        head that does not move, shots out of time, or a bent wall), ``too short`` (traces end
+        before a floor would be heard), ``raster too small`` (nothing of it falls on the wall
+        beside the mouth), ``part missing`` (of the scan, so that mouth or wall is not covered),
+        ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again and
+        again), and words of ``Burst``.
     phi, z : float
         Centre, in radians and metres.
     diameter, depth : float
@@ -107,8 +120,8 @@ class PitDepth:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing of the scan is missing."""
-        return self.bursts >= self.planned
+        """Whether there is a scan, and nothing of it is missing."""
+        return 0 < self.bursts >= self.planned
 
 
 def raster(
@@ -168,29 +181,32 @@ def measure_pit(
     Raises
     ------
     ParameterError
-        If the diameter is not a positive number.
+        If the diameter is not a positive number, the centre is not finite, or fewer bursts were
+        planned than are given.
     """
     if not as_finite("diameter of a mouth", diameter) > 0:
         raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
+    place = as_finite("phi of a mouth", centre[0]), as_finite("z of a mouth", centre[1])
+    given = len(bursts)
+    many = given if planned is None else as_whole("bursts planned", planned, max(given, 1), _MOST)
     good = usable(bursts)
-    found = _measured(good, bursts, ear, centre, diameter)
-    return replace(found, bursts=len(good), planned=len(bursts) if planned is None else planned)
+    nothing = _too_few(bursts, good)
+    if not nothing:
+        nothing = too_little(good, ear, place, diameter, whole=len(good) >= many)
+    found = PitDepth(nothing, *place) if nothing else _measured(good, ear, place, diameter)
+    return replace(found, bursts=len(good), planned=many)
 
 
 def _measured(
-    good: Sequence[Burst],
-    bursts: Sequence[Burst],
-    ear: Ear,
-    centre: tuple[float, float],
-    diameter: float,
+    good: Sequence[Burst], ear: Ear, centre: tuple[float, float], diameter: float
 ) -> PitDepth:
-    nothing = _too_little(bursts, good, ear, centre, diameter)
-    if nothing:
-        return PitDepth(nothing, *centre)
     spectra = spectra_of(good, ear, centre)
     if spectra is None:
         return PitDepth("no coupling", *centre)
     fit = JointFit(PitModel(ear, spectra.angles, centre, diameter / 2), spectra)
+    # Without a lens all traces hear the mouth, and none tells the wall alone.
+    if np.isfinite(ear.probe.focus) and fit.strayed > _ASTRAY:
+        return PitDepth(ASTRAY, *centre)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
         return PitDepth(_if_noticed(fit, Solution(start, float(costs.min()))), *centre)
@@ -198,44 +214,32 @@ def _measured(
     return _judged(fit, *surest(fit, best_fit(fit, start)), good)
 
 
-def _too_little(
-    bursts: Sequence[Burst],
-    good: Sequence[Burst],
-    ear: Ear,
-    centre: tuple[float, float],
-    diameter: float,
-) -> str:
-    """Why these bursts hold no depth, or nothing."""
+def _too_few(bursts: Sequence[Burst], good: Sequence[Burst]) -> str:
+    """Why there are too few usable bursts for a depth, or nothing."""
+    if len(good) >= FEWEST:
+        return ""
     reasons = [reason for reason in reasons_of(bursts) if reason]
-    if len(good) < FEWEST:
-        many = len(reasons) > len(good)
-        return max(set(reasons), key=reasons.count) if many else "too few echoes"
-    if not covered(good, ear):
-        return SHORT
-    spots = ear.spots(np.array([burst.angles for burst in good]))
-    around = ear.radius * wrapped(spots[:, 0] - centre[0])
-    off = np.hypot(around, spots[:, 1] - centre[1])
-    inside = int((off < max(diameter / 2, 0.4e-3)).sum())
-    outside = int((off > diameter / 2 + 0.2e-3).sum())
-    if inside >= _FEWEST_INSIDE and outside < _FEWEST_OUTSIDE:
-        return SMALL
-    return "" if inside >= _FEWEST_INSIDE else "too few echoes"
+    return max(set(reasons), key=reasons.count) if len(reasons) > len(good) else FEW
 
 
 def _judged(fit: JointFit, best: Solution, ambiguous: bool, bursts: Sequence[Burst]) -> PitDepth:
     """The verdict on a fit, with what of it can be told."""
     ear, centre = fit.model.ear, fit.model.centre
     disturbed = abs(best.unknowns[2]) > _STRAINED * PRIOR[2]
-    verdict, depth_sd = _verdict(fit, best, cost_of_hole(fit, best))
+    hole = without_floor(fit, best)
+    verdict, depth_sd = _verdict(fit, best, hole.cost)
+    ambiguous = ambiguous or best.unknowns[4] > _LOUD
     if verdict == MEASURED and (disturbed or ambiguous):
-        verdict, depth_sd = ("disturbed", _WIDE) if disturbed else ("ambiguous depth", np.nan)
+        verdict, depth_sd = (DISTURBED, _WIDE) if disturbed else (AMBIGUOUS, np.nan)
     verdict = _if_deeper(fit, best, verdict, bursts)
+    if verdict == HOLE and not is_open(fit, hole):
+        verdict = SILENT
     if verdict in (DEEPER, SILENT):
         depth_sd = np.nan
-    if verdict == "disturbed":
+    if verdict == DISTURBED:
         best = _as_seen(fit, best)
     x, y, size, depth, gain, u, v, dish = best.unknowns
-    sd = PRIOR if verdict == "disturbed" else fit.deviations(best.unknowns)
+    sd = PRIOR if verdict == DISTURBED else fit.deviations(best.unknowns)
     mouth = 2 * fit.model.radius * np.exp(size)
     return PitDepth(
         verdict,
@@ -256,16 +260,27 @@ def _if_deeper(fit: JointFit, best: Solution, verdict: str, bursts: Sequence[Bur
     """The verdict, or that the floor is deeper than is measured, or that none can be told."""
     if verdict in (NO_PIT, FAINT):
         return verdict
-    further = best.unknowns[3] > DEEPEST or fit.sweep(best.unknowns, FURTHER).min() < best.cost
-    if verdict != HOLE and further:
+    gain = best.unknowns[4]
+    if verdict != HOLE and (best.unknowns[3] > DEEPEST or _further(fit, best)):
         return DEEPER
     strange = best.cost > STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
-    if verdict == HOLE or best.unknowns[4] < _UNEVEN or strange:
+    if verdict == HOLE or not _UNEVEN <= gain <= _LOUD or strange:
         floor = deepfloor.deep_floor(fit, best.unknowns, bursts)
         if floor == deepfloor.HEARD:
             return DEEPER
         return SILENT if verdict == HOLE and floor == deepfloor.UNTOLD else verdict
     return verdict
+
+
+def _further(fit: JointFit, best: Solution) -> bool:
+    """Whether the floor found, or a flat one, would fit better deeper than is measured."""
+    flat = best.unknowns.copy()
+    flat[4:] = [1.0, 0.0, 0.0, 0.0]
+    near = best.unknowns[3] > _NEAR_DEEPEST
+    return any(
+        fit.sweep(unknowns, FURTHER).min() < best.cost
+        for unknowns in ([best.unknowns, flat] if near else [best.unknowns])
+    )
 
 
 def _as_seen(fit: JointFit, best: Solution) -> Solution:
@@ -284,11 +299,10 @@ def _verdict(fit: JointFit, best: Solution, hole: float) -> tuple[str, float]:
         return _if_noticed(fit, best), np.nan
     if gain < _OPEN or gains_nothing(best, hole):
         return HOLE, np.nan
-    if gain < _UNEVEN:
-        return "uneven floor", _WIDE
     # What a floor that is not flat returns weighs its middle and its rim in its own way.
     bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
-    return MEASURED, float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))
+    depth_sd = float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))
+    return (UNEVEN, _WIDE) if gain < _UNEVEN or depth_sd > _WIDEST else (MEASURED, depth_sd)
 
 
 def _if_noticed(fit: JointFit, best: Solution) -> str:

@@ -70,12 +70,12 @@ def surest(fit: JointFit, best: Solution) -> tuple[Solution, bool]:
     return other, _rival(fit, other)[1] > _AMBIGUOUS
 
 
-def cost_of_hole(fit: JointFit, best: Solution) -> float:
-    """Cost of the best mouth without a floor."""
+def without_floor(fit: JointFit, best: Solution) -> Solution:
+    """The best mouth without a floor."""
     without, prior = best.unknowns.copy(), PRIOR.copy()
     without[4], prior[3:] = 0.0, 1e-6
     prior[3] = 1e-9
-    return fit.solve(without, centre=without, prior=prior, rounds=3).cost
+    return fit.solve(without, centre=without, prior=prior, rounds=3)
 
 
 def gains_nothing(best: Solution, hole: float) -> bool:
@@ -113,7 +113,7 @@ def _rival(fit: JointFit, best: Solution) -> tuple[float, float]:
 
 def _is_open(fit: JointFit, best: Solution) -> bool:
     """Whether a mouth without a floor explains the traces, as well as they can be."""
-    hole = cost_of_hole(fit, best)
+    hole = without_floor(fit, best).cost
     return gains_nothing(best, hole) and hole < 1.1 * fit.usual_cost
 
 

@@ -16,6 +16,8 @@ from minorloop.inspection.field import HIGHEST, LOWEST, RESOLUTION, ComplexArray
 WINDOW = 1 / RESOLUTION
 LEAD = 0.6e-6
 """How long before the echo of the wall the window begins, in seconds."""
+TAPER = 0.2
+"""Share of the window over which it rises and falls."""
 FAR = 10
 """How many traces far from a pit tell where the wall is, and what the pulse."""
 
@@ -84,7 +86,7 @@ def spectra_of(
             for burst, t in zip(bursts, expected + delays, strict=True)
         ]
     )
-    window = tukey(round(WINDOW / bursts[0].sample_interval), 0.2)
+    window = tukey(round(WINDOW / bursts[0].sample_interval), TAPER)
     noise = np.array([burst.noise for burst in bursts]) * np.sqrt((window**2).sum() / 2)
     return Spectra(spectra, np.maximum(noise, 1e-9), angles, delays * ear.speed / 2)
 
@@ -117,5 +119,5 @@ def _spectrum(burst: Burst, at: float, after: float) -> ComplexArray:
     piece[inside] = burst.trace[source[inside]]
     f = np.arange(LOWEST, HIGHEST + 1.0, RESOLUTION)
     t = source * interval - at
-    turned: ComplexArray = (piece * tukey(count, 0.2)) @ np.exp(2j * np.pi * t[:, None] * f)
+    turned: ComplexArray = (piece * tukey(count, TAPER)) @ np.exp(2j * np.pi * t[:, None] * f)
     return turned

@@ -6,11 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from minorloop.geometry import wrapped
 from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.spectra import LEAD, WINDOW
 
 FROZEN = "frozen"
+SHORT, FEW, SMALL, MISSING = "too short", "too few echoes", "raster too small", "part missing"
+ONE_PLACE, BESIDE = "all at one place", "raster beside the mouth"
+_FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
+_INSIDE, _BESIDE, _ONE = 0.4e-3, 0.2e-3, 0.1e-3
+"""Least radius of the middle of a mouth, how far beside it the wall is told, and how far apart
+places are at least, in metres."""
 
 
 def usable(bursts: Sequence[Burst]) -> list[Burst]:
@@ -49,6 +56,46 @@ def _reason(burst: Burst) -> str:
     if burst.noise == 0:
         return FROZEN
     return "" if 0 < burst.noise < np.inf else "not a trace"
+
+
+def too_little(
+    bursts: Sequence[Burst],
+    ear: Ear,
+    centre: tuple[float, float],
+    diameter: float,
+    *,
+    whole: bool = True,
+) -> str:
+    """Why usable bursts hold no depth of a mouth, or nothing.
+
+    Parameters
+    ----------
+    bursts : sequence of Burst
+        Usable ones.
+    ear : Ear
+        The probe and what is known of the pipe.
+    centre : (float, float)
+        Of the mouth, phi and z.
+    diameter : float
+        Of the mouth, in metres.
+    whole : bool
+        Whether these are all that were planned.
+    """
+    if not covered(bursts, ear):
+        return SHORT
+    spots = ear.spots(np.array([burst.angles for burst in bursts]))
+    around = ear.radius * wrapped(spots[:, 0] - centre[0])
+    off = np.stack([around, spots[:, 1] - centre[1]], axis=1)
+    if np.linalg.norm(off - off.mean(axis=0), axis=1).max() < _ONE:
+        return ONE_PLACE
+    away = np.linalg.norm(off, axis=1)
+    if (away < max(diameter / 2, _INSIDE)).sum() < _FEWEST_INSIDE:
+        return BESIDE if whole else MISSING
+    outside = int((away > diameter / 2 + _BESIDE).sum())
+    if outside >= _FEWEST_OUTSIDE:
+        return ""
+    # A raster is as wide on one side of its centre as on the other.
+    return SMALL if whole or 2 * outside < _FEWEST_OUTSIDE else MISSING
 
 
 def covered(bursts: Sequence[Burst], ear: Ear) -> bool:

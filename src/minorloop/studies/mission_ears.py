@@ -9,6 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from minorloop.arrays import FloatArray
 from minorloop.geometry import Probe, wrapped
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.inspection.echoes import Burst, average, choose_modality
 from minorloop.inspection.field import Ear
 from minorloop.inspection.fusion import fuse, mean_depths, outline_of
@@ -105,7 +106,8 @@ def sweep(crew: Crew, probe: Ultrasound, place: tuple[float, float]) -> tuple[Pr
         profiles.append(wall_profile([average(shots, angles, np.zeros(RING_SHOTS))], crew.ear))
     profile = joined(profiles)
     water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)
-    words = f"{1e3 * water.height:+.1f} mm from the axis, within {1e3 * water.sd:.1f} mm"
+    band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
+    words = f"{1e3 * water.height:+.1f} {band} from the axis"
     crew.say("water line", f"{words}; {profile.heard.sum()} of {TURNS} places heard")
     return centred(profile), water
 
