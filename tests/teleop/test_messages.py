@@ -38,6 +38,9 @@ def test_what_a_page_sends_is_understood():
     assert message.pose == (0.0, 0.0, 0.0, 1.0)
     lost = messages.decode(json.dumps({**DRIVE, "pose": None}))
     assert lost.pose is None
+    for nothing in ([0, 0, 0, 0], [0, 1e-200, 0, 1e-200]):
+        with pytest.raises(SignalError, match="length 1"):
+            messages.decode(json.dumps({**DRIVE, "pose": nothing}))
 
 
 @given(st.sampled_from(sorted(DRIVE)), anything)

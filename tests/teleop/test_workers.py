@@ -27,6 +27,11 @@ def test_a_file_that_is_not_there_is_a_refusal(tmp_path):
     assert "none.csv" in answer["error"]
 
 
+def test_what_a_process_takes_to_begin_is_not_what_a_task_takes(tmp_path):
+    ((answer,),) = told("look", longest=0.5, folder=str(tmp_path), name="none.csv")
+    assert "none.csv" in answer["error"]
+
+
 def test_what_takes_too_long_is_ended_and_the_next_is_served(tmp_path):
     first, second = told("move", times=2, longest=1e-6, folder=str(tmp_path), memory=None, u=0.5)
     assert "took over" in first[-1]["error"]

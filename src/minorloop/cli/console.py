@@ -134,8 +134,9 @@ def _listen(host: str, port: int) -> socket.socket:
         found.bind((host, port))
     except OSError as error:
         found.close()
+        other = "--host" if isinstance(error, socket.gaierror) else "--port"
         raise ParameterError(
-            f"cannot listen on {host} port {port}: {error.strerror or error}; give another --port"
+            f"cannot listen on {host} port {port}: {error.strerror or error}; give another {other}"
         ) from None
     return found
 

@@ -25,6 +25,8 @@ _Time: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
 _Unit: TypeAlias = Annotated[float, msgspec.Meta(ge=-1.001, le=1.001)]
 _Share: TypeAlias = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
 _Pixel: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)]
+_LEAST_POSE = 0.5
+"""Square of the length below which four numbers turn nothing."""
 _Distance: TypeAlias = Annotated[float, msgspec.Meta(ge=4e-3, le=60e-3)]
 
 
@@ -55,6 +57,10 @@ class Drive(_Order, frozen=True, kw_only=True):
     age: Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
     stick: tuple[_Share, _Share]
     clutch: bool
+
+    def __post_init__(self) -> None:
+        if self.pose is not None and sum(part * part for part in self.pose) < _LEAST_POSE:
+            raise ValueError("a pose is a quaternion of length 1")
 
 
 class Mode(_Order, frozen=True, kw_only=True):

@@ -162,7 +162,7 @@ def _refusal(seat: Seat, state: SeatState, heard: Heard, wanted: Mode) -> str:
     if wanted == "SCAN" and heard.scan is None:
         return "there is nothing to scan; measure a finding first"
     if wanted == "TRACK" and state.mode == "TRACK" and state.unseen > seat.blind:
-        return "the target was lost from sight; pick it again"
+        return "the target was lost from sight; press TRACK when it is back, or pick it again"
     return ""
 
 

@@ -19,6 +19,8 @@ from minorloop.errors import MinorloopError
 
 TASKS = "minorloop.teleop.lab_work"
 _POLL = 0.01
+_BEGINNING = 180.0
+"""Seconds within which a process has to begin, on a machine that is busy with others."""
 
 
 class Workers:
@@ -60,12 +62,17 @@ class Workers:
         whole = False
         try:
             worker.pipe.send((task, options))
+            async with asyncio.timeout(_BEGINNING):
+                await worker.begun()
             async with asyncio.timeout(self._longest):
                 async for told in worker.told():
                     yield told
             whole = True
         except TimeoutError:
-            yield {"error": f"this took over {self._longest:g} s; use fewer levels or fewer rows"}
+            yield {
+                "error": f"this took over {self._longest:g} s; use fewer rows or levels, or try "
+                "again when the machine has less to do"
+            }
         except (EOFError, OSError):
             yield {"error": "the computation ended unexpectedly; use fewer levels or fewer rows"}
         finally:
@@ -95,17 +102,27 @@ class _Worker:
         self.pipe, theirs = context.Pipe()
         self._process = context.Process(target=serve, args=(theirs, tasks, nice), daemon=True)
         self._process.start()
+        self._begun = False
         theirs.close()
+
+    async def begun(self) -> None:
+        """Wait until it has imported what it needs, which is not what a task takes."""
+        if not self._begun:
+            await self._next()
+            self._begun = True
 
     async def told(self) -> AsyncIterator[dict[str, Any]]:
         """What comes until the task is done."""
         while True:
-            while not self.pipe.poll():
-                await asyncio.sleep(_POLL)
-            told = self.pipe.recv()
+            told = await self._next()
             if told is None:
                 return
             yield told
+
+    async def _next(self) -> Any:
+        while not self.pipe.poll():
+            await asyncio.sleep(_POLL)
+        return self.pipe.recv()
 
     def end(self) -> None:
         with contextlib.suppress(OSError):
@@ -120,6 +137,7 @@ def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
     tasks = importlib.import_module(module)
     tasks.warm_up()
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
+        pipe.send(None)  # it has begun
         while True:
             task, options = pipe.recv()
             try:

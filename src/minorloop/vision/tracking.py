@@ -163,14 +163,15 @@ class Tracker:
             raise SignalError("the frame is black; switch the lights on before a piece is picked")
         place = self.eye.place(pixel, pan, tilt)
         flat = self._flat(image, place, pan, tilt, self._cells * self.texel, self.texel)
+        u, v = np.asarray(pixel, dtype=np.float64)
         if not np.isfinite(flat).all():
             raise SignalError(
                 f"the frame does not show {1e3 * self.size:.3g} mm of wall about pixel "
-                f"{np.asarray(pixel)}; pick a point further from its edge"
+                f"({u:.0f}, {v:.0f}); pick a point further from its edge"
             )
         if not flat.std() > _PLAIN:
             raise SignalError(
-                f"the wall about pixel {np.asarray(pixel)} is of one grey; pick a point with detail"
+                f"the wall about pixel ({u:.0f}, {v:.0f}) is of one grey; pick one with detail"
             )
         state = TrackState(flat, flat, place, np.zeros(2), 0, image, (_key(image),))
         seen = np.asarray(pixel, dtype=np.float64)
