@@ -61,9 +61,9 @@ class Workers:
         worker = await self._idle.get()
         whole = False
         try:
-            worker.pipe.send((task, options))
             async with asyncio.timeout(_BEGINNING):
                 await worker.begun()
+            worker.pipe.send((task, options))
             async with asyncio.timeout(self._longest):
                 async for told in worker.told():
                     yield told
