@@ -33,4 +33,6 @@ def one_thread(unknowns: int = 0) -> Iterator[None]:
 
 @cache
 def _linear_algebra() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401  # its library has threads of its own: only loaded ones count
+
     return ThreadpoolController()  # type: ignore[no-untyped-call]

@@ -12,6 +12,7 @@ HEADER = "specimen,file,input,output"
         ("", "lists no specimens"),
         ("specimen,path\na,b\n", "lists no specimens"),
         (f"{HEADER}\n", "lists no specimens"),
+        (f"{HEADER},Specimen\na,a.csv,u,y,b\n", "has two columns specimen"),
         (f"{HEADER}\na,a.csv,u,y\na,b.csv,u,y\n", "line 3 of .* names 'a' again"),
         (f"{HEADER}\n,a.csv,u,y\n", "line 2 of .* has no specimen"),
         (f"{HEADER}\na,,u,y\n", "has no file"),

@@ -269,7 +269,7 @@ def test_a_head_that_does_not_follow_its_angles_measures_nothing(bursts, stuck):
         for burst in bursts[stuck:]
     ]
     found = measure_pit(bursts[:stuck] + again, EAR, CENTRE, 1.1e-3)
-    assert found.verdict == "distances disagree"
+    assert found.verdict in ("distances disagree", "no pit")
     assert np.isnan(found.depth)
 
 

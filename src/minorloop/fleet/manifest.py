@@ -103,7 +103,7 @@ def read_manifest(
     except (OSError, ValueError) as error:
         raise RecordError(f"{path} cannot be read: {error}") from None
     try:
-        rows = _rows(text)
+        rows = _rows(path, text)
     except csv.Error as error:
         raise RecordError(f"{path} is not a CSV file: {error}") from None
     missing = {"specimen", "file"} - set(rows[0] if rows else ())
@@ -123,7 +123,7 @@ def read_manifest(
     return list(found.values())
 
 
-def _rows(text: str) -> list[dict[str | None, Any]]:
+def _rows(path: str | os.PathLike[str], text: str) -> list[dict[str | None, Any]]:
     """Rows by their headers, which may be capitals."""
     header = text.partition("\n")[0]
     delimiter = max(",;\t", key=header.count)
@@ -131,6 +131,9 @@ def _rows(text: str) -> list[dict[str | None, Any]]:
         io.StringIO(text), strict=True, restval="", delimiter=delimiter, skipinitialspace=True
     )
     reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
+    for name in COLUMNS:
+        if reader.fieldnames.count(name) > 1:
+            raise RecordError(f"{path} has two columns {name}; name each column once")
     return list(reader)
 
 
