@@ -123,7 +123,7 @@ def read_manifest(
     return list(found.values())
 
 
-def _rows(path: str | os.PathLike[str], text: str) -> list[dict[str | None, Any]]:
+def _rows(path: PathLike, text: str) -> list[dict[str | None, Any]]:
     """Rows by their headers, which may be capitals."""
     header = text.partition("\n")[0]
     delimiter = max(",;\t", key=header.count)
