@@ -49,8 +49,12 @@ class Mission:
     ----------
     seed : int
         Of pipe and crew.
-    truth, truth_crack, truth_water : Bore, Crack, float
-        Pit, crack and height of the water in m, for scoring only.
+    truth : Bore
+        The pit. For scoring only, as the next two.
+    truth_crack : Crack
+        The crack.
+    truth_water : float
+        Height of the water, in m.
     log : tuple of Step
         What was done, and when.
     looks : Findings, optional
@@ -65,8 +69,10 @@ class Mission:
         By the echoes.
     wall, ring : WallMap, optional
         About the pit, and once round the pipe.
-    profile, water : Profile, WaterLine, optional
+    profile : Profile, optional
         Of the sweep round the pipe.
+    water : WaterLine, optional
+        Of the same sweep.
     cracks : tuple of SeenCrack
         That were seen again from nearer.
     touch : float
