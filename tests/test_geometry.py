@@ -146,3 +146,10 @@ def test_the_nose_just_touches_the_wall_at_the_edge_of_the_cone(lever, nose, off
 def test_what_cannot_be_is_refused(make):
     with pytest.raises(ParameterError):
         make()
+
+
+def test_distances_on_the_wall_go_the_short_way_round():
+    course = [[3.1, 0.0], [-3.1, 0.0], [-3.1, 5e-3]]
+    short = 10e-3 * (2 * np.pi - 6.2)
+    assert geometry.wall_distance(course[0], course[1], 10e-3) == pytest.approx(short)
+    assert geometry.wall_lengths(course, 10e-3) == pytest.approx([0.0, short, short + 5e-3])

@@ -404,6 +404,19 @@ def wrapped(angle: npt.ArrayLike) -> FloatArray:
     return turned
 
 
+def wall_distance(one: npt.ArrayLike, other: npt.ArrayLike, radius: float) -> FloatArray:
+    """Metres along the wall of a pipe between places (..., 2), each phi and z."""
+    a, b = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
+    apart = np.hypot(radius * wrapped(a[..., 0] - b[..., 0]), a[..., 1] - b[..., 1])
+    return np.asarray(apart)
+
+
+def wall_lengths(course: npt.ArrayLike, radius: float) -> FloatArray:
+    """(N,) metres along the wall from the first of places (N, 2), each phi and z."""
+    places = np.asarray(course, dtype=np.float64)
+    return np.concatenate([[0.0], np.cumsum(wall_distance(places[1:], places[:-1], radius))])
+
+
 def cone_half_angle(lever: float, nose: float, radius: float, eccentricity: float = 0.0) -> float:
     """Largest deflection, in radians, before the nose of the head touches the wall.
 

@@ -7,7 +7,6 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from functools import partial
 from itertools import islice
@@ -22,12 +21,10 @@ from minorloop.files import PathLike
 from minorloop.fleet._workers import check_address, cluster, get_ready
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import (
-    AT_ONCE,
     fail,
     kept,
     one_line,
     open_folder,
-    settle,
     settle_all,
     strays,
     write_summary,
@@ -149,15 +146,7 @@ def identify_batch(
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "record.csv"
         found = (identify_one(data, one, options, path) for data, one in batch)
-        if place is None:
-            return list(found)
-        # Each is written while the next is identified: a disk takes its time.
-        with ThreadPoolExecutor(AT_ONCE) as pool:
-            written = [
-                pool.submit(settle, place, one, each)
-                for (_, one), each in zip(batch, found, strict=True)
-            ]
-        return [future.result() for future in written]
+        return list(found) if place is None else settle_all(place, [one for _, one in batch], found)
 
 
 def identify_one(

@@ -11,7 +11,7 @@ import csv
 import hashlib
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -24,15 +24,15 @@ from minorloop.files import first_difference, write_atomically
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
-AT_ONCE = 16
+_AT_ONCE = 16
 _LONGEST = 400
 
 
 def settle_all(
-    place: Path, batch: Sequence[Specimen], found: Sequence[Mapping[str, Any]]
+    place: Path, batch: Sequence[Specimen], found: Iterable[Mapping[str, Any]]
 ) -> list[Outcome]:
-    """Write down a batch. Each file is waited for until it is on the disk, all at once."""
-    with ThreadPoolExecutor(AT_ONCE) as pool:
+    """Write down a batch, each while the next is found: a disk takes its time."""
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
         return list(pool.map(partial(settle, place), batch, found))
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
-from minorloop.geometry import wrapped
+from minorloop.geometry import wall_distance, wall_lengths
 from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear
 from minorloop.inspection.findings import Finding
@@ -122,8 +122,7 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
         Of the pipe, in metres.
     """
     course = np.asarray(places, dtype=np.float64)
-    steps = np.diff(course, axis=0)
-    length = float(np.hypot(radius * wrapped(steps[:, 0]), steps[:, 1]).sum())
+    length = float(wall_lengths(course, radius)[-1])
     phi, z = course[len(course) // 2].tolist()
     verdict = found.verdict
     if verdict == NARROW and np.isfinite(found.least_width):
@@ -175,8 +174,7 @@ def crack_map(
 def _dense(course: FloatArray, radius: float) -> FloatArray:
     """The course in steps of 0.1 mm."""
     around = np.unwrap(course[:, 0])
-    steps = np.hypot(radius * np.diff(around), np.diff(course[:, 1]))
-    along = np.concatenate([[0.0], np.cumsum(steps)])
+    along = wall_lengths(course, radius)
     fine = np.linspace(0.0, along[-1], max(int(along[-1] / 0.1e-3), 1) + 1)
     return np.stack([np.interp(fine, along, around), np.interp(fine, along, course[:, 1])], axis=1)
 
@@ -185,8 +183,7 @@ def _middle(bursts: Sequence[Burst], ear: Ear, course: FloatArray) -> tuple[floa
     """The place of a dense course nearest to the middle of the raster."""
     spots = ear.spots(np.array([burst.angles for burst in bursts]))[:, :2]
     phi, z = np.angle(np.exp(1j * spots[:, 0]).mean()), spots[:, 1].mean()
-    off = np.hypot(ear.radius * wrapped(course[:, 0] - phi), course[:, 1] - z)
-    near = course[int(np.argmin(off))]
+    near = course[int(np.argmin(wall_distance(course, (phi, z), ear.radius)))]
     return float(near[0]), float(near[1])
 
 

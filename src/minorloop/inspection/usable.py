@@ -100,13 +100,9 @@ def too_little(
 
 def covered(bursts: Sequence[Burst], ear: Ear) -> bool:
     """Whether the traces of usable bursts are long enough for the wall and all that is under it."""
-    return all(burst.trace.size * burst.sample_interval >= end for burst, end in _ends(bursts, ear))
-
-
-def _ends(bursts: Sequence[Burst], ear: Ear) -> list[tuple[Burst, float]]:
-    """Bursts and when, in seconds, the last that a pit may send back is heard."""
     if not bursts:
-        return []
+        return True
     spots = ear.spots(np.array([burst.angles for burst in bursts]))
-    latest = 2 * spots[:, 2] / ear.speed + WINDOW - LEAD
-    return [(burst, float(end)) for burst, end in zip(bursts, latest, strict=True)]
+    needed = 2 * spots[:, 2] / ear.speed + WINDOW - LEAD
+    lasted = np.array([burst.trace.size * burst.sample_interval for burst in bursts])
+    return bool((lasted >= needed).all())

@@ -263,9 +263,7 @@ class Store:
 
     def origin(self) -> dict[str, Any] | None:
         """The state of the actuator before the first level, where it can tell."""
-        with _explained(self.path):
-            found = self._select(f"{rows.ABOUT} WHERE name = 'origin'")
-            return json.loads(rows.unsealed(found[0])[1]) if found else None
+        return self._noted("origin")
 
     def set_origin(self, checkpoint: dict[str, Any]) -> None:
         """Keep the state of the actuator before the first level, once.
@@ -280,9 +278,7 @@ class Store:
 
     def bench(self) -> dict[str, Any] | None:
         """What the run was measured with, where the actuator can tell."""
-        with _explained(self.path):
-            found = self._select(f"{rows.ABOUT} WHERE name = 'bench'")
-            return json.loads(rows.unsealed(found[0])[1]) if found else None
+        return self._noted("bench")
 
     def check_bench(self, description: dict[str, Any]) -> None:
         """Refuse to go on with other instruments than the run began with; keep them, once.
@@ -389,6 +385,12 @@ class Store:
     def _is_level(self, index: int, level: float) -> bool:
         planned = self.plan.inputs[index : index + 1]
         return bool(np.isfinite(level) and (np.isnan(planned) | (planned == level)).any())
+
+    def _noted(self, name: str) -> dict[str, Any] | None:
+        """What was noted of the whole run under a name, where it was."""
+        with _explained(self.path):
+            found = self._select(f"{rows.ABOUT} WHERE name = ?", name)
+            return json.loads(rows.unsealed(found[0])[1]) if found else None
 
     def _select(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
         return self._connection.execute(statement, values).fetchall()

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from minorloop.arrays import FloatArray
-from minorloop.geometry import wrapped
+from minorloop.geometry import wall_distance, wall_lengths, wrapped
 from minorloop.inspection.crackdepth import CrackDepth, crack_depth, crack_finding, crack_map
 from minorloop.inspection.findings import Finding
 from minorloop.inspection.unrolled import Patch, WallMap
@@ -183,7 +183,7 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
         return figures | dict.fromkeys(names, np.nan)
     best = max(right, key=lambda one: one.course.length)
     off = _between(best.course.places, course)
-    length = float(_along(course)[-1])
+    length = float(wall_lengths(course, RADIUS)[-1])
     there = widths[int(np.argmin(_between(best.widest[None], course)[0]))]
     values = (
         100 * abs(best.course.length / length - 1),
@@ -196,14 +196,7 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
 
 def _between(one: npt.ArrayLike, other: npt.ArrayLike) -> FloatArray:
     """(N, M) metres between the places of two courses."""
-    a, b = np.asarray(one)[:, None], np.asarray(other)[None]
-    return np.asarray(np.hypot(RADIUS * wrapped(a[..., 0] - b[..., 0]), a[..., 1] - b[..., 1]))
-
-
-def _along(course: FloatArray) -> FloatArray:
-    """(N,) metres from the beginning of a course."""
-    steps = np.diff(course, axis=0)
-    return np.concatenate([[0.0], np.cumsum(np.hypot(RADIUS * wrapped(steps[:, 0]), steps[:, 1]))])
+    return wall_distance(np.asarray(one)[:, None], np.asarray(other)[None], RADIUS)
 
 
 def _widest(traced: TracedCrack) -> tuple[FloatArray, float]:
@@ -227,7 +220,7 @@ def _patch(places: FloatArray) -> Patch:
 def _true(crack: Crack) -> tuple[FloatArray, FloatArray]:
     """Course (N, 2) and widths (N,) of a true crack, in steps of 50 um."""
     corners = np.array(crack.points)
-    along = _along(corners)
+    along = wall_lengths(corners, RADIUS)
     fine = np.arange(0.0, along[-1], 0.05e-3)
     course = [
         np.interp(fine, along, np.unwrap(corners[:, 0])),

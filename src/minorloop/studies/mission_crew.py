@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.control.head import HeadControl, head_control
-from minorloop.geometry import Mount, Probe, meet_wall, wall_point, wrapped
+from minorloop.geometry import Mount, Probe, meet_wall, wall_distance, wall_point
 from minorloop.inspection.field import Ear
 from minorloop.lab.actuator import Shot
 from minorloop.studies.inspection_servo import wires_of
@@ -268,8 +268,7 @@ def _level(angles: Sequence[float], rng: np.random.Generator) -> float:
 
 def distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
     """Metres along the wall between two places, each phi and z first."""
-    a, b = np.asarray(one), np.asarray(other)
-    return float(np.hypot(RADIUS * float(wrapped(a[0] - b[0])), a[1] - b[1]))
+    return float(wall_distance(one, other, RADIUS))
 
 
 def apart(one: npt.ArrayLike, other: npt.ArrayLike) -> float:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, check_option
-from minorloop.geometry import Mount, Probe, wrapped
+from minorloop.geometry import Mount, Probe, wall_distance
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.inspection.echoes import Burst, average, choose_modality
 from minorloop.inspection.field import Ear
@@ -208,7 +208,7 @@ def _burst(sounding: Sounding, target: FloatArray, sway: float, phase: FloatArra
         shots.append(sonar.shot())
         read.append(place + _ANGLE_NOISE * sounding.rng.standard_normal(2))
     aimed, spots = ear.spots(target)[0], ear.spots(np.array(read))
-    off = np.hypot(ear.radius * wrapped(spots[:, 0] - aimed[0]), spots[:, 1] - aimed[1])
+    off = wall_distance(spots[:, :2], aimed[:2], ear.radius)
     return average(shots, np.array(read), off)
 
 
@@ -322,10 +322,9 @@ def _error(run: Scored) -> float:
 
 
 def _miss(run: Scored) -> float:
-    truth, radius = run.sounding.truth, run.sounding.ear.radius
-    return float(
-        np.hypot(radius * float(wrapped(run.found.phi - truth.phi)), run.found.z - truth.z)
-    )
+    found, truth = run.found, run.sounding.truth
+    radius = run.sounding.ear.radius
+    return float(wall_distance((found.phi, found.z), (truth.phi, truth.z), radius))
 
 
 def _covered(run: Scored) -> BoolArray:

@@ -60,7 +60,7 @@ _JOB = bytes([messages.JOB])
 _MOST_MESHES = 100
 _MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
 _MEASURED = ("phi", "phi_sd", "z", "z_sd", "diameter", "diameter_sd", "depth", "depth_sd")
-_CLOSED, _REFUSED, _TOO_BIG = 1001, 1008, 1009
+_CLOSED, _REFUSED = 1001, 1008
 
 
 @dataclass(frozen=True, kw_only=True)
