@@ -11,6 +11,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from minorloop.version import __version__
+
 if TYPE_CHECKING:
     from minorloop.connect import connect
     from minorloop.control.head import HeadControl, head_control
@@ -63,7 +65,6 @@ if TYPE_CHECKING:
     from minorloop.twins.sensor import Fault
     from minorloop.twins.surroundings import Course, Surroundings, convection
 
-__version__ = "0.1.0"
 
 __all__ = [
     "Actuator",
