@@ -42,6 +42,8 @@ def _point(index, /, **changed):
         "t": 40.0 * (index + 1),
         "held": 40.0,
         "checkpoint": STATE,
+        "sample_interval": 8.0,
+        "time_uncertainty": 0.05,
     }
     return Point(**{**fields, **changed})
 
@@ -295,7 +297,7 @@ class TestRefusals:
         newer = sqlite3.connect(path)
         newer.execute(f"PRAGMA user_version = {store_module.VERSION + 1}")
         newer.close()
-        with pytest.raises(StoreError, match="has format 2 and this minorloop reads 1; install a"):
+        with pytest.raises(StoreError, match="has format 3 and this minorloop reads 2; install a"):
             Store.open(path)
 
     def test_who_opens_to_read_does_not_write(self, tmp_path):

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_samples, frozen
 from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 from minorloop.lab.records import SECONDS, Quantity
 
@@ -236,6 +237,29 @@ class Plan:
                 index = int(np.argmax(differs))
                 return f"its {what} {index} is {mine[index]}, not {theirs[index]}"
         return ""
+
+    def check_answers(self, seconds: float) -> None:
+        """Refuse a plan that wants more readings than a meter can give.
+
+        Parameters
+        ----------
+        seconds : float
+            How long the meter takes for one reading.
+
+        Raises
+        ------
+        ParameterError
+            If the window does not hold enough of them for a slope and its uncertainty.
+        """
+        if self.window >= FEWEST * seconds * (1 - 1e-9):
+            return
+        interval = rounded_up(max(seconds, self.sample_interval))
+        raise ParameterError(
+            f"the meter takes {seconds:.3g} s for an answer, and the plan wants {FEWEST} of them "
+            f"within a window of {self.window:g} s and holds of {self.longest.min():g} s; the "
+            f"shortest hold possible is {rounded_up(FEWEST * interval):g} s, with {interval:g} s "
+            "between samples"
+        )
 
     def _check(self) -> None:
         late = self.shortest > self.longest

@@ -83,12 +83,12 @@ def simulated(tmp_path, monkeypatch):
         "meter": {"resource": "ASRL2::INSTR"},
         "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2},
         "output": {"name": "tip", "unit": "mm"},
-        "tick": 0.001,
+        "tick": 0.2,
         "timeout": 0.1,
     }
     (tmp_path / "bench.json").write_text(json.dumps(bench))
-    Plan([0.5, -0.5], 0.02, input="voltage [V]").to_csv("plan.csv")
-    line = "run --actuator visa:bench.json --plan plan.csv --store s.sqlite --interval 0.004"
+    Plan([0.5, -0.5], 0.4, input="voltage [V]").to_csv("plan.csv")
+    line = "run --actuator visa:bench.json --plan plan.csv --store s.sqlite --interval 0.04"
     return line.split()
 
 
