@@ -200,7 +200,7 @@ class TestHonesty:
     def test_of_the_twins(self, address, hold):
         chance = np.random.default_rng(0)
         for share in (0.0005, 0.005, 0.02):
-            inside, verdicts, worst = [], set(), 0.0
+            inside, verdicts, worst, left = [], set(), 0.0, []
             for t, y, truth, span in _holds(address, hold):
                 for tolerance in (0.002 * span / hold, 0.04 * span / hold):
                     noisy = y + share * span * chance.normal(size=y.size)
@@ -208,10 +208,13 @@ class TestHonesty:
                     inside.append(abs(end.value - truth) <= 3 * end.sd)
                     verdicts.add(end.verdict)
                     worst = max(worst, end.sd / span)
+                    if end.verdict == "settled" and abs(end.slope) + 2 * end.slope_sd > tolerance:
+                        left.append(abs(y[-1] - truth) / (share * span))
             assert len(inside) >= 88
             assert np.mean(inside) >= 0.95
-            assert "extrapolated" in verdicts
-            assert share > 0.0005 or "settled" in verdicts
+            assert share > 0.0005 or {"settled", "extrapolated"} <= verdicts
+            # What noise hides is no more than noise.
+            assert share == 0.0005 or (len(left) >= 20 and np.quantile(left, 0.95) <= 1.5)
             assert worst <= 0.015 + 2 * share  # nor is it bought with doubts that say nothing
 
     @pytest.mark.parametrize(("address", "hold"), [("ipmc", 100.0), ("fibre", 200.0)])

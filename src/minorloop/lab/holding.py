@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import cast
 
 import numpy as np
 
@@ -101,9 +100,9 @@ class Hold:
         t = np.concatenate([record.t for record in self._records])
         y = np.concatenate([record.y for record in self._records])
         if self.timed:
-            return cast(FloatArray, t - self.began), y
+            return t - self.began, y
         # The last sample is taken at the end of the hold, whatever the clock of the actuator says.
-        return cast(FloatArray, self.held + (t - t[-1])), y
+        return self.held + (t - t[-1]), y
 
     @property
     def uncertainty(self) -> float:
