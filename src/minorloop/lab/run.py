@@ -180,11 +180,17 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
     known = plan.inputs[np.isfinite(plan.inputs)]
     for level in (known.min(), known.max()) if known.size else ():
         check_input(actuator.inputs, level)
-    plan.check_answers(_answer_time(actuator))
+    plan.check_answers(answer_time(actuator))
 
 
-def _answer_time(actuator: Actuator) -> float:
-    """How long a reading takes, in seconds; 0 where the actuator does not tell."""
+def answer_time(actuator: Actuator) -> float:
+    """How long a reading takes, in seconds; 0 where the actuator does not tell.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        What is measured.
+    """
     return actuator.answer_time() if isinstance(actuator, Timed) else 0.0
 
 
@@ -253,7 +259,7 @@ def _hold(
 ) -> tuple[Hold, float]:
     """Hold one level until it has settled; the hold, and the slope of a settled output."""
     index, values = len(points), [point.value for point in points]
-    hold, tolerance = Hold(plan, index, _answer_time(actuator)), 0.0
+    hold, tolerance = Hold(plan, index, answer_time(actuator)), 0.0
     for length in hold.stretches():
         hold.add(actuator.apply(level, length, plan.sample_interval), length)
         watch(Moment(index, len(plan), level, hold.latest, hold.held))

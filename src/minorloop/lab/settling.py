@@ -40,6 +40,8 @@ STRETCH = 2.5
 """Windows over which an output that noise hides has to stand still."""
 CHANCE = 1e-4
 """Probability with which the noise of a constant is taken for a movement, in each of two tests."""
+FEWEST_STILL = 8
+"""Samples without which a movement cannot be told from noise."""
 _FEWEST = 4
 _FEWEST_TAIL = 12
 _MOST = 2000
@@ -162,7 +164,7 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     neighbours must be no more alike than those of white noise are, by the ratio of von Neumann
     (Distribution of the ratio of the mean square successive difference to the variance, 1941).
     Its distribution is taken as a beta distribution of the same variance. What moves smoothly has
-    neighbours that are alike, however few samples there are.
+    neighbours that are alike.
 
     Parameters
     ----------
@@ -176,15 +178,17 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     Returns
     -------
     bool
-        False where there are fewer than four samples.
+        False where there are fewer than eight samples: noise rises from the first to the last of
+        seven too often for that to be a surprise.
     """
     from scipy.special import betainc, stdtr
 
     times, values = _trailing(*_measured(t, y), STRETCH * window)
-    if times.size < _FEWEST or times[-1] == times[0]:
+    if times.size < FEWEST_STILL or times[-1] == times[0]:
         return False
     x = times - times.mean()
-    rest = values - values.mean()
+    rest = values - values[-1]
+    rest -= rest.mean()
     squares = float(rest @ rest)
     if squares == 0:
         return True
