@@ -127,7 +127,7 @@ def test_a_plan_that_cannot_be_kept_is_refused_before_the_first_hold(tmp_path):
         with pytest.raises(
             ParameterError,
             match=r"takes 0\.1 s for an answer, .* 8 of them in a hold and 4 in the window: the "
-            r"plan has a hold of 1 s and a window of 0\.1 s; the shortest .* is 0\.8 s, with 0\.1 s",
+            r"plan has a hold of 1 s and a window of 0\.1 s; the shortest .* is 0\.8 s, with",
         ):
             run(bench, plan, store)
         assert len(store) == 0

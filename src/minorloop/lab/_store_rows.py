@@ -130,8 +130,8 @@ class Point:
         Time between samples on average, in seconds; longer than that of the plan where the meter
         was slower. NaN where there is one sample only, or the store is older than that.
     time_uncertainty : float
-        No time of the hold is further from the true one, in seconds: half the longest exchange with
-        an instrument, 0 for a twin, NaN in an older store.
+        No time of the hold is further from the true one, in seconds: half the exchange that set the
+        input and half the longest that read the output; 0 for a twin, NaN in an older store.
     """
 
     index: int

@@ -53,7 +53,8 @@ class Timing:
     ended : float
         When the hold ended, in seconds.
     uncertainty : float
-        Half the longest exchange of the hold, in seconds; no true time is further from its value.
+        In seconds: half the exchange that set the input and half the longest that read the output.
+        No true time since the input was on is further from what it is said to be.
     """
 
     began: float

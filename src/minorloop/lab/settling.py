@@ -15,6 +15,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import betainc, stdtr
 
 from minorloop.arrays import FloatArray
 
@@ -181,8 +182,6 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
         False where there are fewer than eight samples: noise rises from the first to the last of
         seven too often for that to be a surprise.
     """
-    from scipy.special import betainc, stdtr
-
     times, values = _trailing(*_measured(t, y), STRETCH * window)
     if times.size < FEWEST_STILL or times[-1] == times[0]:
         return False

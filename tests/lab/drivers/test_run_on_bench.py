@@ -211,3 +211,26 @@ def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
     assert json.loads(capsys.readouterr().out)["points"] == 2
     with Store.open("s.sqlite") as store:
         assert [(point.input, point.value) for point in store.points()][:1] == kept
+
+
+def test_a_meter_that_becomes_slow_is_warned_of(tmp_path, monkeypatch, capsys):
+    clock = Clock()
+
+    class Tiring(Plant):
+        def read(self):
+            clock.sleep(0.3 if self.value == 0.5 else 0.01)
+            return super().read()
+
+    plant = Tiring()
+    ends = Channel("voltage", "V", -1.0, 1.0), Channel("tip", "mm", -5.0, 5.0)
+    bench = Bench(plant, plant, *ends, clock=clock)
+    bench.check()
+    monkeypatch.setattr("minorloop.lab.drivers.visa.open_bench", lambda path: bench)
+    monkeypatch.chdir(tmp_path)
+    Plan([0.25, 0.5], 10.0, input="voltage [V]").to_csv("plan.csv")
+    assert main(["run", "--actuator", "visa:x", "--plan", "plan.csv", "--store", "s.sqlite"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "read every 0.179 s, times known to 0.15 s" in said
+    assert "slower than the plan: samples were up to 0.309 s apart, not 0.05 s" in said
+    assert main(["runs", "show", "--store", "s.sqlite"]) == 0
+    assert "read every 0.179 s" in capsys.readouterr().out

@@ -22,6 +22,8 @@ OVERLOAD = 9e37
 """From here on a reading is how instruments say that they are overloaded (IEEE 488.2: 9.9E37)."""
 MAX_SAMPLES = 20_000_000
 _TRIES = 3
+_READINGS = 3
+"""Readings from which it is known how long the meter takes."""
 _LATEST = 9
 """Readings from which it is taken how long the next one is going to take."""
 _SLACK = 0.1
@@ -144,6 +146,7 @@ class Bench:
         self._began = self._clock.now()
         self._present, self._changed = self._rest, -math.inf
         self._set: _Span | None = None
+        self._doubt = 0.0  # half the exchange that set what is on
         self._answers: deque[float] = deque(maxlen=_LATEST)
         self._found = 0.0
 
@@ -210,7 +213,7 @@ class Bench:
         timing = Timing(
             began=on.middle - self._began,
             ended=ended - self._began,
-            uncertainty=max(on.half, *(span.half for span, _ in readings)),
+            uncertainty=self._doubt + max(span.half for span, _ in readings),
         )
         names = [Quantity(c.name, c.unit) for c in (*self._inputs, *self._outputs)]
         u_held, y = np.full(t.size, self._present), [value for _, value in readings]
@@ -253,7 +256,7 @@ class Bench:
         InstrumentError
             If nothing was read yet, and the meter does not answer.
         """
-        while len(self._answers) < _TRIES:
+        while len(self._answers) < _READINGS:
             self._read_timed()
         return self._usual()
 
@@ -268,7 +271,7 @@ class Bench:
             If one of them does not.
         """
         self.safe()
-        for _ in range(_TRIES):
+        for _ in range(_READINGS):
             _, value = self._read_timed()
         self._found = self._usual()
         return value
@@ -310,6 +313,7 @@ class Bench:
         asked = self._clock.now()
         self._source.set(value)
         self._set = _Span.between(asked, self._clock.now())
+        self._doubt = self._set.half
 
     def _sample(
         self, began: float, duration: float, interval: float, count: int
