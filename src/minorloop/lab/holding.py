@@ -72,7 +72,8 @@ class Hold:
         self._records.append(record)
         if self.timed:
             self.held = self.ended - self.began
-            length = self.held - before
+            if self.held > before:  # a clock may stand still
+                length = self.held - before
         else:
             self.held += length
         self._left -= length
