@@ -43,9 +43,10 @@ def serve(
     console: Console,
     listening: socket.socket,
     *,
-    certificate: Path | None = None,
-    private_key: Path | None = None,
+    certificate: Path | str | None = None,
+    private_key: Path | str | None = None,
     limits: Limits | None = None,
+    server: type[uvicorn.Server] = uvicorn.Server,
 ) -> None:
     """Serve until a signal ends it.
 
@@ -56,10 +57,12 @@ def serve(
     console : Console
     listening : socket.socket
         A bound socket; it is closed at the end.
-    certificate, private_key : Path, optional
+    certificate, private_key : path, optional
         PEM files, for https.
     limits : Limits, optional
         What strangers may take.
+    server : type, optional
+        What serves; a subclass may say when it ends.
     """
     listener = Listener(listening, limits)
     config = uvicorn.Config(
@@ -86,7 +89,7 @@ def serve(
         return asyncio.SelectorEventLoop(Selector(listener))
 
     with asyncio.Runner(loop_factory=events) as runner:
-        runner.run(_served(uvicorn.Server(config), listener))
+        runner.run(_served(server(config), listener))
 
 
 async def _served(server: uvicorn.Server, listener: Listener) -> None:
