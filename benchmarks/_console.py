@@ -62,7 +62,7 @@ class Server:
         """Resident memory of the process that listens, in MiB."""
         listens = _listening(int(self.host.rsplit(":", 1)[1]))
         found = [_resident(pid) for pid in self._pids() if listens in _files(pid)]
-        return max(found, default=float("nan")) / 2**20
+        return max(found, default=0.0) / 2**20
 
     def _pids(self) -> list[int]:
         return [self.process.pid, *_offspring(self.process.pid)]
@@ -174,10 +174,12 @@ def _listening(port: int) -> str:
 
 
 def _files(pid: int) -> set[str]:
-    try:
-        return {os.readlink(entry) for entry in Path(f"/proc/{pid}/fd").iterdir()}
-    except OSError:
-        return set()
+    found = set()
+    with contextlib.suppress(OSError):
+        for entry in Path(f"/proc/{pid}/fd").iterdir():
+            with contextlib.suppress(OSError):  # closed meanwhile
+                found.add(os.readlink(entry))
+    return found
 
 
 def _resident(pid: int) -> float:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import io
 import json
 import os
 import resource
@@ -209,7 +208,7 @@ def uploaded(server: Server, root: Path, count: int, megabytes: int) -> list[Row
         for _ in range(count)
     ]
     idle = server.serving(), server.memory()
-    peaks = np.array([0.0, 0.0, 0.0])
+    peaks = np.zeros(3)
     answers: list[float] = []
     began = time.monotonic()
     for thread in threads:
@@ -256,12 +255,11 @@ def uploaded(server: Server, root: Path, count: int, megabytes: int) -> list[Row
 def table(size: int) -> bytes:
     """A record of so many bytes."""
     rng = np.random.default_rng(0)
-    text = io.StringIO()
-    text.write("time [s],voltage [V],length [um]\n")
-    lines = [f"{k / 200:.6g},{u:.17g},{u * u:.17g}\n" for k, u in enumerate(rng.uniform(size=500))]
+    u = rng.uniform(0.1, 1.0, 500)
+    lines = [f"{k / 200:.6g},{x:.17f},{x * x:.17f},{x / 3:.17f}\n" for k, x in enumerate(u)]
     block = "".join(lines)
-    repeats = -(-size // len(block))
-    return (text.getvalue() + block * repeats)[:size].rsplit("\n", 1)[0].encode() + b"\n"
+    text = "time [s],voltage [V],length [um],force [N]\n" + block * (1 + size // len(block))
+    return text[:size].rsplit("\n", 1)[0].encode() + b"\n"
 
 
 def _labs() -> set[Path]:
@@ -290,7 +288,7 @@ def _small(server: Server, answers: list[float]) -> None:
         began = time.monotonic()
         status, told = drop(server, table(12_000))
         answers.append(time.monotonic() - began if status == 200 else float("inf"))
-        assert status != 200 or len(told["columns"]) == 3
+        assert status != 200 or len(told["columns"]) == 4
 
 
 def on_disk(root: Path) -> float:
