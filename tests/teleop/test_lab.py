@@ -331,6 +331,27 @@ def test_a_file_that_was_abandoned_while_it_waited_is_never_begun(scratch):
     assert at_work(work) == ["look"]
 
 
+def test_a_page_that_goes_ends_its_identification(scratch):
+    async def work(lab):
+        lab._quick.free.set()
+        user = json.loads((await lab._drop(Page(b"small").request())).body)["user"]
+        page = Page(b'{"input": "u", "output": "y"}')
+        request = page.request()
+        request.scope.update(path_params={"user": user}, asgi={"spec_version": "2.3"})
+        response = await lab._identify(request)
+
+        async def send(message):
+            pass
+
+        answered = asyncio.create_task(response(request.scope, page.receive, send))
+        await until(lambda: lab._workers.asked)
+        page.gone.set()
+        await answered
+        return lab._workers.ended
+
+    assert at_work(work) == 1
+
+
 def test_half_a_file_leaves_nothing(scratch):
     async def work(lab):
         page = Page(LARGE[:500], b"", length=len(LARGE))

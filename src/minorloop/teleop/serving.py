@@ -134,6 +134,13 @@ class Protocol(H11Protocol):
         hint = getattr(sys.exc_info()[1], "error_status_hint", 400)
         self._refuse(hint, _LONG if hint == 431 else _UNREADABLE)
 
+    def shutdown(self) -> None:
+        """End the connection; a refusal has ended the conversation already."""
+        if self._refused:
+            self.transport.close()
+        else:
+            super().shutdown()
+
     def _too_long(self, event: h11.Request) -> bool:
         headers = event.headers.raw_items()
         longest = max([len(event.target), *(len(name) + len(value) for name, value in headers)])

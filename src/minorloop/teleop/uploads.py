@@ -61,7 +61,7 @@ class Quota:
     disk: int = 1024**3
     files: int = 64
     small: int = 1024**2
-    large: int = 8
+    large: int = 16
     kept: float = 4 * 3600.0
     spared: float = 60.0
 
