@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import IO
 
 DRIVE = {"pose": [0, 0, 0, 1], "age": 0.0, "stick": [0, 0], "clutch": False}
 _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
@@ -22,10 +23,13 @@ _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
 class Server:
     """A console, and the cookie of a browser that came with its key."""
 
-    def __init__(self, folder: str, *options: str) -> None:
+    def __init__(self, folder: str, *options: str, messages: IO[str] | None = None) -> None:
         command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
         self.process = subprocess.Popen(
-            [*command, "--folder", folder, *options], stdout=subprocess.PIPE, text=True
+            [*command, "--folder", folder, *options],
+            stdout=subprocess.PIPE,
+            stderr=messages,
+            text=True,
         )
         assert self.process.stdout is not None
         address = re.search(r"http://([^/]+)(/\S*)", self.process.stdout.readline())

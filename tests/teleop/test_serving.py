@@ -1,11 +1,14 @@
+import asyncio
 import http.client
 import json
 import logging
 import socket
 import threading
+from unittest.mock import Mock
 
 import pytest
 import uvicorn
+from websockets.protocol import State
 from websockets.sync.client import connect
 
 from minorloop.teleop import messages
@@ -13,7 +16,7 @@ from minorloop.teleop.connections import Limits
 from minorloop.teleop.doors import Doors
 from minorloop.teleop.loop import LoopSettings
 from minorloop.teleop.server import Console
-from minorloop.teleop.serving import LONGEST_HEADER, Seldom, serve
+from minorloop.teleop.serving import LONGEST_HEADER, Seldom, Sockets, serve
 from seats import SilentLoop
 
 LIMITS = Limits(strangers=16, header=1.0, idle=30.0)
@@ -155,6 +158,19 @@ def test_who_had_the_key_goes_on_after_a_second_start(running):
     running.stop()
     running.start(running.doors)
     assert running.ask("/api/recordings")[0] == 200
+
+
+def test_a_websocket_that_is_closing_does_not_disturb_the_end(running):
+    """Over https, a connection is in this state for as long as its other end takes."""
+
+    async def end():
+        protocol = Sockets(running.server.config, uvicorn.server.ServerState(), {})
+        protocol.transport, protocol.handshake_complete = Mock(), True
+        protocol.conn.state = State.CLOSING
+        protocol.shutdown()
+        return protocol.transport.close.called
+
+    assert asyncio.run(end())
 
 
 def test_few_messages_are_logged_in_a_time(monkeypatch):

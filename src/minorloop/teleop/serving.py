@@ -23,6 +23,8 @@ try:
     import uvicorn
     from starlette.types import ASGIApp, Receive, Scope, Send
     from uvicorn.protocols.http.h11_impl import H11Protocol
+    from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+    from websockets.exceptions import InvalidState
 except ImportError:
     raise MissingExtraError("uvicorn", "console") from None
 
@@ -68,6 +70,7 @@ def serve(
     config = uvicorn.Config(
         _Marking(console.app(), listener),
         http=Protocol,
+        ws=Sockets,
         log_level="warning",
         access_log=False,
         proxy_headers=False,  # the connection is found by the address of its other end
@@ -163,6 +166,17 @@ class Protocol(H11Protocol):
         self.transport.write(head.encode() + body)
         self.flow.resume_reading()
         self.loop.call_later(_LINGER, self.transport.abort)
+
+
+class Sockets(WebSocketsSansIOProtocol):
+    """Websockets that may be closing already when the server ends."""
+
+    def shutdown(self) -> None:
+        """End the connection."""
+        try:
+            super().shutdown()
+        except InvalidState:
+            self.transport.close()
 
 
 class Seldom(logging.Filter):
