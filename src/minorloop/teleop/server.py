@@ -21,6 +21,7 @@ import numpy as np
 from minorloop.errors import MinorloopError, MissingExtraError, SignalError
 from minorloop.geometry import Pinhole
 from minorloop.teleop import messages, recording
+from minorloop.teleop.admission import Admission, plain
 from minorloop.teleop.connections import admitted
 from minorloop.teleop.doors import Doors
 from minorloop.teleop.hub import SILENCE, HostileError, Hub, Viewer
@@ -36,10 +37,9 @@ try:
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
     from starlette.requests import Request
-    from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+    from starlette.responses import FileResponse, JSONResponse, Response
     from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
     from starlette.staticfiles import StaticFiles
-    from starlette.types import ASGIApp, Receive, Scope, Send
     from starlette.websockets import WebSocket, WebSocketDisconnect
 except ImportError:
     raise MissingExtraError("starlette", "console") from None
@@ -47,18 +47,6 @@ except ImportError:
 STATIC = Path(__file__).parent / "static"
 _PAINT_EVERY = 5
 _SHOW_EVERY = 25
-_POLICY = (
-    "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; "
-    "connect-src 'self'{sockets}; object-src 'none'; base-uri 'none'; form-action 'self'; "
-    "frame-ancestors 'none'"
-)
-_HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Permissions-Policy": "xr-spatial-tracking=(self), gyroscope=(self), accelerometer=(self)",
-}
 _JOB = bytes([messages.JOB])
 _MOST_MESHES = 100
 _MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
@@ -126,7 +114,7 @@ class _Server:
         ]
         if STATIC.is_dir():
             routes.append(Mount("/", StaticFiles(directory=STATIC)))
-        middleware = [Middleware(_AtTheDoor, doors=self._doors)]
+        middleware = [Middleware(Admission, doors=self._doors)]
         return Starlette(routes=routes, middleware=middleware, lifespan=self._living)
 
     @contextlib.asynccontextmanager
@@ -349,85 +337,16 @@ class _Server:
         return _download(bytes(png), "image/png", "map.png")
 
 
-class _AtTheDoor:
-    """Lets in who has the key, and pages of this server only."""
-
-    def __init__(self, app: ASGIApp, doors: Doors) -> None:
-        self._app, self._doors = app, doors
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":  # websockets are met in _meet, with a reason for the page
-            await self._app(scope, receive, send)
-            return
-        request = Request(scope, receive)
-        response = self._refusal(request)
-        host = request.headers.get("host") if response is None else None
-        guarded = _with_headers(send, host)
-        if response is None and self._doors.opens(request.query_params.get("key")):
-            response = self._welcome(request)
-        elif response is None and not self._known(request):
-            response = _plain(403, "open the address that the console printed, with its key")
-        if response is not None:
-            await response(scope, receive, guarded)
-            return
-        with admitted(scope):
-            await self._app(scope, receive, guarded)
-
-    def _known(self, request: Request) -> bool:
-        return self._doors.known("; ".join(request.headers.getlist("cookie")))
-
-    def _refusal(self, request: Request) -> Response | None:
-        host = request.headers.get("host")
-        if not self._doors.serves(host):
-            return _plain(421, "this server has another name")
-        origin = request.headers.get("origin")
-        if request.method not in ("GET", "HEAD") and not self._doors.own(origin, host):
-            return _plain(403, "this request comes from another page")
-        return None
-
-    def _welcome(self, request: Request) -> Response:
-        # Two slashes at the beginning would name another host.
-        response = RedirectResponse("/" + request.url.path.lstrip("/"), status_code=303)
-        # A proxy says so if browsers talk https with it; a lie would only lock out who tells it.
-        proxied = request.headers.get("x-forwarded-proto", "") == "https"
-        response.set_cookie(
-            self._doors.cookie,
-            self._doors.token,
-            httponly=True,
-            samesite="lax",
-            secure=proxied or request.url.scheme == "https",
-        )
-        return response
-
-
-def _with_headers(send: Send, host: str | None) -> Send:
-    """Add what every answer says; ``host`` is where pages may open their websocket."""
-    sockets = "" if host is None else f" ws://{host} wss://{host}"
-    headers = {"Content-Security-Policy": _POLICY.format(sockets=sockets), **_HEADERS}
-    extra = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
-
-    async def wrapped(message: Any) -> None:
-        if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message.get("headers", []), *extra]}
-        await send(message)
-
-    return wrapped
-
-
 def _page(name: str) -> Callable[[Request], Awaitable[Response]]:
     async def page(request: Request) -> Response:
         file = STATIC / name
         if not file.is_file():
-            return _plain(
+            return plain(
                 503, "the pages are not built; run 'make pages', which needs node, and reload"
             )
         return FileResponse(file, headers={"Cache-Control": "no-cache"})
 
     return page
-
-
-def _plain(status: int, text: str) -> Response:
-    return Response(text + "\n", status_code=status, media_type="text/plain")
 
 
 def _download(content: bytes, kind: str, name: str) -> Response:
