@@ -19,6 +19,7 @@ PARTS = (
     "fleet",
     "seat",
     "meter",
+    "strangers",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 
