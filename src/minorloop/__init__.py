@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.linear import Linear
     from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
+        FleetError,
         InstrumentError,
         LimitError,
         MinorloopError,
@@ -73,6 +74,7 @@ __all__ = [
     "Course",
     "Creep",
     "Fault",
+    "FleetError",
     "GeneralisedPrandtlIshlinskii",
     "HeadControl",
     "HeatedWire",
@@ -170,6 +172,7 @@ _HOMES = {
     ),
     "minorloop.connect": ("connect",),
     "minorloop.errors": (
+        "FleetError",
         "InstrumentError",
         "LimitError",
         "MinorloopError",

@@ -12,7 +12,7 @@ import pytest
 
 from minorloop import load
 from minorloop.errors import MissingExtraError, OutputError, ParameterError
-from minorloop.fleet import _workers, identification
+from minorloop.fleet import identification
 from minorloop.fleet.identification import identify_batch, identify_fleet
 from minorloop.fleet.manifest import Specimen, read_manifest
 from minorloop.fleet.results import settle
