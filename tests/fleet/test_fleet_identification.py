@@ -19,22 +19,7 @@ from minorloop.fleet.results import settle
 from minorloop.operators.preisach import Preisach
 
 OPTIONS = {"levels": 6, "prior": "none", "smoothness": 0.0}
-HEADER = "specimen,file,input,output"
 needs_dask = pytest.mark.filterwarnings("ignore")  # what Dask warns of is not ours
-
-
-def write_record(path, seed, samples=200):
-    rng = np.random.default_rng(seed)
-    model = Preisach(np.linspace(-1, 1, 7), np.tril(rng.uniform(0.5, 1, (6, 6))))
-    u = np.concatenate([[-1, 1], rng.uniform(-1, 1, samples - 2)])
-    table = np.column_stack([u, model.simulate(u)])
-    np.savetxt(path, table, delimiter=",", header="drive [V],tip [mm]", comments="", fmt="%.12g")
-
-
-def write_manifest(folder, names):
-    lines = [HEADER, *(f"{name},{name}.csv,drive,tip" for name in names)]
-    (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
-    return read_manifest(folder / "manifest.csv")
 
 
 @pytest.fixture

@@ -124,7 +124,7 @@ class ClusterWatch:
                 raise FleetError(
                     f"the scheduler at {self._address} has not answered for {quiet:.0f} s"
                 )
-        elif idle >= soon:
+        elif idle >= soon or (self.silent and not self.answering):
             self._tell(self._without_workers())
             if idle >= self._patience:
                 self._end_without_workers()

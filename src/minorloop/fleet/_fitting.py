@@ -47,7 +47,7 @@ def identify_one(task: Task, scratch: Path) -> Found:
     task : Task
         What to identify.
     scratch : Path
-        A file for the record, which is overwritten.
+        Name of a file for the record, which is removed when it is read.
     """
     from minorloop.identification import identify
 
@@ -91,8 +91,11 @@ def load_kernels() -> None:
 
 def _record(task: Task, scratch: Path) -> Record:
     one = task.specimen
-    scratch.write_bytes(task.data)
     try:
+        with scratch.open("xb") as file:
+            file.write(task.data)
         return Record.from_csv(scratch, input=one.input, output=one.output, gaps=True)
     except RecordError as error:
         raise RecordError(str(error).replace(str(scratch), str(one.file))) from None
+    finally:
+        scratch.unlink(missing_ok=True)

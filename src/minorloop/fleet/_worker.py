@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import pickle
 import queue
-import shutil
 import signal
 import subprocess
 import sys
@@ -36,9 +35,9 @@ _LONGEST_ALARM = 1e8
 """Seconds, three years; the system refuses far longer ones."""
 _COMMAND = """
 import sys
-sys.path[:] = sys.argv[1:]
+sys.path[:] = sys.argv[2:]
 from minorloop.fleet._worker import serve
-serve()
+serve(int(sys.argv[1]))
 """
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
@@ -57,16 +56,19 @@ class Worker:
     """
 
     def __init__(self, work: Work, limit: float) -> None:
-        self._scratch = tempfile.mkdtemp(prefix="minorloop-")
+        self._scratch = Path(tempfile.gettempdir(), f"minorloop-{os.urandom(8).hex()}.csv")
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
+        alive, self._alive = os.pipe()
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _COMMAND, *sys.path],
+            [sys.executable, "-c", _COMMAND, str(alive), *sys.path],
+            pass_fds=(alive,),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._said,
             env={**os.environ, **dict.fromkeys(_ONE_THREAD, "1")},
             process_group=0,
         )
+        os.close(alive)
         self.ready = self.ask((work, self._scratch, limit))
 
     @property
@@ -113,9 +115,10 @@ class Worker:
             with suppress(OSError, ValueError):
                 if stream is not None:
                     stream.close()
-        shutil.rmtree(self._scratch, ignore_errors=True)
         if self._said.closed:
             return ""
+        os.close(self._alive)
+        self._scratch.unlink(missing_ok=True)
         self._said.seek(0)
         last = self._said.read()[-2000:].decode(errors="replace").strip().splitlines()[-1:]
         self._said.close()
@@ -131,9 +134,16 @@ def _how(status: int) -> str:
         return f"signal {-status}"
 
 
-def serve() -> None:
-    """Answer tasks from stdin on stdout until there are no more: the process itself."""
+def serve(alive: int) -> None:
+    """Answer tasks from stdin on stdout until there are no more: the process itself.
+
+    Parameters
+    ----------
+    alive : int
+        A pipe whose other end is open for as long as the process is that started this one.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _end_with(alive)
     tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)  # what a library prints is no answer
@@ -148,12 +158,12 @@ def serve() -> None:
         except queue.Empty:
             _leave(scratch)
         _set_alarm(limit + GRACE)
-        found = work(task, Path(scratch) / "record.csv")
+        found = work(task, scratch)
         _set_alarm(0)
         _send(answers, found)
 
 
-def _listen(tasks: BinaryIO, inbox: queue.SimpleQueue[Task], scratch: str) -> None:
+def _listen(tasks: BinaryIO, inbox: queue.SimpleQueue[Task], scratch: Path) -> None:
     """Pass tasks on; the end of them is the end of the process, in the middle of a fit too."""
     try:
         while True:
@@ -167,12 +177,25 @@ def _send(answers: BinaryIO, found: Any) -> None:
     answers.flush()
 
 
+def _end_with(alive: int) -> None:
+    """Let the system end this process when the pipe closes, even inside a compiled loop.
+
+    Where it cannot, `_listen` does so when the loop lets it.
+    """
+    with suppress(ImportError, AttributeError, OSError):
+        import fcntl
+
+        fcntl.fcntl(alive, fcntl.F_SETOWN, os.getpid())
+        flags = fcntl.fcntl(alive, fcntl.F_GETFL)
+        fcntl.fcntl(alive, fcntl.F_SETFL, flags | os.O_ASYNC)
+
+
 def _set_alarm(seconds: float) -> None:
     """Let the system end this process after that time, even inside a compiled loop."""
     if hasattr(signal, "setitimer") and seconds < float("inf"):
         signal.setitimer(signal.ITIMER_REAL, min(seconds, _LONGEST_ALARM))
 
 
-def _leave(scratch: str) -> None:
-    shutil.rmtree(scratch, ignore_errors=True)
+def _leave(scratch: Path) -> None:
+    scratch.unlink(missing_ok=True)
     os._exit(0)
