@@ -5,7 +5,6 @@ machine. Printed are the seconds until it was said on stderr, until the command 
 and whether all specimens were there in the end, those done before kept as they were.
 """
 
-import os
 import re
 import signal
 import subprocess
@@ -17,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
+
 from fleet_records import write_manifest, write_record
 
 SPECIMENS = 12
@@ -26,7 +26,8 @@ WITHIN = 10.0
 """Seconds within which a fault has to be said."""
 OPTIONS = ["--levels", "6", "--prior", "none", "--limit", str(LIMIT)]
 COMMAND = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell runs behind
 from minorloop.fleet import identification
 import fleet_faults
 identification.identify_one = fleet_faults.work
@@ -94,34 +95,6 @@ def make(folder, names):
     for k, name in enumerate(names):
         write_record(folder / f"{name}.csv", k)
     write_manifest(folder, names)
-
-
-def until(self, condition):
-        """Wait until something is so; where it does not happen, show what was said."""
-        try:
-            until(condition)
-        except TimeoutError:
-            self.process.kill()
-            raise TimeoutError(self.process.stderr.read()) from None
-
-    def end(self):
-        self.process.stderr.read()
-        return self.process.wait()
-
-
-def make(folder, names):
-    """Records of 200 samples, and a manifest."""
-    from minorloop.operators.preisach import Preisach
-
-    lines = ["specimen,file,input,output"]
-    for k, name in enumerate(names):
-        rng = np.random.default_rng(k)
-        model = Preisach(np.linspace(-1, 1, 7), np.tril(rng.uniform(0.5, 1, (6, 6))))
-        u = np.concatenate([[-1, 1], rng.uniform(-1, 1, 198)])
-        table = np.column_stack([u, model.simulate(u)])
-        np.savetxt(folder / f"{name}.csv", table, delimiter=",", header="u,y", comments="")
-        lines.append(f"{name},{name}.csv,u,y")
-    (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
 
 
 def until(condition, seconds=60.0):
@@ -246,7 +219,7 @@ FAULTS = {
     ),
     "all workers of a cluster leave": on_cluster(send(signal.SIGTERM), "no worker is left"),
     "all workers of a cluster killed": on_cluster(send(signal.SIGKILL), "no worker is left"),
-    "all workers of a cluster stopped": on_cluster(send(signal.SIGSTOP), "none of 2 workers"),
+    "all workers of a cluster stopped": on_cluster(send(signal.SIGSTOP), "none of the workers"),
     "endless fit": locally(["hang"], "specimen hang has run for"),
     "all local workers killed": locally(["die-once-0", "die-once-1"], "once more"),
     "all local workers stopped": locally(["stop-once-0", "stop-once-1"], "was stopped"),

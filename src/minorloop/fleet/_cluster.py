@@ -9,10 +9,9 @@ import queue
 import socket
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from types import TracebackType
 from typing import Any
@@ -32,6 +31,9 @@ _AHEAD = 3
 """Batches on their way to each worker."""
 _STINT, _MOST_EACH = 0.5, 64
 """Seconds of work in a batch, and the most specimens."""
+
+_Answer = tuple[str, "Future[list[Found]] | None"]
+"""Key of a batch, and what came back where something did."""
 
 _idle: list[Pool] = []
 """On a worker of the cluster: processes of batches that are done."""
@@ -106,8 +108,6 @@ class Cluster:
 
     Raises
     ------
-    MissingExtraError
-        If Dask is not installed.
     ParameterError
         If there is no scheduler at the address.
     """
@@ -127,7 +127,9 @@ class Cluster:
         self._client.subscribe_topic(self._topic, lambda event: say(str(event[1])))
         self._watch = ClusterWatch(self._client, address, patience, say)
         self._sent: dict[str, _Sent] = {}
-        self._answered: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._answered: queue.SimpleQueue[tuple[str, Future[list[Found]] | None]] = (
+            queue.SimpleQueue()
+        )
         self._size, self._total = 1, total
 
     def __enter__(self) -> Cluster:
@@ -160,11 +162,11 @@ class Cluster:
             for key in self._watch.stuck & self._sent.keys():
                 self._send(self._forget(key))
             try:
-                key = self._answered.get(timeout=_TICK)
+                answer = self._answered.get(timeout=_TICK)
             except queue.Empty:
                 yield None
                 continue
-            found = self._settle(key)
+            found = self._settle(*answer)
             left = self._fill(coming, left)  # before others have time for what was found
             yield from found
 
@@ -193,66 +195,65 @@ class Cluster:
             workers=chosen,
             allow_other_workers=bool(chosen),
         )
-        # What comes back is fetched on Dask's own thread: it may never come.
-        fetched = asyncio.run_coroutine_threadsafe(
-            _fetch(self._client, future), self._client.loop.asyncio_loop
-        )
-        self._sent[future.key] = _Sent(future, fetched, batch)
-        fetched.add_done_callback(partial(self._note, future.key))
+        self._sent[future.key] = _Sent(future, batch)
+        future.add_done_callback(self._fetch)
 
-    def _note(self, key: str, fetched: Future[list[Found]]) -> None:
-        self._answered.put(key)
+    def _fetch(self, future: Any) -> None:
+        """Fetch what came back, on Dask's own thread: it may never come."""
+        if future.status != "finished":
+            self._answered.put((future.key, None))
+            return
+        fetched = asyncio.run_coroutine_threadsafe(
+            _gather(self._client, future), self._client.loop.asyncio_loop
+        )
+        fetched.add_done_callback(lambda done: self._answered.put((future.key, done)))
 
     def _forget(self, key: str) -> list[Task]:
         """Want nothing more of a batch; gives what was in it."""
         sent = self._sent.pop(key)
-        sent.fetched.cancel()
         with suppress(Exception):  # without a scheduler there is nothing to be released
             sent.future.release()
         return sent.batch
 
-    def _settle(self, key: str) -> list[tuple[Task, Found]]:
+    def _settle(self, key: str, fetched: Future[list[Found]] | None) -> list[tuple[Task, Found]]:
         if key not in self._sent:
             return []
-        fetched = self._sent[key].fetched
-        try:
-            found = fetched.result()
-        except CancelledError:
+        if self._sent[key].future.cancelled():
             self._watch.lose_connection()
+        try:
+            found = self._sent[key].future.result() if fetched is None else fetched.result()
         except Exception as error:  # the worker died, again and again, or could not take the task
-            batch = self._forget(key)
-            if len(batch) == 1:
-                reason = f"no worker lived to the end: {type(error).__name__}: {error}"
-                return [(batch[0], {"error": reason})]
-            for task in batch:
-                self._send([task])
-            return []
+            return self._take_apart(self._forget(key), error)
         batch = self._forget(key)
         each = sum(one.get("seconds", 0.0) for one in found) / len(batch)
         self._size = min(_MOST_EACH, max(1, round(_STINT / max(each, 1e-3))))
         return list(zip(batch, found, strict=True))
 
+    def _take_apart(self, batch: list[Task], error: Exception) -> list[tuple[Task, Found]]:
+        if len(batch) == 1:
+            reason = f"no worker lived to the end: {type(error).__name__}: {error}"
+            return [(batch[0], {"error": reason})]
+        for task in batch:
+            self._send([task])
+        return []
+
 
 @dataclass(frozen=True)
 class _Sent:
-    """A batch on its way: what stands for it at the scheduler, and its results to come."""
+    """A batch on its way, and what stands for it at the scheduler."""
 
     future: Any
-    fetched: Future[list[Found]]
     batch: list[Task]
 
 
-async def _fetch(client: Any, future: Any) -> list[Found]:
+async def _gather(client: Any, future: Any) -> list[Found]:
     found: list[Found] = await client.gather(future, asynchronous=True)
     return found
 
 
 def _connect(address: str) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise MissingExtraError("dask.distributed", "fleet") from None
-    check_address(address)
+    from distributed import Client
+
     # What is lost is said in a sentence; Dask would add a page to it.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
@@ -266,9 +267,15 @@ def check_address(address: str) -> None:
 
     Raises
     ------
+    MissingExtraError
+        If Dask is not installed.
     ParameterError
-        If it is so.
+        If there is no scheduler at the address.
     """
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("dask.distributed", "fleet") from None
     scheme, _, place = address.partition("://")
     if scheme == "inproc":
         return

@@ -51,8 +51,9 @@ class ClusterWatch:
         self.stuck: set[str] = set()
         self._reports: dict[str, tuple[float, float]] = {}
         self._question: Future[Any] | None = None
-        self._answered = self._worked = self._asked = time.monotonic()
-        self._ever, self._told = False, ""
+        self._answered = self._worked = time.monotonic()
+        self._asked = float("-inf")
+        self._heard, self._ever, self._told = False, False, ""
 
     def look(self) -> None:
         """Ask, or take an answer, and judge; returns at once.
@@ -95,7 +96,7 @@ class ClusterWatch:
         return {name: one["last_seen"] for name, one in workers.items()}, held
 
     def _note(self, reports: dict[str, float], held: set[str], now: float) -> None:
-        self._answered, before = now, self._reports
+        self._answered, self._heard, before = now, True, self._reports
         self._reports = {
             name: before[name] if before.get(name, (None,))[0] == report else (report, now)
             for name, report in reports.items()
@@ -114,9 +115,8 @@ class ClusterWatch:
         self.stuck = held if self.answering else set()
 
     def _judge(self, now: float) -> None:
-        soon = min(SILENT, self._patience)
         quiet, idle = now - self._answered, now - self._worked
-        if quiet >= soon:
+        if quiet >= SILENT:
             self._tell(
                 f"the scheduler at {self._address} has not answered for {quiet:.0f} s; waiting"
             )
@@ -124,7 +124,9 @@ class ClusterWatch:
                 raise FleetError(
                     f"the scheduler at {self._address} has not answered for {quiet:.0f} s"
                 )
-        elif idle >= soon or (self.silent and not self.answering):
+        elif not self._heard:
+            return
+        elif idle >= min(SILENT, self._patience) or (self.silent and not self.answering):
             self._tell(self._without_workers())
             if idle >= self._patience:
                 self._end_without_workers()
@@ -134,7 +136,7 @@ class ClusterWatch:
 
     def _without_workers(self) -> str:
         if self.silent:
-            return f"none of {len(self.silent)} workers at {self._address} answers; waiting"
+            return f"none of the workers at {self._address} answers ({len(self.silent)}); waiting"
         if self._ever:
             return f"no worker is left at {self._address}; waiting"
         return f"no workers at {self._address}; waiting"
