@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.linear import Linear
     from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
+        FleetError,
         InstrumentError,
         LimitError,
         MinorloopError,
@@ -74,6 +75,7 @@ __all__ = [
     "Course",
     "Creep",
     "Fault",
+    "FleetError",
     "GeneralisedPrandtlIshlinskii",
     "HeadControl",
     "HeatedWire",
@@ -171,6 +173,7 @@ _HOMES = {
     ),
     "minorloop.connect": ("connect",),
     "minorloop.errors": (
+        "FleetError",
         "InstrumentError",
         "LimitError",
         "MinorloopError",
