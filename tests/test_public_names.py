@@ -25,6 +25,7 @@ NAMES = {
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
     *("OutputError", "StoreError", "InstrumentError", "MissingExtraError"),
+    "SafetyError",
 }
 
 

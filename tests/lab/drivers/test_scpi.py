@@ -20,6 +20,8 @@ def test_a_source_is_switched_on_once_confirmed_and_made_safe():
             ("SYST:ERR?", "0"),
             ("VOLT 0", None),
             ("OUTP OFF", None),
+            ("VOLT?", "0"),
+            ("SYST:ERR?", "0"),
         ]
     )
     source = ScpiSource(script, on=["CURR 0.1", "OUTP ON"], confirm="VOLT?", errors="SYST:ERR?")
@@ -70,6 +72,58 @@ def test_what_is_no_number_is_no_reading(answer):
 def test_what_is_no_number_is_not_sent(value):
     with pytest.raises(InstrumentError, match="nothing was sent"):
         ScpiSource(Script([])).set(value)
+
+
+@pytest.mark.parametrize(
+    ("options", "questions"),
+    [
+        ({}, [("*OPC?", "1")]),
+        ({"safe_query": "*IDN?"}, [("*IDN?", "a supply")]),
+        ({"safe_query": None}, []),
+        ({"errors": "E?"}, [("E?", "0")]),
+        ({"confirm": "VOLT?", "rest": 0.1}, [("VOLT?", "0.1001")]),
+        ({"confirm": "VOLT?", "safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "0")]),
+        (
+            {"errors": "E?", "safe_query": "OUTP?", "safe_answer": "0"},
+            [("OUTP?", "0"), ("E?", "0")],
+        ),
+    ],
+)
+def test_a_source_says_that_it_is_safe(options, questions):
+    script = Script([("OFF", None), *questions])
+    source = ScpiSource(script, safe=["OFF"], **options)
+    source.safe()
+    assert script.finished()
+    assert source.answers == bool(questions)
+
+
+@pytest.mark.parametrize(
+    ("options", "questions", "message"),
+    [
+        ({}, [("*OPC?", SILENCE)], "no answer"),
+        ({"errors": "E?"}, [("E?", "-113"), ("E?", "-113"), ("E?", "0")], "reports '-113' after"),
+        ({"confirm": "VOLT?"}, [("VOLT?", "0.5")], "says 0.5 to 'VOLT\\?', not 0, which is rest"),
+        ({"confirm": "VOLT?"}, [("VOLT?", "nan")], "says nan"),
+        ({"safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "1")], "answers '1' to 'OUTP"),
+    ],
+)
+def test_a_source_that_does_not_say_so_is_not_taken_for_safe(options, questions, message):
+    script = Script([("OFF", None), *questions])
+    with pytest.raises(InstrumentError, match=message):
+        ScpiSource(script, safe=["OFF"], **options).safe()
+    assert script.finished()
+
+
+def test_a_late_answer_is_not_taken_for_the_one_that_says_safe():
+    script = Script([("OFF", None), *[("*OPC?", "1")] * 3])
+    script.owed = 2
+    ScpiSource(script, safe=["OFF"]).safe()
+    assert script.finished()
+
+
+def test_an_answer_to_no_question_is_refused():
+    with pytest.raises(ParameterError, match="nothing is asked"):
+        ScpiSource(Script([]), safe_query=None, safe_answer="0")
 
 
 def test_making_safe_goes_on_after_a_line_that_fails():
