@@ -30,8 +30,12 @@ class _State:
     """What came to the main thread, and whether it may be told now."""
 
     def __init__(self) -> None:
-        self.installed = self.may_raise = self.raised = False
-        self.noted: str | None = None
+        self.installed = self.may_raise = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what came."""
+        self.raised, self.noted = False, ""
 
     def note(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
@@ -40,7 +44,7 @@ class _State:
 
     def tell(self) -> None:
         """Raise what was noted, once, if that is allowed."""
-        if self.may_raise and self.noted is not None and not self.raised:
+        if self.may_raise and self.noted and not self.raised:
             self.raised = True
             raise Stopped(self.noted)
 
@@ -96,7 +100,7 @@ def ended_by_signals() -> Iterator[None]:
         yield
         return
     before: dict[int, Any] = {}
-    _state.raised, _state.noted = False, None
+    _state.forget()
     try:
         _state.installed = True
         for number in (getattr(signal, name) for name in _NAMES if hasattr(signal, name)):
@@ -110,7 +114,7 @@ def ended_by_signals() -> Iterator[None]:
         _state.may_raise = _state.installed = False
         for number, handler in before.items():
             signal.signal(number, handler)
-        if _state.noted is not None and not _state.raised and sys.exception() is None:
+        if _state.noted and not _state.raised and sys.exception() is None:
             raise Stopped(_state.noted)
 
 

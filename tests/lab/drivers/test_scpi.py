@@ -78,8 +78,8 @@ def test_what_is_no_number_is_not_sent(value):
     ("options", "questions"),
     [
         ({}, [("*OPC?", "1")]),
-        ({"safe_query": "*IDN?"}, [("*IDN?", "a supply")]),
-        ({"safe_query": None}, []),
+        ({"done": "*IDN?"}, [("*IDN?", "a supply")]),
+        ({"done": None}, []),
         ({"errors": "E?"}, [("E?", "0")]),
         ({"confirm": "VOLT?", "rest": 0.1}, [("VOLT?", "0.1001")]),
         ({"confirm": "VOLT?", "safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "0")]),
@@ -114,6 +114,14 @@ def test_a_source_that_does_not_say_so_is_not_taken_for_safe(options, questions,
     assert script.finished()
 
 
+def test_a_source_that_stays_off_is_an_error():
+    script = Script([("VOLT 0.5", None), ("OUTP ON", None), ("OUTP?", "0")])
+    source = ScpiSource(script, on=["OUTP ON"], safe_query="OUTP?", safe_answer="0")
+    with pytest.raises(InstrumentError, match="was switched on and answers '0'"):
+        source.set(0.5)
+    assert script.finished()
+
+
 def test_a_late_answer_is_not_taken_for_the_one_that_says_safe():
     script = Script([("OFF", None), *[("*OPC?", "1")] * 3])
     script.owed = 2
@@ -121,9 +129,10 @@ def test_a_late_answer_is_not_taken_for_the_one_that_says_safe():
     assert script.finished()
 
 
-def test_an_answer_to_no_question_is_refused():
-    with pytest.raises(ParameterError, match="nothing is asked"):
-        ScpiSource(Script([]), safe_query=None, safe_answer="0")
+@pytest.mark.parametrize("given", [{"safe_query": "OUTP?"}, {"safe_answer": "0"}])
+def test_a_question_or_an_answer_alone_is_refused(given):
+    with pytest.raises(ParameterError, match="give both or neither"):
+        ScpiSource(Script([]), **given)
 
 
 def test_making_safe_goes_on_after_a_line_that_fails():
@@ -165,7 +174,7 @@ def test_a_line_that_says_another_number_is_not_sent(line, span, value):
     ],
 )
 def test_a_line_that_says_the_number_is_sent(line, span, value, sent):
-    script = Script([(sent, None)])
+    script = Script([(sent, None), ("*OPC?", "1")])
     ScpiSource(script, set=line, span=span).set(value)
     assert script.finished()
 

@@ -43,11 +43,13 @@ class ScpiSource:
         with the number 0 is one.
     rest : float
         What ``confirm`` says when the source is safe.
-    safe_query : str or None
-        What is asked after ``safe``; None where the instrument answers nothing at all.
+    safe_query : str, optional
+        What is asked after ``safe`` instead of ``confirm``, such as ``OUTP?``.
     safe_answer : str, optional
-        What has to come back, such as ``0`` to ``OUTP?``; without it any answer will do, and
-        ``confirm`` and ``errors`` are asked instead where they are given.
+        What has to come back then, such as ``0``, and may not come back after ``on``.
+    done : str or None
+        What is asked where none of these is given; any answer says that the lines before are
+        done. None where the instrument answers nothing at all.
     span : float, optional
         Width of the range of the input, in its unit; the size of each input if not given.
 
@@ -69,8 +71,9 @@ class ScpiSource:
         errors: str | None = None,
         span: float | None = None,
         rest: float = 0.0,
-        safe_query: str | None = "*OPC?",
+        safe_query: str | None = None,
         safe_answer: str | None = None,
+        done: str | None = "*OPC?",
     ) -> None:
         if not safe:
             raise ParameterError("there is no line that makes the source safe; give some")
@@ -80,21 +83,24 @@ class ScpiSource:
             raise ParameterError(f"set is {set!r}, which takes no number: {error}") from None
         if not different:
             raise ParameterError(f"set is {set!r}, which takes no number; write VOLT {{:.9g}}")
-        if safe_answer is not None and safe_query is None:
+        if (safe_query is None) != (safe_answer is None):
             raise ParameterError(
-                f"safe_answer is {safe_answer!r} and nothing is asked; give safe_query too"
+                f"safe_query is {safe_query!r} and safe_answer is {safe_answer!r}; give both or "
+                "neither"
             )
         self._link, self._set, self._span = link, set, span
         self._written(1.0)
         self._on, self._safe = tuple(on), tuple(safe)
         self._confirm, self._tolerance, self._errors = confirm, tolerance, errors
         self._rest, self._safe_query, self._safe_answer = rest, safe_query, safe_answer
+        self._done = done if confirm is None and errors is None else None
         self._is_on = False
 
     @property
     def answers(self) -> bool:
         """Whether it can be asked if it is safe."""
-        return any(query is not None for query in (self._safe_query, self._confirm, self._errors))
+        queries = self._safe_query, self._confirm, self._errors, self._done
+        return any(query is not None for query in queries)
 
     def set(self, value: float) -> None:
         """Put an input on.
@@ -117,9 +123,7 @@ class ScpiSource:
             )
         self._link.tell(self._set.format(value))
         if not self._is_on:
-            for line in self._on:
-                self._link.tell(line)
-            self._is_on = True
+            self._switch_on()
         if self._confirm is not None:
             found = number(self._link.ask(self._confirm), self._link.name)
             if not abs(found - value) <= self._tolerance:  # not a number is not the input either
@@ -130,6 +134,19 @@ class ScpiSource:
             answer = self._link.ask(self._errors)
             if _NO_ERROR.match(answer) is None:
                 raise InstrumentError(f"{self._link.name} reports {answer[:100]!r}")
+        if self._done is not None:
+            self._link.ask(self._done)
+
+    def _switch_on(self) -> None:
+        for line in self._on:
+            self._link.tell(line)
+        asked = self._safe_query if self._on else None
+        if asked is not None and self._link.ask(asked) == self._safe_answer:
+            raise InstrumentError(
+                f"{self._link.name} was switched on and answers {self._safe_answer!r} to "
+                f"{asked!r}, as when it is safe"
+            )
+        self._is_on = True
 
     def safe(self) -> None:
         """Send all that makes it safe, whatever becomes of each line, and ask whether it is.
@@ -156,7 +173,7 @@ class ScpiSource:
             self._ask_if_safe()
 
     def _ask_if_safe(self) -> None:
-        if self._safe_query is not None and self._safe_answer is not None:
+        if self._safe_query is not None:
             found = self._link.ask(self._safe_query)
             if found != self._safe_answer:
                 raise InstrumentError(
@@ -171,8 +188,8 @@ class ScpiSource:
                     f"{self._rest:g}, which is rest; let safe set that too, or give safe_query and "
                     "safe_answer"
                 )
-        elif self._errors is None and self._safe_query is not None:
-            self._link.ask(self._safe_query)
+        elif self._done is not None:
+            self._link.ask(self._done)
         if self._errors is not None:
             self._ask_for_errors(self._errors)
 

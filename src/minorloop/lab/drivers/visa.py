@@ -10,9 +10,10 @@
      "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
      "rest": 0, "tick": 0.05, "timeout": 2, "safe_within": 10}
 
-After ``safe`` the source is asked whether it is safe: ``safe_query``, whose answer has to be
-``safe_answer``; else ``confirm``, which has to say ``rest``; else ``errors``; else ``*OPC?``, to
-which any answer will do. ``"safe_query": null`` is for one that answers nothing.
+After each input the source is asked for ``confirm`` and ``errors``, and after ``safe`` for
+``safe_query``, whose answer has to be ``safe_answer``; else for ``confirm``, which has to say
+``rest``; and for ``errors``. Where none of these is given it is asked ``*OPC?``, to which any
+answer will do; ``"done": null`` is for one that answers nothing.
 
 Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyACM0::INSTR",
 "baud": 115200}``, a board that speaks `minorloop.lab.drivers.serial_line`.
@@ -36,11 +37,11 @@ from minorloop.lab.drivers.serial_line import Board
 __all__ = ["open_bench"]
 
 LARGEST = 1_000_000
-_UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer"
+_UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
 """What no reading depends on."""
 _UNANSWERED = (
     "{} answers nothing, so that nobody is told whether it was made safe; look after it at the end "
-    "of the run, or give confirm, errors or safe_query"
+    "of the run, or give confirm, errors, safe_query or done"
 )
 
 
@@ -56,8 +57,9 @@ class _Source(_Strict):
     confirm: str | None = None
     tolerance: float = 1e-3
     errors: str | None = None
-    safe_query: str | None = "*OPC?"
+    safe_query: str | None = None
     safe_answer: str | None = None
+    done: str | None = "*OPC?"
     baud: int | None = None
 
 
