@@ -65,8 +65,8 @@ class Supply:
 
     @property
     def energised(self) -> bool:
-        """Whether something is on."""
-        return self.is_on and self.level != 0
+        """Whether it is anything but off and at zero."""
+        return self.is_on or self.level != 0
 
     def trouble(self) -> str:
         """Count a line; give what goes wrong at it, after sending the signals that come now."""
@@ -121,23 +121,23 @@ class Supply:
 
 
 class Tcp(Supply):
-    """Source and meter at two ports, each connection in a thread of its own."""
+    """Source and meter at one port, each connection in a thread of its own."""
 
     name = "tcp"
+    ports = 1
 
     def begin(self) -> None:
         self.connections: set[socket.socket] = set()
-        self.listeners = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
+        self.listeners = [socket.create_server(("127.0.0.1", 0)) for _ in range(self.ports)]
         for listener in self.listeners:
             threading.Thread(target=self.accept, args=(listener,), daemon=True).start()
 
     def bench(self) -> dict:
-        source, meter = (
-            f"TCPIP0::127.0.0.1::{listener.getsockname()[1]}::SOCKET" for listener in self.listeners
-        )
+        ports = [listener.getsockname()[1] for listener in self.listeners]
+        resources = [f"TCPIP0::127.0.0.1::{port}::SOCKET" for port in ports]
         return {
-            "source": {"resource": source, "on": ["OUTP ON"], "safe": ["VOLT 0", "OUTP OFF"]},
-            "meter": {"resource": meter},
+            "source": {"resource": resources[0], "on": ["OUTP ON"], "safe": ["VOLT 0", "OUTP OFF"]},
+            "meter": {"resource": resources[-1]},
         }
 
     def accept(self, listener: socket.socket) -> None:
@@ -152,10 +152,12 @@ class Tcp(Supply):
 
     def talk(self, connection: socket.socket) -> None:
         with contextlib.suppress(OSError), connection.makefile("r", newline="\n") as lines:
+            acknowledge_late(connection)
             for line in lines:
                 with self.lock:
                     if not self.hear(connection, line):
                         break
+                acknowledge_late(connection)
         with self.lock:
             self.connections.discard(connection)
         connection.close()
@@ -186,6 +188,19 @@ class Tcp(Supply):
         for listener in self.listeners:
             listener.shutdown(socket.SHUT_RDWR)
             listener.close()
+
+
+class TwoPorts(Tcp):
+    """Source and meter at ports of their own."""
+
+    name = "two ports"
+    ports = 2
+
+
+def acknowledge_late(connection: socket.socket) -> None:
+    """Let the other end wait for the acknowledgement of what it sends, where the system can."""
+    if hasattr(socket, "TCP_QUICKACK"):
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 0)
 
 
 class Serial(Supply):
@@ -398,4 +413,4 @@ def use_firmware(program: Path) -> None:
     Firmware.program = program
 
 
-KINDS: dict[str, type[Supply]] = {"tcp": Tcp, "serial": Serial, "firmware": Firmware}
+KINDS: dict[str, type[Supply]] = {kind.name: kind for kind in (Tcp, TwoPorts, Serial, Firmware)}

@@ -10,6 +10,7 @@ from minorloop.errors import InstrumentError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.link import VisaLink
+from minorloop.lab.drivers.scpi import ScpiSource
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import run
 from minorloop.lab.store import Setup, Store
@@ -192,3 +193,76 @@ def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
     assert json.loads(capsys.readouterr().out)["points"] == 2
     with Store.open("s.sqlite") as store:
         assert [(point.input, point.value) for point in store.points()][:1] == kept
+
+
+def stays_on(monkeypatch, after):
+    """Let a source say that it is safe so many times, and then nothing."""
+    times, safe = iter(range(100)), ScpiSource.safe
+
+    def safe_or_not(source):
+        safe(source)
+        if next(times) >= after:
+            raise InstrumentError("no answer")
+
+    monkeypatch.setattr(ScpiSource, "safe", safe_or_not)
+
+
+@pytest.fixture
+def hurried(simulated):
+    """The line that runs on a bench that is soon given up."""
+    described = json.loads(Path("bench.json").read_text())
+    Path("bench.json").write_text(json.dumps({**described, "safe_within": 0.05}))
+    return simulated
+
+
+def test_a_run_that_ends_with_its_source_on_perhaps_has_a_status_of_its_own(
+    hurried, monkeypatch, capsys
+):
+    stays_on(monkeypatch, 1)
+    assert main([*hurried, "--json"]) == 3
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    said = shown.err.splitlines()[-1]
+    assert said.startswith("error: the source may still be on, switch it off by hand: in 0.05 s")
+    assert said.endswith("no answer; 2 of 2 levels are kept")
+
+
+@pytest.mark.parametrize(
+    ("trouble", "message"),
+    [
+        (InstrumentError("gave no answer"), "gave no answer"),
+        (KeyboardInterrupt("SIGTERM"), "SIGTERM"),
+        (ValueError("a defect"), "a defect"),
+    ],
+)
+def test_a_source_that_stays_on_does_not_hide_what_came_before_nor_the_other_way_round(
+    trouble, message, hurried, monkeypatch, capsys
+):
+    def stop(link, text):
+        raise trouble
+
+    monkeypatch.setattr(VisaLink, "ask", failing_at("VOLT -0.5", stop))
+    stays_on(monkeypatch, 1)
+    assert main(hurried) == 3
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "may still be on, switch it off by hand" in said
+    assert f"what came before: {message}" in said.replace("asked 'READ?', ", "")
+    assert said.endswith("1 of 2 levels are kept, and minorloop resume --store s.sqlite goes on")
+
+
+def test_a_bench_that_does_not_say_that_it_is_safe_is_not_begun_with(hurried, monkeypatch, capsys):
+    stays_on(monkeypatch, 0)
+    assert main(hurried) == 3
+    assert "switch it off by hand" in capsys.readouterr().err
+    assert not Path("s.sqlite").exists()
+
+
+def test_a_source_that_answers_nothing_is_said_at_the_beginning(simulated, capsys):
+    described = json.loads(Path("bench.json").read_text())
+    source = {**described["source"], "done": None}
+    del source["confirm"]
+    Path("bench.json").write_text(json.dumps({**described, "source": source}))
+    assert main([*simulated, "--json"]) == 0
+    shown = capsys.readouterr()
+    assert shown.err.startswith("! ASRL1::INSTR answers nothing, so that nobody is told whether")
+    assert json.loads(shown.out)["warnings"][0].startswith("ASRL1::INSTR answers nothing")
