@@ -83,6 +83,7 @@ def test_what_is_no_number_is_not_sent(value):
         ({"errors": "E?"}, [("E?", "0")]),
         ({"confirm": "VOLT?", "rest": 0.1}, [("VOLT?", "0.1001")]),
         ({"confirm": "VOLT?", "safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "0")]),
+        ({"safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "0"), ("*OPC?", "1")]),
         (
             {"errors": "E?", "safe_query": "OUTP?", "safe_answer": "0"},
             [("OUTP?", "0"), ("E?", "0")],

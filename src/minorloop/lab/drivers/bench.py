@@ -267,7 +267,7 @@ class Bench:
         ) from last
 
     def close(self) -> None:
-        """Let go of the instruments."""
+        """Let go of the instruments; make the source safe before."""
         for link in self._links:
             link.close()
 

@@ -48,8 +48,8 @@ class ScpiSource:
     safe_answer : str, optional
         What has to come back then, such as ``0``, and may not come back after ``on``.
     done : str or None
-        What is asked where none of these is given; any answer says that the lines before are
-        done. None where the instrument answers nothing at all.
+        What is asked where neither ``confirm`` nor ``errors`` is given; any answer says that the
+        lines before are done. None where the instrument answers no such thing.
     span : float, optional
         Width of the range of the input, in its unit; the size of each input if not given.
 
@@ -188,10 +188,10 @@ class ScpiSource:
                     f"{self._rest:g}, which is rest; let safe set that too, or give safe_query and "
                     "safe_answer"
                 )
-        elif self._done is not None:
-            self._link.ask(self._done)
         if self._errors is not None:
             self._ask_for_errors(self._errors)
+        if self._done is not None:
+            self._link.ask(self._done)
 
     def _ask_for_errors(self, query: str) -> None:
         """Empty the queue of errors; raise the first, which may be one of the lines before."""

@@ -10,10 +10,10 @@
      "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
      "rest": 0, "tick": 0.05, "timeout": 2, "safe_within": 10}
 
-After each input the source is asked for ``confirm`` and ``errors``, and after ``safe`` for
-``safe_query``, whose answer has to be ``safe_answer``; else for ``confirm``, which has to say
-``rest``; and for ``errors``. Where none of these is given it is asked ``*OPC?``, to which any
-answer will do; ``"done": null`` is for one that answers nothing.
+After each input the source is asked for ``confirm`` and ``errors``, or, where neither is given,
+``done``, to which any answer will do. After ``safe`` it is asked the same, but that ``confirm`` has
+to say ``rest``; ``safe_query``, whose answer has to be ``safe_answer``, takes the place of
+``confirm`` then. ``"done": null`` is for one that answers nothing.
 
 Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyACM0::INSTR",
 "baud": 115200}``, a board that speaks `minorloop.lab.drivers.serial_line`.
