@@ -115,7 +115,8 @@ def test_a_run_is_not_resumed_on_a_bench_that_was_changed(simulated, monkeypatch
     with Store.open("s.sqlite") as store:
         assert len(store) == 1
         assert store.bench()["meter"] == described["meter"]
-    Path("bench.json").write_text(json.dumps({**described, "timeout": 0.2, "rest": 0}, indent=4))
+    same = {**described, "timeout": 0.2, "safe_within": 5, "rest": 0}
+    Path("bench.json").write_text(json.dumps(same, indent=4))
     assert main(["resume", "--store", "s.sqlite"]) == 0
 
 
