@@ -11,7 +11,7 @@
       OutputError         (OSError)      a place that cannot be written
       StoreError          (OSError)      an experiment store that cannot be used
       InstrumentError     (OSError)      an instrument that answers late, wrongly or not at all
-        SafetyError       (OSError)      a source that may still be on
+      SafetyError         (OSError)      a source that may still be on; an InstrumentError
       MissingExtraError   (ImportError)  an optional dependency that is not installed
 
 A message says what was wrong, the value, the allowed range, and what to do next.

@@ -110,7 +110,7 @@ def _disturbed(case: Case, supply: Supply, folder: Path, found: Outcome) -> None
     found.seconds, found.lines = time.monotonic() - began, supply.heard
     found.status, found.log = status, log
     # Before its first and after its last line a process may die of a signal: nothing is on then.
-    fine = status in ENDS or -status in DEADLY or (mute and status == UNSAFE)
+    fine = status in ENDS or -status in DEADLY or not supply.heard or (mute and status == UNSAFE)
     if (supply.energised and not (mute and status == UNSAFE)) or not fine:
         found.left_on = 1
         found.said.append(f"{case}: status {status}, on: {supply.energised}, {log[-2:]}")

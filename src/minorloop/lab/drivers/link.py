@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -69,7 +68,7 @@ class VisaLink:
     ----------
     owed : int
         Answers that were given up and may still come, at most.
-    last_lines : sequence of str
+    last_lines : tuple of str
         What is sent last on a network connection in doubt before it is given up.
 
     Raises
@@ -90,7 +89,7 @@ class VisaLink:
         if not 0 < timeout <= 3600:
             raise ParameterError(f"timeout is {timeout!r} s; give a time up to an hour")
         self.name, self.owed = resource, 0
-        self.last_lines: Sequence[str] = ()
+        self.last_lines: tuple[str, ...] = ()
         self._timeout, self._baud = timeout, baud
         self._doubtful = self._cut = self._stale = False
         try:
