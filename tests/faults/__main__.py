@@ -24,7 +24,7 @@ def count(pool: Executor, name: str, cases: Iterable[Case], whole: Outcome) -> b
     found = list(pool.map(partial(carry_out, whole=whole), cases))
     sums = [sum(getattr(one, failure) for one in found) for failure in FAILURES]
     figures = " ".join(f"{figure:>8}" for figure in (len(found), *sums))
-    print(f"{name:<26} {figures} {time.monotonic() - began:>8.1f}", flush=True)
+    print(f"{name:<32} {figures} {time.monotonic() - began:>8.1f}", flush=True)
     for said in [said for one in found for said in one.said][:_SHOWN]:
         print(f"    {said}", flush=True)
     return not any(sums)
@@ -33,7 +33,7 @@ def count(pool: Executor, name: str, cases: Iterable[Case], whole: Outcome) -> b
 def main(instants: int) -> int:
     """Go through all instruments and faults; 1 if anything went wrong."""
     heads = " ".join(f"{name.replace('_', ' '):>8}" for name in ("cases", *FAILURES))
-    print(f"{'':<26} {heads}  seconds", flush=True)
+    print(f"{'':<32} {heads}  seconds", flush=True)
     sound = []
     with (
         tempfile.TemporaryDirectory() as folder,
