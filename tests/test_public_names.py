@@ -24,7 +24,8 @@ NAMES = {
     *("save", "load", "connect", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
-    *("OutputError", "StoreError", "InstrumentError", "FleetError", "MissingExtraError"),
+    *("OutputError", "StoreError", "InstrumentError", "SafetyError", "FleetError"),
+    "MissingExtraError",
 }
 
 

@@ -17,6 +17,7 @@ from minorloop.errors import MinorloopError, OutputError, ParameterError, Record
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.lab.actuator import Actuator
     from minorloop.report import Report
 
 
@@ -137,6 +138,27 @@ def _logger() -> Callable[[str], None]:
             due = time.monotonic() + _EVERY
 
     return log
+
+
+@contextmanager
+def connected(address: str, **options: Any) -> Iterator[Actuator]:
+    """Yield the actuator at an address; let go of its instruments at the end.
+
+    A signal that ends the process is an exception in here. From before the first line to an
+    instrument to after the last, none cuts one in half.
+    """
+    from minorloop.connect import connect
+    from minorloop.lab.signals import Deferred, ended_by_signals
+
+    with ended_by_signals():
+        plant = connect(address, **options)
+        try:
+            for warning in getattr(plant, "warnings", ()):
+                typer.echo(f"! {warning}", err=True)
+            yield plant
+        finally:
+            with Deferred():
+                getattr(plant, "close", lambda: None)()
 
 
 def read_column(file: Path, column: str, unit: str = "") -> FloatArray:
