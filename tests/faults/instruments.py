@@ -65,8 +65,8 @@ class Supply:
 
     @property
     def energised(self) -> bool:
-        """Whether it is anything but off and at zero."""
-        return self.is_on or self.level != 0
+        """Whether the output is on, at zero too: switched off is what safe means here."""
+        return self.is_on
 
     def trouble(self) -> str:
         """Count a line; give what goes wrong at it, after sending the signals that come now."""

@@ -23,7 +23,7 @@ ENDS = (0, 2, 130)
 """Exit statuses of a run that left its source off, as it says."""
 UNSAFE = 3
 DEADLY = tuple(getattr(signal, name).value for name in SIGNALS)
-_TIMEOUT, _SAFE_WITHIN, _MUTE_WITHIN = 0.1, 10.0, 0.3
+_TIMEOUT, _SAFE_WITHIN, _MUTE_WITHIN = 0.4, 10.0, 0.3
 
 
 @dataclass(frozen=True)
