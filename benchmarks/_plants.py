@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -174,11 +175,13 @@ PLANTS = {"relays": relays, "plays": bent_plays, "bouc-wen": bouc_wen, "magnet":
 def sweeps(rng: np.random.Generator, turns: int, each: int) -> Array:
     """Straight sweeps between random turning points, about ``each`` samples a full range."""
     ends = np.concatenate([[0.0, 1.0], rng.uniform(0, 1, turns)])
-    parts = [
-        np.linspace(a, b, max(int(each * abs(b - a)), 2), endpoint=False)
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
+    return np.concatenate([*_between(ends, each), ends[-1:]])
+
+
+def _between(ends: Array, each: int) -> list[Array]:
+    return [
+        np.linspace(a, b, max(int(each * abs(b - a)), 2), endpoint=False) for a, b in pairwise(ends)
     ]
-    return np.concatenate([*parts, ends[-1:]])
 
 
 def _staircase(rng: np.random.Generator) -> Array:
@@ -211,11 +214,7 @@ def _minor_loops(rng: np.random.Generator) -> Array:
     ends = [0.0, 1.0]
     for level in rng.permutation(np.linspace(0, 0.9, int(rng.integers(5, 9)))):
         ends += [float(level), 1.0]
-    parts = [
-        np.linspace(a, b, max(int(each * abs(b - a)), 2), endpoint=False)
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
-    ]
-    return np.concatenate(parts)
+    return np.concatenate(_between(np.array(ends), each))
 
 
 def _log(rng: np.random.Generator) -> Array:

@@ -126,9 +126,7 @@ class Identification:
             With ``sd`` where the prior was used, and with the warnings about this model.
         """
         begin = self.start if start is None else start
-        found = replace(
-            self.model.invert(targets, begin, unreachable), warnings=self.warnings
-        )
+        found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
         if self.belief is None:
             return found
         return replace(found, sd=self.belief.deviation(found.u, begin))

@@ -9,16 +9,17 @@ from typing import Literal
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.identification.rough_model import basis, least_error, robust_fit, spread
+from minorloop.identification.rough_model import basis, few, least_error, robust_fit, spread
 from minorloop.operators.preisach import Start
+from minorloop.threads import one_thread
 
 OVERLOAD = 9e36
 """Magnitude from which a reading is an overload code, as 9.9e37 and 9.91e37 are."""
 SENTINELS = (
-    (-9999.0, -999.0, -99999.0, -999999.0, -9999999.0, -999.25, -999.9, -9999.9, -6999.0, -7999.0)
-    + (9999.0, 99999.0, 999999.0, 9999999.0, 999.99, 9999.9, 9999.99, 99999.9, 7999.0)
-    + (32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0)
-    + (1e20, -1e20, 1e30, -1e30, 1e35, -1e35)
+    *(-999.0, -9999.0, -99999.0, -999999.0, -9999999.0, -999.25, -999.9, -9999.9, -6999.0, -7999.0),
+    *(9999.0, 99999.0, 999999.0, 9999999.0, 999.99, 9999.9, 9999.99, 99999.9, 7999.0),
+    *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0),
+    *(1e20, -1e20, 1e30, -1e30, 1e35, -1e35),
 )
 """Values that loggers and files write for a reading that they do not have."""
 _CODE_APART = 0.25
@@ -36,9 +37,11 @@ _MOVING_SD, _MOVING, _LAZY = 2.0, 0.03, 0.28
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for usual slopes, and the change in spans that a stuck output misses."""
 
-_LONGEST_LAG, _TURN, _FEWEST_TURNS = 10, 6, 4
-_BETTER, _BETTER_BY, _OVERSHOOT = 0.72, 0.007, 0.02
-"""Error left by a shift, what it gains in spans, and the overshoot in spans that tell of a lag."""
+_LONGEST_LAG, _TURNS, _FEWEST_TURNS = 10, (6, 4, 3), 4
+_BETTER, _BETTER_BY = 0.72, 0.007
+"""Share of the error that a shift leaves, and spans that it gains, that tell of a lag."""
+_OVERSHOOT, _OVERSHOOT_HINTED, _HINT = 0.02, 0.012, 0.85
+"""Spans by which an output goes on that tell of a lag, fewer where a shift leaves that share."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,13 @@ def screened(
     known[:lag] = False
     if np.count_nonzero(known) < _FEWEST:
         return ()
+    with one_thread():
+        return _screened(u, y, known, start, lag, sought)
+
+
+def _screened(
+    u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int, sought: bool
+) -> tuple[Finding, ...]:
     record = _Record.of(u, y, known, start, lag)
     found = [*_outliers(record)]
     sound = known.copy()
@@ -134,7 +144,9 @@ def screened(
     for one in flat:
         if one.kind == "stuck":
             sound[list(one.samples)] = False
-    late = _lagging(record, sound) if not sought else iter(())
+    late = [] if sought else [*_lagging(record, sound)]
+    if late:  # A lagging output has not begun yet at first.
+        flat = [one for one in flat if one.kind != "stuck" or one.samples[-1] > _LONGEST_LAG]
     return (*found, *flat, *late)
 
 
@@ -188,7 +200,7 @@ def _outside(values: FloatArray) -> FloatArray:
     """Distance outside the middle 90 % of the values, in widths of it."""
     low, high = np.percentile(values, [5, 95])
     width = float(high - low) or float(np.ptp(values)) or 1.0
-    return np.maximum(np.maximum(low - values, values - high), 0) / width
+    return np.asarray(np.maximum(np.maximum(low - values, values - high), 0) / width)
 
 
 def _stuck(record: _Record, clipped: set[int]) -> Iterator[Finding]:
@@ -228,14 +240,17 @@ def _laziest(record: _Record) -> tuple[int, int]:
     width = max(values.size // _WINDOWS, _SHORTEST)
     if values.size < 3 * width:
         return 0, 0
-    windows = np.lib.stride_tricks.sliding_window_view
-    moves, still = windows(rough, width).std(axis=1), windows(values, width).std(axis=1)
+    step = max(width // 8, 1)
+    of_rough, of_values = (
+        np.lib.stride_tricks.sliding_window_view(part, width)[::step] for part in (rough, values)
+    )
+    moves, still = of_rough.std(axis=1), of_values.std(axis=1)
     moving = moves > max(_MOVING_SD * spread(values - rough), _MOVING * record.span)
     lazy = moving & (still < _LAZY * moves)
     if not lazy.any():
         return 0, 0
-    first = int(np.argmax(np.where(lazy, moves - still, -np.inf)))
-    return _stretch(values, first, width, 3 * float(still[first]) + _EQUAL * record.span)
+    best = int(np.argmax(np.where(lazy, moves - still, -np.inf)))
+    return _stretch(values, best * step, width, 3 * float(still[best]) + _EQUAL * record.span)
 
 
 def _usual_change(record: _Record, begin: int, end: int) -> float:
@@ -307,7 +322,7 @@ def _lagging(record: _Record, sound: BoolArray) -> Iterator[Finding]:
     """A shift with which the rough model does far better, or an output that turns late."""
     rows = np.flatnonzero(sound)
     size = record.y.size
-    rows = rows[(rows >= _LONGEST_LAG + record.lag) & (rows < size - _LONGEST_LAG)]
+    rows = few(rows[(rows >= _LONGEST_LAG + record.lag) & (rows < size - _LONGEST_LAG)])
     if rows.size < 2 * record.matrix.shape[1]:
         return
     shifts = range(-_LONGEST_LAG, _LONGEST_LAG + 1)
@@ -315,8 +330,9 @@ def _lagging(record: _Record, sound: BoolArray) -> Iterator[Finding]:
     here, best = errors[_LONGEST_LAG], int(np.argmin(errors))
     shift = shifts[best]
     better = errors[best] < _BETTER * here and here - errors[best] > _BETTER_BY * record.span
-    late, overshoot = _late(record, sound)
-    if overshoot > _OVERSHOOT:
+    late, overshoot = _late(record)
+    hinted = shift > 0 and errors[best] < _HINT * here
+    if overshoot > (_OVERSHOOT_HINTED if hinted else _OVERSHOOT):
         shift = late
         why = f"it goes on by {overshoot:.1%} of range after the input has turned"
     elif better and shift:
@@ -339,26 +355,37 @@ def _lagging(record: _Record, sound: BoolArray) -> Iterator[Finding]:
     )
 
 
-def _late(record: _Record, sound: BoolArray) -> tuple[int, float]:
+def _late(record: _Record) -> tuple[int, float]:
     """How many samples the output goes on for after the input has turned, and how far, in spans.
 
     Without a lag an output that goes with its input turns with it, whatever its hysteresis.
     """
-    y, width = record.y, _TURN
-    way = np.sign(np.diff(record.u))
-    turns = np.flatnonzero((way[1:] != way[:-1]) & (way[1:] != 0)) + 1
-    turns = turns[(turns >= 2 * width) & (turns < y.size - 2 * width)]
-    around = turns[:, None] + np.arange(-width, width)
-    same = way[around] * np.repeat([1, -1], width) == way[turns - 1, None]
-    turns = turns[same.all(axis=1) & sound[around].all(axis=1) & sound[turns + width]]
-    if turns.size < _FEWEST_TURNS:
+    sound = np.zeros(record.u.size, dtype=np.bool_)
+    sound[record.places] = True
+    for width in _TURNS:
+        turns = _turns(record.u, sound, width)
+        if turns.size >= _FEWEST_TURNS:
+            break
+    else:
         return 0, 0.0
+    y = record.y
     before = np.sign(y[turns] - y[turns - width])
     after = before * (y[turns[None, :] + np.arange(1, width + 1)[:, None]] - y[turns])
     # Without the largest, so that one odd turn is no lag.
     mean = np.sort(after, axis=1)[:, :-1].mean(axis=1) / record.span
     last = int(np.argmax(mean))
     return last + 1, float(mean[last])
+
+
+def _turns(u: FloatArray, sound: BoolArray, width: int) -> IntArray:
+    """Where the input turns after and before so many sound samples of one direction."""
+    way = np.sign(np.diff(u))
+    turns = np.flatnonzero((way[1:] != way[:-1]) & (way[1:] != 0)) + 1
+    turns = turns[(turns >= width) & (turns < u.size - width)]
+    around = turns[:, None] + np.arange(-width, width)
+    same = way[around] * np.repeat([1, -1], width) == way[turns - 1, None]
+    kept = same.all(axis=1) & sound[around].all(axis=1) & sound[turns + width]
+    return np.asarray(turns[kept])
 
 
 def _listed(y: FloatArray, places: IntArray) -> str:
