@@ -164,9 +164,7 @@ class _Polynomial(_Kind, tag=KINDS[Polynomial]):
 
 
 LONGEST_WARNING, MOST_WARNINGS = 1000, 20
-Sentence: TypeAlias = Annotated[
-    str, msgspec.Meta(max_length=LONGEST_WARNING, pattern="^[ -~]+$")
-]
+Sentence: TypeAlias = Annotated[str, msgspec.Meta(max_length=LONGEST_WARNING, pattern="^[ -~]+$")]
 """A sentence that every terminal shows as it is: printable ASCII."""
 
 

@@ -179,6 +179,7 @@ def identify_one(
             "excited": result.excited_fraction,
             "opening": opening(model),
             "samples": int(result.samples),
+            "warnings": result.warnings,
             "seconds": time.perf_counter() - began,
             "sha256": digest,
         }

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from minorloop.identification import active_set
+from minorloop.identification.baseline import nrmse, polynomial_nrmse
 
 if TYPE_CHECKING:
     from minorloop.identification.result import Identification
@@ -140,10 +141,8 @@ def _accuracy(result: Identification) -> Iterator[str]:
 
 def _distrust(result: Identification) -> Iterator[str]:
     """What its errors say against the model."""
-    held, base = result.holdout_nrmse, result.baseline_nrmse
-    score = result.nrmse if held is None else held
-    which = "fitted" if held is None else "held-out"
-    error = _honest_error(result)
+    which = "held-out" if result.held_out.any() else "fitted"
+    error, score, base = _honest_errors(result)
     if error > WORST:
         yield (
             f"do not trust this model: its error on {which} data is {error:.3g} of the range of "
@@ -162,18 +161,25 @@ def _distrust(result: Identification) -> Iterator[str]:
         )
 
 
-def _honest_error(result: Identification) -> float:
-    """Error on what was held out, or else fitted, over the range of all; outliers left out."""
-    scored = (result.held_out if result.held_out.any() else result.fitted).copy()
+def _honest_errors(result: Identification) -> tuple[float, float, float]:
+    """Error over the range of all, and over that of what is scored; that of the polynomial.
+
+    On what was held out, or else fitted, without the outliers found, which say nothing of either.
+    """
+    scored = result.held_out if result.held_out.any() else result.fitted
     known = np.isfinite(result.y)
     for finding in result.findings:
         if finding.kind == "outlier":
             known[list(finding.samples)] = False
-    scored &= known
-    if not scored.any():
-        return 0.0
-    rmse = float(np.sqrt(np.mean((result.prediction - result.y)[scored] ** 2)))
-    return rmse / (float(np.ptp(result.y[known])) or 1.0)
+    if not (scored & known).any():
+        return 0.0, 0.0, 0.0
+    scored = scored & known
+    residual = (result.prediction - result.y)[scored]
+    error = float(np.sqrt(np.mean(residual**2)) / (np.ptp(result.y[known]) or 1.0))
+    base = result.baseline_nrmse
+    if (result.held_out | result.fitted)[~known].any():
+        base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored)
+    return error, nrmse(residual, result.y[scored]), base
 
 
 def _rmse_held_out(result: Identification) -> float:

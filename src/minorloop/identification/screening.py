@@ -212,16 +212,18 @@ def _stuck(record: _Record, clipped: set[int]) -> Iterator[Finding]:
         if end - begin >= max(values.size // _FEWEST_SHARE, _SHORTEST - 1)
         and not clipped.issuperset(record.places[begin:end])
     ]
-    moves = [_usual_change(record, begin, end) for begin, end in found]
-    if not moves or max(moves) < _LEAST_CHANGE * record.span:
+    changes = [(_usual_change(record, begin, end), begin, end) for begin, end in found]
+    change, begin, end = next(
+        (one for one in changes if one[0] >= _LEAST_CHANGE * record.span), (0.0, 0, 0)
+    )
+    if not change:
         return
-    begin, end = found[int(np.argmax(moves))]
     samples = record.places[begin:end]
     yield Finding(
         "stuck",
         tuple(map(int, samples)),
         f"the output is stuck at {np.median(values[begin:end]):.6g} from sample {samples[0]} to "
-        f"{samples[-1]}, where such inputs otherwise change it by about {max(moves):.3g}: check "
+        f"{samples[-1]}, where such inputs otherwise change it by about {change:.3g}: check "
         "the sensor and the actuator, and measure again or empty these cells",
     )
 
