@@ -196,8 +196,8 @@ def load(path: PathLike) -> Model:
         If the file says why the model is not to be trusted.
     """
     known = read(path)
-    for text in known.warnings:
-        _warnings.warn(f"{path}: {text}", ModelWarning, stacklevel=2)
+    if known.warnings:
+        _warnings.warn(f"{path}: {'; '.join(known.warnings)}", ModelWarning, stacklevel=2)
     return known.model
 
 
