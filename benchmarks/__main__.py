@@ -12,6 +12,7 @@ PARTS = (
     "operators",
     "identification",
     "prior",
+    "advice",
     "twins",
     "eyes",
     "startup",

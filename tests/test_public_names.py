@@ -21,7 +21,7 @@ NAMES = {
     *("head_control", "HeadControl", "WireLimits", "Planner"),
     *("Record", "curvature_from_displacement", "displacement_from_curvature"),
     *("Surroundings", "Course", "Fault", "convection"),
-    *("save", "load", "connect", "__version__"),
+    *("save", "load", "connect", "ModelWarning", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
     *("OutputError", "StoreError", "InstrumentError", "SafetyError", "FleetError"),

@@ -80,8 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         The exit status: 0 for success, 2 for a refusal, 3 where a source may still be on, 130 for
-        an interruption, 1 where what reads the output went away, or a fleet has nothing that could
-        be identified.
+        an interruption, 1 where what reads the output went away, a fleet has nothing that could
+        be identified, or an identified model is not to be trusted.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     for name in ("stdout", "stderr"):

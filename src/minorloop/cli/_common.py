@@ -108,6 +108,12 @@ def print_advice(sentences: Sequence[str]) -> None:
         Console().print(Text("! ", style="bold yellow") + Text(sentence))
 
 
+def print_warnings(sentences: Sequence[str]) -> None:
+    """What a model file says against its model, on stderr, a line each."""
+    for sentence in sentences:
+        typer.echo(f"warning: this model is not to be trusted: {sentence}", err=True)
+
+
 @contextmanager
 def working(what: str, *, logged: bool = False) -> Iterator[Callable[[str], None]]:
     """Show on stderr, where that is a terminal, that something is being worked on.
