@@ -46,6 +46,8 @@ class Identification:
         How sure the prior is of the unknowns; None where it was not used.
     suspects : tuple of int
         Samples that lie far outside the band that all others give, and were set aside.
+    converged : bool
+        Whether the solver reached the optimum; `advice` says so where it did not.
     """
 
     model: Preisach
@@ -60,6 +62,7 @@ class Identification:
     areas: Areas
     belief: Belief | None = None
     suspects: tuple[int, ...] = ()
+    converged: bool = True
 
     @overload
     def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
@@ -231,7 +234,7 @@ class Identification:
             ("error, fitted", f"{self.nrmse:.3%} of range"),
             ("error, held out", "not asked for" if held is None else f"{held:.3%} of range"),
             ("best delayed polynomial", f"{self.baseline_nrmse:.3%} of range"),
-            ("optimality", f"{self.kkt:.1e}"),
+            ("optimality", f"{self.kkt:.1e}" + ("" if self.converged else ", not converged")),
         ]
         lines = [f"{name:<24} {value}" for name, value in rows]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
