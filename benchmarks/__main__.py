@@ -11,6 +11,8 @@ import benchmarks
 PARTS = (
     "operators",
     "identification",
+    "staircases",
+    "optima",
     "prior",
     "advice",
     "twins",

@@ -9,6 +9,7 @@ import numpy as np
 
 from minorloop.identification import active_set
 from minorloop.identification.baseline import nrmse, polynomial_nrmse
+from minorloop.identification.refinement import UNSETTLED
 
 if TYPE_CHECKING:
     from minorloop.identification.result import Identification
@@ -198,9 +199,15 @@ def _falls(result: Identification) -> bool:
 def _numerics(result: Identification) -> Iterator[str]:
     if result.kkt > active_set.ACCEPTABLE:
         yield (
-            f"the solver stopped at an optimality of {result.kkt:.1e}, short of "
-            f"{active_set.ACCEPTABLE:.0e}; this is the best solution it met. Use fewer levels or "
-            "a positive smoothness"
+            f"the fit did not converge: the solver stopped at an optimality of {result.kkt:.1e}, "
+            f"short of {active_set.ACCEPTABLE:.0e}; this is the best solution it met. Use fewer "
+            "levels or a positive smoothness"
+        )
+    elif not result.converged:
+        yield (
+            "the fit did not converge: the record hardly determines some of the weights, and "
+            f"others of them fit better by more than {UNSETTLED:.0e} of the error squared. Use "
+            "fewer levels or a positive smoothness"
         )
     if not result.model.monotone:
         yield (

@@ -18,6 +18,7 @@ from minorloop.arrays import (
     check_option,
 )
 from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.active_set import ACCEPTABLE
 from minorloop.identification.areas import Areas, Form, check_bands
 from minorloop.identification.least_squares import Fit, Problem, reproduces
 from minorloop.identification.levels import levels_for
@@ -154,6 +155,7 @@ def identify(
         start=start,
         smoothness=found.smoothness,
         kkt=found.kkt,
+        converged=found.converged,
         u=inputs,
         y=outputs,
         fitted=found.fitted,
@@ -180,6 +182,7 @@ class _Found:
     smoothness: float = 0.0
     belief: Belief | None = None
     suspects: tuple[int, ...] = ()
+    converged: bool = True
 
 
 def _fitted(
@@ -203,10 +206,10 @@ def _fitted(
         if prior == "auto" and samples >= form.unknowns:
             areas, fit = _fit(form, record, lag, 0.0)
             if reproduces(areas, fit.x, record[1][lag:][fitted[lag:]]):
-                return _Found(fit.x, fit.kkt, areas, fitted)
+                return _Found(fit.x, fit.kkt, areas, fitted, converged=fit.converged)
         return _fitted_with_prior(form, record, lag, noise)
     areas, fit = _fit(form, record, lag, smoothness)
-    return _Found(fit.x, fit.kkt, areas, fitted, fit.smoothness)
+    return _Found(fit.x, fit.kkt, areas, fitted, fit.smoothness, converged=fit.converged)
 
 
 def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | None) -> _Found:
@@ -236,7 +239,15 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
         suspects.append(place)
         fitted = fitted.copy()
         fitted[place] = False
-    return _Found(found.x, found.kkt, areas, fitted, belief=found.belief, suspects=tuple(suspects))
+    return _Found(
+        found.x,
+        found.kkt,
+        areas,
+        fitted,
+        belief=found.belief,
+        suspects=tuple(suspects),
+        converged=found.kkt <= ACCEPTABLE,
+    )
 
 
 def _suspect(

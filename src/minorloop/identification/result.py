@@ -53,6 +53,8 @@ class Identification:
         Readings that were overload codes or sentinels, and count as not measured.
     sought : bool
         Whether the lag is the best of several.
+    converged : bool
+        Whether the solver reached the optimum; `advice` says so where it did not.
     """
 
     model: Preisach
@@ -69,6 +71,7 @@ class Identification:
     suspects: tuple[int, ...] = ()
     codes: tuple[Code, ...] = ()
     sought: bool = False
+    converged: bool = True
 
     @overload
     def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
@@ -252,7 +255,7 @@ class Identification:
             ("error, fitted", f"{self.nrmse:.3%} of range"),
             ("error, held out", "not asked for" if held is None else f"{held:.3%} of range"),
             ("best delayed polynomial", f"{self.baseline_nrmse:.3%} of range"),
-            ("optimality", f"{self.kkt:.1e}"),
+            ("optimality", f"{self.kkt:.1e}" + ("" if self.converged else ", not converged")),
         ]
         lines = [f"{name:<24} {value}" for name, value in rows]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
