@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import ssl
-from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -74,42 +73,30 @@ def run(
         _check_pair(certificate, private_key)
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
-    try:
-        import uvicorn
-    except ImportError:
-        raise MissingExtraError("uvicorn", "console") from None
+    for needed in ("uvicorn", "starlette"):
+        if find_spec(needed) is None:
+            raise MissingExtraError(needed, "console")
     from minorloop.teleop.doors import Doors
-    from minorloop.teleop.loop import LoopSettings
-    from minorloop.teleop.server import STATIC, Console
+    from minorloop.teleop.processes import STATIC, Serving, supervised
+    from minorloop.teleop.settings import LoopSettings
 
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
     )
     doors = Doors(host)
     listening = _listen(host, port)
-    config = uvicorn.Config(
-        Console(doors=doors, loop=settings).app(),
-        log_level="warning",
-        access_log=False,
-        ws_max_size=1 << 14,
-        ws_max_queue=64,
-        ws_per_message_deflate=False,
-        ws_ping_interval=10.0,
-        ws_ping_timeout=10.0,
-        ssl_certfile=None if certificate is None else str(certificate),
-        ssl_keyfile=None if private_key is None else str(private_key),
-        timeout_graceful_shutdown=2,
-        server_header=False,
+    serving = Serving(
+        doors=doors,
+        listening=listening,
+        certificate=None if certificate is None else str(certificate),
+        private_key=None if private_key is None else str(private_key),
     )
     scheme = "http" if certificate is None else "https"
     if not (STATIC / "index.html").is_file():
         typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
     typer.echo(f"open {scheme}://{_shown(host)}:{listening.getsockname()[1]}/?key={doors.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
-    with suppress(OSError, AttributeError):
-        os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
-    with suppress(KeyboardInterrupt):
-        uvicorn.Server(config).run(sockets=[listening])
+    supervised(settings, serving, lambda sentence: typer.echo(f"note: {sentence}", err=True))
 
 
 def _check_pair(certificate: Path, key: Path) -> None:
