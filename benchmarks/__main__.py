@@ -18,6 +18,7 @@ PARTS = (
     "firmware",
     "fleet",
     "seat",
+    "strangers",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import ssl
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import MissingExtraError, OutputError, ParameterError
+from minorloop.errors import OutputError, ParameterError
 
 NAME = "console"
 EXAMPLE = "minorloop console --folder inspections"
@@ -39,6 +39,10 @@ _Certificate = Annotated[
     Path | None,
     typer.Option(help="Certificate (PEM): phones and headsets give their pose over https only."),
 ]
+_Name = Annotated[
+    str | None,
+    typer.Option(help="Name under which browsers reach an https proxy before the console."),
+]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
 
@@ -52,6 +56,7 @@ def run(
     timeout: _Timeout = 0.1,
     certificate: _Certificate = None,
     private_key: _Key = None,
+    name: _Name = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
     from minorloop.teleop.plant import check_address
@@ -59,9 +64,11 @@ def run(
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
     check_address(plant)
-    for name, number in (("--specimen", specimen or 0), ("--seed", seed)):
+    for option, number in (("--specimen", specimen or 0), ("--seed", seed)):
         if number < 0:
-            raise ParameterError(f"{name} is {number}; give 0 or more")
+            raise ParameterError(f"{option} is {number}; give 0 or more")
+    if name is not None and re.fullmatch(r"[A-Za-z0-9._-]{1,253}", name) is None:
+        raise ParameterError(f"--name is {name!r}; give a host name such as console.example.org")
     if not 0.05 <= timeout <= 5.0:
         raise ParameterError(f"--timeout is {timeout}; give 0.05 to 5 seconds")
     if (certificate is None) != (private_key is None):
@@ -73,29 +80,26 @@ def run(
         _check_pair(certificate, private_key)
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
-    for needed in ("uvicorn", "starlette"):
-        if find_spec(needed) is None:
-            raise MissingExtraError(needed, "console")
     from minorloop.teleop.doors import Doors
-    from minorloop.teleop.processes import STATIC, Serving, supervised
+    from minorloop.teleop.processes import Serving, supervised
+    from minorloop.teleop.server import STATIC
     from minorloop.teleop.settings import LoopSettings
 
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
     )
-    doors = Doors(host)
     listening = _listen(host, port)
-    serving = Serving(
-        doors=doors,
-        listening=listening,
-        certificate=None if certificate is None else str(certificate),
-        private_key=None if private_key is None else str(private_key),
-    )
+    port = listening.getsockname()[1]
+    doors = Doors(host, port=port, name=name)
     scheme = "http" if certificate is None else "https"
     if not (STATIC / "index.html").is_file():
         typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
-    typer.echo(f"open {scheme}://{_shown(host)}:{listening.getsockname()[1]}/?key={doors.key}")
+    address = f"{scheme}://{_shown(host)}:{port}" if name is None else f"https://{name}"
+    typer.echo(f"open {address}/?key={doors.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
+    serving = Serving(
+        doors=doors, listening=listening, certificate=certificate, private_key=private_key
+    )
     supervised(settings, serving, lambda sentence: typer.echo(f"note: {sentence}", err=True))
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from minorloop.errors import MinorloopError, MissingExtraError, SignalError
 from minorloop.geometry import Pinhole
 from minorloop.teleop import messages, recording
+from minorloop.teleop.connections import admitted
 from minorloop.teleop.doors import Doors
 from minorloop.teleop.hub import SILENCE, HostileError, Hub, Viewer
 from minorloop.teleop.imaging import opencv
@@ -48,12 +49,14 @@ _PAINT_EVERY = 5
 _SHOW_EVERY = 25
 _POLICY = (
     "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; "
-    "connect-src 'self' ws: wss:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
+    "connect-src 'self'{sockets}; object-src 'none'; base-uri 'none'; form-action 'self'; "
+    "frame-ancestors 'none'"
 )
 _HEADERS = {
-    "Content-Security-Policy": _POLICY,
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "xr-spatial-tracking=(self), gyroscope=(self), accelerometer=(self)",
 }
 _JOB = bytes([messages.JOB])
@@ -117,7 +120,7 @@ class _Server:
             Route("/api/recordings", self._recordings),
             Route("/api/findings.json", self._findings),
             Route("/api/findings.csv", self._findings_csv),
-            Route("/api/findings/{number:int}.{kind}", self._mesh),
+            Route("/api/findings/{number}.{kind}", self._mesh),
             Route("/api/map.png", self._map),
             *self._lab.routes(),
         ]
@@ -263,10 +266,15 @@ class _Server:
         if not self._doors.known(headers.get("cookie")):
             await _refuse(socket, "the key is missing; open the address that the console printed")
             return
-        await socket.accept()
-        if "replay" in socket.query_params:
-            await self._replay(socket, socket.query_params["replay"])
-            return
+        with admitted(socket.scope):
+            await socket.accept()
+            if "replay" in socket.query_params:
+                await self._replay(socket, socket.query_params["replay"])
+            else:
+                await self._view(socket)
+
+    async def _view(self, socket: WebSocket) -> None:
+        """Show a page what there is, and hear it, until it goes."""
         viewer = self._hub.join()
         sending = asyncio.create_task(_send(socket, viewer))
         try:
@@ -336,9 +344,10 @@ class _Server:
 
     async def _mesh(self, request: Request) -> Response:
         number, kind = request.path_params["number"], request.path_params["kind"]
-        mesh = self._meshes.get(number, {}).get(kind)
+        written = {str(known): meshes for known, meshes in self._meshes.items()}
+        mesh = written.get(number, {}).get(kind)
         if mesh is None:
-            sentence = f"finding {number} has no {kind[:8]} yet; measure its depth first"
+            sentence = f"finding {number[:20]} has no {kind[:8]} yet; measure its depth first"
             return JSONResponse({"error": sentence}, status_code=404)
         return _download(mesh, _MESHES[kind], f"finding-{number}.{kind}")
 
@@ -360,22 +369,21 @@ class _AtTheDoor:
             await self._app(scope, receive, send)
             return
         request = Request(scope, receive)
-        refusal = self._refusal(request)
-        response: Response | None = refusal
-        if refusal is None and self._doors.opens(request.query_params.get("key")):
-            response = RedirectResponse(request.url.path, status_code=303)
-            secure = request.url.scheme == "https"
-            response.set_cookie(
-                self._doors.cookie, self._doors.token, httponly=True, samesite="lax", secure=secure
-            )
-        elif refusal is None and not self._doors.known(request.headers.get("cookie")):
+        response = self._refusal(request)
+        host = request.headers.get("host") if response is None else None
+        guarded = _with_headers(send, host)
+        if response is None and self._doors.opens(request.query_params.get("key")):
+            response = self._welcome(request)
+        elif response is None and not self._known(request):
             response = _plain(403, "open the address that the console printed, with its key")
         if response is not None:
-            for name, value in _HEADERS.items():
-                response.headers[name] = value
-            await response(scope, receive, send)
+            await response(scope, receive, guarded)
             return
-        await self._app(scope, receive, _with_headers(send))
+        with admitted(scope):
+            await self._app(scope, receive, guarded)
+
+    def _known(self, request: Request) -> bool:
+        return self._doors.known("; ".join(request.headers.getlist("cookie")))
 
     def _refusal(self, request: Request) -> Response | None:
         host = request.headers.get("host")
@@ -386,11 +394,29 @@ class _AtTheDoor:
             return _plain(403, "this request comes from another page")
         return None
 
+    def _welcome(self, request: Request) -> Response:
+        # Two slashes at the beginning would name another host.
+        response = RedirectResponse("/" + request.url.path.lstrip("/"), status_code=303)
+        # A proxy says so if browsers talk https with it; a lie would only lock out who tells it.
+        proxied = request.headers.get("x-forwarded-proto", "") == "https"
+        response.set_cookie(
+            self._doors.cookie,
+            self._doors.token,
+            httponly=True,
+            samesite="lax",
+            secure=proxied or request.url.scheme == "https",
+        )
+        return response
 
-def _with_headers(send: Send) -> Send:
+
+def _with_headers(send: Send, host: str | None) -> Send:
+    """Add what every answer says; ``host`` is where pages may open their websocket."""
+    sockets = "" if host is None else f" ws://{host} wss://{host}"
+    headers = {"Content-Security-Policy": _POLICY.format(sockets=sockets), **_HEADERS}
+    extra = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
+
     async def wrapped(message: Any) -> None:
         if message["type"] == "http.response.start":
-            extra = [(k.lower().encode(), v.encode()) for k, v in _HEADERS.items()]
             message = {**message, "headers": [*message.get("headers", []), *extra]}
         await send(message)
 

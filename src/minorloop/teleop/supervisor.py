@@ -147,8 +147,6 @@ class Supervisor:
         Which of them talk to each other.
     said : callable, optional
         What to do with a sentence for who started the console.
-    cleared : callable, optional
-        Called with the name of a process that has ended, before it is started anew.
     """
 
     def __init__(
@@ -157,9 +155,8 @@ class Supervisor:
         pipes: Sequence[tuple[str, str]],
         *,
         said: Callable[[str], None] = lambda sentence: None,
-        cleared: Callable[[str], None] = lambda name: None,
     ) -> None:
-        self._parts, self._pipes, self._said, self._cleared = parts, pipes, said, cleared
+        self._parts, self._pipes, self._said = parts, pipes, said
         self._names = tuple(part.name for part in parts)
         self._beats = _CONTEXT.RawArray("d", len(parts))
         self._running: dict[str, _Running] = {}
@@ -191,7 +188,6 @@ class Supervisor:
                 self._said(f"the {name} process has ended; it is started anew")
                 running.control.close()
                 running.process.close()
-                self._cleared(name)
                 self._start(running.part)
 
     def end(self) -> None:
