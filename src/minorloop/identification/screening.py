@@ -37,7 +37,7 @@ _MOVING_SD, _MOVING, _LAZY = 2.0, 0.03, 0.28
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for usual slopes, and the change in spans that a stuck output misses."""
 
-_LONGEST_LAG, _TURNS, _FEWEST_TURNS = 10, (6, 4, 3), 4
+_LONGEST_LAG, _TURNS, _FEWEST_TURNS, _JUST_BEFORE = 10, (6, 4, 3), 4, 2
 _BETTER, _BETTER_BY = 0.72, 0.007
 """Share of the error that a shift leaves, and spans that it gains, that tell of a lag."""
 _OVERSHOOT, _OVERSHOOT_HINTED, _HINT = 0.02, 0.012, 0.85
@@ -371,7 +371,7 @@ def _late(record: _Record) -> tuple[int, float]:
     else:
         return 0, 0.0
     y = record.y
-    before = np.sign(y[turns] - y[turns - width])
+    before = np.sign(y[turns] - y[turns - _JUST_BEFORE])
     after = before * (y[turns[None, :] + np.arange(1, width + 1)[:, None]] - y[turns])
     # Without the largest, so that one odd turn is no lag.
     mean = np.sort(after, axis=1)[:, :-1].mean(axis=1) / record.span
