@@ -333,15 +333,16 @@ def _lagging(record: _Record, sound: BoolArray) -> Iterator[Finding]:
     shift = shifts[best]
     better = errors[best] < _BETTER * here and here - errors[best] > _BETTER_BY * record.span
     late, overshoot = _late(record)
-    hinted = shift > 0 and errors[best] < _HINT * here
-    if overshoot > (_OVERSHOOT_HINTED if hinted else _OVERSHOOT):
-        shift = late
-        why = f"it goes on by {overshoot:.1%} of range after the input has turned"
-    elif better and shift:
+    hinted = errors[best] < _HINT * here
+    goes_on = overshoot > (_OVERSHOOT_HINTED if hinted and shift > 0 else _OVERSHOOT)
+    if better and shift:
         why = (
             f"the error of a rough model falls from {here / record.span:.1%} to "
             f"{errors[best] / record.span:.1%} of range with it"
         )
+    elif goes_on and not (hinted and shift < 0):
+        shift = late
+        why = f"it goes on by {overshoot:.1%} of range after the input has turned"
     else:
         return
     way = "follows" if shift > 0 else "comes before"
