@@ -37,7 +37,7 @@ _MOVING_SD, _MOVING, _LAZY = 2.0, 0.03, 0.28
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for usual slopes, and the change in spans that a stuck output misses."""
 
-_LONGEST_LAG, _TURNS, _FEWEST_TURNS = 10, (6, 4, 3), 4
+_LONGEST_LAG, _TURNS, _FEWEST_TURNS, _JUST_BEFORE = 10, (6, 4, 3), 4, 2
 _BETTER, _BETTER_BY = 0.72, 0.007
 """Share of the error that a shift leaves, and spans that it gains, that tell of a lag."""
 _OVERSHOOT, _OVERSHOOT_HINTED, _HINT = 0.02, 0.012, 0.85
@@ -333,15 +333,16 @@ def _lagging(record: _Record, sound: BoolArray) -> Iterator[Finding]:
     shift = shifts[best]
     better = errors[best] < _BETTER * here and here - errors[best] > _BETTER_BY * record.span
     late, overshoot = _late(record)
-    hinted = shift > 0 and errors[best] < _HINT * here
-    if overshoot > (_OVERSHOOT_HINTED if hinted else _OVERSHOOT):
-        shift = late
-        why = f"it goes on by {overshoot:.1%} of range after the input has turned"
-    elif better and shift:
+    hinted = errors[best] < _HINT * here
+    goes_on = overshoot > (_OVERSHOOT_HINTED if hinted and shift > 0 else _OVERSHOOT)
+    if better and shift:
         why = (
             f"the error of a rough model falls from {here / record.span:.1%} to "
             f"{errors[best] / record.span:.1%} of range with it"
         )
+    elif goes_on and not (hinted and shift < 0):
+        shift = late
+        why = f"it goes on by {overshoot:.1%} of range after the input has turned"
     else:
         return
     way = "follows" if shift > 0 else "comes before"
@@ -371,7 +372,7 @@ def _late(record: _Record) -> tuple[int, float]:
     else:
         return 0, 0.0
     y = record.y
-    before = np.sign(y[turns] - y[turns - width])
+    before = np.sign(y[turns] - y[turns - _JUST_BEFORE])
     after = before * (y[turns[None, :] + np.arange(1, width + 1)[:, None]] - y[turns])
     # Without the largest, so that one odd turn is no lag.
     mean = np.sort(after, axis=1)[:, :-1].mean(axis=1) / record.span
