@@ -18,6 +18,7 @@ PARTS = (
     "firmware",
     "fleet",
     "seat",
+    "faults",
     "strangers",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
