@@ -22,6 +22,7 @@ PARTS = (
     "fleet",
     "seat",
     "meter",
+    "faults",
     "strangers",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
