@@ -134,7 +134,7 @@ def _show(summary: Summary, out: Path) -> None:
         typer.echo(f"failed {failure.specimen}: {failure.error}")
     for file in summary.strays[:_SHOWN]:
         typer.echo(f"{out / file} is of no specimen of this manifest; remove it if it is of no use")
-    listed = outliers, summary.warned, summary.failures, summary.strays
-    if max(map(len, listed)) > _SHOWN:
+    most = max(len(outliers), len(summary.warned), len(summary.failures), len(summary.strays))
+    if most > _SHOWN:
         typer.echo(f"more are in {out / 'summary.json'}")
     typer.echo(f"{'models and results are' if summary.identified else 'the results are'} in {out}")

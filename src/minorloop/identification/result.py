@@ -16,7 +16,8 @@ from minorloop.identification.areas import Areas
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
 from minorloop.identification.prior import Belief, regressors
-from minorloop.identification.screening import Code, Finding, screened
+from minorloop.identification.rough_model import Finding
+from minorloop.identification.screening import Code, screened
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.preisach import Preisach, Start
 
