@@ -213,7 +213,8 @@ def open_tip(
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
     known = np.array(offset) + rng.normal(0.0, _CALIBRATED, 2)
     pipe = _pipe(seed)
-    tip = SimulatedTip(pipe, offset=offset, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
+    mount = Mount(offset=offset)
+    tip = SimulatedTip(pipe, mount=mount, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
     view = View(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
