@@ -39,6 +39,8 @@ class CentreState:
         The same.
     shown : (2,) array, optional
         Pixel at which the point was tracked last.
+    sighted : (2,) array, optional
+        Angles of the head by the last frame, where its joints have no sensors.
     verdict : str
         Of the tracker; ``not in view`` where the first frame does not show the point whole.
     error : float
@@ -54,6 +56,7 @@ class CentreState:
     servo: ServoState | None = None
     hold: HoldState | None = None
     shown: FloatArray | None = None
+    sighted: FloatArray | None = None
     verdict: str = ""
     error: float = math.nan
     began: float | None = None
@@ -124,11 +127,12 @@ class Centring:
             return state, Request(frame=True)
         if state.track is None:
             return self._picked(state, reading, reading.image), Request(frame=True)
-        track, tracked = self.follow(state.track, reading, reading.image)
+        near = reading if state.sighted is None else replace(reading, angles=state.sighted)
+        track, tracked = self.follow(state.track, near, reading.image)
         seen = track.pixel if track.verdict == TRACKED else None
         shown = state.shown if seen is None else seen
-        state = replace(state, track=tracked, shown=shown, verdict=track.verdict)
         angles, sighted = self._angles(tracked.place, seen, reading)
+        state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
         move, state = self._steer(state, seen, angles, reading)
         state = self._judged(state, move, reading.t)
         return state, Request(angles=move.angles, sighted=sighted, frame=True)
@@ -151,11 +155,13 @@ class Centring:
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).step(track, image, pan, tilt)
 
-    def steer(
-        self, state: ServoState, pixel: npt.ArrayLike | None, reading: Reading
-    ) -> tuple[ServoStep, ServoState]:
-        """Where the head is to turn for what is seen at a pixel."""
-        return self._servo(reading).step(state, pixel, reading.angles)
+    def turn(
+        self, commanded: npt.ArrayLike, pixel: npt.ArrayLike | None, reading: Reading
+    ) -> ServoStep:
+        """Where a head that is commanded to (2,) angles is to turn for what is at a pixel."""
+        servo = self._servo(reading)
+        step, _ = servo.step(servo.begin(commanded), pixel, reading.angles)
+        return step
 
     def _tracker(self, reading: Reading) -> Tracker:
         return Tracker(self.calibration.eye_at(reading.place))
@@ -210,7 +216,7 @@ class Centring:
         if passed(state.began or 0.0, reading.t, self.hold_after):
             move, held = hold.step(state.hold, seen, angles)
             return move, replace(state, hold=held)
-        move, servo = self.steer(state.servo, seen, now)
+        move, servo = hold.servo.step(state.servo, seen, angles)
         return move, replace(state, servo=servo, hold=hold.begin(move.angles))
 
     def _judged(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
