@@ -18,6 +18,7 @@ PARTS = (
     "firmware",
     "fleet",
     "seat",
+    "console_depth",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 

@@ -30,7 +30,7 @@ class CentreState:
     Parameters
     ----------
     place : (2,) array
-        Phi and z of the point; not used where its pixel is known.
+        Phi and z of the point, as the first frame shows it once there is one.
     pixel : (2,) array, optional
         Where the point is in the first frame; without it, where the calibration says.
     track : TrackState, optional
@@ -131,7 +131,7 @@ class Centring:
         track, tracked = self.follow(state.track, near, reading.image)
         seen = track.pixel if track.verdict == TRACKED else None
         shown = state.shown if seen is None else seen
-        angles, sighted = self._angles(tracked.place, seen, reading)
+        angles, sighted = self._angles(state.place, seen, reading)
         state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
         move, state = self._steer(state, seen, angles, reading)
         state = self._judged(state, move, reading.t)
@@ -184,12 +184,13 @@ class Centring:
         if pixel is None:
             pixel = np.asarray(eye.pixel(state.place, *reading.angles.tolist()))
         try:
-            _, track = self.pick(image, pixel, reading)
+            picked, track = self.pick(image, pixel, reading)
         except SignalError:
             return replace(state, verdict=NOT_IN_VIEW, done=True)
         servo = self._servo(reading)
         return replace(
             state,
+            place=picked.place,
             track=track,
             shown=pixel,
             servo=servo.begin(reading.angles),

@@ -170,10 +170,9 @@ class Scan:
         if state.stage == "back" and state.home is not None:
             place, angles = state.home
             return self.go.begin(place=place, angles=angles)
-        phi, z = state.centre
-        roll = float(reading.place[1])
-        # The shorter way round.
-        return self.go.begin(place=(z, roll + float(wrapped(phi - roll))), angles=self.squarely)
+        (phi, z), roll = state.centre, float(reading.place[1])
+        off = float(wrapped(phi - self.calibration.roll - roll))  # the shorter way round
+        return self.go.begin(place=(z, roll + off), angles=self.squarely)
 
     def _points(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
         """Fire where the head has come to rest, and stay until the burst is there."""

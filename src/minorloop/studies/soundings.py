@@ -80,11 +80,20 @@ class Sounding(Site):
     ----------
     sonar : Ultrasound
         The twin.
+    pipe : Pipe
+        With water, if any.
+    mount : Mount
+        As it truly is. For scoring only.
+    probe : dict
+        Noise, gain and temperature of the twin.
     rng : numpy Generator
         Of the sway, of the noise of the angles, and of the picture.
     """
 
     sonar: Ultrasound
+    pipe: Pipe
+    mount: Mount
+    probe: dict[str, Any]
     rng: np.random.Generator
 
     @property
@@ -148,13 +157,14 @@ def draw_sounding(
     guess = off + rng.normal(0, 0.05e-3, 2)
     known = replace(true, offset=(float(guess[0]), float(guess[1])))
     warm, probe = float(rng.uniform(12, 30)), Probe() if lens else Probe(focus=math.inf)
-    options: dict[str, Any] = {"specimen": seed, "seed": seed, "temperature": warm}
     level = 1.0
     if kind in ("pit", "dished", "dry"):
-        level = scoring.floor_level(Ultrasound(pipe, true, probe, noise=0.0, **options))
+        level = scoring.floor_level(
+            Ultrasound(pipe, true, probe, noise=0.0, temperature=warm, specimen=seed, seed=seed)
+        )
     noise = level * 10 ** (-snr / 20) * math.sqrt(Scan.shots)
-    sonar = Ultrasound(pipe, true, probe, noise=noise, **options)
-    sonar.amplify(min(0.5, 0.5 / (0.7 + 4 * noise)))
+    heard = {"noise": noise, "gain": min(0.5, 0.5 / (0.7 + 4 * noise)), "temperature": warm}
+    sonar = Ultrasound(pipe, true, probe, specimen=seed, seed=seed, **heard)
     ear = Ear(
         probe,
         known,
@@ -172,7 +182,7 @@ def draw_sounding(
     centre = (centre[0] + turned, centre[1] + moved)
     ear = replace(ear, mount=known)
     about = (ear, centre, seen, pit, kind == "dry", (turned, moved))
-    return Sounding(*about, sonar=sonar, rng=rng)
+    return Sounding(*about, sonar=sonar, pipe=pipe, mount=true, probe=heard, rng=rng)
 
 
 def scan(
