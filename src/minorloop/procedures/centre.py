@@ -27,27 +27,12 @@ CONE = Cone(half=math.radians(30.0))
 class CentreState:
     """What centring remembers.
 
-    Parameters
-    ----------
-    place : (2,) array
-        Phi and z of the point, as the first frame shows it once there is one.
-    pixel : (2,) array, optional
-        Where the point is in the first frame; without it, where the calibration says.
-    track : TrackState, optional
-        None until the first frame.
-    servo, hold : ServoState and HoldState, optional
-        The same.
-    shown : (2,) array, optional
-        Pixel at which the point was tracked last.
-    sighted : (2,) array, optional
-        Angles of the head by the last frame, where its joints have no sensors.
-    verdict : str
-        Of the tracker; ``not in view`` where the first frame does not show the point whole.
-    error : float
-        How far the point is from the middle, in pixels; NaN where it is not tracked.
-    began, near_since : float, optional
-        When it began; from when on the point has been in the middle without a break.
-    done : bool
+    ``place`` (2,) is phi and z of the point, as the first frame shows it once there is one;
+    ``pixel`` (2,) where it is in the first frame, if that is known; ``shown`` (2,) the pixel where
+    it was tracked last; ``sighted`` (2,) the angles of a head without sensors by the last frame.
+    ``verdict`` is that of the tracker, or ``not in view`` where the first frame does not show the
+    point whole; ``error`` in pixels from the middle, NaN where it is not tracked. ``near_since``:
+    from when on it has been in the middle without a break.
     """
 
     place: FloatArray

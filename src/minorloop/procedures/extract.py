@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import numpy.typing as npt
 
 from minorloop.geometry import wall_distance
 from minorloop.procedures.meter import LIMITS, LightLimits
-from minorloop.procedures.values import NOTHING, Reading, Request
+from minorloop.procedures.values import NOTHING, LitCamera, Reading, Request
 from minorloop.vision.defects import ALONE, SEQUENCE, Hole
 from minorloop.vision.wallmap import Look
 
@@ -20,27 +21,12 @@ what the looks from two places may differ by, and less than the distance of two 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AcquisitionState:
-    """Frames so far.
-
-    Parameters
-    ----------
-    gain : float
-        Of the camera under all lights.
-    looks : tuple of Look
-    asked : bool
-        Whether the next frame has been asked for.
-    done : bool
-    """
+    """Gain under all lights, the looks so far, and whether the next frame was asked for."""
 
     gain: float
     looks: tuple[Look, ...] = ()
     asked: bool = False
     done: bool = False
-
-    @property
-    def all_lit(self) -> bool:
-        """Whether the next frame is under all lights."""
-        return not self.asked or all(SEQUENCE[len(self.looks)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +60,30 @@ class Acquisition:
 
     def _exposure(self, all_lit: bool, gain: float) -> tuple[float, float]:
         return self.limits.exposure * (1.0 if all_lit else ALONE), gain
+
+
+def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[Look, ...]:
+    """Frames of an acquisition by a camera that stands still.
+
+    Parameters
+    ----------
+    camera : LitCamera
+        Its lights are all on afterwards.
+    angles : (2,) array_like
+        Pan and tilt as measured, in radians.
+    gain : float
+        Under all lights.
+    """
+    acquisition, request = Acquisition(), NOTHING
+    state, still = acquisition.begin(gain), np.asarray(angles, dtype=np.float64)
+    while not state.done:
+        image = camera.frame().image if request.frame else None
+        state, request = acquisition.step(state, Reading(t=0.0, angles=still, image=image))
+        if request.lights is not None:
+            camera.switch(request.lights)
+        if request.exposure is not None:
+            camera.expose(*request.exposure)
+    return state.looks
 
 
 def nearest(

@@ -24,25 +24,9 @@ LEAST_TRIES = 5
 class FocusState:
     """What a sweep remembers.
 
-    Parameters
-    ----------
-    pixel : (2,) array
-        Middle of the region.
-    guess : float
-        Distance that was guessed, in metres.
-    steps : (N,) array
-        Inverse distances of this sweep, in 1/m, nearest first.
-    curve : tuple of float
-        Sharpness at those that have been tried; NaN where no frame was good.
-    values : tuple of float
-        Sharpness of the frames at the next one.
-    sent : float, optional
-        When the focus was sent to the next one.
-    sweep : int
-        Number of sweeps before this one.
-    found : Focus, optional
-        The result.
-    done : bool
+    ``pixel`` (2,) is the middle of the region, ``guess`` the distance in metres, ``steps`` (N,)
+    the inverse distances in 1/m, ``curve`` the sharpness at those that were tried, ``values`` that
+    of the frames at the next one, to which the focus was ``sent``; ``sweep`` counts from 0.
     """
 
     pixel: FloatArray

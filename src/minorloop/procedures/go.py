@@ -17,22 +17,10 @@ GoStage: TypeAlias = Literal["travel", "rest", "turn"]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GoState:
-    """Where to go, and what has been done of it.
+    """Where to go: a place (2,), advance and roll, and angles (2,), pan and tilt; None stays.
 
-    Parameters
-    ----------
-    place : (2,) array, optional
-        Advance and roll wanted; None where the catheter stays.
-    angles : (2,) array, optional
-        Pan and tilt wanted; None where the head stays. They are asked for during the travel too.
-    stage : {"travel", "rest", "turn"}
-    since : float, optional
-        When the stage began.
-    near_since : float, optional
-        From when on the head has been at its angles without a break.
-    reached : bool
-        Whether all was reached in time.
-    done : bool
+    ``since`` is when the stage began, ``near_since`` from when on the head has been at its angles
+    without a break; ``reached`` is False where something took too long.
     """
 
     place: FloatArray | None

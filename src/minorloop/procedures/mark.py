@@ -45,18 +45,7 @@ def aim_at(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MarkState:
-    """How far the axis has come.
-
-    Parameters
-    ----------
-    place : (2,) array
-        Phi and z.
-    go, meter, centre : states, optional
-        Of the parts, in their order; None before they begin.
-    gain : float
-        Of the camera.
-    done : bool
-    """
+    """The place (2,), phi and z, the gain of the camera, and the states of the parts."""
 
     place: FloatArray
     gain: float

@@ -44,15 +44,7 @@ LIMITS = LightLimits()
 
 @dataclass(frozen=True, kw_only=True)
 class MeterState:
-    """Gain, and when what was done.
-
-    Parameters
-    ----------
-    gain : float
-    began, metered, focused : float, optional
-        When it began, a frame was metered last, and the focus was sent last.
-    done : bool
-    """
+    """Gain; when metering began, a frame was metered last, and the focus was sent last."""
 
     gain: float = 1.0
     began: float | None = None

@@ -26,28 +26,11 @@ ScanStage: TypeAlias = Literal["travel", "turn", "points", "back"]
 class ScanState:
     """How far a scan has come.
 
-    Parameters
-    ----------
-    centre : (float, float)
-        Phi and z in the middle of the raster.
-    shift : float
-        By how much of its pitch the raster is moved, both ways.
-    home : (place, angles), optional
-        Where the catheter and the head go back to; None where they stay.
-    stage : {"travel", "turn", "points", "back"}
-    go : GoState, optional
-        Of the way there, and of the way back.
-    targets : (N, 2) array
-        Pan and tilt of the points.
-    point : int
-        Which one is next.
-    since : float
-        When the head was sent to it, or the burst was asked for.
-    fired : bool
-        Whether the burst was asked for at this point.
-    bursts : tuple of Burst
-        Where the loop gives the shots with its readings.
-    done : bool
+    ``centre`` is phi and z of the middle; ``shift`` by how much of its pitch the raster is moved;
+    ``home`` the place and the angles to go back to, None to stay; ``go`` the way there or back;
+    ``targets`` (N, 2) pan and tilt of the points, ``point`` the next of them, ``since`` when the
+    head was sent there or the burst was asked for (``fired``). ``bursts`` are filled where the loop
+    gives shots with its readings.
     """
 
     centre: tuple[float, float]

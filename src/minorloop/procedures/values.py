@@ -146,18 +146,22 @@ class Plant(Protocol):
         """Let the wires cool and stop the catheter."""
 
 
-@runtime_checkable
-class Tip(FrameSource, Protocol):
-    """A camera with lights, and a probe."""
-
-    def stand(self, stance: tuple[float, ...]) -> None:
-        """Take in what the plant says of where it is."""
+class LitCamera(FrameSource, Protocol):
+    """A camera with lights that are switched one by one."""
 
     def switch(self, lights: Sequence[bool]) -> None:
         """Say which lights are on from the next frame."""
 
     def expose(self, exposure: float, gain: float = 1.0) -> None:
         """Set how long the shutter is open, in seconds, and the gain."""
+
+
+@runtime_checkable
+class Tip(LitCamera, Protocol):
+    """A camera with lights, and a probe."""
+
+    def stand(self, stance: tuple[float, ...]) -> None:
+        """Take in what the plant says of where it is."""
 
     def focus_at(self, distance: float) -> None:
         """Send the focus of the camera to a distance in metres."""

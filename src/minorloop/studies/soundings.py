@@ -163,7 +163,11 @@ def draw_sounding(
             Ultrasound(pipe, true, probe, noise=0.0, temperature=warm, specimen=seed, seed=seed)
         )
     noise = level * 10 ** (-snr / 20) * math.sqrt(Scan.shots)
-    heard = {"noise": noise, "gain": min(0.5, 0.5 / (0.7 + 4 * noise)), "temperature": warm}
+    heard: dict[str, Any] = {
+        "noise": noise,
+        "gain": min(0.5, 0.5 / (0.7 + 4 * noise)),
+        "temperature": warm,
+    }
     sonar = Ultrasound(pipe, true, probe, specimen=seed, seed=seed, **heard)
     ear = Ear(
         probe,
