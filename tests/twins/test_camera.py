@@ -27,7 +27,7 @@ def looking_at(pipe, *, lights=(True, True, True), gain=1.0, focus=None, **optio
     depth = MOUNT.pose(*AIM).to_camera(wall_point(*PLACE, 10e-3))[2]
     camera.focus_at(float(depth if focus is None else focus))
     for _ in range(25):
-        camera.wait(camera.sensor.interval)
+        camera._pass(camera.sensor.interval)
     return camera
 
 

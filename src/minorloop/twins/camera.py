@@ -230,11 +230,11 @@ class Camera:
         radiance = self._radiance()
         image = self._exposed(radiance)
         t = self._clock + 0.5 * (self._exposure + self.sensor.readout)
-        self.wait(self.sensor.interval)
+        self._pass(self.sensor.interval)
         return Frame(t, image)
 
-    def wait(self, seconds: float) -> None:
-        """Let time go by without a frame: the head turns on and the focus moves."""
+    def _pass(self, seconds: float) -> None:
+        """Let time go by: the head turns on and the focus moves."""
         self._clock += seconds
         self._pan += seconds * self._rates[0]
         self._tilt += seconds * self._rates[1]

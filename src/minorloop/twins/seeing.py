@@ -195,7 +195,7 @@ class Tip:
     def stand(self, stance: tuple[float, ...]) -> None:
         """Say where the rig stands, by its `Stance`; a camera without a frame since waited one."""
         if not self._framed:
-            self.camera.wait(self.camera.sensor.interval)
+            self.camera._pass(self.camera.sensor.interval)
         self._stance, self._framed = stance, False
         pan, tilt, pan_rate, tilt_rate, *_ = stance
         self.camera.move(self._mount_now())

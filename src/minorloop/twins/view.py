@@ -203,7 +203,7 @@ def _focus(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
     _, _, length = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
     camera.focus_at(float(np.clip(length * rng.uniform(0.85, 1.15), 4e-3, 60e-3)))
     while abs(camera.focus * camera._focus_wanted - 1) > 1e-9:
-        camera.wait(camera.sensor.interval)
+        camera._pass(camera.sensor.interval)
 
 
 def _meter(camera: Camera) -> float:
