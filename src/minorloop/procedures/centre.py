@@ -12,9 +12,11 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
 from minorloop.procedures.calibration import HeadCalibration
+from minorloop.procedures.meter import LIMITS
 from minorloop.procedures.values import NOTHING, Reading, Request, passed
 from minorloop.vision.eye import Image
 from minorloop.vision.hold import Hold, HoldState
+from minorloop.vision.jacobian import wall_depth
 from minorloop.vision.servo import Cone, Servo, ServoState, ServoStep
 from minorloop.vision.sighting import sighted_angles
 from minorloop.vision.tracking import TRACKED, Track, Tracker, TrackState
@@ -111,7 +113,8 @@ class Centring:
         if reading.image is None:
             return state, Request(frame=True)
         if state.track is None:
-            return self._picked(state, reading, reading.image), Request(frame=True)
+            state = self._picked(state, reading, reading.image)
+            return state, Request(focus=self._distance(state, reading), frame=not state.done)
         near = reading if state.sighted is None else replace(reading, angles=state.sighted)
         track, tracked = self.follow(state.track, near, reading.image)
         seen = track.pixel if track.verdict == TRACKED else None
@@ -181,6 +184,14 @@ class Centring:
             servo=servo.begin(reading.angles),
             hold=Hold(servo=servo).begin(reading.angles),
         )
+
+    def _distance(self, state: CentreState, reading: Reading) -> float | None:
+        """Distance of the point that was picked, within the limits of the focus."""
+        if state.shown is None:
+            return None
+        eye = self.calibration.eye_at(reading.place)
+        point = eye.lens.normalised(state.shown)
+        return LIMITS.focus(wall_depth(eye, point, *reading.angles.tolist()))
 
     def _angles(
         self, place: FloatArray, seen: FloatArray | None, reading: Reading

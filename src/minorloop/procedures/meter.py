@@ -38,6 +38,10 @@ class LightLimits:
     nearest: float = 5e-3
     farthest: float = 55e-3
 
+    def focus(self, distance: float) -> float:
+        """A distance, or the nearest that the focus is sent to."""
+        return float(np.clip(distance, self.nearest, self.farthest))
+
 
 LIMITS = LightLimits()
 
@@ -112,7 +116,7 @@ class Metering:
             far = wall_depth(eye, np.zeros(2), float(reading.angles[0]), float(reading.angles[1]))
         except ParameterError:
             far = self.limits.farthest
-        return float(np.clip(far, self.limits.nearest, self.limits.farthest))
+        return self.limits.focus(far)
 
     def _gain(self, gain: float, image: Image) -> float:
         mean = max(float(image[::4, ::4].mean()), 1.0)

@@ -24,7 +24,7 @@ from minorloop.procedures.centre import CONE, CentreState, Centring
 from minorloop.procedures.go import Go
 from minorloop.procedures.meter import Metering
 from minorloop.procedures.rig import InspectionRig
-from minorloop.procedures.values import Reading, Request
+from minorloop.procedures.values import Reading, Request, apply_to_tip
 from minorloop.studies import scoring
 from minorloop.studies.head_static import identify_head
 from minorloop.twins.catheter import Catheter
@@ -250,7 +250,8 @@ def _watched(
     rig.run(metering, metering.begin())
     watch = Watch(scene, rig)
     state = centring.begin((scene.hole.phi, scene.hole.z), watch.pixel)
-    picked, _ = centring.step(state, rig.reading(Request(frame=True)))
+    picked, request = centring.step(state, rig.reading(Request(frame=True)))
+    apply_to_tip(rig.tip, request)
     rig.run(procedure or centring, picked, watch)
     return watch
 
