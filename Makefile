@@ -7,8 +7,10 @@ CASES ?= 100000
 EXTRAS ?=
 
 BIN := .venv/bin
+CORE := .venv/.core
 STAMP := .venv/.installed
 LOCK := requirements.lock
+CORE_LOCK := requirements-core.lock
 
 PAGES := src/minorloop/teleop/static/index.html
 # The pages are built where there is a node to build them; without, everything else still works.
@@ -22,7 +24,7 @@ help: ## list these targets
 
 setup: $(STAMP) ## create .venv with the locked versions and this project in it
 
-demo: setup ## identify, invert and drive a simulated actuator; the result is in demo/
+demo: $(CORE) ## identify, invert and drive a simulated actuator; the result is in demo/
 	rm -rf demo
 	$(BIN)/minorloop demo --out demo
 
@@ -69,12 +71,14 @@ format: setup ## format the code and mend what ruff can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-lock: ## write requirements.lock anew; UPGRADE="numpy scipy" moves those packages on
+COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --generate-hashes \
+  --no-header --no-annotate --no-emit-index-url --no-emit-find-links
+
+lock: ## write both locks anew; UPGRADE="numpy scipy" moves those packages on
 	@$(UV) --version >/dev/null 2>&1 || { echo "uv is missing; run 'make setup' first, or name one with UV=uv" >&2; exit 1; }
-	$(UV) pip compile --quiet --universal --fork-strategy fewest --group dev --all-extras \
-	  --generate-hashes --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
-	  $(addprefix --upgrade-package ,$(UPGRADE)) --output-file $(LOCK) pyproject.toml
-	@! grep -n '://' $(LOCK) || { echo "$(LOCK) names a download address; it must not" >&2; exit 1; }
+	$(COMPILE) --group dev --all-extras $(addprefix --upgrade-package ,$(UPGRADE)) --output-file $(LOCK) pyproject.toml
+	$(COMPILE) --group build --constraint $(LOCK) --output-file $(CORE_LOCK) pyproject.toml
+	@! grep -n '://' $(LOCK) $(CORE_LOCK) || { echo "a lock names a download address; it must not" >&2; exit 1; }
 
 wheel: setup $(PAGES) ## build the wheel into dist/, pages included
 	$(BIN)/hatchling build -t wheel
@@ -96,11 +100,17 @@ $(PAGES): web/package-lock.json web/vite.config.ts $(wildcard web/*.html) $(wild
 	npm --prefix web ci --no-audit --no-fund --loglevel=error
 	npm --prefix web run --silent build
 
-$(STAMP): $(LOCK) pyproject.toml
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+$(CORE): $(CORE_LOCK) pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	  echo "minorloop needs Python 3.11 or newer and '$(PYTHON)' is not; name one: make setup PYTHON=python3.12" >&2; \
 	  exit 1; }
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $(LOCK)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(INSTALL) --require-hashes -r $(CORE_LOCK)
+	$(INSTALL) --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(STAMP): $(CORE) $(LOCK)
+	$(INSTALL) --require-hashes -r $(LOCK)
 	@touch $@

@@ -19,6 +19,8 @@ PARTS = (
     "fleet",
     "seat",
     "console_depth",
+    "meter",
+    "strangers",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import IO
 
 DRIVE = {"pose": [0, 0, 0, 1], "age": 0.0, "stick": [0, 0], "clutch": False}
 _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
@@ -22,10 +23,13 @@ _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
 class Server:
     """A console, and the cookie of a browser that came with its key."""
 
-    def __init__(self, folder: str, *options: str) -> None:
+    def __init__(self, folder: str, *options: str, messages: IO[str] | None = None) -> None:
         command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
         self.process = subprocess.Popen(
-            [*command, "--folder", folder, *options], stdout=subprocess.PIPE, text=True
+            [*command, "--folder", folder, *options],
+            stdout=subprocess.PIPE,
+            stderr=messages,
+            text=True,
         )
         assert self.process.stdout is not None
         address = re.search(r"http://([^/]+)(/\S*)", self.process.stdout.readline())
@@ -56,8 +60,16 @@ class Server:
 
     def memory(self) -> float:
         """Resident memory of the server and of what it started, in MiB."""
-        pids = [self.process.pid, *_children(self.process.pid)]
-        return sum(_resident(pid) for pid in pids) / 2**20
+        return sum(_resident(pid) for pid in self._pids()) / 2**20
+
+    def serving(self) -> float:
+        """Resident memory of the process that listens, in MiB."""
+        listens = _listening(int(self.host.rsplit(":", 1)[1]))
+        found = [_resident(pid) for pid in self._pids() if listens in _files(pid)]
+        return max(found, default=0.0) / 2**20
+
+    def _pids(self) -> list[int]:
+        return [self.process.pid, *_offspring(self.process.pid)]
 
     def connect(self, **options):
         from websockets.asyncio.client import connect
@@ -75,6 +87,7 @@ class Page:
         self.drive = dict(DRIVE)
         self.state: dict = {}
         self.states: list[dict] = []
+        self.heard_at: list[float] = []
         self.late, self.answers, self.ages, self.seen = [], [], [], 0
         self.recording = None
         self.notices: list[str] = []
@@ -100,6 +113,7 @@ class Page:
             elif told["type"] == "state":
                 self.state = told
                 self.states.append({key: told[key] for key in ("t", "mode", "rates")})
+                self.heard_at.append(now)
                 self.seen += 1
                 self.late.append(told["late"])
                 if told["heard"] and self.grant:
@@ -144,12 +158,32 @@ async def piloted(server: Server):
                 task.cancel()
 
 
-def _children(pid: int) -> list[int]:
+def _offspring(pid: int) -> list[int]:
+    """What a process has started, and what that has."""
     try:
         text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
     except OSError:
         return []
-    return [int(word) for word in text.split()]
+    children = [int(word) for word in text.split()]
+    return [*children, *(each for child in children for each in _offspring(child))]
+
+
+def _listening(port: int) -> str:
+    """The socket that listens on a port, as the files of a process name it."""
+    for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
+        fields = line.split()
+        if fields[3] == "0A" and int(fields[1].rsplit(":", 1)[1], 16) == port:
+            return f"socket:[{fields[9]}]"
+    return ""
+
+
+def _files(pid: int) -> set[str]:
+    found = set()
+    with contextlib.suppress(OSError):
+        for entry in Path(f"/proc/{pid}/fd").iterdir():
+            with contextlib.suppress(OSError):  # closed meanwhile
+                found.add(os.readlink(entry))
+    return found
 
 
 def _resident(pid: int) -> float:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import minorloop as ml
-from minorloop.operators.drawing import draw_density
+from minorloop.drawing.operators import draw_density
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"
 HISTORY = (0.0, 0.9, 0.15, 0.7, 0.3, 0.55)

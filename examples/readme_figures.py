@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from minorloop.operators.drawing import draw_density
+from minorloop.drawing.operators import draw_density
 from minorloop.studies import design, head
 from minorloop.studies.claims import for_each
 from minorloop.studies.design_report import draw_curves

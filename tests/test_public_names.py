@@ -24,7 +24,7 @@ NAMES = {
     *("save", "load", "connect", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
-    *("OutputError", "StoreError", "InstrumentError", "MissingExtraError"),
+    *("OutputError", "StoreError", "InstrumentError", "FleetError", "MissingExtraError"),
 }
 
 

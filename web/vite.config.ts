@@ -7,6 +7,7 @@ export default defineConfig({
     emptyOutDir: true,
     target: "es2022",
     chunkSizeWarningLimit: 900,
+    license: { fileName: "licenses.txt" },
     rollupOptions: { input: ["index.html", "lab.html"] },
   },
 });

@@ -11,6 +11,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from minorloop.version import __version__
+
 if TYPE_CHECKING:
     from minorloop.connect import connect
     from minorloop.control.head import HeadControl, head_control
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.linear import Linear
     from minorloop.dynamics.trajectory import Trajectory
     from minorloop.errors import (
+        FleetError,
         InstrumentError,
         LimitError,
         MinorloopError,
@@ -63,7 +66,6 @@ if TYPE_CHECKING:
     from minorloop.twins.sensor import Fault
     from minorloop.twins.surroundings import Course, Surroundings, convection
 
-__version__ = "0.1.0"
 
 __all__ = [
     "Actuator",
@@ -73,6 +75,7 @@ __all__ = [
     "Course",
     "Creep",
     "Fault",
+    "FleetError",
     "GeneralisedPrandtlIshlinskii",
     "HeadControl",
     "HeatedWire",
@@ -170,6 +173,7 @@ _HOMES = {
     ),
     "minorloop.connect": ("connect",),
     "minorloop.errors": (
+        "FleetError",
         "InstrumentError",
         "LimitError",
         "MinorloopError",

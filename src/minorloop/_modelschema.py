@@ -22,9 +22,10 @@ from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike
 from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.plane import Relay
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Diagonal, Preisach, Relay
+from minorloop.operators.preisach import Diagonal, Preisach
 from minorloop.operators.relays import RelayModel
 
 Model: TypeAlias = (

@@ -11,6 +11,7 @@
       OutputError         (OSError)      a place that cannot be written
       StoreError          (OSError)      an experiment store that cannot be used
       InstrumentError     (OSError)      an instrument that answers late, wrongly or not at all
+      FleetError          (OSError)      workers or a scheduler that a fleet cannot go on without
       MissingExtraError   (ImportError)  an optional dependency that is not installed
 
 A message says what was wrong, the value, the allowed range, and what to do next.
@@ -61,6 +62,10 @@ class StoreError(MinorloopError, OSError):
 
 class InstrumentError(MinorloopError, OSError):
     """An instrument answers late, wrongly or not at all; the actuator was made safe."""
+
+
+class FleetError(MinorloopError, OSError):
+    """The workers or the scheduler of a fleet are gone; what is done is kept."""
 
 
 class MissingExtraError(MinorloopError, ImportError):

@@ -45,7 +45,6 @@ from typing import Any
 
 import msgspec
 
-from minorloop import __version__
 from minorloop._modelschema import (
     Content,
     Header,
@@ -60,6 +59,7 @@ from minorloop.arrays import as_finite
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.records import Quantity
+from minorloop.version import __version__
 
 __all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "Provenance"]
 __all__ += ["load", "read", "save"]

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from minorloop import __version__
 from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.identification.result import Identification

@@ -20,6 +20,7 @@ import pytest
         ("--seed -1", "--seed is -1; give 0 or more"),
         ("--folder good.csv", "give a folder"),
         ("--host no.such.host.invalid --port 0", "cannot listen"),
+        ("--name https://a.example", "give a host name such as console.example.org"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(run, options, sentence):

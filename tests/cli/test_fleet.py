@@ -1,11 +1,7 @@
-import pytest
-
 HEADER = "specimen,file,input,output"
 
 
-@pytest.mark.filterwarnings("ignore")  # what Dask warns of is not ours
 def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
-    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
     rows = ["a,good.csv,voltage,length", "b,good.csv,voltage,length", "c,gone.csv,voltage,length"]
     (tmp_path / "manifest.csv").write_text("\n".join([HEADER, *rows]) + "\n")
     line = "fleet identify manifest.csv --out fleet --levels 8 --prior none --workers 1"
@@ -23,9 +19,7 @@ def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
     assert "three quarters" in out
 
 
-@pytest.mark.filterwarnings("ignore")
 def test_a_fleet_of_which_nothing_is_identified_has_a_status_of_its_own(run, tmp_path):
-    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
     (tmp_path / "manifest.csv").write_text(f"{HEADER}\na,gone.csv,u,y\nb,lost.csv,u,y\n")
     status, out, said = run("fleet identify manifest.csv --out fleet --levels 8")
     assert status == 1
@@ -42,6 +36,7 @@ def test_refusals(refused, tmp_path):
     line = "fleet identify m.csv --out fleet --input voltage --output length"
     said = refused(f"{line} --workers 2 --address tcp://127.0.0.1:1")
     assert "leave workers or address out" in said
+    assert "limit is -1.0 s; give a positive time" in refused(f"{line} --limit -1")
     assert "workers is 0" in refused(f"{line} --workers 0")
     assert "is not a number" in refused(f"{line} --smoothness much")
     assert "give one of 'bipolar'" in refused(f"{line} --relay foo")

@@ -1,40 +1,22 @@
-import contextlib
 import csv
 import dataclasses
 import json
 import os
-import signal
 import sys
-from unittest import mock
 
 import numpy as np
 import pytest
 
+from fleet_records import write_manifest, write_record
 from minorloop import load
 from minorloop.errors import MissingExtraError, OutputError, ParameterError
-from minorloop.fleet import _workers, identification
-from minorloop.fleet.identification import identify_batch, identify_fleet
-from minorloop.fleet.manifest import Specimen, read_manifest
+from minorloop.fleet import identification
+from minorloop.fleet._fitting import Task, identify_one
+from minorloop.fleet.identification import identify_fleet
+from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import settle
-from minorloop.operators.preisach import Preisach
 
 OPTIONS = {"levels": 6, "prior": "none", "smoothness": 0.0}
-HEADER = "specimen,file,input,output"
-needs_dask = pytest.mark.filterwarnings("ignore")  # what Dask warns of is not ours
-
-
-def write_record(path, seed, samples=200):
-    rng = np.random.default_rng(seed)
-    model = Preisach(np.linspace(-1, 1, 7), np.tril(rng.uniform(0.5, 1, (6, 6))))
-    u = np.concatenate([[-1, 1], rng.uniform(-1, 1, samples - 2)])
-    table = np.column_stack([u, model.simulate(u)])
-    np.savetxt(path, table, delimiter=",", header="drive [V],tip [mm]", comments="", fmt="%.12g")
-
-
-def write_manifest(folder, names):
-    lines = [HEADER, *(f"{name},{name}.csv,drive,tip" for name in names)]
-    (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
-    return read_manifest(folder / "manifest.csv")
 
 
 @pytest.fixture
@@ -46,9 +28,7 @@ def six(tmp_path):
     return write_manifest(tmp_path, ["s0", "s1", "gone", "bad", "s2", "s3"])
 
 
-@needs_dask
 def test_failures_are_reported_the_rest_is_identified_and_a_stopped_fleet_goes_on(six, tmp_path):
-    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
     out, seen = tmp_path / "out", []
     summary = identify_fleet(
         six, out, workers=1, watch=lambda done, of, last: seen.append((done, of)), **OPTIONS
@@ -67,7 +47,7 @@ def test_failures_are_reported_the_rest_is_identified_and_a_stopped_fleet_goes_o
     assert (told["identified"], told["failed"]) == (4, 2)
     assert (out / "summary.csv").read_text().count("\n") == 7
 
-    # Going on does what is missing, failed or changed, and only that.
+    # Going on does what is missing, could not be read or has changed, and only that.
     (out / "results" / "s0.json").unlink()
     write_record(tmp_path / "gone.csv", 9)
     write_record(tmp_path / "s1.csv", 8)
@@ -75,139 +55,53 @@ def test_failures_are_reported_the_rest_is_identified_and_a_stopped_fleet_goes_o
     summary = identify_fleet(
         six, out, workers=1, watch=lambda done, of, last: again.append(last.specimen), **OPTIONS
     )
-    assert sorted(again) == ["bad", "gone", "s0", "s1"]
+    assert sorted(again) == ["gone", "s0", "s1"]
     assert [one.specimen for one in summary.failures] == ["bad"]
+
+    # What failed is tried again when that is asked for.
+    again.clear()
+    summary = identify_fleet(
+        six,
+        out,
+        workers=1,
+        retry_failed=True,
+        watch=lambda done, of, last: again.append(last.specimen),
+        **OPTIONS,
+    )
+    assert again == ["bad"]
     with pytest.raises(OutputError, match="other options: levels was 6 and is 7 now; give"):
         identify_fleet(six, out, workers=1, **{**OPTIONS, "levels": 7})
-
-
-@needs_dask
-def test_a_killed_worker_costs_a_retry(tmp_path):
-    pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
-    import psutil
-
-    for k in range(30):
-        write_record(tmp_path / f"s{k}.csv", k)
-    specimens, killed = write_manifest(tmp_path, [f"s{k}" for k in range(30)]), []
-
-    def kill_one(done, of, last):
-        if killed:
-            return
-        workers = [
-            process
-            for process in psutil.Process().children(recursive=True)
-            if not process.children() and "resource_tracker" not in " ".join(process.cmdline())
-        ]
-        if workers:
-            killed.append(workers[0].pid)
-            os.kill(workers[0].pid, signal.SIGKILL)
-
-    summary = identify_fleet(specimens, tmp_path / "out", workers=2, watch=kill_one, **OPTIONS)
-    assert killed
-    assert len(summary.identified) == 30
-
-
-@needs_dask
-def test_a_cluster_by_address_needs_no_shared_files(tmp_path):
-    distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
-    write_record(tmp_path / "s0.csv", 0)
-    specimens = write_manifest(tmp_path, ["s0"])
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        address = cluster.scheduler_address
-        summary = identify_fleet(specimens, tmp_path / "out", address=address, **OPTIONS)
-    assert len(summary.identified) == 1
-    with pytest.raises(ParameterError, match="no Dask scheduler at"):
-        identify_fleet(specimens, tmp_path / "other", address="tcp://127.0.0.1:1", **OPTIONS)
-    for address in ("nonsense", "nonsense://x", "tcp://127.0.0.1"):
-        with pytest.raises(ParameterError, match="give that of a Dask scheduler"):
-            identify_fleet(specimens, tmp_path / "other", address=address, **OPTIONS)
-    assert not (tmp_path / "other").exists()
 
 
 def test_without_dask_the_extra_is_named(six, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"minorloop\[fleet\]"):
-        identify_fleet(six, tmp_path / "out", **OPTIONS)
+        identify_fleet(six, tmp_path / "out", address="tcp://127.0.0.1:1", **OPTIONS)
 
 
-def test_what_goes_wrong_on_a_worker_comes_back_as_text(six):
-    batch = [(one.file.read_bytes(), one) for one in six if one.file.exists()]
-    assert "unexpected keyword" in identify_batch(batch[:1], {"colour": 1})[0]["error"]
-    assert "levels" in identify_batch(batch[:1], {"levels": 0})[0]["error"]
-    found = identify_batch(batch, OPTIONS)
+def test_what_goes_wrong_in_a_fit_comes_back_as_text(six, tmp_path):
+    tasks = [Task(one, one.read(), OPTIONS) for one in six if one.file.exists()]
+
+    def fit(task, **options):
+        return identify_one(dataclasses.replace(task, options=options), tmp_path / "scratch.csv")
+
+    assert "unexpected keyword" in fit(tasks[0], colour=1)["error"]
+    assert "levels" in fit(tasks[0], levels=0)["error"]
+    found = [fit(task, **OPTIONS) for task in tasks]
     assert ["error" in one for one in found] == [False, False, True, False, False]
     assert str(six[3].file) in found[2]["error"]
-
-
-@needs_dask
-def test_a_specimen_that_no_worker_survives_fails_alone(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
-    for k in range(6):
-        write_record(tmp_path / f"s{k}.csv", k)
-    specimens = write_manifest(tmp_path, [f"s{k}" for k in range(6)])
-
-    class Future:
-        """A batch whose worker died as often as Dask allows."""
-
-        def __init__(self, key, work):
-            self.key, self.work = key, work
-
-        def result(self):
-            return self.work()
-
-        def release(self):
-            pass
-
-    class Client:
-        loop = None
-        count = 0
-
-        def scheduler_info(self, n_workers):
-            return {"workers": {"one": None}}
-
-        def submit(self, function, batch, options, place, pure):
-            def work():
-                if any(one.name == "s3" for _, one in batch):
-                    raise distributed.scheduler.KilledWorker(
-                        "task", mock.Mock(address="tcp://one"), 3
-                    )
-                return function(batch, options, place)
-
-            Client.count += 1
-            return Future(str(Client.count), work)
-
-    class Completed(list):
-        def __init__(self, loop):
-            super().__init__()
-
-        add = list.append
-
-        def __iter__(self):
-            while self:
-                yield self.pop(0)
-
-    @contextlib.contextmanager
-    def cluster(workers, address, patience, say):
-        yield Client(), Completed
-
-    monkeypatch.setattr(identification, "cluster", cluster)
-    monkeypatch.setattr(identification, "_STINT", 1e9)
-    summary = identify_fleet(specimens, tmp_path / "out", **OPTIONS)
-    assert [one.specimen for one in summary.failures] == ["s3"]
-    assert "no worker lived to the end" in summary.failures[0].error
-    assert len(summary.identified) == 5
+    assert not (tmp_path / "scratch.csv").exists()
 
 
 def outcomes_of(seen):
     """In place of workers: says what is to be identified and identifies it here."""
 
-    def outcomes(pending, place, gather, shared, options):
+    def outcomes(pending, options, place, start):
         for one in pending:
             seen.append(one.name)
-            found = identification.identify_one(None, one, options, place / "scratch.csv")
-            yield settle(place, one, found)
+            task = Task(one, one.read(), options)
+            found = identify_one(task, place / "scratch.csv")
+            yield settle(place, one, identification._with_digest(task, found))
 
     return outcomes
 
@@ -302,24 +196,10 @@ def test_a_patience_that_makes_no_sense(patience, six, tmp_path):
         identify_fleet(six, tmp_path / "out", patience=patience, **OPTIONS)
 
 
-@needs_dask
-def test_a_scheduler_without_workers_is_told_of_and_given_up(tmp_path, monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
-    monkeypatch.setattr(_workers, "_SILENT", 0.01)
-    write_record(tmp_path / "s0.csv", 0)
-    specimens, said = write_manifest(tmp_path, ["s0"]), []
-    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster:
-        address = cluster.scheduler_address
-        with pytest.raises(ParameterError, match=r"no worker came to .* within 0.2 s"):
-            identify_fleet(
-                specimens,
-                tmp_path / "out",
-                address=address,
-                patience=0.2,
-                say=said.append,
-                **OPTIONS,
-            )
-    assert said == [f"no workers at {address}; waiting"]
+@pytest.mark.parametrize("limit", [0, -1.0, float("nan")])
+def test_a_limit_that_makes_no_sense(limit, six, tmp_path):
+    with pytest.raises(ParameterError, match="limit is"):
+        identify_fleet(six, tmp_path / "out", limit=limit, **OPTIONS)
 
 
 def test_folders_that_hold_something_else(six, tmp_path):

@@ -253,3 +253,25 @@ class TestRefusals:
     def test_a_window_of_exactly_the_fewest_samples_will_do(self):
         for interval in (0.05, 0.1, 0.3, 1 / 7):
             assert Plan([0.0], 10.0, window=FEWEST * interval, sample_interval=interval)
+
+
+class TestSlowMeters:
+    def test_a_plan_is_slowed_as_far_as_the_meter_needs(self):
+        plan = Plan([0.0, 1.0], [10.0, 20.0], tolerance=0.5, input="voltage [V]")
+        assert plan.slowed(0.05) is plan
+        slow = plan.slowed(0.1234)
+        assert (slow.sample_interval, slow.window) == (0.13, 1.3)
+        assert (slow.tolerance, slow.input) == (0.5, plan.input)
+        np.testing.assert_array_equal(slow.longest, plan.longest)
+        np.testing.assert_array_equal(slow.shortest, plan.shortest)
+        slow.check_answers(0.1234)
+
+    @pytest.mark.parametrize("seconds", np.geomspace(1e-4, 10, 40))
+    def test_a_plan_is_slowed_or_refused(self, seconds):
+        plan = Plan([0.0], 10.0)
+        if seconds <= 10 / 8.8:
+            plan.slowed(seconds).check_answers(seconds)
+        else:
+            assert plan.slowed(seconds) is plan  # as no interval makes up for it
+            with pytest.raises(ParameterError, match=f"the meter takes {seconds:.3g} s"):
+                plan.check_answers(seconds)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from minorloop.arrays import uniform_levels
 from minorloop.connect import connect
 from minorloop.identification.excitation import decaying_staircase
-from minorloop.lab.settling import Trend, extrapolate, judge, trend
+from minorloop.lab.settling import Trend, extrapolate, is_still, judge, trend
 
 T = np.arange(1, 201) * 1.0
 SEEDS = st.integers(0, 2**32 - 1)
@@ -50,6 +50,11 @@ class TestTrend:
         assert 0.75 * told <= np.std([line.slope for line in lines]) <= 1.25 * told
         told = np.median([line.sd for line in lines])
         assert 0.75 * told <= np.std([line.value for line in lines]) <= 1.25 * told
+
+    def test_a_window_that_a_slow_meter_leaves_empty_takes_the_last_four(self):
+        t, y = np.arange(1.0, 9.0), np.array([9.0, 9.0, 9.0, 9.0, 1.0, 2.0, 3.0, 4.0])
+        assert trend(t, y, 0.5) == trend(t[4:], y[4:], 100.0)
+        assert trend(t, y, 0.5).slope == pytest.approx(1.0)
 
     def test_a_slope_has_to_be_known_to_be_small(self):
         assert Trend(1.0, 0.1, 0.01, 0.02).is_below(0.05)
@@ -135,6 +140,52 @@ class TestExtrapolation:
         assert abs(end.value) <= 3 * end.sd <= 0.1
 
 
+class TestStandingStill:
+    @pytest.mark.parametrize("count", [8, 10, 13, 20, 60, 200])
+    @pytest.mark.parametrize("kind", ["noise", "last digit"])
+    def test_a_constant_in_noise_is_not_unsettled(self, count, kind):
+        chance = np.random.default_rng(count)
+        t = np.cumsum(chance.uniform(0.5, 1.5, count))
+        for _ in range(15):
+            noise = chance.normal(size=count) if kind == "noise" else chance.random(count) < 0.5
+            end = judge(t, 5.0 + 0.01 * noise, tolerance=1e-9, window=max(9, count / 10))
+            assert end.verdict in ("settled", "extrapolated")
+            assert abs(end.value - 5.0) <= 0.05
+
+    @pytest.mark.parametrize(
+        ("count", "shape"),
+        [(8, 1.0), *((count, shape) for count in (10, 20, 200) for shape in (0.5, 1.0, 2.0))],
+    )
+    def test_what_moves_is_not_still(self, count, shape):
+        """A ramp and two bent ones, with a little noise."""
+        x = np.linspace(0, 1, count)
+        for seed in range(20):
+            y = x**shape + 0.01 * _noise(seed, count)
+            assert not is_still(x, y, 1.0)
+
+    @pytest.mark.parametrize("likeness", [0.95, 1.0])
+    def test_what_wanders_is_not_still(self, likeness):
+        for seed in range(20):
+            y = _noise(seed)
+            for k in range(1, y.size):
+                y[k] += likeness * y[k - 1]
+            assert not is_still(T, y, 80.0)
+
+    def test_a_constant_is_still_and_too_little_is_not(self):
+        assert is_still(T, np.full(200, 0.1), 20.0)
+        assert not is_still(T[:7], np.zeros(7), 20.0)
+        assert not is_still([], [], 20.0)
+        assert not is_still(np.ones(9), np.zeros(9), 20.0)
+
+    def test_a_decay_that_noise_hides_is_settled_and_one_that_it_does_not_is_not(self):
+        verdicts = [
+            {_judged(_decay(tau) + 0.05 * _noise(seed)).verdict for seed in range(20)}
+            for tau in (20.0, 80.0)
+        ]
+        assert verdicts[0] == {"settled"}
+        assert "settled" not in verdicts[1]
+
+
 class TestVerdict:
     def test_flat_is_settled(self):
         end = _judged(np.full(200, 7.0))
@@ -200,7 +251,7 @@ class TestHonesty:
     def test_of_the_twins(self, address, hold):
         chance = np.random.default_rng(0)
         for share in (0.0005, 0.005, 0.02):
-            inside, verdicts, worst = [], set(), 0.0
+            inside, verdicts, worst, left = [], set(), 0.0, []
             for t, y, truth, span in _holds(address, hold):
                 for tolerance in (0.002 * span / hold, 0.04 * span / hold):
                     noisy = y + share * span * chance.normal(size=y.size)
@@ -208,10 +259,13 @@ class TestHonesty:
                     inside.append(abs(end.value - truth) <= 3 * end.sd)
                     verdicts.add(end.verdict)
                     worst = max(worst, end.sd / span)
+                    if end.verdict == "settled" and abs(end.slope) + 2 * end.slope_sd > tolerance:
+                        left.append(abs(y[-1] - truth) / (share * span))
             assert len(inside) >= 88
             assert np.mean(inside) >= 0.95
-            assert "extrapolated" in verdicts
-            assert share > 0.0005 or "settled" in verdicts
+            assert share > 0.0005 or {"settled", "extrapolated"} <= verdicts
+            # What noise hides is no more than noise.
+            assert share == 0.0005 or (len(left) >= 20 and np.quantile(left, 0.95) <= 1.5)
             assert worst <= 0.015 + 2 * share  # nor is it bought with doubts that say nothing
 
     @pytest.mark.parametrize(("address", "hold"), [("ipmc", 100.0), ("fibre", 200.0)])

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import OutputError, ParameterError, RecordError, StoreError
 from minorloop.lab import store as store_module
+from minorloop.lab._store_rows import sealed
 from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point, Setup, Store, is_store
 
@@ -42,6 +43,8 @@ def _point(index, /, **changed):
         "t": 40.0 * (index + 1),
         "held": 40.0,
         "checkpoint": STATE,
+        "sample_interval": 8.0,
+        "time_uncertainty": 0.05,
     }
     return Point(**{**fields, **changed})
 
@@ -295,7 +298,7 @@ class TestRefusals:
         newer = sqlite3.connect(path)
         newer.execute(f"PRAGMA user_version = {store_module.VERSION + 1}")
         newer.close()
-        with pytest.raises(StoreError, match="has format 2 and this minorloop reads 1; install a"):
+        with pytest.raises(StoreError, match="has format 3 and this minorloop reads 2; install a"):
             Store.open(path)
 
     def test_who_opens_to_read_does_not_write(self, tmp_path):
@@ -385,6 +388,68 @@ def _other_process(path, how):
             yield process.stdout.readline().strip()
         finally:
             process.communicate("\n")
+
+
+def _as_format_1(path):
+    """Turn a closed store into one of the first format: without two columns of its points."""
+    old = sqlite3.connect(path, isolation_level=None)
+    old.execute("ALTER TABLE point DROP COLUMN sample_interval")
+    old.execute("ALTER TABLE point DROP COLUMN time_uncertainty")
+    for row in old.execute("SELECT * FROM point").fetchall():
+        old.execute("UPDATE point SET digest = ? WHERE id = ?", (sealed(*row[:-1])[-1], row[0]))
+    old.execute("PRAGMA user_version = 1")
+    old.close()
+    return path
+
+
+class TestFormat1:
+    """A store that does not know how well its times are known."""
+
+    def test_it_tells_what_it_knows(self, tmp_path):
+        with Store.open(_as_format_1(_filled(tmp_path / "a"))) as store:
+            for k, point in enumerate(store.points()):
+                assert np.isnan([point.sample_interval, point.time_uncertainty]).all()
+                times = {"sample_interval": 8.0, "time_uncertainty": 0.05}
+                assert dataclasses.replace(point, **times) == _point(k)
+                np.testing.assert_array_equal(store.trace(k)[1], _trace(k)[1])
+            assert store.last().index == 2
+            assert store.columns()["held [s]"] == [40.0] * 3
+
+    def test_it_is_gone_on_with_and_stays_what_it_is(self, tmp_path):
+        path = _as_format_1(_filled(tmp_path / "a"))
+        with Store.open(path, write=True) as store:
+            before = repr(store.points())
+            store.add(_point(3), *_trace(3))
+        with Store.open(path) as store:
+            assert repr(store.points()[:3]) == before
+            assert store.points()[3].value == _point(3).value
+        old = sqlite3.connect(path)
+        assert old.execute("PRAGMA user_version").fetchone() == (1,)
+        assert len(old.execute("SELECT * FROM point").fetchone()) == 9
+        old.close()
+
+    def test_a_store_that_claims_another_format_is_refused(self, tmp_path):
+        for path, version in ((_filled(tmp_path / "a"), 1), (_filled(tmp_path / "b"), 0)):
+            hand = sqlite3.connect(path, isolation_level=None)
+            hand.execute(f"PRAGMA user_version = {version}")
+            hand.close()
+            with pytest.raises(StoreError, match=r"is damaged|cannot be used"):
+                Store.open(path)
+        path = _as_format_1(_filled(tmp_path / "c"))
+        hand = sqlite3.connect(path, isolation_level=None)
+        hand.execute("PRAGMA user_version = 2")
+        hand.close()
+        with pytest.raises(StoreError, match="cannot be used"):
+            Store.open(path)
+
+    @pytest.mark.parametrize("column", ["sample_interval", "time_uncertainty"])
+    def test_times_altered_by_hand_are_refused(self, tmp_path, column):
+        path = _filled(tmp_path / "a")
+        hand = sqlite3.connect(path, isolation_level=None)
+        hand.execute(f"UPDATE point SET {column} = 0.0 WHERE id = 1")
+        hand.close()
+        with pytest.raises(StoreError, match="row 1 was altered"):
+            Store.open(path)
 
 
 class TestOneAtATime:

@@ -46,7 +46,7 @@ def test_the_source_distribution_is_enough_to_build_test_and_read():
     files = built("sdist")
     wanted = present("src", "tests", "docs", "benchmarks", "examples", "web") | {
         *("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE", "Makefile"),
-        *("pyproject.toml", "requirements.lock"),
+        *("pyproject.toml", "requirements.lock", "requirements-core.lock"),
     }
     assert wanted - files == set()
     strange = {n for n in files if n.split("/")[0] in ("build", "dist", "demo", ".git", ".venv")}

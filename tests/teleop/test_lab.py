@@ -1,13 +1,17 @@
+import asyncio
 import json
+import tempfile
 
 import numpy as np
 import pytest
+from starlette.requests import Request
 
 from minorloop import modelfile
 from minorloop.operators.preisach import Preisach
 from minorloop.teleop.doors import Doors
-from minorloop.teleop.lab import _name
+from minorloop.teleop.lab import Lab, _name
 from minorloop.teleop.server import Console
+from minorloop.teleop.uploads import Quota
 from seats import SilentLoop, TestClient
 
 BASE = "http://127.0.0.1:8765"
@@ -154,7 +158,221 @@ def test_users_do_not_meet(client, user):
         ("model.json", "data.csv"),
         ("a\x00b.csv", "a_b.csv"),
         ("x" * 300 + ".csv", "x" * 76 + ".csv"),
+        ("\N{GRINNING FACE}" * 5000 + ".csv", "_" * 76 + ".csv"),
+        ("語" * 5000 + ".csv", "語" * 38 + ".csv"),
     ],
 )
 def test_names_of_files_stay_in_their_folder(given, kept):
     assert _name(given) == kept
+
+
+@pytest.mark.parametrize("name", ["語" * 80 + ".csv", "x" * 5000 + ".csv"])
+def test_a_file_with_a_long_name_is_taken(client, name):
+    told = drop(client, name=name).json()
+    assert len(told["columns"]) == 3
+
+
+def test_a_request_that_is_too_long_is_refused(client, user):
+    answer = client.post(f"/api/lab/{user}/invert", content=b" " * 600_000)
+    assert answer.status_code == 413
+    assert "larger than 512 KiB" in answer.json()["error"]
+
+
+class Pool:
+    """Workers that begin a task when a test lets them, and keep what they were asked."""
+
+    def __init__(self):
+        self.asked, self.ended, self.free = [], 0, asyncio.Event()
+
+    async def start(self):
+        pass
+
+    async def stop(self):
+        pass
+
+    async def ask(self, task, **options):
+        last = {}
+        async for told in self.run(task, **options):
+            last = told
+        return last
+
+    async def run(self, task, **options):
+        self.asked.append(task)
+        try:
+            await self.free.wait()
+            yield {"name": options["name"], "columns": []}
+        finally:
+            self.ended += 1
+
+
+class Page:
+    """One that posts files; it is there until it goes."""
+
+    def __init__(self, *parts, length=None):
+        self.parts, self.gone = list(parts), asyncio.Event()
+        self.length = sum(map(len, parts)) if length is None else length
+
+    async def receive(self):
+        if self.parts:
+            body, more = self.parts.pop(0), bool(self.parts)
+            return {"type": "http.request", "body": body, "more_body": more}
+        await self.gone.wait()
+        return {"type": "http.disconnect"}
+
+    def request(self):
+        headers = [(b"content-length", b"%d" % self.length)]
+        scope = {"type": "http", "method": "POST", "headers": headers, "query_string": b""}
+        return Request(scope, self.receive)
+
+
+LARGE = b"x" * 2000
+
+
+def at_work(work, **quota):
+    """What work gives with a lab of two pools that a test holds."""
+
+    async def run():
+        lab = Lab(workers=2, quota=Quota(**{"small": 1000, "file": 4000, **quota}))
+        lab._workers, lab._quick = Pool(), Pool()
+        await lab.start()
+        try:
+            async with asyncio.timeout(30.0):
+                return await work(lab)
+        finally:
+            await lab.stop()
+
+    return asyncio.run(run())
+
+
+async def until(holds):
+    while not holds():
+        await asyncio.sleep(0.001)
+
+
+@pytest.fixture
+def scratch(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def files(scratch):
+    return [path.name for path in scratch.glob("*/*/*")]
+
+
+def test_a_small_file_waits_for_no_large_one(scratch):
+    async def work(lab):
+        large = [asyncio.create_task(lab._drop(Page(LARGE).request())) for _ in range(5)]
+        await until(lambda: lab._workers.asked)
+        lab._quick.free.set()
+        answer = await lab._drop(Page(b"small").request())
+        assert len(lab._workers.asked) == 1  # the other worker is left to small files
+        assert not any(each.done() for each in large)
+        lab._workers.free.set()
+        return [answer, *await asyncio.gather(*large)]
+
+    assert [answer.status_code for answer in at_work(work)] == [200] * 6
+
+
+def test_large_files_on_their_way_are_counted(scratch):
+    async def work(lab):
+        waiting = [Page(LARGE[:-1], LARGE[-1:]) for _ in range(3)]
+        first = [asyncio.create_task(lab._drop(page.request())) for page in waiting[:2]]
+        await until(lambda: lab._workers.asked)
+        refused = await lab._drop(waiting[2].request())
+        lab._workers.free.set()
+        await asyncio.gather(*first)
+        return refused
+
+    refused = at_work(work, large=2)
+    assert refused.status_code == 503
+    assert "too much to do" in json.loads(refused.body)["error"]
+
+
+def test_what_has_no_room_is_refused_before_it_comes(scratch):
+    async def work(lab):
+        page = Page(LARGE)
+        return await lab._drop(page.request()), page.parts
+
+    refused, unread = at_work(work, disk=1024)
+    assert refused.status_code == 507
+    assert unread == [LARGE]
+    assert files(scratch) == []
+
+
+@pytest.mark.parametrize("content", [b"small", LARGE])
+def test_an_abandoned_file_is_not_worked_through(scratch, content):
+    async def work(lab):
+        pool = lab._quick if content == b"small" else lab._workers
+        page = Page(content)
+        dropped = asyncio.create_task(lab._drop(page.request()))
+        await until(lambda: pool.asked)
+        page.gone.set()
+        answer = await dropped
+        assert pool.ended == 1
+        assert files(scratch) == []
+        return answer
+
+    assert at_work(work).status_code == 422
+
+
+def test_a_file_that_was_abandoned_while_it_waited_is_never_begun(scratch):
+    async def work(lab):
+        first, second = Page(LARGE), Page(LARGE)
+        served = asyncio.create_task(lab._drop(first.request()))
+        await until(lambda: lab._workers.asked)
+        abandoned = asyncio.create_task(lab._drop(second.request()))
+        await until(lambda: len(files(scratch)) == 2)
+        second.gone.set()
+        await abandoned
+        lab._workers.free.set()
+        await served
+        return lab._workers.asked
+
+    assert at_work(work) == ["look"]
+
+
+def test_a_page_that_goes_ends_its_identification(scratch):
+    async def work(lab):
+        lab._quick.free.set()
+        user = json.loads((await lab._drop(Page(b"small").request())).body)["user"]
+        page = Page(b'{"input": "u", "output": "y"}')
+        request = page.request()
+        request.scope.update(path_params={"user": user}, asgi={"spec_version": "2.3"})
+        response = await lab._identify(request)
+
+        async def send(message):
+            pass
+
+        answered = asyncio.create_task(response(request.scope, page.receive, send))
+        await until(lambda: lab._workers.asked)
+        page.gone.set()
+        await answered
+        return lab._workers.ended
+
+    assert at_work(work) == 1
+
+
+def test_half_a_file_leaves_nothing(scratch):
+    async def work(lab):
+        page = Page(LARGE[:500], b"", length=len(LARGE))
+        page.parts[1:] = []
+        receive = page.receive
+
+        async def cut():
+            if page.parts:
+                return {**await receive(), "more_body": True}
+            return {"type": "http.disconnect"}
+
+        page.receive = cut
+        answer = await lab._drop(page.request())
+        assert [path.name for path in scratch.glob("*/*")] == [".lock"]
+        return answer
+
+    assert at_work(work).status_code == 422
+
+
+def test_more_than_was_said_is_refused(scratch):
+    async def work(lab):
+        return await lab._drop(Page(LARGE, LARGE, LARGE, length=10).request())
+
+    assert at_work(work).status_code == 413

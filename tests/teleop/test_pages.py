@@ -413,3 +413,13 @@ def test_a_csv_that_is_none_is_answered_in_a_sentence(browser, address, tmp_path
         page.wait_for_selector("#trouble:has-text('every cell must be a number')")
         operator.state = lambda name: "no"
         operator.troubles.clear()  # the browser itself reports the refusal
+
+
+def test_both_pages_link_the_licences_of_what_they_contain():
+    if not (STATIC / "index.html").is_file():
+        missing("they are not built; run 'make pages', which needs node")
+    text = (STATIC / "licenses.txt").read_text()
+    for library in ("three.js authors", "Leon Sorokin"):
+        assert library in text
+    for page in ("index.html", "lab.html"):
+        assert 'href="/licenses.txt"' in (STATIC / page).read_text()

@@ -27,6 +27,28 @@ def test_what_was_written_is_there_without_an_end(tmp_path):
     recorder.close()
 
 
+def test_an_entry_that_the_disk_does_not_take_leaves_nothing(tmp_path):
+    recorder = Recorder(tmp_path, "full")
+    recorder.write(*SAID[0])
+    file, recorder._file = recorder._file, Full(recorder._file)
+    with pytest.raises(OSError, match="No space left"):
+        recorder.write(*SAID[1])
+    recorder._file = file
+    recorder.write(*SAID[2])
+    recorder.close()
+    assert list(entries(recorder.path)) == [SAID[0], SAID[2]]
+
+
+class Full:
+    """A file that takes half of what it is given, as one does on a disk that gets full."""
+
+    def __init__(self, file):
+        self._file, self.truncate, self.seek = file, file.truncate, file.seek
+
+    def write(self, content):
+        return self._file.write(content[: len(content) // 2])
+
+
 def test_wherever_it_was_cut_what_is_whole_is_read(recorded):
     content = recorded.read_bytes()
     for cut in range(21, len(content), 7):

@@ -109,7 +109,41 @@ def test_other_pages_may_not_post(served):
 
 def test_every_answer_forbids_foreign_scripts(served):
     for path in ("/", "/nothing", "/api/recordings"):
-        assert "default-src 'self'" in served.client.get(path).headers["content-security-policy"]
+        headers = served.client.get(path).headers
+        policy = [each.split() for each in headers["content-security-policy"].split(";")]
+        told = {name: sources for name, *sources in policy}
+        assert told["default-src"] == told["form-action"] == ["'self'"]
+        assert told["frame-ancestors"] == told["base-uri"] == told["object-src"] == ["'none'"]
+        assert told["connect-src"] == ["'self'", "ws://127.0.0.1:8765", "wss://127.0.0.1:8765"]
+        assert headers["cross-origin-resource-policy"] == "same-origin"
+
+
+def test_a_key_leads_to_no_other_host(served):
+    path = f"{BASE}//evil.example/?key={served.doors.key}"
+    answer = served.client.get(path, follow_redirects=False)
+    assert answer.headers["location"] == "/evil.example/"
+
+
+def test_a_proxy_that_talks_https_gets_a_secure_cookie(served):
+    for proxied, secure in (({}, False), ({"x-forwarded-proto": "https"}, True)):
+        options = {"params": {"key": served.doors.key}, "headers": proxied}
+        answer = served.client.get("/", follow_redirects=False, **options)
+        assert ("secure" in answer.headers["set-cookie"].lower()) is secure
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        f"/api/findings/{'9' * 5000}.ply",
+        "/api/findings/%00.ply",
+        "/%00",
+        "/" + "x" * 5000,
+        "/assets/" + "ä" * 2000,
+        f"/api/lab/{'x' * 5000}/model.json",
+    ],
+)
+def test_an_odd_or_long_name_is_not_found(served, path):
+    assert served.client.get(path).status_code == 404
 
 
 @pytest.mark.parametrize("origin", [{}, {"origin": "http://evil.example"}, {"origin": "null"}])

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import typer
 
-from minorloop import __version__
 from minorloop.cli import (
     console,
     demo,
@@ -26,6 +25,7 @@ from minorloop.cli import (
 )
 from minorloop.cli import run as run_verb
 from minorloop.errors import MinorloopError
+from minorloop.version import __version__
 
 _FAILED = 1
 _REFUSED = 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import ssl
 from contextlib import suppress
@@ -12,7 +13,7 @@ from typing import Annotated
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import MissingExtraError, OutputError, ParameterError
+from minorloop.errors import OutputError, ParameterError
 
 NAME = "console"
 EXAMPLE = "minorloop console --folder inspections"
@@ -40,6 +41,10 @@ _Certificate = Annotated[
     Path | None,
     typer.Option(help="Certificate (PEM): phones and headsets give their pose over https only."),
 ]
+_Name = Annotated[
+    str | None,
+    typer.Option(help="Name under which browsers reach an https proxy before the console."),
+]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
 
@@ -53,6 +58,7 @@ def run(
     timeout: _Timeout = 0.1,
     certificate: _Certificate = None,
     private_key: _Key = None,
+    name: _Name = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
     from minorloop.teleop.plant import check_address
@@ -60,9 +66,11 @@ def run(
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
     check_address(plant)
-    for name, number in (("--specimen", specimen or 0), ("--seed", seed)):
+    for option, number in (("--specimen", specimen or 0), ("--seed", seed)):
         if number < 0:
-            raise ParameterError(f"{name} is {number}; give 0 or more")
+            raise ParameterError(f"{option} is {number}; give 0 or more")
+    if name is not None and re.fullmatch(r"[A-Za-z0-9._-]{1,253}", name) is None:
+        raise ParameterError(f"--name is {name!r}; give a host name such as console.example.org")
     if not 0.05 <= timeout <= 5.0:
         raise ParameterError(f"--timeout is {timeout}; give 0.05 to 5 seconds")
     if (certificate is None) != (private_key is None):
@@ -74,42 +82,32 @@ def run(
         _check_pair(certificate, private_key)
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
-    try:
-        import uvicorn
-    except ImportError:
-        raise MissingExtraError("uvicorn", "console") from None
     from minorloop.teleop.doors import Doors
     from minorloop.teleop.loop import LoopSettings
     from minorloop.teleop.server import STATIC, Console
+    from minorloop.teleop.serving import serve
 
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
     )
-    doors = Doors(host)
     listening = _listen(host, port)
-    config = uvicorn.Config(
-        Console(doors=doors, loop=settings).app(),
-        log_level="warning",
-        access_log=False,
-        ws_max_size=1 << 14,
-        ws_max_queue=64,
-        ws_per_message_deflate=False,
-        ws_ping_interval=10.0,
-        ws_ping_timeout=10.0,
-        ssl_certfile=None if certificate is None else str(certificate),
-        ssl_keyfile=None if private_key is None else str(private_key),
-        timeout_graceful_shutdown=2,
-        server_header=False,
-    )
+    port = listening.getsockname()[1]
+    doors = Doors(host, port=port, name=name)
     scheme = "http" if certificate is None else "https"
     if not (STATIC / "index.html").is_file():
         typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
-    typer.echo(f"open {scheme}://{_shown(host)}:{listening.getsockname()[1]}/?key={doors.key}")
+    address = f"{scheme}://{_shown(host)}:{port}" if name is None else f"https://{name}"
+    typer.echo(f"open {address}/?key={doors.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
     with suppress(OSError, AttributeError):
         os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
     with suppress(KeyboardInterrupt):
-        uvicorn.Server(config).run(sockets=[listening])
+        serve(
+            Console(doors=doors, loop=settings),
+            listening,
+            certificate=certificate,
+            private_key=private_key,
+        )
 
 
 def _check_pair(certificate: Path, key: Path) -> None:

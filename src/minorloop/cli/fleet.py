@@ -31,7 +31,7 @@ def run(
     out: Annotated[
         Path,
         typer.Option(
-            help="Folder for the results; that of a fleet that was stopped goes on with it.",
+            help="Folder for the results; with that of a fleet that was stopped, the rest is done.",
             show_default=False,
         ),
     ],
@@ -70,14 +70,26 @@ def run(
     address: Annotated[
         str | None, typer.Option(help="Scheduler of a Dask cluster: tcp://10.0.0.1:8786.")
     ] = None,
+    limit: Annotated[
+        float,
+        _common.number_option("Seconds after which a specimen is given up, or inf for no limit."),
+    ] = 3600.0,
+    retry_failed: Annotated[
+        bool,
+        typer.Option("--retry-failed", help="Try specimens again that failed before."),
+    ] = False,
     patience: Annotated[
-        float, _common.number_option("Seconds to wait until the cluster has a worker.")
+        float,
+        _common.number_option(
+            "Seconds to wait for a worker of the cluster, or for an answer of its scheduler."
+        ),
     ] = 60.0,
     as_json: _common.Json = False,
 ) -> None:
     """Identify every specimen of a manifest; what fails is reported and stops nothing.
 
-    The exit status is 1 where nothing at all was identified.
+    The exit status is 1 where nothing at all was identified, and 2 where all workers or the
+    scheduler of a cluster are lost; what is done by then is kept.
     """
     if what != "identify":
         raise ParameterError(f"there is no fleet {what!r}; give identify")
@@ -95,8 +107,10 @@ def run(
             out,
             workers=workers,
             address=address,
+            limit=limit,
+            retry_failed=retry_failed,
             patience=patience,
-            say=now,
+            say=_say,
             watch=lambda done, of, last: now(f"{done} of {of} specimens, last {last.specimen}"),
             **options,
         )
@@ -107,6 +121,11 @@ def run(
     sys.stdout.flush()
     if not summary.identified:
         raise typer.Exit(1)
+
+
+def _say(sentence: str) -> None:
+    """Print it at once: what is shown as progress may wait for ten seconds."""
+    print(sentence, file=sys.stderr, flush=True)
 
 
 def _show(summary: Summary, out: Path) -> None:

@@ -6,6 +6,7 @@ import shlex
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 NAME = "run"
 EXAMPLE = "minorloop run --actuator twin:ipmc --plan plan.csv --store runs.sqlite"
+SLOW = 1.2
+"""Sample intervals of the plan from which on those of a hold count as longer."""
 _ADAPTIVE = ("holds", "hours", "hold", "low", "high", "step", "least_gain", "levels")
 
 
@@ -61,7 +64,9 @@ def run(
     ] = None,
     interval: Annotated[
         float | None,
-        _common.number_option("Seconds between samples; without it, 1/200 of the least hold."),
+        _common.number_option(
+            "Seconds between samples; without it, 1/200 of the least hold, or what the meter takes."
+        ),
     ] = None,
     holds: Annotated[
         int | None,
@@ -103,7 +108,7 @@ def run(
     """Hold each level of a plan until the output settles; resume goes on after any stop."""
     from minorloop.connect import connect
     from minorloop.lab.plan import Plan
-    from minorloop.lab.run import check_plan
+    from minorloop.lab.run import answer_time, check_plan
     from minorloop.lab.store import Setup, Store
 
     given = locals()
@@ -130,6 +135,8 @@ def run(
         wanted = Plan(levels_left_open, longest, input=names[0], **settings)
     else:
         wanted = Plan.from_csv(plan, **settings)
+    if interval is None:
+        wanted = wanted.slowed(answer_time(plant))
     check_plan(plant, wanted)
     with Store.create(store, wanted, setup) as opened:
         carry_out(plant, opened, as_json)
@@ -154,7 +161,7 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     figures = summary(store)
     if chooser is not None:
         figures |= _adaptive.findings(chooser, store)
-    figures["warnings"] = [*figures.get("warnings", []), *_unsettled(figures)]
+    figures["warnings"] = [*figures.get("warnings", []), *_unsettled(figures), *_slow(figures)]
     if as_json:
         _common.print_json({**figures, "way": way})
         return
@@ -168,6 +175,8 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         f"{figures['settled']} settled, {figures['extrapolated']} extrapolated, "
         f"{figures['unsettled']} unsettled, held for {as_duration(figures['held_s'])} in all"
     )
+    if said := sampling(figures):
+        typer.echo(said)
     if chooser is not None:
         _adaptive.print_findings(figures)
     _common.print_advice(figures["warnings"])
@@ -194,10 +203,36 @@ def _unsettled(figures: dict[str, Any]) -> list[str]:
     ]
 
 
+def _slow(figures: dict[str, Any]) -> list[str]:
+    """A warning where the meter did not give the samples that the plan asks for."""
+    asked, most = figures["sample_interval_s"], figures["longest_interval_s"]
+    if most is None or most <= SLOW * asked:
+        return []
+    return [
+        f"the meter was slower than the plan: samples were up to {most:.3g} s apart, not {asked:g} "
+        "s; their times are the true ones"
+    ]
+
+
+def sampling(figures: dict[str, Any]) -> str:
+    """How often the output was read, in words, and how well the times are known.
+
+    Empty where the times are exact, as those of a twin, or the store does not know.
+    """
+    if not figures["time_uncertainty_s"] or figures["median_interval_s"] is None:
+        return ""
+    return (
+        f"read every {figures['median_interval_s']:.3g} s, "
+        f"times known to {figures['time_uncertainty_s']:.2g} s"
+    )
+
+
 def summary(store: Store) -> dict[str, Any]:
     """What a store is about, and how far it has come."""
     points = store.points()
     verdicts = [point.verdict for point in points]
+    intervals = [p.sample_interval for p in points if p.sample_interval > 0]
+    doubts = [p.time_uncertainty for p in points if p.time_uncertainty >= 0]
     return {
         "store": str(store.path),
         "actuator": store.setup.address,
@@ -211,4 +246,8 @@ def summary(store: Store) -> dict[str, Any]:
         "finished": store.finished,
         **{name: verdicts.count(name) for name in ("settled", "extrapolated", "unsettled")},
         "held_s": sum(point.held for point in points),
+        "sample_interval_s": store.plan.sample_interval,
+        "median_interval_s": median(intervals) if intervals else None,
+        "longest_interval_s": max(intervals, default=None),
+        "time_uncertainty_s": max(doubts, default=None),
     }

@@ -12,7 +12,7 @@ import typer
 from minorloop.cli import _common
 from minorloop.cli._braille import scatter
 from minorloop.cli._watch import as_duration
-from minorloop.cli.run import summary
+from minorloop.cli.run import sampling, summary
 from minorloop.errors import ParameterError, StoreError
 
 if TYPE_CHECKING:
@@ -112,6 +112,8 @@ def _print(store: Store) -> None:
         *((name, str(figures[name])) for name in ("settled", "extrapolated", "unsettled")),
         ("held", as_duration(figures["held_s"])),
     ]
+    if said := sampling(figures):
+        rows.append(("sampling", said))
     _common.print_table(("", ""), rows, str(store.path))
     for sitting in store.sittings():
         end = sitting.end or "killed, or still at work"

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from minorloop.control.controller import Loop, mean_slope, within
 from minorloop.identification.heating import HeatedWire
+from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
 
 
@@ -36,7 +37,7 @@ class InternalModelState:
         What the plant does beyond the model, in degrees, as it was last read.
     """
 
-    tracker: Tracker
+    tracker: Tracker[Preisach]
     filter: float
     lag: float
     past: tuple[float, ...]

@@ -296,10 +296,10 @@ class Planner:
     def _angles(self, powers: FloatArray, state: HeatedState) -> FloatArray:
         """Angles (C, N) under C sequences of powers (C, N)."""
         operator = self.wire.operator
-        stack, rows = operator._stack(state.tracker.memory, 2)
+        stack, rows = operator.stack(state.tracker.memory, 2)
         out = np.empty(powers.shape)
         _kernels.courses(
-            operator._plane,
+            operator.tables,
             stack,
             rows,
             np.array([state.power, state.angle]),

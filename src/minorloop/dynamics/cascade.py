@@ -7,36 +7,23 @@ memory wire the heating lags first and the hysteresis follows.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, Samples, as_finite, check_option
+from minorloop.arrays import BoolArray, FloatArray, as_finite, check_option
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import Between, as_waveform
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.operators.inversion import Inversion, Unreachable
+from minorloop.figures import figure_of
+from minorloop.operators.inversion import Unreachable
+from minorloop.operators.operator import Operator
 
 First: TypeAlias = Literal["operator", "linear"]
 
 _FILTER_SHARE = 0.2
 _INTERVALS = 5.0
-
-
-class Operator(Protocol):
-    """A rate-independent operator, such as `Preisach`, `PrandtlIshlinskii` or `Polynomial`."""
-
-    def simulate(self, u: npt.ArrayLike, start: Any = ...) -> Samples:
-        """Outputs for a whole input."""
-
-    def invert(
-        self, targets: npt.ArrayLike, start: Any = ..., unreachable: Unreachable = ...
-    ) -> Inversion:
-        """Inputs that bring the output to each target."""
-
-    def step(self, memory: Any, u: float) -> tuple[float, Any]:
-        """Output and memory after one input."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +85,7 @@ class CascadeInversion:
 
     def plot(self) -> Any:
         """Draw targets with outputs, and the input below; gives the matplotlib figure."""
-        from minorloop.dynamics.drawing import draw_cascade_inversion
-
-        return draw_cascade_inversion(self)
+        return figure_of(self)
 
 
 @dataclass(frozen=True, eq=False)

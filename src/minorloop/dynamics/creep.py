@@ -11,6 +11,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, frozen
 from minorloop.dynamics.propagation import as_times, as_waveform
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
+from minorloop.figures import figure_of
 
 PER_DECADE = 2
 
@@ -181,9 +182,7 @@ class CreepFit:
 
     def plot(self) -> Any:
         """Draw the record with the fit; gives the matplotlib figure."""
-        from minorloop.dynamics.drawing import draw_creep_fit
-
-        return draw_creep_fit(self)
+        return figure_of(self)
 
 
 def fit_creep(

@@ -13,6 +13,7 @@ from minorloop.arrays import FloatArray, as_finite, as_samples, check_option, fr
 from minorloop.dynamics import _kernels, conversion
 from minorloop.dynamics.propagation import Between, StateSpace, as_times, as_waveform, propagate
 from minorloop.errors import ParameterError, SignalError
+from minorloop.figures import figure_of
 
 _WHOLE = 1e-6
 
@@ -161,7 +162,7 @@ class Linear:
     @property
     def dc_gain(self) -> float:
         """Settled output per input; infinite for an integrator."""
-        top, bottom = self._at_rest(self.numerator), self._at_rest(self.denominator)
+        top, bottom = self.at_rest(self.numerator), self.at_rest(self.denominator)
         return top / bottom if bottom else np.inf
 
     def normalised(self) -> Linear:
@@ -228,7 +229,7 @@ class Linear:
         x = self._settled(as_finite("before", before))
         if self.interval is None:
             return propagate(
-                self._state_space,
+                self.state_space,
                 x,
                 times,
                 inputs,
@@ -317,7 +318,7 @@ class Linear:
             If the system is continuous, or does not settle.
         """
         value = as_finite("u", u)
-        return np.concatenate([self._settled(value), np.full(self._lag, value)])
+        return np.concatenate([self._settled(value), np.full(self.lag, value)])
 
     def step(self, state: FloatArray, u: float) -> tuple[float, FloatArray]:
         """Output at the end of one interval with the input held, and the state then.
@@ -336,8 +337,8 @@ class Linear:
         ParameterError
             If the system is continuous; discretise it first.
         """
-        lag, n = self._lag, self.order
-        a, b, c, d = self._state_space
+        lag, n = self.lag, self.order
+        a, b, c, d = self.state_space
         queue = np.append(state[n:], as_finite("u", u))
         x = a @ state[:n] + b * queue[0]
         return float(c @ x + d * queue[0]), np.concatenate([x, queue[queue.size - lag :]])
@@ -357,12 +358,11 @@ class Linear:
 
     def plot(self) -> Any:
         """Draw step response, gain and phase; gives the matplotlib figure."""
-        from minorloop.dynamics.drawing import draw_linear
-
-        return draw_linear(self)
+        return figure_of(self)
 
     @cached_property
-    def _state_space(self) -> StateSpace:
+    def state_space(self) -> StateSpace:
+        """Matrices A, B, C, D in controllable canonical form."""
         return conversion.canonical(self.numerator, self.denominator)
 
     @property
@@ -372,7 +372,8 @@ class Linear:
         return self.dc_gain
 
     @property
-    def _lag(self) -> int:
+    def lag(self) -> int:
+        """Dead time in sampling intervals, of a sampled system."""
         if self.interval is None:
             raise ParameterError("the system is continuous; discretise it to step through it")
         return round(self.delay / self.interval)
@@ -384,14 +385,20 @@ class Linear:
             return self
         return Linear(self.numerator * (gain / own), self.denominator, self.interval, self.delay)
 
-    def _at_rest(self, coefficients: FloatArray) -> float:
-        """A polynomial at s = 0 or z = 1."""
+    def at_rest(self, coefficients: FloatArray) -> float:
+        """A polynomial of the system at s = 0 or z = 1.
+
+        Parameters
+        ----------
+        coefficients : (n,) array
+            Of the numerator or the denominator, highest power first.
+        """
         return float(coefficients[-1] if self.interval is None else coefficients.sum())
 
     def _settled(self, u: float) -> FloatArray:
         x = np.zeros(self.order)
         if u != 0 and self.order:
-            rest = self._at_rest(self.denominator)
+            rest = self.at_rest(self.denominator)
             if rest == 0:
                 raise ParameterError(f"the system integrates, and never settles under {u:g}")
             x[-1 if self.interval is None else slice(None)] = u / rest
@@ -410,8 +417,8 @@ class Linear:
 
     def _filter(self, u: FloatArray, before: float) -> FloatArray:
         """Outputs of a sampled system at the ends of the intervals over which u is held."""
-        a, b, c, d = self._state_space
-        felt = np.concatenate([np.full(self._lag, before), u])[: u.size]
+        a, b, c, d = self.state_space
+        felt = np.concatenate([np.full(self.lag, before), u])[: u.size]
         states = np.empty((u.size, self.order))
         first = np.zeros(u.size, dtype=np.int64)
         x = self._settled(before)

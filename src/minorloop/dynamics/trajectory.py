@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, check_option
-from minorloop.dynamics.cascade import Operator
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import as_waveform
 from minorloop.errors import ParameterError
+from minorloop.operators.operator import Operator
 
 Joining: TypeAlias = Literal["settled", "superposed"]
 

@@ -39,7 +39,7 @@ def plays_parts(
         # Corners with the origin among them, and the slopes of the pieces between and beyond.
         zones = model.zones
         centre = int(np.count_nonzero(zones.knots < 0))
-        corners, heights = (np.insert(x, centre, 0.0) for x in (zones.knots, zones._heights))
+        corners, heights = (np.insert(x, centre, 0.0) for x in (zones.knots, zones.heights))
         gains = np.insert(zones.slopes, centre, zones.slopes[centre])
         tables |= {
             "corners": numbers.table(corners),

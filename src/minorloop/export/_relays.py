@@ -34,7 +34,7 @@ def relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
             f"{count} levels, of which the closest are {np.diff(model.levels).min():g} apart, "
             f"cannot be told apart; give at most {_MOST}, and export doubles"
         )
-    swing, off = model._line()
+    swing, off = model.line()
     # How much of a column is on when its relays up to a row are; columns after each other.
     columns = np.cumsum(model.weights, axis=0)
     packed = np.concatenate([columns[b:, b] for b in range(count)])

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop.operators import plane
-from minorloop.operators.preisach import Preisach, _buckets
+from minorloop.operators.preisach import Preisach
 
 _COLUMNS = 100
 
@@ -107,9 +107,8 @@ def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], 
             f"levels are only {np.diff(model.levels).min():g} apart around "
             f"{np.abs(model.levels).max():g}, which a float cannot tell apart; export doubles"
         )
-    begun, per_unit = _buckets(levels)
-    swing = 2.0 if model.relay == "bipolar" else 1.0
-    nodes = model._plane.nodes
+    begun, per_unit = plane.buckets(levels)
+    nodes = model.tables.nodes
     signed = bool((model.weights < 0).any())
     bowed = model.diagonal == "uniform"
     tables = {
@@ -119,7 +118,7 @@ def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], 
         "nodes": numbers.table(_packed(nodes)),
         "bow": numbers.table(nodes.diagonal(-1)),
     }
-    unsigned = swing * plane.nodes_from_weights(np.abs(model.weights))
+    unsigned = model.swing * plane.nodes_from_weights(np.abs(model.weights))
     if signed:
         tables["nodes_unsigned"] = numbers.table(_packed(unsigned))
         tables["bow_unsigned"] = numbers.table(unsigned.diagonal(-1))
@@ -132,17 +131,17 @@ def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], 
         "narrow": bool((np.diff(begun) <= 1).all()),
         "slice_type": "uint16_t" if wide else "uint8_t",
         "per_unit": numbers.one(per_unit),
-        "saturation": numbers.one(model._all_off),
+        "saturation": numbers.one(model.all_off),
         "slope": numbers.one(model.slope),
         "sloped": model.slope != 0,
         "signed": signed,
         "bowed": bowed,
-        "begin": numbers.one(model._all_off + model.slope * float(model.levels[0])),
+        "begin": numbers.one(model.all_off + model.slope * float(model.levels[0])),
         "low": numbers.one(model.levels[0]),
         "high": numbers.one(model.levels[-1]),
         "reach_low": numbers.one(model.range[0]),
         "reach_high": numbers.one(model.range[1]),
-        "swing": float(swing * np.abs(model.weights).sum()),
+        "swing": float(model.swing * np.abs(model.weights).sum()),
     }
     return context, numbers.size * count + (2 if wide else 1) * begun.size
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from minorloop import __version__
 from minorloop.arrays import check_option
 from minorloop.dynamics.cascade import First
 from minorloop.dynamics.linear import Linear
@@ -26,6 +25,7 @@ from minorloop.operators.memory import ROOM
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
+from minorloop.version import __version__
 
 __all__ = ["CSource", "export_c", "source"]
 
@@ -307,10 +307,10 @@ def _linear_context(
             "the linear part is continuous; give linear.discretise(interval) with the interval at "
             "which the C will step"
         )
-    if linear._lag > _MOST_LAG:
+    if linear.lag > _MOST_LAG:
         raise ParameterError(
             f"the linear part has a delay of {linear.delay:g} s, and the C would have to "
-            f"remember {linear._lag} intervals; give at most {_MOST_LAG}"
+            f"remember {linear.lag} intervals; give at most {_MOST_LAG}"
         )
     if not np.isfinite(linear.dc_gain) or linear.dc_gain == 0:
         raise ParameterError(
@@ -321,16 +321,16 @@ def _linear_context(
         raise ParameterError("the linear part is unstable; give one that settles")
     context = {
         "order": linear.order,
-        "lag": linear._lag,
+        "lag": linear.lag,
         "interval": numbers.one(linear.interval),
-        "feedthrough": numbers.one(linear._state_space[3]),
+        "feedthrough": numbers.one(linear.state_space[3]),
         "gain": numbers.one(linear.dc_gain),
-        "rest": numbers.one(1 / linear._at_rest(linear.denominator)),
+        "rest": numbers.one(1 / linear.at_rest(linear.denominator)),
         "first": first,
     }
     tables = {
         "transition": numbers.table(-linear.denominator[1:]),
-        "readout": numbers.table(linear._state_space[2]),
+        "readout": numbers.table(linear.state_space[2]),
     }
     return context, tables
 

@@ -151,7 +151,7 @@ def _context(
     name: str,
     interval: float,
 ) -> dict[str, Any]:
-    from minorloop import __version__
+    from minorloop.version import __version__
 
     digest = hashlib.sha256("".join(f"{k}{files[k]}" for k in sorted(files)).encode())
     low = float(model.levels[0])
@@ -171,7 +171,7 @@ def _context(
         "interval": interval,
         "linear": None
         if linear is None
-        else {"interval": repr(linear.interval), "lag": linear._lag},
+        else {"interval": repr(linear.interval), "lag": linear.lag},
         "guard": name.upper(),
         "bands": model.bands,
         "prototypes": _prototypes(),

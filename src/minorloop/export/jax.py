@@ -26,8 +26,9 @@ from minorloop.export import _gradient_kernels
 from minorloop.identification import _kernels as tree_kernels
 from minorloop.operators import _kernels, _play_kernels, plane
 from minorloop.operators._parallel import in_parallel
+from minorloop.operators.memory import Start
 from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach, Start, _swing
+from minorloop.operators.preisach import Preisach
 
 try:
     import jax
@@ -44,7 +45,7 @@ Parameters: TypeAlias = dict[str, Any]
 """Arrays of JAX by name: what a model learns."""
 
 
-class _Operator(Protocol):
+class _Loops(Protocol):
     """Loops on numpy arrays: arguments in the order of ``names``, the input last."""
 
     names: tuple[str, ...]
@@ -136,8 +137,8 @@ class _Preisach:
     def __init__(self, model: Preisach, start: Start) -> None:
         self.shapes: tuple[tuple[int, ...], ...] = (model.weights.shape, (), ())
         self._spread = model.diagonal == "uniform"
-        self._swing, self._shift = _swing(model.relay), float(model.relay == "bipolar")
-        self._plane = model._plane
+        self._swing, self._shift = model.swing, -plane.off_output(model.relay)
+        self._plane = model.tables
         self._past = np.array(model.memory(start).extrema[1:])
 
     def forward(self, *arrays: FloatArray) -> FloatArray:
@@ -215,7 +216,7 @@ class _Plays:
         return for_weights, cotangent.sum(), for_inputs
 
 
-def _operator(model: Any, start: Any) -> _Operator:
+def _operator(model: Any, start: Any) -> _Loops:
     if isinstance(model, Preisach):
         return _Preisach(model, start)
     if isinstance(model, PrandtlIshlinskii):
@@ -225,7 +226,7 @@ def _operator(model: Any, start: Any) -> _Operator:
     )
 
 
-def _checked(operator: _Operator, parameters: Parameters, u: Any) -> list[Any]:
+def _checked(operator: _Loops, parameters: Parameters, u: Any) -> list[Any]:
     """Arguments as floating arrays of the shapes that the loops rely on."""
     if set(parameters) != set(operator.names):
         raise ParameterError(
@@ -255,7 +256,7 @@ def _floating(value: Any) -> Any:
     return array.astype(jnp.result_type(float))
 
 
-def _differentiable(operator: _Operator) -> Callable[..., Any]:
+def _differentiable(operator: _Loops) -> Callable[..., Any]:
     """The operator as JAX sees it: a primitive, and another for its gradient."""
     cores = [len(shape) for shape in operator.shapes] + [1]
     loop = _primitive("hysteresis", operator.forward, cores, lambda *given: given[-1:])

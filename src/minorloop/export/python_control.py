@@ -11,9 +11,9 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.export._bounded import bounded
-from minorloop.operators.memory import ROOM, Memory
+from minorloop.operators.memory import ROOM, Memory, Start
 from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
-from minorloop.operators.preisach import Preisach, Start
+from minorloop.operators.preisach import Preisach
 
 __all__ = ["as_memory", "as_state", "as_system"]
 

@@ -11,10 +11,8 @@ import csv
 import hashlib
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +22,7 @@ from minorloop.files import first_difference, write_atomically
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
-_AT_ONCE = 16
 _LONGEST = 400
-
-
-def settle_all(
-    place: Path, batch: Sequence[Specimen], found: Iterable[Mapping[str, Any]]
-) -> list[Outcome]:
-    """Write down a batch, each while the next is found: a disk takes its time."""
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
-        return list(pool.map(partial(settle, place), batch, found))
 
 
 def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
@@ -114,18 +103,28 @@ def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
     write_atomically(place / "results" / f"{one.key}.json", text + "\n")
 
 
-def kept(place: Path, specimens: Sequence[Specimen]) -> dict[str, Outcome]:
-    """Outcomes of an earlier start that still hold: record, columns and model are as they were."""
+def kept(place: Path, specimens: Sequence[Specimen], *, failed: bool) -> dict[str, Outcome]:
+    """Outcomes of an earlier start that still hold: record, columns and model are as they were.
+
+    Parameters
+    ----------
+    place : Path
+        The folder.
+    specimens : sequence of Specimen
+        Of which outcomes are wanted.
+    failed : bool
+        Whether those that failed are kept as well, where their records could be read.
+    """
     found = {}
     for one in specimens:
         try:
             outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
             digest = hashlib.sha256(one.read()).hexdigest()
-            model = _digest(_model(place, one))
+            model = None if outcome.error else _digest(_model(place, one))
         except (OSError, ValueError, TypeError):
             continue
         now = {"specimen": one.name, "sha256": digest, "model": model, **_origin(one)}
-        if outcome.error is None and replace(outcome, **now) == outcome:
+        if (failed or outcome.error is None) and replace(outcome, **now) == outcome:
             found[one.name] = outcome
     return found
 

@@ -12,8 +12,8 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.fleet import _kernels
 from minorloop.operators import plane
 from minorloop.operators._parallel import in_parallel
-from minorloop.operators.memory import ROOM, Memory
-from minorloop.operators.preisach import Preisach, Start, _swing
+from minorloop.operators.memory import ROOM, Memory, Start
+from minorloop.operators.preisach import Preisach
 
 __all__ = ["FleetState", "simulate_fleet"]
 
@@ -75,7 +75,7 @@ class FleetState:
         check_kind("model", model, Preisach)
         count = as_whole("operators", operators, 1, MOST_OPERATORS)
         room = as_whole("room", room, LEAST_ROOM, MOST_ROOM)
-        stack, rows = model._stack(start, 0)
+        stack, rows = model.stack(start, 0)
         if rows >= room:
             raise ParameterError(
                 f"start remembers {rows} extrema, and room is {room}; give room for more than that"
@@ -143,13 +143,13 @@ def simulate_fleet(
     after = state if in_place else state.copy()
     table = inputs.reshape(len(inputs), -1)
     outputs = np.empty_like(table)
-    sizes = _swing(model.relay) * plane.nodes_from_weights(np.abs(model.weights))
+    sizes = model.swing * plane.nodes_from_weights(np.abs(model.weights))
     bow = sizes.diagonal(-1).copy() if model.diagonal == "uniform" else np.zeros(model.bands)
 
     def work(chunk: int) -> None:
         first = chunk * _CHUNK
         last = min(first + _CHUNK, len(table))
-        _kernels.march(model._plane, sizes, bow, *_parts(after), table, outputs, first, last)
+        _kernels.march(model.tables, sizes, bow, *_parts(after), table, outputs, first, last)
 
     in_parallel(work, -(-len(table) // _CHUNK))
     return outputs.reshape(inputs.shape), after

@@ -16,7 +16,9 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, Levels, frozen
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels
-from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
+from minorloop.operators.memory import Start
+from minorloop.operators.plane import Relay, off_output, swing
+from minorloop.operators.preisach import Diagonal, Preisach
 
 Packed = FloatArray
 """(K,) numbers, one a cell, K = L (L + 1) / 2, row after row of the lower triangle."""
@@ -100,7 +102,7 @@ class Areas:
         self._coefficient = np.zeros((inputs.size, 6))
         self._parent = np.empty(inputs.size, dtype=np.int32)
         corner = np.empty(inputs.size, dtype=np.int32)
-        plane = blank._plane
+        plane = blank.tables
         _kernels.trace(
             plane.levels,
             plane.per_band,
@@ -114,7 +116,7 @@ class Areas:
             corner,
         )
         self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
-        self._swing, self._shift = (2.0, 1.0) if form.relay == "bipolar" else (1.0, 0.0)
+        self._swing, self._shift = swing(form.relay), -off_output(form.relay)
         self.corner = corner[self.measured]
 
     @property

@@ -9,6 +9,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
+from minorloop.figures import figure_of
 
 PER_DEVIATION = 1.6449
 """Half a band of 90 % over the standard deviation."""
@@ -90,9 +91,7 @@ class Prediction:
         output_label : str
             Name and unit of the output.
         """
-        from minorloop.identification.drawing import draw_prediction
-
-        return draw_prediction(self, input_label=input_label, output_label=output_label)
+        return figure_of(self, input_label=input_label, output_label=output_label)
 
 
 def as_probability(bands: float) -> float:

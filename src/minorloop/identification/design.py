@@ -25,6 +25,7 @@ from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.areas import Form
 from minorloop.identification.prior import Belief, Hyperparameters, believe, regressors
 from minorloop.operators.memory import Memory
+from minorloop.operators.plane import relay_outputs
 from minorloop.operators.preisach import Diagonal
 from minorloop.threads import one_thread
 
@@ -290,7 +291,7 @@ def _rows(belief: Belief, memory: Memory, candidates: FloatArray) -> FloatArray:
     past = np.array(memory.extrema)
     levels = np.asarray(form.levels, dtype=np.float64)
     _kernels.look_ahead(levels, form.diagonal == "uniform", past, candidates, shares)
-    columns = [2 * shares - 1 if form.relay == "bipolar" else shares]
+    columns = [relay_outputs(form.relay, shares)]
     if form.offset:
         columns.append(np.ones((candidates.size, 1)))
     if form.slope:

@@ -13,9 +13,11 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_levels, as_samples
 from minorloop.errors import SignalError
+from minorloop.figures import figure_of
 from minorloop.identification.areas import Areas, Form
 from minorloop.identification.diagnosis import rank_and_condition
-from minorloop.operators.preisach import Diagonal, Start
+from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Diagonal
 
 
 def staircase(levels: npt.ArrayLike) -> FloatArray:
@@ -115,9 +117,7 @@ class ExcitationReport:
 
     def plot(self) -> Any:
         """Draw which cells are excited; gives the matplotlib figure."""
-        from minorloop.identification.drawing import draw_excitation
-
-        return draw_excitation(self)
+        return figure_of(self)
 
 
 def report(

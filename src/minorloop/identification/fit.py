@@ -31,7 +31,9 @@ from minorloop.identification.prior import (
     regressors,
 )
 from minorloop.identification.result import Identification
-from minorloop.operators.preisach import Diagonal, Relay, Start
+from minorloop.operators.memory import Start
+from minorloop.operators.plane import Relay
+from minorloop.operators.preisach import Diagonal
 
 Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
 

@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_samples
-from minorloop.dynamics.cascade import Operator
 from minorloop.errors import ParameterError, SignalError
+from minorloop.figures import figure_of
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
+from minorloop.operators.operator import Operator
 
 if TYPE_CHECKING:
     from minorloop.lab.records import Record
@@ -182,9 +183,7 @@ class FrequencyResponse:
 
     def plot(self) -> Any:
         """Draw gains and phases, before and after the operator; gives the matplotlib figure."""
-        from minorloop.identification.linear_drawing import draw_frequency_response
-
-        return draw_frequency_response(self)
+        return figure_of(self)
 
     @property
     def _after(self) -> ComplexArray:

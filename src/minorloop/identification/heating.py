@@ -30,7 +30,9 @@ from minorloop.identification.transient import (
     check_lag,
     check_motion,
 )
-from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
+from minorloop.operators.memory import Start
+from minorloop.operators.plane import Relay
+from minorloop.operators.preisach import Diagonal, Preisach
 from minorloop.operators.tracker import Tracker
 
 SMALLEST_CHANGE = 1e-15
@@ -60,7 +62,7 @@ class HeatedState:
 
     power: float
     angle: float
-    tracker: Tracker
+    tracker: Tracker[Preisach]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import as_times
 from minorloop.errors import ParameterError
+from minorloop.figures import figure_of
 from minorloop.identification.output_error import Coefficients, Stretch, Structure
 
 Kind: TypeAlias = Literal["plain", "oscillatory", "alternating"]
@@ -182,9 +183,7 @@ class LinearFit:
 
     def plot(self) -> Any:
         """Draw the record with the fit, and the unit step response; gives the figure."""
-        from minorloop.identification.linear_drawing import draw_linear_fit
-
-        return draw_linear_fit(self)
+        return figure_of(self)
 
     @property
     def _interval(self) -> float:
@@ -232,6 +231,4 @@ class StepResponse:
 
     def plot(self) -> Any:
         """Draw both responses with their bands; gives the matplotlib figure."""
-        from minorloop.identification.linear_drawing import draw_step_response
-
-        return draw_step_response(self)
+        return figure_of(self)

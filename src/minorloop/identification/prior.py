@@ -28,9 +28,9 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification import active_set
 from minorloop.identification.areas import Areas, Form
-from minorloop.operators.memory import Memory
-from minorloop.operators.plane import cell_areas
-from minorloop.operators.preisach import Preisach, Start
+from minorloop.operators.memory import Memory, Start
+from minorloop.operators.plane import cell_areas, relay_outputs, swing
+from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
 
 LEVEL_VARIANCE = 4.0
@@ -110,7 +110,7 @@ class Plane:
         self._across = np.where(i == j, width[i] / 3, middle[i] - middle[j])
         self._area = cell_areas(grid)[i, j]
         self._width, self._middle = width, middle
-        self._swing = 1.0 if form.relay == "bipolar" else 2.0
+        self._unit = 2.0 / swing(form.relay)
         self._none = np.zeros(form.bands)
 
     def scale(self, h: Hyperparameters) -> FloatArray:
@@ -120,7 +120,7 @@ class Plane:
         sizes = bulk.copy()
         sizes[self._diagonal] = np.hypot(bulk[self._diagonal], h.reversible * self._width)
         levels = np.full(self.form.unknowns - self.form.cells, np.sqrt(LEVEL_VARIANCE))
-        return np.concatenate([self._swing * sizes, levels])
+        return np.concatenate([self._unit * sizes, levels])
 
     def covariance(self, h: Hyperparameters) -> FloatArray:
         """(n, n) covariance of the unknowns over the products of their scales."""
@@ -131,14 +131,14 @@ class Plane:
         alike[np.diag_indices(cells)] += h.own
         fading = np.exp(-self._across / h.decay) * self._area
         scale = self.scale(h)
-        own = self._swing * h.bulk * fading / fading.sum() / scale[:cells]
+        own = self._unit * h.bulk * fading / fading.sum() / scale[:cells]
         whole = np.zeros((n, n))
         whole[:cells, :cells] = own[:, None] * alike * own
         strip = np.empty((self.form.bands, self.form.bands))
         _kernels.matern(self._middle, self._none, h.along, 1.0, strip)
         strip += 1.0
         strip[np.diag_indices(self.form.bands)] += h.own
-        size = self._swing * h.reversible * self._width / scale[self._diagonal]
+        size = self._unit * h.reversible * self._width / scale[self._diagonal]
         whole[np.ix_(self._diagonal, self._diagonal)] += size[:, None] * strip * size
         whole[np.arange(cells, n), np.arange(cells, n)] = 1.0
         return whole
@@ -378,7 +378,7 @@ def regressors(
     past = np.array(memory.extrema, dtype=np.float64)
     levels = np.asarray(form.levels, dtype=np.float64)
     _kernels.walk(levels, form.diagonal == "uniform", past, u, measured, shares, marks)
-    columns = [2 * shares - 1 if form.relay == "bipolar" else shares]
+    columns = [relay_outputs(form.relay, shares)]
     if form.offset:
         columns.append(np.ones((count, 1)))
     if form.slope:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_samples
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
+from minorloop.figures import figure_of
 
 ComplexArray = npt.NDArray[np.complex128]
 
@@ -60,9 +61,7 @@ class RationalFit:
 
     def plot(self) -> Any:
         """Draw measured points and the model; gives the matplotlib figure."""
-        from minorloop.identification.linear_drawing import draw_rational_fit
-
-        return draw_rational_fit(self)
+        return figure_of(self)
 
 
 def fit_response(

@@ -18,8 +18,9 @@ from minorloop.arrays import BoolArray, FloatArray, Levels, as_finite, as_levels
 from minorloop.errors import ParameterError
 from minorloop.identification import _recursive_kernels as _kernels
 from minorloop.identification.areas import Form, pack
-from minorloop.operators.memory import Memory
-from minorloop.operators.preisach import Diagonal, Preisach, Relay, Start
+from minorloop.operators.memory import Memory, Start
+from minorloop.operators.plane import Relay, relay_outputs
+from minorloop.operators.preisach import Diagonal, Preisach
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,8 +234,7 @@ class Recursive:
         row = np.ones(self.form.unknowns)
         extrema = np.array(memory.extrema)
         _kernels.switched_on(self.levels, extrema, self.diagonal == "uniform", row[:-1])
-        if self.relay == "bipolar":
-            row[:-1] = 2 * row[:-1] - 1
+        row[:-1] = relay_outputs(self.relay, row[:-1])
         return row
 
     @property

@@ -11,13 +11,15 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, Samples
 from minorloop.errors import ParameterError
+from minorloop.figures import figure_of
 from minorloop.identification import advising, diagnosis
 from minorloop.identification.areas import Areas
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
 from minorloop.identification.prior import Belief, regressors
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
-from minorloop.operators.preisach import Preisach, Start
+from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Preisach
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,9 +248,7 @@ class Identification:
         output_label : str
             Name and unit of the output.
         """
-        from minorloop.identification.drawing import draw_identification
-
-        return draw_identification(self, input_label=input_label, output_label=output_label)
+        return figure_of(self, input_label=input_label, output_label=output_label)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, Levels, as_levels, as_samples
 from minorloop.errors import SignalError
 from minorloop.operators.memory import Memory
-from minorloop.operators.preisach import Diagonal, Preisach, Relay
+from minorloop.operators.plane import Relay
+from minorloop.operators.preisach import Diagonal, Preisach
 
 _CLOSE = 1e-9
 

@@ -25,17 +25,28 @@ SCHEMA = (
     "first INTEGER NOT NULL, way TEXT NOT NULL, end TEXT, digest TEXT NOT NULL)",
     "CREATE TABLE point (id INTEGER PRIMARY KEY, input REAL NOT NULL, value REAL, sd REAL, "
     "verdict TEXT NOT NULL, t REAL NOT NULL, held REAL NOT NULL, checkpoint TEXT, "
-    "digest TEXT NOT NULL)",
+    "sample_interval REAL, time_uncertainty REAL, digest TEXT NOT NULL)",
     "CREATE TABLE trace (id INTEGER PRIMARY KEY REFERENCES point (id), t BLOB NOT NULL, "
     "y BLOB NOT NULL, digest TEXT NOT NULL)",
 )
 ABOUT = "SELECT name, value, digest FROM about"
 SITTINGS = "SELECT id, began, ended, first, way, end, digest FROM sitting ORDER BY id"
-POINTS = "SELECT id, input, value, sd, verdict, t, held, checkpoint, digest FROM point ORDER BY id"
+_KNOWN_OF_POINT = {
+    1: "id, input, value, sd, verdict, t, held, checkpoint",
+    2: "id, input, value, sd, verdict, t, held, checkpoint, sample_interval, time_uncertainty",
+}
+"""Columns of a point, by the format of the store."""
+POINTS = {
+    version: f"SELECT {columns}, digest FROM point ORDER BY id"
+    for version, columns in _KNOWN_OF_POINT.items()
+}
 TRACES = "SELECT id, t, y, digest FROM trace ORDER BY id"
 INSERT_ABOUT = "INSERT OR IGNORE INTO about VALUES (?, ?, ?)"
 REPLACE_SITTING = "REPLACE INTO sitting VALUES (?, ?, ?, ?, ?, ?, ?)"
-INSERT_POINT = "INSERT INTO point VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
+INSERT_POINT = {
+    version: f"INSERT INTO point VALUES ({', '.join('?' * (columns.count(',') + 2))})"
+    for version, columns in _KNOWN_OF_POINT.items()
+}
 INSERT_TRACE = "INSERT INTO trace VALUES (?, ?, ?, ?)"
 
 
@@ -108,11 +119,19 @@ class Point:
     verdict : str
         ``settled``, ``extrapolated`` or ``unsettled``; see ``lab.settling``.
     t : float
-        Time at the end of the hold, on the clock of the actuator, in seconds.
+        Time at the end of the hold since the first level was applied, by the clock of the actuator,
+        in seconds. What a store took to write a point between two holds is in it; the time between
+        two sittings is not.
     held : float
-        How long it was held, in seconds.
+        How long it was held, in seconds: from when the input was on to the end of the hold.
     checkpoint : dict, optional
         The state of a twin at the end of the hold.
+    sample_interval : float
+        Time between samples on average, in seconds; longer than that of the plan where the meter
+        was slower. NaN where there is one sample only, or the store is older than that.
+    time_uncertainty : float
+        No time of the hold is further from the true one, in seconds: half the exchange that set the
+        input and half the longest that read the output; 0 for a twin, NaN in an older store.
     """
 
     index: int
@@ -123,6 +142,8 @@ class Point:
     t: float
     held: float
     checkpoint: dict[str, Any] | None = None
+    sample_interval: float = math.nan
+    time_uncertainty: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -170,19 +191,22 @@ def unsealed(row: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(content)
 
 
-def point_row(point: Point) -> tuple[Any, ...]:
-    """A point as it is written."""
+def point_row(point: Point, version: int) -> tuple[Any, ...]:
+    """A point as a store of some format keeps it."""
     output = _or_none(point.value), _or_none(point.sd)
     times = _or_none(point.t), _or_none(point.held)
     state = None if point.checkpoint is None else json.dumps(point.checkpoint)
-    return sealed(point.index, _or_none(point.input), *output, point.verdict, *times, state)
+    known = _or_none(point.sample_interval), _or_none(point.time_uncertainty)
+    content = (point.index, _or_none(point.input), *output, point.verdict, *times, state, *known)
+    return sealed(*content[: _KNOWN_OF_POINT[version].count(",") + 1])
 
 
 def as_point(row: tuple[Any, ...]) -> Point:
     """A point as it was written; raises ``ValueError`` if it was altered since."""
-    index, input, value, sd, verdict, t, held, state = unsealed(row)
+    index, input, value, sd, verdict, t, held, state, *known = unsealed(row)
     checkpoint = None if state is None else json.loads(state)
-    return Point(index, input, _or_nan(value), _or_nan(sd), verdict, t, held, checkpoint)
+    times = [_or_nan(item) for item in known]
+    return Point(index, input, _or_nan(value), _or_nan(sd), verdict, t, held, checkpoint, *times)
 
 
 def trace_row(index: int, t: FloatArray, y: FloatArray) -> tuple[Any, ...]:

@@ -125,6 +125,14 @@ class Actuator(Protocol):
             How long to hold it, in seconds.
         sample_interval : float
             Time between samples, in seconds; the last sample is taken at the end of the hold.
+            Where a reading takes longer, there are fewer samples, and the hold ends in time.
+
+        Returns
+        -------
+        Record
+            Its times are those at which the output was read. A plant whose exchanges take time
+            says in ``timing`` when the hold really began and ended; without it, the hold is taken
+            to have lasted as long as it was asked to.
 
         Raises
         ------
@@ -148,6 +156,14 @@ class Actuator(Protocol):
 
     def safe(self) -> None:
         """Go to the input that can be left on unattended; never raises on a healthy plant."""
+
+
+@runtime_checkable
+class Timed(Protocol):
+    """A plant that knows how long its meter takes, so that no plan asks more of it."""
+
+    def answer_time(self) -> float:
+        """How long one reading takes, in seconds: the median of the latest."""
 
 
 @runtime_checkable
@@ -211,6 +227,18 @@ def check_input(
     if before is not None:
         _check_rates(channels, _one_each(channels, before), values, interval)
     return values
+
+
+def rounded_up(seconds: float) -> float:
+    """The next time of two digits that is no less.
+
+    Parameters
+    ----------
+    seconds : float
+        A positive time.
+    """
+    step = 10.0 ** (math.floor(math.log10(seconds)) - 1)
+    return float(f"{step * math.ceil(seconds / step - 1e-9):.2g}")
 
 
 def _one_each(channels: tuple[Channel, ...], u: npt.ArrayLike) -> FloatArray:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_samples, frozen
 from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 from minorloop.lab.records import SECONDS, Quantity
 
@@ -24,6 +25,8 @@ SHORTEST = Quantity("shortest hold", "s")
 """Header of the column of shortest holds."""
 FEWEST = 4
 """Samples that a window has at least: a slope and its uncertainty need that many."""
+ENOUGH = 8
+"""Readings that a slow meter gives in a hold at least: fewer do not tell a movement from noise."""
 MAX_POINTS = 1_000_000
 MAX_SAMPLES = 2_000_000
 """Samples of the longest hold."""
@@ -236,6 +239,51 @@ class Plan:
                 index = int(np.argmax(differs))
                 return f"its {what} {index} is {mine[index]}, not {theirs[index]}"
         return ""
+
+    def slowed(self, seconds: float) -> Plan:
+        """The same plan, with a sample interval and a window that a slow meter can keep.
+
+        Parameters
+        ----------
+        seconds : float
+            How long the meter takes for one reading.
+
+        Returns
+        -------
+        Plan
+            This one where the meter is fast enough, or no interval makes up for it.
+        """
+        brief = float(self.longest.min())
+        if not self.sample_interval < seconds <= brief / (1.1 * ENOUGH):
+            return self
+        interval = rounded_up(seconds)
+        window = max(self.window, min(10 * interval, brief))
+        settings = {"window": window, "tolerance": self.tolerance, "sample_interval": interval}
+        return Plan(self.inputs, self.longest, self.shortest, input=self.input, **settings)
+
+    def check_answers(self, seconds: float) -> None:
+        """Refuse a plan that wants more readings than a meter can give.
+
+        Parameters
+        ----------
+        seconds : float
+            How long the meter takes for one reading.
+
+        Raises
+        ------
+        ParameterError
+            If a hold or the window is too short for the readings that a verdict needs.
+        """
+        hold = float(self.longest.min())
+        if min(self.window / FEWEST, hold / ENOUGH) >= seconds * (1 - 1e-9):
+            return
+        interval = rounded_up(max(seconds, self.sample_interval))
+        raise ParameterError(
+            f"the meter takes {seconds:.3g} s for an answer, and a verdict takes {ENOUGH} of them "
+            f"in a hold and {FEWEST} in the window: the plan has a hold of {hold:g} s and a window "
+            f"of {self.window:g} s; the shortest hold possible is "
+            f"{rounded_up(ENOUGH * interval):g} s, with {interval:g} s between samples"
+        )
 
     def _check(self) -> None:
         late = self.shortest > self.longest

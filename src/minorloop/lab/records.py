@@ -16,7 +16,7 @@ from minorloop.errors import RecordError, SignalError
 from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 
-__all__ = ["SAMPLE", "Quantity", "Record", "read_columns", "read_headers"]
+__all__ = ["SAMPLE", "Quantity", "Record", "Timing", "read_columns", "read_headers"]
 
 SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
 """Units of time that a record understands, in seconds."""
@@ -42,6 +42,26 @@ SAMPLE = Quantity("sample")
 """Stands for time where none was measured."""
 
 
+@dataclass(frozen=True)
+class Timing:
+    """When a hold began and ended by the clock of its record, as an instrument measured it.
+
+    Parameters
+    ----------
+    began : float
+        When the input was on: the middle of the exchange that set it, in seconds.
+    ended : float
+        When the hold ended, in seconds.
+    uncertainty : float
+        In seconds: half the exchange that set the input and half the longest that read the output.
+        No true time since the input was on is further from what it is said to be.
+    """
+
+    began: float
+    ended: float
+    uncertainty: float
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """Inputs and outputs of an actuator against time.
@@ -59,6 +79,9 @@ class Record:
         Name and unit of each channel, such as ``voltage [V]``.
     time : Quantity
         What ``t`` is.
+    timing : Timing, optional
+        When the hold began and ended, and how well times are known; None where the times are
+        exact, as those of a twin, or nobody measured that.
 
     Raises
     ------
@@ -72,6 +95,7 @@ class Record:
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
     time: Quantity
+    timing: Timing | None
 
     def __init__(
         self,
@@ -81,6 +105,7 @@ class Record:
         inputs: str | Quantity | Sequence[str | Quantity] = "input",
         outputs: str | Quantity | Sequence[str | Quantity] = "output",
         time: Quantity = Quantity("time", "s"),
+        timing: Timing | None = None,
     ) -> None:
         values = {"t": _samples(t, "t"), "u": _samples(u, "u"), "y": _samples(y, "y", gaps=True)}
         for name, value in values.items():
@@ -88,6 +113,7 @@ class Record:
         object.__setattr__(self, "inputs", _quantities(inputs))
         object.__setattr__(self, "outputs", _quantities(outputs))
         object.__setattr__(self, "time", time)
+        object.__setattr__(self, "timing", timing)
         self._check()
 
     def __len__(self) -> int:

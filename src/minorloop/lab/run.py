@@ -13,15 +13,15 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, TypeAlias, cast, runtime_checkable
+from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, ParameterError, StoreError
-from minorloop.lab.actuator import Actuator, check_input
+from minorloop.lab.actuator import Actuator, Timed, check_input
+from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
-from minorloop.lab.records import Record
 from minorloop.lab.settling import judge, trend
 from minorloop.lab.store import Point, Store
 
@@ -29,11 +29,9 @@ Way: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 
 SPAN_SHARE = 0.002
 """A settled output moves by less than this share of the span seen so far in another hold."""
-_LOOKS = 2
 Choose: TypeAlias = Callable[[Sequence[Point]], float | None]
 """From the points so far to the next level, or None where these are enough; the same points must
 give the same level, so that a run that is stopped goes on as it would have."""
-"""Looks at the output in each window."""
 
 
 @runtime_checkable
@@ -119,8 +117,8 @@ def run(
     Raises
     ------
     ParameterError
-        If the plan is in another unit than the actuator, this has several channels, or there are
-        open levels and nothing that chooses them.
+        If the plan is in another unit than the actuator, this has several channels or a meter that
+        is too slow for the plan, or there are open levels and nothing that chooses them.
     LimitError
         If a level is beyond the limits of the actuator; it is not applied then.
     StoreError
@@ -145,10 +143,10 @@ def run(
     if isinstance(actuator, Described) and actuator.description is not None:
         store.check_bench(actuator.description)
     with _left_safe(actuator):
-        way = _take_up(actuator, store, watch)
+        way, ended = _take_up(actuator, store, watch)
         sitting = store.begin_sitting(way)
         try:
-            _carry_on(actuator, plan, store, choose, watch)
+            _carry_on(actuator, store, choose, watch, ended)
         except BaseException as error:
             with suppress(MinorloopError):
                 store.end_sitting(sitting, _reason(error))
@@ -163,7 +161,8 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
     Raises
     ------
     ParameterError
-        If the plan is in another unit, or the actuator has several channels.
+        If the plan is in another unit, the actuator has several channels, or its meter is too
+        slow for the plan.
     LimitError
         If a level is beyond the limits.
     """
@@ -181,10 +180,24 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
     known = plan.inputs[np.isfinite(plan.inputs)]
     for level in (known.min(), known.max()) if known.size else ():
         check_input(actuator.inputs, level)
+    plan.check_answers(answer_time(actuator))
 
 
-def _take_up(actuator: Actuator, store: Store, watch: Callable[[Moment], None]) -> Way:
-    """Bring the actuator to where the store ends."""
+def answer_time(actuator: Actuator) -> float:
+    """How long a reading takes, in seconds; 0 where the actuator does not tell.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        What is measured.
+    """
+    return actuator.answer_time() if isinstance(actuator, Timed) else 0.0
+
+
+def _take_up(
+    actuator: Actuator, store: Store, watch: Callable[[Moment], None]
+) -> tuple[Way, float | None]:
+    """Bring the actuator to where the store ends; when the last hold ended, where it tells."""
     last = store.last()
     if isinstance(actuator, Restorable):
         if last is None:
@@ -192,31 +205,36 @@ def _take_up(actuator: Actuator, store: Store, watch: Callable[[Moment], None]) 
         state = store.origin() if last is None else last.checkpoint
         if state is not None:
             actuator.restore(state)
-            return "fresh" if last is None else "restored"
+            return ("fresh" if last is None else "restored"), None
     if last is None:
-        return "fresh"
-    plan = store.plan
+        return "fresh", None
+    plan, record = store.plan, None
     for point in store.points():
-        actuator.apply(point.input, point.held, min(plan.sample_interval, point.held))
+        record = actuator.apply(point.input, point.held, min(plan.sample_interval, point.held))
         watch(Moment(point.index, len(plan), point.input, float("nan"), point.held))
-    return "replayed"
+    return "replayed", record.timing.ended if record and record.timing else None
 
 
 def _carry_on(
     actuator: Actuator,
-    plan: Plan,
     store: Store,
     choose: Choose | None,
     watch: Callable[[Moment], None],
+    ended: float | None,
 ) -> None:
-    """Measure level after level."""
+    """Measure level after level; ``ended`` is when the last one did, where that is known."""
     points = store.points()
     while not store.finished:
-        level = _level(actuator, plan, points, choose)
+        level = _level(actuator, store.plan, points, choose)
         if level is None:
             store.set_enough()
-        else:
-            points.append(_measure(actuator, plan, store, level, points, watch))
+            continue
+        hold, tolerance = _hold(actuator, store.plan, level, points, watch)
+        gap = hold.began - ended if hold.timed and ended is not None else 0.0
+        ended = hold.ended if hold.timed else None
+        points.append(_kept(actuator, store, level, hold, tolerance, points, gap))
+        point = points[-1]
+        watch(Moment(point.index, len(store.plan), level, point.value, point.held, point))
 
 
 def _level(
@@ -232,60 +250,53 @@ def _level(
     return chosen
 
 
-def _measure(
+def _hold(
     actuator: Actuator,
     plan: Plan,
-    store: Store,
     level: float,
     points: Sequence[Point],
     watch: Callable[[Moment], None],
-) -> Point:
-    """Hold one level until it has settled, and put the point into the store."""
-    index, total = len(points), len(plan)
-    values = [point.value for point in points]
-    looks: list[Record] = []
-    held = 0.0
-    for look in _looks(plan, index):
-        looks.append(actuator.apply(level, look, plan.sample_interval))
-        held += look
-        watch(Moment(index, total, level, _latest(looks), held))
-        t, y = _trace(looks, held)
+) -> tuple[Hold, float]:
+    """Hold one level until it has settled; the hold, and the slope of a settled output."""
+    index, values = len(points), [point.value for point in points]
+    hold, tolerance = Hold(plan, index, answer_time(actuator)), 0.0
+    for length in hold.stretches():
+        hold.add(actuator.apply(level, length, plan.sample_interval), length)
+        watch(Moment(index, len(plan), level, hold.latest, hold.held))
+        t, y = hold.trace
         tolerance = _tolerance(plan, index, values, y)
         line = trend(t, y, plan.window)
         if line is not None and line.is_below(tolerance):
             break
-    end = judge(t, y, tolerance=tolerance, window=plan.window)
+    return hold, tolerance
+
+
+def _kept(
+    actuator: Actuator,
+    store: Store,
+    level: float,
+    hold: Hold,
+    tolerance: float,
+    points: Sequence[Point],
+    gap: float,
+) -> Point:
+    """Judge a hold that has ended, and put its point into the store."""
+    t, y = hold.trace
+    end = judge(t, y, tolerance=tolerance, window=store.plan.window)
     point = Point(
-        index=index,
+        index=len(points),
         input=level,
         value=end.value,
         sd=end.sd,
         verdict=end.verdict,
-        t=held + (points[-1].t if points else 0.0),
-        held=held,
+        t=hold.held + (points[-1].t if points else 0.0) + gap,
+        held=hold.held,
         checkpoint=actuator.checkpoint() if isinstance(actuator, Restorable) else None,
+        sample_interval=hold.sample_interval,
+        time_uncertainty=hold.uncertainty,
     )
     store.add(point, t, y)
-    watch(Moment(index, total, level, end.value, held, point))
     return point
-
-
-def _looks(plan: Plan, index: int) -> Iterator[float]:
-    """Lengths of the stretches after which to look whether the output has settled.
-
-    All but the last are whole numbers of sample intervals, so that samples stay evenly spaced.
-    """
-    longest, interval = float(plan.longest[index]), plan.sample_interval
-    stretch = float(plan.shortest[index])
-    left = longest
-    while left > 0:
-        samples = max(1, round(stretch / interval))
-        length = samples * interval
-        if left - length < interval / 2:
-            length = left
-        yield length
-        left -= length
-        stretch = plan.window / _LOOKS
 
 
 def _tolerance(plan: Plan, index: int, values: list[float], y: FloatArray) -> float:
@@ -295,18 +306,6 @@ def _tolerance(plan: Plan, index: int, values: list[float], y: FloatArray) -> fl
     seen = seen[np.isfinite(seen)]
     span = float(np.ptp(seen)) if seen.size else 0.0
     return SPAN_SHARE * span / float(plan.longest[index])
-
-
-def _trace(looks: list[Record], held: float) -> tuple[FloatArray, FloatArray]:
-    """Times since the level was applied, and outputs."""
-    t = np.concatenate([record.t for record in looks])
-    y = np.concatenate([record.y for record in looks])
-    # The last sample is taken at the end of the hold, whatever the clock of the actuator says.
-    return cast(FloatArray, held + (t - t[-1])), y
-
-
-def _latest(looks: list[Record]) -> float:
-    return float(looks[-1].y[-1])
 
 
 def _reason(error: BaseException) -> str:

@@ -1,7 +1,8 @@
 """Has it settled, and where is it going.
 
 The end of a hold is judged from the samples alone. A line through the trailing window gives
-the slope with its uncertainty; a hold that is still moving is carried to its end by a fit of
+the slope with its uncertainty. Where noise hides so small a slope, an output that cannot be told
+from a constant has settled too. A hold that is still moving is carried to its end by a fit of
 decaying exponentials with fixed, log-spaced time constants.
 """
 
@@ -14,6 +15,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import betainc, stdtr
 
 from minorloop.arrays import FloatArray
 
@@ -33,6 +35,14 @@ TRUST = 0.1
 a third of that is the way extrapolated, a ramp, which goes nowhere, exceeds it."""
 FADING = 0.5
 """Time constant, as a share of the hold, with which the slope at its end is taken to fade."""
+HIDDEN = 0.5
+"""Share of the noise of a sample that may remain of the way of an output that stands still."""
+STRETCH = 2.5
+"""Windows over which an output that noise hides has to stand still."""
+CHANCE = 1e-4
+"""Probability with which the noise of a constant is taken for a movement, in each of two tests."""
+FEWEST_STILL = 8
+"""Samples without which a movement cannot be told from noise."""
 _FEWEST = 4
 _FEWEST_TAIL = 12
 _MOST = 2000
@@ -74,12 +84,15 @@ class Extrapolation:
     trusted : bool
         Whether the samples bear it out: it is no less certain than a single sample, or certain
         to a tenth of what the fitted tail of the hold has moved.
+    noise : float
+        Standard deviation of a sample about the fit.
     """
 
     value: float
     sd: float
     remaining: float
     trusted: bool
+    noise: float
 
 
 @dataclass(frozen=True)
@@ -92,8 +105,10 @@ class Settling:
         The settled value, as well as it is known, and its standard deviation, in the unit of
         the output; NaN where nothing was measured.
     verdict : str
-        ``settled``: the slope was below the tolerance, ``value`` is the end of the trend.
-        ``extrapolated``: it was not, ``value`` is where the exponentials lead.
+        ``settled``: the slope was below the tolerance, ``value`` is the end of the trend; or noise
+        hides so small a slope and no movement can be told from noise, and ``value`` is where the
+        exponentials lead, or the end of a longer trend where they lead nowhere.
+        ``extrapolated``: it still moves, ``value`` is where the exponentials lead.
         ``unsettled``: they lead nowhere; ``value`` is the end of the trend.
         Where ``value`` is the end of the trend, ``sd`` counts the way that seems to remain.
     slope, slope_sd : float
@@ -114,7 +129,7 @@ class Settling:
 
 
 def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
-    """Fit a line to the samples of the trailing window.
+    """Fit a line to the samples of the trailing window, the last four at least.
 
     The uncertainty is taken from the residuals, with fewer samples counted where neighbours
     are alike.
@@ -131,13 +146,9 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
     Returns
     -------
     Trend or None
-        None where the window holds fewer than four samples.
+        None where there are fewer than four samples.
     """
-    times, values = _measured(t, y)
-    if times.size == 0:
-        return None
-    recent = times >= times[-1] - window * (1 + 1e-9)
-    times, values = times[recent], values[recent]
+    times, values = _trailing(*_measured(t, y), window)
     if times.size < _FEWEST or times[-1] == times[0]:
         return None
     x = times - times[-1]
@@ -145,6 +156,50 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
     fit = _least_squares(rows, values - values[-1])
     (value, slope), (sd, slope_sd) = fit.weights.tolist(), (fit.sd * fit.spread).tolist()
     return Trend(value + float(values[-1]), sd, slope, slope_sd)
+
+
+def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
+    """Whether an output cannot be told from a constant with white noise.
+
+    The slope over the last ``STRETCH`` windows must be no surprise by Student's distribution, and
+    neighbours must be no more alike than those of white noise are, by the ratio of von Neumann
+    (Distribution of the ratio of the mean square successive difference to the variance, 1941).
+    Its distribution is taken as a beta distribution of the same variance. What moves smoothly has
+    neighbours that are alike.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Times in seconds, increasing.
+    y : (T,) array_like
+        Outputs; NaN where nothing was measured.
+    window : float
+        Trailing time over which a slope is taken, in seconds.
+
+    Returns
+    -------
+    bool
+        False where there are fewer than eight samples: noise rises from the first to the last of
+        seven too often for that to be a surprise.
+    """
+    times, values = _trailing(*_measured(t, y), STRETCH * window)
+    if times.size < FEWEST_STILL or times[-1] == times[0]:
+        return False
+    x = times - times.mean()
+    rest = values - values[-1]
+    rest -= rest.mean()
+    squares = float(rest @ rest)
+    if squares == 0:
+        return True
+    slope = float(x @ rest) / float(x @ x)
+    count = times.size
+    left = max(squares - slope**2 * float(x @ x), _ROUNDING * squares)
+    surprise = abs(slope) * math.sqrt(float(x @ x) * (count - 2) / left)
+    steps = np.diff(rest)
+    ratio = float(steps @ steps) / (2 * squares)
+    shape = ((count**2 - 1) / (count - 2) - 1) / 2
+    alike = betainc(shape, shape, min(ratio / 2, 1.0))
+    return bool(min(2 * stdtr(count - 2, -surprise), alike) >= CHANCE)
 
 
 def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
@@ -183,7 +238,8 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     remaining = value - float(weight @ [fit.fitted[-1] for fit in fits])
     sd = math.sqrt(float(weight @ doubts) + (DOUBT * remaining) ** 2)
     moved = float(weight @ [np.ptp(fit.fitted) for fit in fits])
-    return Extrapolation(value + last, sd, remaining, sd <= max(best.noise, TRUST * moved))
+    trusted = sd <= max(best.noise, TRUST * moved)
+    return Extrapolation(value + last, sd, remaining, trusted, best.noise)
 
 
 def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float) -> Settling:
@@ -210,15 +266,19 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
         value = float(values[-1]) if values.size else math.nan
         return Settling(value, math.nan, "unsettled", math.nan, math.nan)
     end = extrapolate(t, y)
-    settled = line.is_below(tolerance)
+    known = line.is_below(tolerance)
+    still = not known and is_still(t, y, window)
     slopes = (line.slope, line.slope_sd)
-    if end is not None and end.trusted and not settled:
-        return Settling(end.value, end.sd, "extrapolated", *slopes)
+    if end is not None and end.trusted and not known:
+        still = still and abs(end.remaining) <= HIDDEN * end.noise
+        return Settling(end.value, end.sd, "settled" if still else "extrapolated", *slopes)
+    if still:
+        line = trend(t, y, STRETCH * window) or line
     way = FADING * float(np.ptp(t)) * abs(line.slope)
     if end is not None:
         way = max(way, abs(end.value - line.value))
     sd = math.hypot(line.sd, way)
-    return Settling(line.value, sd, "settled" if settled else "unsettled", *slopes)
+    return Settling(line.value, sd, "settled" if known or still else "unsettled", *slopes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,6 +340,15 @@ def _measured(t: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArra
     times, values = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
     known = np.isfinite(values)
     return times[known], values[known]
+
+
+def _trailing(t: FloatArray, y: FloatArray, window: float) -> tuple[FloatArray, FloatArray]:
+    """Samples of the trailing window, and the last few where a slow meter gave no more."""
+    if t.size == 0:
+        return t, y
+    first = int(np.argmax(t >= t[-1] - window * (1 + 1e-9)))
+    first = min(first, max(t.size - _FEWEST, 0))
+    return t[first:], y[first:]
 
 
 def _thinned(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

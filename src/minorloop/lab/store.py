@@ -34,7 +34,8 @@ __all__ = ["Point", "Setup", "Sitting", "Store", "is_store"]
 
 APPLICATION = 0x6D6C6F70
 """The application id in the header of the file: 'mlop'."""
-VERSION = 1
+VERSION = 2
+"""Format 1 knows no sample interval and no time uncertainty; it is read, and gone on with."""
 _PATIENCE = 1.0
 """Seconds to wait for another process that is just finishing."""
 
@@ -70,6 +71,7 @@ class Store:
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
         self._connection = connection
+        (self._version,) = connection.execute("PRAGMA user_version").fetchone()
         about = dict(rows.unsealed(row) for row in self._select(rows.ABOUT))
         self.plan = Plan.from_json(about["plan"])
         self.setup = Setup(**json.loads(about["setup"]))
@@ -200,12 +202,12 @@ class Store:
     def points(self) -> list[Point]:
         """The settled points, in the order in which they were taken."""
         with _explained(self.path):
-            return [rows.as_point(row) for row in self._select(rows.POINTS)]
+            return [rows.as_point(row) for row in self._select(self._points)]
 
     def last(self) -> Point | None:
         """The point that settled last."""
         with _explained(self.path):
-            found = self._select(f"{rows.POINTS} DESC LIMIT 1")
+            found = self._select(f"{self._points} DESC LIMIT 1")
             return rows.as_point(found[0]) if found else None
 
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
@@ -253,6 +255,8 @@ class Store:
             "verdict": "verdict",
             "time [s]": "t",
             "held [s]": "held",
+            "sample interval [s]": "sample_interval",
+            "time uncertainty [s]": "time_uncertainty",
         }
         return {header: [getattr(p, name) for p in points] for header, name in named.items()}
 
@@ -369,12 +373,12 @@ class Store:
         if np.shape(t) != np.shape(y):
             raise ParameterError(f"the trace has times {np.shape(t)} and outputs {np.shape(y)}")
         with self._transaction():
-            self._execute(rows.INSERT_POINT, *rows.point_row(point))
+            self._execute(rows.INSERT_POINT[self._version], *rows.point_row(point, self._version))
             self._execute(rows.INSERT_TRACE, *rows.trace_row(point.index, t, y))
 
     def _check_points(self) -> None:
         """Check that points and traces are all there, and as they were written."""
-        points = [rows.as_point(row) for row in self._connection.execute(rows.POINTS)]
+        points = [rows.as_point(row) for row in self._connection.execute(self._points)]
         for count, point in enumerate(points):
             if point.index != count or not self._is_level(count, point.input):
                 raise ValueError(f"point {count} is missing or is not that of the plan")
@@ -391,6 +395,11 @@ class Store:
         with _explained(self.path):
             found = self._select(f"{rows.ABOUT} WHERE name = ?", name)
             return json.loads(rows.unsealed(found[0])[1]) if found else None
+
+    @property
+    def _points(self) -> str:
+        """What asks for the points of a store of this format."""
+        return rows.POINTS[self._version]
 
     def _select(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
         return self._connection.execute(statement, values).fetchall()

@@ -105,7 +105,7 @@ class DeadZones:
 
     def __call__(self, x: npt.ArrayLike) -> FloatArray:
         """Value of the curve at x, of any shape."""
-        return _follow(np.asarray(x, dtype=np.float64), self.knots, self.slopes, self._heights)
+        return _follow(np.asarray(x, dtype=np.float64), self.knots, self.slopes, self.heights)
 
     def invert(self, y: npt.ArrayLike) -> FloatArray:
         """The x at which the curve has the value y, of any shape.
@@ -116,7 +116,7 @@ class DeadZones:
             If a piece does not rise.
         """
         self._require_invertible()
-        return _follow(np.asarray(y, dtype=np.float64), self._heights, 1 / self.slopes, self.knots)
+        return _follow(np.asarray(y, dtype=np.float64), self.heights, 1 / self.slopes, self.knots)
 
     def inverse(self) -> DeadZones:
         """The inverse curve, which is of the same kind.
@@ -127,10 +127,10 @@ class DeadZones:
             If a piece does not rise.
         """
         self._require_invertible()
-        return DeadZones.from_slopes(self._heights, 1 / self.slopes)
+        return DeadZones.from_slopes(self.heights, 1 / self.slopes)
 
     @cached_property
-    def _heights(self) -> FloatArray:
+    def heights(self) -> FloatArray:
         """Value of the curve at each knot."""
         centre = int(np.count_nonzero(self.knots < 0))
         corners = np.insert(self.knots, centre, 0.0)

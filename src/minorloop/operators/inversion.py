@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_samples, check_option
 from minorloop.errors import SignalError, UnreachableError
+from minorloop.figures import figure_of
 
 Unreachable: TypeAlias = Literal["raise", "clip"]
 
@@ -81,9 +82,7 @@ class Inversion:
         output_label : str
             Name and unit of the output.
         """
-        from minorloop.operators.drawing import draw_inversion
-
-        return draw_inversion(self, input_label=input_label, output_label=output_label)
+        return figure_of(self, input_label=input_label, output_label=output_label)
 
 
 def check_unreachable_option(value: str) -> None:

@@ -18,6 +18,8 @@ from minorloop.errors import ParameterError
 
 Saturation: TypeAlias = Literal["negative", "positive", "demagnetised"]
 
+Start: TypeAlias = "Memory | Saturation"
+
 DEMAGNETISING_TURNS = 512
 ROOM = 32
 """Extrema that a memory of bounded length has room for where nothing else is asked for."""

@@ -9,16 +9,54 @@ triangle levels[b] <= beta <= alpha <= levels[a].
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Levels
+from minorloop.arrays import FloatArray, IntArray, Levels
 from minorloop.errors import ParameterError
 
 Density = Callable[[FloatArray, FloatArray], npt.ArrayLike]
+Relay: TypeAlias = Literal["bipolar", "unipolar"]
+"""Whether a relay gives -1 and +1, or 0 and 1."""
 
 _QUADRATURE_ORDER = 8
+
+
+def swing(relay: Relay) -> float:
+    """Output change of a relay of unit weight that switches.
+
+    Parameters
+    ----------
+    relay : {"bipolar", "unipolar"}
+        Whether it gives -1 and +1, or 0 and 1.
+    """
+    return 2.0 if relay == "bipolar" else 1.0
+
+
+def off_output(relay: Relay) -> float:
+    """Output of a relay of unit weight that is off: -1 or 0.
+
+    Parameters
+    ----------
+    relay : {"bipolar", "unipolar"}
+        Whether it gives -1 and +1, or 0 and 1.
+    """
+    return 1.0 - swing(relay)
+
+
+def relay_outputs(relay: Relay, on: FloatArray) -> FloatArray:
+    """Mean output of relays of unit weight of which a share is on.
+
+    Parameters
+    ----------
+    relay : {"bipolar", "unipolar"}
+        Whether a relay gives -1 and +1, or 0 and 1.
+    on : array
+        Shares, from 0 to 1.
+    """
+    return off_output(relay) + swing(relay) * on
 
 
 def nodes_from_weights(weights: FloatArray) -> FloatArray:
@@ -158,3 +196,16 @@ def _best_staircase(levels: Levels, weights: FloatArray, slope: float) -> float:
         best[:j] = -np.inf
         best[j] = slope * levels[j]  # staircases that begin here: the present input
     return float(np.max(best))
+
+
+def buckets(levels: FloatArray) -> tuple[IntArray, float]:
+    """For each of 4 L equal slices, the last band begun before it; and slices per unit.
+
+    Which slice a threshold is in is worked out as the kernel does it for an input, so that
+    rounding cannot put the two on different sides of an edge.
+    """
+    count = 4 * (levels.size - 1)
+    per_unit = count / (levels[-1] - levels[0])
+    slices = ((levels[:-1] - levels[0]) * per_unit).astype(np.int64)
+    begun = np.searchsorted(slices, np.arange(count + 3), side="left") - 1
+    return np.maximum(begun, 0), per_unit

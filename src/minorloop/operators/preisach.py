@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from minorloop.arrays import (
     FloatArray,
-    IntArray,
     Levels,
     Samples,
     as_finite,
@@ -22,6 +21,7 @@ from minorloop.arrays import (
     frozen,
 )
 from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.figures import figure_of
 from minorloop.operators import _kernels, plane
 from minorloop.operators._parallel import in_parallel
 from minorloop.operators.inversion import (
@@ -32,12 +32,11 @@ from minorloop.operators.inversion import (
     refuse_unreachable,
     within_reach,
 )
-from minorloop.operators.memory import Memory, Saturation
+from minorloop.operators.memory import Memory, Start
+from minorloop.operators.plane import Relay
 from minorloop.operators.tracker import Tracker
 
-Relay: TypeAlias = Literal["bipolar", "unipolar"]
 Diagonal: TypeAlias = Literal["uniform", "reversible"]
-Start: TypeAlias = "Memory | Saturation"
 
 _LARGEST = 1e300
 
@@ -163,10 +162,10 @@ class Preisach:
                 "the record with NaN where nothing was measured"
             )
         values = np.where(read, values - slope * levels[None, :], 0.0)
-        swing = _swing(relay)
+        swing = plane.swing(relay)
         nodes = np.tril(values.diagonal()[:, None] - values) / swing
         weights = plane.weights_from_nodes(nodes)
-        offset = float(values[0, 0]) + (weights.sum() if relay == "bipolar" else 0.0)
+        offset = float(values[0, 0]) - plane.off_output(relay) * float(weights.sum())
         return cls(levels, weights, offset, relay, diagonal, slope)
 
     def __eq__(self, other: object) -> bool:
@@ -191,21 +190,26 @@ class Preisach:
         """L, the number of bands between the thresholds."""
         return int(self.levels.size - 1)
 
+    @property
+    def swing(self) -> float:
+        """Output change of a relay of unit weight that switches."""
+        return plane.swing(self.relay)
+
     @cached_property
     def range(self) -> tuple[float, float]:
         """Least and greatest output over the grid, slope included."""
         if self.monotone:
             low, high = self.simulate(self.levels[[0, -1]])
             return float(low), float(high)
-        swing = _swing(self.relay)
+        swing = self.swing
         low, high = plane.extremes(self.levels, self.weights, self.slope, swing)
-        return self._all_off + low, self._all_off + high
+        return self.all_off + low, self.all_off + high
 
     @cached_property
     def monotone(self) -> bool:
         """Whether no branch of any history falls while the input rises."""
         rate = plane.slack(
-            self.levels, self.weights, self.slope, _swing(self.relay), self.diagonal == "uniform"
+            self.levels, self.weights, self.slope, self.swing, self.diagonal == "uniform"
         )
         steepest = np.abs(self.weights).sum() / np.diff(self.levels).min() + abs(self.slope)
         return bool(rate >= -1e-13 * steepest)
@@ -236,8 +240,8 @@ class Preisach:
         if not (pair[0] >= pair[1]).all():
             raise ParameterError("alpha is below beta, or not a number; give alpha >= beta")
         out = np.empty(high.size)
-        _kernels.everett(self._plane, high, low, out)
-        return out.reshape(pair[0].shape) / _swing(self.relay)
+        _kernels.everett(self.tables, high, low, out)
+        return out.reshape(pair[0].shape) / self.swing
 
     def simulate(self, u: npt.ArrayLike, start: Start = "negative") -> Samples:
         """Outputs for whole input signals.
@@ -307,14 +311,14 @@ class Preisach:
             If the targets are not finite numbers in one dimension.
         """
         check_unreachable_option(unreachable)
-        self._require_monotone()
+        self.require_monotone()
         wanted = as_signal(targets, name="targets")
         reachable = within_reach(wanted, *self.range)
         if unreachable == "raise":
             refuse_unreachable(wanted, *self.range, reachable)
-        stack, rows = self._stack(start, wanted.size)
+        stack, rows = self.stack(start, wanted.size)
         u, y = np.empty_like(wanted), np.empty_like(wanted)
-        _kernels.invert(self._plane, stack, rows, wanted, u, y)
+        _kernels.invert(self.tables, stack, rows, wanted, u, y)
         return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
 
     def step(self, memory: Start, u: float) -> tuple[float, Memory]:
@@ -335,7 +339,7 @@ class Preisach:
         tracker = self.track(memory)
         return tracker.push(u), tracker.memory
 
-    def track(self, start: Start = "negative") -> Tracker:
+    def track(self, start: Start = "negative") -> Tracker[Preisach]:
         """Follow a live input sample by sample.
 
         Parameters
@@ -371,19 +375,18 @@ class Preisach:
         **options
             ``input_label`` and ``output_label`` for the axes.
         """
-        from minorloop.operators.drawing import draw_preisach
-
-        return draw_preisach(self, **options)
+        return figure_of(self, **options)
 
     @property
-    def _all_off(self) -> float:
-        total = float(self.weights.sum()) if self.relay == "bipolar" else 0.0
-        return self.offset - total
+    def all_off(self) -> float:
+        """Output with every relay off, without the linear part."""
+        return self.offset + plane.off_output(self.relay) * float(self.weights.sum())
 
     @cached_property
-    def _plane(self) -> _kernels.Plane:
-        buckets, per_unit = _buckets(self.levels)
-        nodes = _swing(self.relay) * plane.nodes_from_weights(self.weights)
+    def tables(self) -> _kernels.Plane:
+        """What compiled loops and exports read: thresholds, nodes and how a band is found."""
+        buckets, per_unit = plane.buckets(self.levels)
+        nodes = self.swing * plane.nodes_from_weights(self.weights)
         diagonal = nodes.diagonal(-1).copy()
         bow = diagonal if self.diagonal == "uniform" else np.zeros(self.bands)
         return _kernels.Plane(
@@ -393,20 +396,35 @@ class Preisach:
             per_unit=per_unit,
             nodes=frozen(nodes),
             bow=frozen(bow),
-            saturation=self._all_off,
+            saturation=self.all_off,
             slope=self.slope,
         )
 
-    def _stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
-        """Kernel state for a start memory, with room for more reversals; rows in use."""
+    def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
+        """State of the compiled loops for a start memory.
+
+        Parameters
+        ----------
+        start : {"negative", "positive", "demagnetised"} or Memory
+            The start state.
+        room : int
+            Reversals that it has room for beyond that.
+
+        Returns
+        -------
+        stack : (rows, 4) array
+            As `minorloop.operators._kernels` describes it.
+        rows : int
+            How many rows are in use.
+        """
         extrema = np.array(self.memory(start).extrema)
         stack = np.empty((extrema.size + room + 2, 4))
-        rows = _kernels.saturate(self._plane, stack)
-        return stack, _kernels.simulate(self._plane, stack, rows, extrema, np.empty_like(extrema))
+        rows = _kernels.saturate(self.tables, stack)
+        return stack, _kernels.simulate(self.tables, stack, rows, extrema, np.empty_like(extrema))
 
     def _simulate_row(self, start: Start, u: FloatArray, y: FloatArray) -> None:
-        stack, rows = self._stack(start, u.size)
-        _kernels.simulate(self._plane, stack, rows, u, y)
+        stack, rows = self.stack(start, u.size)
+        _kernels.simulate(self.tables, stack, rows, u, y)
 
     def _check_size(self) -> None:
         """Refuse outputs so large that their differences overflow."""
@@ -415,28 +433,17 @@ class Preisach:
         if share > 1:
             raise ParameterError(f"outputs reach beyond {_LARGEST:g}; give them in a larger unit")
 
-    def _require_monotone(self) -> None:
+    def require_monotone(self) -> None:
+        """Refuse a model that cannot be inverted.
+
+        Raises
+        ------
+        NotInvertibleError
+            If it is not monotone.
+        """
         if not self.monotone:
             raise NotInvertibleError(
                 f"the model is not monotone (least weight {self.weights.min():g}, slope "
                 f"{self.slope:g}), so some outputs belong to several inputs; identify with "
                 "signed=False to get a model that can be inverted"
             )
-
-
-def _swing(relay: Relay) -> float:
-    """Output change of a relay of unit weight."""
-    return 2.0 if relay == "bipolar" else 1.0
-
-
-def _buckets(levels: Levels) -> tuple[IntArray, float]:
-    """For each of 4 L equal slices, the last band begun before it; and slices per unit.
-
-    Which slice a threshold is in is worked out as the kernel does it for an input, so that
-    rounding cannot put the two on different sides of an edge.
-    """
-    count = 4 * (levels.size - 1)
-    per_unit = count / (levels[-1] - levels[0])
-    slices = ((levels[:-1] - levels[0]) * per_unit).astype(np.int64)
-    begun = np.searchsorted(slices, np.arange(count + 3), side="left") - 1
-    return np.maximum(begun, 0), per_unit

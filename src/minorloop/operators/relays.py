@@ -26,6 +26,7 @@ from minorloop.arrays import (
 from minorloop.errors import ParameterError
 from minorloop.operators import _relay_kernels as _kernels
 from minorloop.operators.inversion import Inversion, as_signal
+from minorloop.operators.plane import off_output, swing
 
 if TYPE_CHECKING:
     from minorloop.operators.preisach import Preisach
@@ -175,11 +176,11 @@ class RelayModel:
         """
         wanted = as_signal(targets, name="targets")
         on, level = self._start(start)
-        swing, low = self._line()
+        size, low = self.line()
         u, y = np.empty_like(wanted), np.empty_like(wanted)
         reachable = np.empty(wanted.size, dtype=np.bool_)
         _kernels.stepping_inverse(
-            self.levels, self.weights, on, level, (wanted - low) / swing, u, y, reachable
+            self.levels, self.weights, on, level, (wanted - low) / size, u, y, reachable
         )
         y = self._scale(y)
         return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
@@ -191,12 +192,11 @@ class RelayModel:
             return np.zeros(self.weights.shape), -1
         return np.tril(np.ones(self.weights.shape)), self.levels.size - 1
 
-    def _line(self) -> tuple[float, float]:
+    def line(self) -> tuple[float, float]:
         """Swing of a relay and output when all are off."""
-        if self.relay == "unipolar":
-            return 1.0, self.offset
-        return 2.0, self.offset - float(self.weights.sum())
+        off = off_output(self.relay) * float(self.weights.sum())
+        return swing(self.relay), self.offset + off
 
     def _scale(self, on_weight: Samples) -> Samples:
-        swing, low = self._line()
-        return low + swing * on_weight
+        size, low = self.line()
+        return low + size * on_weight

@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from minorloop.arrays import as_finite
+from minorloop.arrays import FloatArray, as_finite
 from minorloop.operators import _kernels
-from minorloop.operators.memory import Memory
-
-if TYPE_CHECKING:
-    from minorloop.operators.preisach import Preisach, Start
+from minorloop.operators.memory import Memory, Start
 
 
-class Tracker:
+class Tracked(Protocol):
+    """An operator on a plane of relays, such as `Preisach`."""
+
+    @property
+    def tables(self) -> _kernels.Plane:
+        """What the compiled loops read."""
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and greatest output over the grid."""
+
+    def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
+        """State of the compiled loops for a start memory."""
+
+    def require_monotone(self) -> None:
+        """Refuse a model that cannot be inverted."""
+
+
+Model = TypeVar("Model", bound=Tracked)
+
+
+class Tracker(Generic[Model]):
     """A Preisach operator that follows one live input and owns its memory.
 
     Parameters
@@ -25,12 +43,12 @@ class Tracker:
         Memory before the first sample.
     """
 
-    __slots__ = ("_plane", "_rows", "_stack", "_u", "_y", "model")
+    __slots__ = ("_rows", "_stack", "_tables", "_u", "_y", "model")
 
-    def __init__(self, model: Preisach, start: Start = "negative") -> None:
+    def __init__(self, model: Model, start: Start = "negative") -> None:
         self.model = model
-        self._plane = model._plane
-        self._stack, self._rows = model._stack(start, room=64)
+        self._tables = model.tables
+        self._stack, self._rows = model.stack(start, room=64)
         self._u, self._y = np.empty(1), np.empty(1)
 
     @property
@@ -56,7 +74,7 @@ class Tracker:
         if self._rows > len(self._stack) - 2:
             self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
         self._u[0] = u
-        self._rows = _kernels.simulate(self._plane, self._stack, self._rows, self._u, self._y)
+        self._rows = _kernels.simulate(self._tables, self._stack, self._rows, self._u, self._y)
         return float(self._y[0])
 
     def peek(self, u: float) -> float:
@@ -91,16 +109,16 @@ class Tracker:
         ParameterError
             If the target is not a finite number.
         """
-        self.model._require_monotone()
+        self.model.require_monotone()
         target = as_finite("target", y)
         low, high = self.model.range
         return float(
-            _kernels.aim(self._plane, self._stack, self._rows, min(max(target, low), high))
+            _kernels.aim(self._tables, self._stack, self._rows, min(max(target, low), high))
         )
 
-    def copy(self) -> Tracker:
+    def copy(self) -> Tracker[Model]:
         """An independent tracker with the same memory."""
-        twin = object.__new__(Tracker)
-        twin.model, twin._plane, twin._rows = self.model, self._plane, self._rows
+        twin = object.__new__(type(self))
+        twin.model, twin._tables, twin._rows = self.model, self._tables, self._rows
         twin._stack, twin._u, twin._y = self._stack.copy(), np.empty(1), np.empty(1)
         return twin

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from minorloop.operators.drawing import draw_density
+from minorloop.drawing.operators import draw_density
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.drawing import new_figure
 

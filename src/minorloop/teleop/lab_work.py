@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from minorloop import modelfile
 from minorloop.errors import ParameterError, RecordError
+from minorloop.files import write_atomically
 from minorloop.identification import Identification, identify
 from minorloop.lab.columns import read_each, read_headers, split_header
 from minorloop.lab.records import Record
@@ -150,7 +151,8 @@ def invert(folder: str, targets: list[float], start: str) -> Told:
     found = _model(folder).invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
     rows = zip(targets, found.u.tolist(), found.y.tolist(), strict=True)
     lines = ["target,input,output", *(f"{t:.9g},{u:.9g},{y:.9g}" for t, u, y in rows)]
-    (Path(folder) / INPUTS).write_text("\n".join(lines) + "\n")
+    os.chdir(folder)
+    write_atomically(INPUTS, "\n".join(lines) + "\n")
     yield {
         "u": found.u.tolist(),
         "y": found.y.tolist(),

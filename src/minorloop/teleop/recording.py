@@ -7,6 +7,8 @@ recorded survives the end of the process; an entry that was cut short is dropped
 
 from __future__ import annotations
 
+import errno
+import os
 import struct
 import time
 from collections.abc import Iterator
@@ -42,18 +44,35 @@ class Recorder:
         folder.mkdir(parents=True, exist_ok=True)
         self.path = folder / f"{name}{SUFFIX}"
         self._file: BinaryIO = self.path.open("xb", buffering=0)
-        self._file.write(MAGIC)
-        self.began, self.size = time.monotonic(), len(MAGIC)
+        self.began, self.size = time.monotonic(), 0
+        try:
+            self._put(MAGIC)
+        except OSError:
+            self._file.close()
+            self.path.unlink(missing_ok=True)
+            raise
 
     def write(self, kind: int, t: float, content: bytes) -> None:
-        """Add an entry."""
-        entry = _ENTRY.pack(kind, t, len(content)) + content
-        self._file.write(entry)
-        self.size += len(entry)
+        """Add an entry.
+
+        Raises
+        ------
+        OSError
+            If the disk does not take the whole of it; then nothing of it is left.
+        """
+        self._put(_ENTRY.pack(kind, t, len(content)) + content)
 
     def close(self) -> None:
         """End the recording."""
         self._file.close()
+
+    def _put(self, content: bytes) -> None:
+        """Write the whole, or nothing: a disk that gets full takes a part first."""
+        if self._file.write(content) < len(content):
+            self._file.truncate(self.size)
+            self._file.seek(self.size)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self.size += len(content)
 
 
 def entries(path: Path) -> Iterator[tuple[int, float, bytes]]:

@@ -21,6 +21,8 @@ import numpy as np
 from minorloop.errors import MinorloopError, MissingExtraError, SignalError
 from minorloop.geometry import Pinhole
 from minorloop.teleop import messages, recording
+from minorloop.teleop.admission import Admission, plain
+from minorloop.teleop.connections import admitted
 from minorloop.teleop.doors import Doors
 from minorloop.teleop.hub import SILENCE, HostileError, Hub, Viewer
 from minorloop.teleop.imaging import opencv
@@ -35,10 +37,9 @@ try:
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
     from starlette.requests import Request
-    from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+    from starlette.responses import FileResponse, JSONResponse, Response
     from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
     from starlette.staticfiles import StaticFiles
-    from starlette.types import ASGIApp, Receive, Scope, Send
     from starlette.websockets import WebSocket, WebSocketDisconnect
 except ImportError:
     raise MissingExtraError("starlette", "console") from None
@@ -46,16 +47,6 @@ except ImportError:
 STATIC = Path(__file__).parent / "static"
 _PAINT_EVERY = 5
 _SHOW_EVERY = 25
-_POLICY = (
-    "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; "
-    "connect-src 'self' ws: wss:; object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
-)
-_HEADERS = {
-    "Content-Security-Policy": _POLICY,
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Permissions-Policy": "xr-spatial-tracking=(self), gyroscope=(self), accelerometer=(self)",
-}
 _JOB = bytes([messages.JOB])
 _MOST_MESHES = 100
 _MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
@@ -117,13 +108,13 @@ class _Server:
             Route("/api/recordings", self._recordings),
             Route("/api/findings.json", self._findings),
             Route("/api/findings.csv", self._findings_csv),
-            Route("/api/findings/{number:int}.{kind}", self._mesh),
+            Route("/api/findings/{number}.{kind}", self._mesh),
             Route("/api/map.png", self._map),
             *self._lab.routes(),
         ]
         if STATIC.is_dir():
             routes.append(Mount("/", StaticFiles(directory=STATIC)))
-        middleware = [Middleware(_AtTheDoor, doors=self._doors)]
+        middleware = [Middleware(Admission, doors=self._doors)]
         return Starlette(routes=routes, middleware=middleware, lifespan=self._living)
 
     @contextlib.asynccontextmanager
@@ -254,10 +245,15 @@ class _Server:
         if not self._doors.known(headers.get("cookie")):
             await _refuse(socket, "the key is missing; open the address that the console printed")
             return
-        await socket.accept()
-        if "replay" in socket.query_params:
-            await self._replay(socket, socket.query_params["replay"])
-            return
+        with admitted(socket.scope):
+            await socket.accept()
+            if "replay" in socket.query_params:
+                await self._replay(socket, socket.query_params["replay"])
+            else:
+                await self._view(socket)
+
+    async def _view(self, socket: WebSocket) -> None:
+        """Show a page what there is, and hear it, until it goes."""
         viewer = self._hub.join()
         sending = asyncio.create_task(_send(socket, viewer))
         try:
@@ -327,9 +323,10 @@ class _Server:
 
     async def _mesh(self, request: Request) -> Response:
         number, kind = request.path_params["number"], request.path_params["kind"]
-        mesh = self._meshes.get(number, {}).get(kind)
+        written = {str(known): meshes for known, meshes in self._meshes.items()}
+        mesh = written.get(number, {}).get(kind)
         if mesh is None:
-            sentence = f"finding {number} has no {kind[:8]} yet; measure its depth first"
+            sentence = f"finding {number[:20]} has no {kind[:8]} yet; measure its depth first"
             return JSONResponse({"error": sentence}, status_code=404)
         return _download(mesh, _MESHES[kind], f"finding-{number}.{kind}")
 
@@ -340,68 +337,16 @@ class _Server:
         return _download(bytes(png), "image/png", "map.png")
 
 
-class _AtTheDoor:
-    """Lets in who has the key, and pages of this server only."""
-
-    def __init__(self, app: ASGIApp, doors: Doors) -> None:
-        self._app, self._doors = app, doors
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":  # websockets are met in _meet, with a reason for the page
-            await self._app(scope, receive, send)
-            return
-        request = Request(scope, receive)
-        refusal = self._refusal(request)
-        response: Response | None = refusal
-        if refusal is None and self._doors.opens(request.query_params.get("key")):
-            response = RedirectResponse(request.url.path, status_code=303)
-            secure = request.url.scheme == "https"
-            response.set_cookie(
-                self._doors.cookie, self._doors.token, httponly=True, samesite="lax", secure=secure
-            )
-        elif refusal is None and not self._doors.known(request.headers.get("cookie")):
-            response = _plain(403, "open the address that the console printed, with its key")
-        if response is not None:
-            for name, value in _HEADERS.items():
-                response.headers[name] = value
-            await response(scope, receive, send)
-            return
-        await self._app(scope, receive, _with_headers(send))
-
-    def _refusal(self, request: Request) -> Response | None:
-        host = request.headers.get("host")
-        if not self._doors.serves(host):
-            return _plain(421, "this server has another name")
-        origin = request.headers.get("origin")
-        if request.method not in ("GET", "HEAD") and not self._doors.own(origin, host):
-            return _plain(403, "this request comes from another page")
-        return None
-
-
-def _with_headers(send: Send) -> Send:
-    async def wrapped(message: Any) -> None:
-        if message["type"] == "http.response.start":
-            extra = [(k.lower().encode(), v.encode()) for k, v in _HEADERS.items()]
-            message = {**message, "headers": [*message.get("headers", []), *extra]}
-        await send(message)
-
-    return wrapped
-
-
 def _page(name: str) -> Callable[[Request], Awaitable[Response]]:
     async def page(request: Request) -> Response:
         file = STATIC / name
         if not file.is_file():
-            return _plain(
+            return plain(
                 503, "the pages are not built; run 'make pages', which needs node, and reload"
             )
         return FileResponse(file, headers={"Cache-Control": "no-cache"})
 
     return page
-
-
-def _plain(status: int, text: str) -> Response:
-    return Response(text + "\n", status_code=status, media_type="text/plain")
 
 
 def _download(content: bytes, kind: str, name: str) -> Response:

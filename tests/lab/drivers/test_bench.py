@@ -48,7 +48,7 @@ class Plant:
         if self.answer is not None:
             return self.answer
         values = [value for _, value in self.sent if value != "safe"]
-        return 2.0 * values[-1]
+        return 2.0 * (values[-1] if values else 0.0)
 
 
 @pytest.fixture
@@ -77,7 +77,91 @@ def test_a_hold_is_sampled_every_interval_and_at_its_end(plant):
 def test_times_are_those_of_the_readings(plant):
     plant.lag = 0.05
     record = bench(plant).apply(0.5, 1.0, 0.5)
-    np.testing.assert_allclose(record.t, [0.55, 1.05])
+    # The middle of an exchange; the second is known to take as long as the first.
+    np.testing.assert_allclose(record.t, [0.525, 0.975])
+    assert record.timing.uncertainty == pytest.approx(0.025)
+
+
+def test_a_hold_lasts_by_the_clock_however_slow_the_meter_is(plant):
+    plant.lag = 0.1
+    slow = bench(plant)
+    slow.check()
+    began = plant.clock.now()
+    record = slow.apply(0.5, 1.0, 0.005)
+    assert plant.clock.now() - began == pytest.approx(1.0)
+    np.testing.assert_allclose(record.t - record.timing.began, np.arange(10) * 0.1 + 0.05)
+    assert record.timing.ended - record.timing.began == pytest.approx(1.0)
+    assert record.timing.uncertainty == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03, 0.3, 0.31, 0.45, 0.7, 1.0])
+def test_no_reading_is_begun_that_would_end_after_the_hold(plant, lag):
+    plant.lag = lag
+    slow = bench(plant)
+    slow.check()
+    began = plant.clock.now()
+    record = slow.apply(0.5, 1.0, 0.3)
+    assert plant.clock.now() - began == pytest.approx(1.0)
+    assert record.t[-1] + lag / 2 - (began - 100.0) <= 1.0 + 1e-9
+    assert len(record) >= min(4, int(1.0 / max(lag, 0.3)))
+    assert (np.diff(record.t) >= lag - 1e-9).all()
+
+
+def test_a_meter_that_becomes_slow_gives_fewer_samples_and_says_so(plant):
+    plant.lag = 0.01
+    slow = bench(plant)
+    slow.check()
+    assert slow.apply(0.5, 1.0, 0.1).timing.uncertainty == pytest.approx(0.005)
+    plant.lag = 0.2
+    record = slow.apply(0.5, 2.0, 0.1)
+    assert record.timing.uncertainty == pytest.approx(0.1)
+    assert record.timing.ended - record.timing.began <= 2.2
+    assert slow.answer_time() == pytest.approx(0.2)
+
+
+def test_an_input_is_on_in_the_middle_of_the_exchange_that_sets_it(plant):
+    put = plant.set
+
+    def slowly(value):
+        plant.clock.sleep(0.2)
+        put(value)
+        plant.clock.sleep(0.2)
+
+    plant.set = slowly
+    record = bench(plant).apply(0.5, 1.0, 0.1)
+    assert record.timing.began == pytest.approx(0.2)
+    assert record.timing.ended == pytest.approx(1.2)
+    assert record.timing.uncertainty == pytest.approx(0.2)
+    again = bench(plant).apply(0.0, 1.0, 0.1)  # it is on already
+    assert (again.timing.began, again.timing.uncertainty) == (0.0, 0.0)
+
+
+def test_how_long_the_meter_takes_is_measured_when_it_is_asked(plant):
+    plant.answer, plant.lag = 1.0, 0.25
+    slow = bench(plant)
+    assert slow.answer_time() == pytest.approx(0.25)
+    assert plant.clock.now() == pytest.approx(100.75)
+    assert slow.answer_time() == pytest.approx(0.25)
+    assert plant.clock.now() == pytest.approx(100.75)  # it is known
+
+
+def test_a_tick_that_is_shorter_than_an_answer_is_refused(plant):
+    plant.answer, plant.lag = 1.0, 0.1
+    slow = bench(plant, tick=0.05)
+    slow.check()
+    plant.sent.clear()
+    with pytest.raises(ParameterError, match=r"takes 0\.1 s .* tick is 0\.05 s; give .* 0\.1 s"):
+        slow.exchange(0.5)
+    assert plant.sent == []
+
+
+def test_a_tick_includes_its_reading(plant):
+    plant.answer, plant.lag = 1.0, 0.04
+    slow = bench(plant, tick=0.1)
+    slow.check()
+    began = plant.clock.now()
+    assert [slow.exchange(0.1 * k) for k in range(5)] == [1.0] * 5
+    assert plant.clock.now() - began == pytest.approx(0.5)
 
 
 def test_a_tick_holds_and_reads(plant):

@@ -83,18 +83,37 @@ def simulated(tmp_path, monkeypatch):
         "meter": {"resource": "ASRL2::INSTR"},
         "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2},
         "output": {"name": "tip", "unit": "mm"},
-        "tick": 0.001,
+        "tick": 0.2,
         "timeout": 0.1,
     }
     (tmp_path / "bench.json").write_text(json.dumps(bench))
-    Plan([0.5, -0.5], 0.02, input="voltage [V]").to_csv("plan.csv")
-    line = "run --actuator visa:bench.json --plan plan.csv --store s.sqlite --interval 0.004"
+    Plan([0.5, -0.5], 0.4, input="voltage [V]").to_csv("plan.csv")
+    line = "run --actuator visa:bench.json --plan plan.csv --store s.sqlite --interval 0.04"
     return line.split()
 
 
 def test_the_command_line_runs_on_a_simulated_bench(simulated, capsys):
     assert main([*simulated, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["points"] == 2
+
+
+def test_without_an_interval_the_meter_is_read_as_often_as_it_answers(simulated, capsys):
+    assert main([*simulated[:-2], "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["points"] == said["settled"] == 2
+    answer = 2 * said["time_uncertainty_s"]
+    assert 0.002 < said["median_interval_s"] <= 0.4 / 4  # 1/200 of a hold is not possible
+    assert said["sample_interval_s"] >= 0.002
+    assert answer > 0
+    assert main(["runs", "show", "--store", "s.sqlite"]) == 0
+    assert "times known to" in capsys.readouterr().out
+
+
+def test_a_plan_that_the_meter_cannot_keep_leaves_no_store(simulated, monkeypatch, capsys):
+    monkeypatch.setattr(Bench, "answer_time", lambda bench: 0.11)
+    assert main(simulated) == 2
+    assert "the shortest hold possible is" in capsys.readouterr().err
+    assert not Path("s.sqlite").exists()
 
 
 def test_a_run_is_not_resumed_on_a_bench_that_was_changed(simulated, monkeypatch, capsys):
@@ -192,3 +211,26 @@ def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
     assert json.loads(capsys.readouterr().out)["points"] == 2
     with Store.open("s.sqlite") as store:
         assert [(point.input, point.value) for point in store.points()][:1] == kept
+
+
+def test_a_meter_that_becomes_slow_is_warned_of(tmp_path, monkeypatch, capsys):
+    clock = Clock()
+
+    class Tiring(Plant):
+        def read(self):
+            clock.sleep(0.3 if self.value == 0.5 else 0.01)
+            return super().read()
+
+    plant = Tiring()
+    ends = Channel("voltage", "V", -1.0, 1.0), Channel("tip", "mm", -5.0, 5.0)
+    bench = Bench(plant, plant, *ends, clock=clock)
+    bench.check()
+    monkeypatch.setattr("minorloop.lab.drivers.visa.open_bench", lambda path: bench)
+    monkeypatch.chdir(tmp_path)
+    Plan([0.25, 0.5], 10.0, input="voltage [V]").to_csv("plan.csv")
+    assert main(["run", "--actuator", "visa:x", "--plan", "plan.csv", "--store", "s.sqlite"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "read every 0.179 s, times known to 0.15 s" in said
+    assert "slower than the plan: samples were up to 0.309 s apart, not 0.05 s" in said
+    assert main(["runs", "show", "--store", "s.sqlite"]) == 0
+    assert "read every 0.179 s" in capsys.readouterr().out

@@ -26,7 +26,7 @@ def description(**changes):
         "meter": {"resource": "ASRL2::INSTR", "scale": 0.001},
         "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2},
         "output": {"name": "displacement", "unit": "m", "low": 0.0, "high": 0.03},
-        "tick": 0.001,
+        "tick": 0.2,
         "timeout": 0.2,
         **changes,
     }
@@ -48,7 +48,7 @@ def supply():
 
 def test_a_simulated_bench_is_an_actuator(opened):
     plant = opened()
-    record = plant.apply(0.5, 0.004, 0.002)
+    record = plant.apply(0.5, 0.4, 0.2)
     assert list(record.y) == [0.0025, 0.0025]
     assert list(record.u) == [0.5, 0.5]
     assert plant.exchange(-0.25) == 0.0025

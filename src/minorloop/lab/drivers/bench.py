@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from contextlib import suppress
+from dataclasses import dataclass
+from statistics import median
 from typing import Any, Protocol
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError
-from minorloop.lab.actuator import Channel, Value, check_input
-from minorloop.lab.records import Quantity, Record
+from minorloop.lab.actuator import Channel, Value, check_input, rounded_up
+from minorloop.lab.records import Quantity, Record, Timing
 
 __all__ = ["Bench", "Clock", "Meter", "Source", "Wall"]
 
@@ -20,6 +22,13 @@ OVERLOAD = 9e37
 """From here on a reading is how instruments say that they are overloaded (IEEE 488.2: 9.9E37)."""
 MAX_SAMPLES = 20_000_000
 _TRIES = 3
+_READINGS = 3
+"""Readings from which it is known how long the meter takes."""
+_LATEST = 9
+"""Readings from which it is taken how long the next one is going to take."""
+_SLACK = 0.1
+"""Share of an answer by which the last reading may end after the hold."""
+_ROUNDING = 1e-9
 
 
 class Source(Protocol):
@@ -61,6 +70,18 @@ class Wall:
         time.sleep(seconds)
 
 
+@dataclass(frozen=True)
+class _Span:
+    """The middle of an exchange and half its length, in seconds on the clock of the bench."""
+
+    middle: float
+    half: float
+
+    @classmethod
+    def between(cls, asked: float, answered: float) -> _Span:
+        return cls((asked + answered) / 2, max(answered - asked, 0.0) / 2)
+
+
 class Bench:
     """An actuator made of a source and a meter.
 
@@ -68,6 +89,9 @@ class Bench:
     raised. An input beyond a limit is refused and nothing is applied. A change faster than the
     rate limit is made in steps, one a tick, no faster than the limit; a hold begins when its
     input is reached.
+
+    A hold lasts as long as it is asked to by the clock. Each reading has the time of the middle of
+    its exchange. A meter that takes longer than the sample interval is read as often as it answers.
 
     Parameters
     ----------
@@ -121,6 +145,10 @@ class Bench:
         self._clock = Wall() if clock is None else clock
         self._began = self._clock.now()
         self._present, self._changed = self._rest, -math.inf
+        self._set: _Span | None = None
+        self._doubt = 0.0  # half the exchange that set what is on
+        self._answers: deque[float] = deque(maxlen=_LATEST)
+        self._found = 0.0
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
@@ -153,11 +181,12 @@ class Bench:
             How long to hold it, in seconds, from when it is reached at the rate allowed.
         sample_interval : float
             Time between samples, in seconds; the last sample is taken at the end of the hold.
+            Where a reading takes longer, there are fewer samples.
 
         Returns
         -------
         Record
-            Times are those at which the readings came.
+            Times are the middles of the exchanges; ``timing`` says when the hold began and ended.
 
         Raises
         ------
@@ -169,21 +198,26 @@ class Bench:
             If an instrument fails; the source is safe then.
         """
         wanted = float(check_input(self._inputs, u)[0])
-        ends = _sample_times(duration, sample_interval)
-        t, y = np.empty(ends.size), np.empty(ends.size)
+        count = _count(duration, sample_interval)
         try:
+            self._set = None
             self._go(wanted, math.inf)
-            began = self._clock.now()
-            for k, end in enumerate(ends):
-                self._wait(began + end)
-                y[k], t[k] = self._read(), self._clock.now()
+            on = self._set or _Span(self._clock.now(), 0.0)
+            readings = self._sample(on.middle, duration, sample_interval, count)
+            self._wait(on.middle + duration)
+            ended = self._clock.now()
         except BaseException:
             self._leave()
             raise
-        t -= self._began
-        t = np.maximum.accumulate(t + 1e-9 * np.arange(t.size))  # a clock may stand still
+        t = np.maximum.accumulate([span.middle for span, _ in readings]) - self._began
+        timing = Timing(
+            began=on.middle - self._began,
+            ended=ended - self._began,
+            uncertainty=self._doubt + max(span.half for span, _ in readings),
+        )
         names = [Quantity(c.name, c.unit) for c in (*self._inputs, *self._outputs)]
-        return Record(t, np.full(t.size, self._present), y, names[0], names[1])
+        u_held, y = np.full(t.size, self._present), [value for _, value in readings]
+        return Record(t, u_held, y, names[0], names[1], timing=timing)
 
     def exchange(self, u: Value) -> float:
         """Hold an input for one tick and give the output at its end.
@@ -192,21 +226,44 @@ class Bench:
         ------
         LimitError
             If the input is beyond a limit; nothing is applied then.
+        ParameterError
+            If the meter takes longer than a tick, as ``check`` found; nothing is applied then.
         InstrumentError
             If an instrument fails; the source is safe then.
         """
         wanted = float(check_input(self._inputs, u)[0])
+        if self._found > self._tick:
+            raise ParameterError(
+                f"the meter takes {self._found:.3g} s for an answer, and a tick is {self._tick:g} "
+                f"s; give a tick of at least {rounded_up(self._found):g} s, or a faster meter"
+            )
         try:
             end = self._clock.now() + self._tick
             self._go(wanted, end)
+            self._wait(end - self._usual())
+            _, value = self._read_timed()
             self._wait(end)
-            return self._read()
         except BaseException:
             self._leave()
             raise
+        return value
+
+    def answer_time(self) -> float:
+        """How long one reading takes, in seconds: the median of the latest.
+
+        Raises
+        ------
+        InstrumentError
+            If nothing was read yet, and the meter does not answer.
+        """
+        while len(self._answers) < _READINGS:
+            self._read_timed()
+        return self._usual()
 
     def check(self) -> float:
-        """Make the source safe and read the output once, to be sure that both answer.
+        """Make the source safe and read the output a few times, to be sure that both answer.
+
+        How long the meter takes is known then.
 
         Raises
         ------
@@ -214,7 +271,10 @@ class Bench:
             If one of them does not.
         """
         self.safe()
-        return self._read()
+        for _ in range(_READINGS):
+            _, value = self._read_timed()
+        self._found = self._usual()
+        return value
 
     def safe(self) -> None:
         """Make the source safe; tries three times.
@@ -245,8 +305,49 @@ class Bench:
                 break
             self._wait(ready)
             following = min(max(wanted, self._present - most), self._present + most)
-            self._source.set(following)
+            self._put(following)
             self._present, self._changed = following, self._clock.now()
+
+    def _put(self, value: float) -> None:
+        """Set the source, and note when."""
+        asked = self._clock.now()
+        self._source.set(value)
+        self._set = _Span.between(asked, self._clock.now())
+        self._doubt = self._set.half
+
+    def _sample(
+        self, began: float, duration: float, interval: float, count: int
+    ) -> list[tuple[_Span, float]]:
+        """Readings that end every interval and at the end of the hold.
+
+        Where the meter is slower, it is asked again as soon as it has answered. A reading that
+        could not end in time is not begun, except for the first.
+        """
+        readings: list[tuple[_Span, float]] = []
+        k = -1
+        while k < count - 1:
+            answer, gone = self._usual(), self._clock.now() - began
+            k = min(max(k + 1, math.floor(gone / interval + _ROUNDING)), count - 1)
+            start = max(gone, min(interval * (k + 1), duration) - answer)
+            if k < count - 1 and start + (2 - _SLACK) * answer > duration:
+                k, start = count - 1, max(gone, duration - answer)
+            if readings and start + (1 - _SLACK) * answer > duration:
+                break
+            self._wait(began + start)
+            readings.append(self._read_timed())
+        return readings
+
+    def _read_timed(self) -> tuple[_Span, float]:
+        """A reading, and when it was taken."""
+        asked = self._clock.now()
+        value = self._read()
+        span = _Span.between(asked, self._clock.now())
+        self._answers.append(2 * span.half)
+        return span, value
+
+    def _usual(self) -> float:
+        """How long the latest readings took, in seconds; 0 before the first."""
+        return median(self._answers) if self._answers else 0.0
 
     def _wait(self, end: float) -> None:
         left = end - self._clock.now()
@@ -271,12 +372,12 @@ class Bench:
             self.safe()
 
 
-def _sample_times(duration: float, interval: float) -> FloatArray:
-    """Ends of the samples of a hold: every interval, and its end."""
+def _count(duration: float, interval: float) -> int:
+    """How many samples a hold has: every interval, and at its end."""
     for name, value in (("duration", duration), ("sample_interval", interval)):
         if not 0 < value < math.inf:
             raise ParameterError(f"{name} is {value!r} s; give a positive time")
-    count = max(1, math.ceil(duration / interval - 1e-9))
+    count = max(1, math.ceil(duration / interval - _ROUNDING))
     if count > MAX_SAMPLES:
         raise ParameterError(f"{count} samples are more than {MAX_SAMPLES}; sample more slowly")
-    return np.asarray(np.minimum(interval * np.arange(1, count + 1), duration))
+    return count

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.drawing.operators import clip_to_plane, draw_density
 from minorloop.identification.bands import PER_DEVIATION
-from minorloop.operators.drawing import clip_to_plane, draw_density
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

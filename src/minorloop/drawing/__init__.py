@@ -1,0 +1,45 @@
+"""Figures of models and results, one function for each class.
+
+A model or result draws itself by ``.plot()``, which looks its function up here; none of them
+imports this package. Matplotlib is imported only when something is drawn.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__all__ = ["draw"]
+
+_FUNCTIONS = {
+    "Preisach": "operators.draw_preisach",
+    "Inversion": "operators.draw_inversion",
+    "Linear": "dynamics.draw_linear",
+    "CascadeInversion": "dynamics.draw_cascade_inversion",
+    "CreepFit": "dynamics.draw_creep_fit",
+    "Identification": "identification.draw_identification",
+    "Prediction": "identification.draw_prediction",
+    "ExcitationReport": "identification.draw_excitation",
+    "FrequencyResponse": "linear.draw_frequency_response",
+    "RationalFit": "linear.draw_rational_fit",
+    "LinearFit": "linear.draw_linear_fit",
+    "StepResponse": "linear.draw_step_response",
+}
+
+
+def draw(result: object, **options: Any) -> Any:
+    """Figure of a model or a result.
+
+    Parameters
+    ----------
+    result : model or result
+        An object that has a ``plot`` method.
+    **options
+        Of that method, such as ``input_label`` and ``output_label``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    module, _, function = _FUNCTIONS[type(result).__name__].partition(".")
+    return getattr(import_module(f"{__name__}.{module}"), function)(result, **options)

@@ -1,0 +1,101 @@
+"""Identify one specimen from the bytes of its record: what a worker does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minorloop.errors import MinorloopError, RecordError
+from minorloop.fleet.manifest import Specimen
+from minorloop.fleet.results import one_line
+from minorloop.lab.records import Record
+from minorloop.operators.preisach import Preisach
+
+Found = Mapping[str, Any]
+"""A model and its scores, or why there is none, under ``error``."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One specimen to identify.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        Which.
+    data : bytes
+        Its record, as it is in its file.
+    options : mapping
+        Of `minorloop.identify`.
+    """
+
+    specimen: Specimen
+    data: bytes
+    options: Mapping[str, Any]
+
+
+def identify_one(task: Task, scratch: Path) -> Found:
+    """The model of a specimen and how good it is, or the error as text.
+
+    Parameters
+    ----------
+    task : Task
+        What to identify.
+    scratch : Path
+        Name of a file for the record, which is removed when it is read.
+    """
+    from minorloop.identification import identify
+
+    began = time.perf_counter()
+    try:
+        record = _record(task, scratch)
+        result = identify(record.u, record.y, **task.options)
+        model = result.model
+        return {
+            "model": model,
+            "input": str(record.input),
+            "output": str(record.output),
+            "lag": result.lag,
+            "nrmse": float(result.nrmse),
+            "nrmse_holdout": result.holdout_nrmse,
+            "excited": result.excited_fraction,
+            "opening": opening(model),
+            "samples": int(result.samples),
+            "seconds": time.perf_counter() - began,
+        }
+    except Exception as error:
+        kind = "" if isinstance(error, MinorloopError) else f"{type(error).__name__}: "
+        return {"error": one_line(f"{kind}{error}")}
+
+
+def opening(model: Preisach) -> float:
+    """Widest gap between the two major branches, as a share of the range."""
+    up = model.simulate(model.levels)
+    down = model.simulate(model.levels[::-1], "positive")[::-1]
+    width = float(np.ptp(model.range))
+    return float(np.abs(down - up).max()) / width if width else 0.0
+
+
+def load_kernels() -> None:
+    """Load what a fit needs, by identifying a small record."""
+    from minorloop.identification import identify
+
+    u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
+    identify(u, u + 0.1 * (np.arange(60) % 2), levels=2, prior="none")
+
+
+def _record(task: Task, scratch: Path) -> Record:
+    one = task.specimen
+    try:
+        with scratch.open("xb") as file:
+            file.write(task.data)
+        return Record.from_csv(scratch, input=one.input, output=one.output, gaps=True)
+    except RecordError as error:
+        raise RecordError(str(error).replace(str(scratch), str(one.file))) from None
+    finally:
+        scratch.unlink(missing_ok=True)

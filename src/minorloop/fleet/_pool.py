@@ -1,0 +1,209 @@
+"""Local workers and who watches them: time limits, processes that end or are stopped."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from itertools import islice
+from types import TracebackType
+from typing import Any
+
+from minorloop.errors import FleetError
+from minorloop.fleet._fitting import Found, Task
+from minorloop.fleet._worker import Work, Worker
+
+NOTICE = 5.0
+"""Seconds of one fit after which that is said; then again each time it has doubled."""
+APART = 4.0
+"""Seconds between two such sentences: where every fit is slow, not each is worth one."""
+STOPPED = 3.0
+"""Seconds after which a worker that is stopped is replaced; a debugger stops one for less."""
+LOADING = 300.0
+"""Seconds that a worker may take to load what it needs; compiling it takes less than a minute."""
+ATTEMPTS = 2
+"""Workers that may end under the same specimen."""
+STARTS = 3
+"""Workers that may end, one after another, before they have begun."""
+_TICK = 0.2
+_LONGEST_TICK = 1.0
+"""Seconds that one round counts at most: a machine that sleeps does not use a limit up."""
+
+
+@dataclass
+class _Slot:
+    """A place for one worker, and what it is doing."""
+
+    worker: Worker | None = None
+    answer: Future[Any] | None = None
+    task: Task | None = None
+    spent: float = 0.0
+    stopped: float = 0.0
+    told: float = 0.0
+
+    def begin(self, answer: Future[Any], task: Task | None = None) -> None:
+        self.answer, self.task = answer, task
+        self.spent = self.stopped = self.told = 0.0
+
+    def end(self) -> str:
+        worker, self.worker, self.answer, self.task = self.worker, None, None, None
+        return "" if worker is None else worker.end()
+
+
+class Pool:
+    """Workers on this machine.
+
+    Parameters
+    ----------
+    workers : int
+        How many.
+    limit : float
+        Seconds that one specimen may take.
+    work : callable
+        What a worker does with a task.
+    say : callable
+        Told in a sentence what went wrong and what takes long.
+    """
+
+    def __init__(self, workers: int, limit: float, work: Work, say: Callable[[str], None]) -> None:
+        self.limit, self.work, self.say = limit, work, say
+        self._slots = [_Slot() for _ in range(workers)]
+        self._ends: Counter[str] = Counter()
+        self._bad_starts = 0
+        self._said = float("-inf")
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all workers at once."""
+        for slot in self._slots:
+            slot.end()
+
+    def run(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Found] | None]:
+        """What becomes of each task, as it becomes known; None where nothing new is known.
+
+        Parameters
+        ----------
+        tasks : iterable of Task
+            Taken from as workers get free.
+
+        Raises
+        ------
+        FleetError
+            If no worker can be started.
+        """
+        coming, waiting = iter(tasks), deque[Task]()
+        before = time.monotonic()
+        while True:
+            self._hand_out(coming, waiting)
+            answers = [slot.answer for slot in self._slots if slot.answer is not None]
+            if not answers:
+                return
+            wait(answers, timeout=_TICK, return_when=FIRST_COMPLETED)
+            found = [one for slot in self._slots if (one := self._take(slot, waiting))]
+            if (elapsed := time.monotonic() - before) >= _TICK:
+                before += elapsed
+                found += self._watch(min(elapsed, _LONGEST_TICK), waiting)
+            self._hand_out(coming, waiting)  # before others have time for what was found
+            if found:
+                yield from found
+            else:
+                yield None
+
+    def _hand_out(self, coming: Iterator[Task], waiting: deque[Task]) -> None:
+        for slot in self._slots:
+            if slot.answer is not None:
+                continue
+            if not waiting:
+                waiting.extend(islice(coming, 1))
+            if not waiting:
+                return
+            if slot.worker is not None and slot.worker.ended:  # idle for long
+                slot.end()
+            if slot.worker is None:
+                slot.worker = Worker(self.work, self.limit)
+                slot.begin(slot.worker.ready)
+            else:
+                task = waiting.popleft()
+                slot.begin(slot.worker.ask(task), task)
+
+    def _take(self, slot: _Slot, waiting: deque[Task]) -> tuple[Task, Found] | None:
+        """What a worker has answered, if it has."""
+        if slot.answer is None or not slot.answer.done():
+            return None
+        if slot.answer.exception() is not None:
+            return self._give_up(slot, waiting)
+        task, found = slot.task, slot.answer.result()
+        slot.answer = slot.task = None
+        self._bad_starts = 0
+        return None if task is None else (task, found)
+
+    def _give_up(
+        self, slot: _Slot, waiting: deque[Task], why: str = ""
+    ) -> tuple[Task, Found] | None:
+        """End a worker that is of no more use; its specimen is tried once more."""
+        task = slot.task
+        how = slot.end()
+        why = why or f"ended ({how})"
+        if task is None:
+            self._bad_starts += 1
+            if self._bad_starts >= STARTS:
+                raise FleetError(f"workers cannot be started: the last of {STARTS} {why}")
+            return None
+        name = task.specimen.name
+        self._ends[name] += 1
+        if self._ends[name] < ATTEMPTS:
+            self.say(f"the worker of specimen {name} {why}; the specimen is tried once more")
+            waiting.appendleft(task)
+            return None
+        del self._ends[name]
+        reason = f"{ATTEMPTS} workers ended during its fit, the last one {why}"
+        return task, {"error": f"{reason}; look for a lack of memory"}
+
+    def _watch(self, elapsed: float, waiting: deque[Task]) -> list[tuple[Task, Found]]:
+        """Count the time, and end workers that are stopped or take too long."""
+        found = []
+        for slot in self._slots:
+            if slot.worker is None or slot.answer is None or slot.answer.done():
+                continue
+            slot.spent += elapsed
+            slot.stopped = slot.stopped + elapsed if slot.worker.is_stopped() else 0.0
+            if slot.stopped >= STOPPED:
+                one = self._give_up(slot, waiting, f"was stopped for {slot.stopped:.0f} s")
+            elif slot.task is None:
+                late = slot.spent >= LOADING
+                why = f"was not ready after {LOADING:g} s"
+                one = self._give_up(slot, waiting, why) if late else None
+            else:
+                one = self._end_if_late(slot, slot.task)
+            if one is not None:
+                found.append(one)
+        return found
+
+    def _end_if_late(self, slot: _Slot, task: Task) -> tuple[Task, Found] | None:
+        name = task.specimen.name
+        if slot.spent >= self.limit:
+            slot.end()
+            self.say(f"specimen {name} has reached the limit of {self.limit:g} s and is given up")
+            return task, {
+                "error": f"no model within the limit of {self.limit:g} s; look at the record, or "
+                "allow more time"
+            }
+        now = time.monotonic()
+        if slot.spent >= max(NOTICE, 2 * slot.told) and now - self._said >= APART:
+            slot.told, self._said = slot.spent, now
+            self.say(
+                f"specimen {name} has run for {slot.spent:.0f} s; the limit is {self.limit:g} s"
+            )
+        return None

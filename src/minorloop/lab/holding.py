@@ -1,0 +1,124 @@
+"""One level while it is held: for how long, what came of it, and how well its times are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.lab.plan import Plan
+from minorloop.lab.records import Record
+
+__all__ = ["Hold"]
+
+LOOKS = 2
+"""Looks at the output in each window."""
+
+
+class Hold:
+    """A level that is held in stretches, with a look at the output after each.
+
+    Times are those that the records of the stretches tell; a record without ``timing`` is taken to
+    have lasted as long as it was asked to.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is carried out.
+    index : int
+        The level, counted from 0.
+    answer : float
+        How long the meter takes for a reading, in seconds; 0 where it takes no time.
+
+    Attributes
+    ----------
+    held : float
+        How long the level has been held, in seconds.
+    """
+
+    def __init__(self, plan: Plan, index: int, answer: float = 0.0) -> None:
+        self._plan, self._index, self._answer = plan, index, answer
+        self._records: list[Record] = []
+        self._left = float(plan.longest[index])
+        self.held = 0.0
+
+    def stretches(self) -> Iterator[float]:
+        """Lengths of the stretches that are left, in seconds; each is carried out before the next.
+
+        All but the last are whole numbers of sample intervals, so that samples stay evenly spaced.
+        """
+        pace = max(self._plan.sample_interval, self._answer)
+        least = max(self._plan.sample_interval / 2, self._answer)
+        stretch = float(self._plan.shortest[self._index])
+        while self._left > (least if self.timed else 0.0) or not self._records:
+            length = max(1, round(stretch / pace)) * pace
+            if self._left - length < least:
+                length = self._left
+            yield length
+            stretch = self._plan.window / LOOKS
+
+    def add(self, record: Record, length: float) -> None:
+        """Take in a stretch that was carried out.
+
+        Parameters
+        ----------
+        record : Record
+            What the actuator gave.
+        length : float
+            How long it was asked to hold, in seconds.
+        """
+        before = self.held
+        self._records.append(record)
+        if self.timed:
+            self.held = self.ended - self.began
+            if self.held > before:  # a clock may stand still
+                length = self.held - before
+        else:
+            self.held += length
+        self._left -= length
+
+    @property
+    def began(self) -> float:
+        """When the input was on, by the clock of the actuator, in seconds."""
+        timing = self._records[0].timing
+        return float(self._records[0].t[0]) if timing is None else timing.began
+
+    @property
+    def ended(self) -> float:
+        """When the latest stretch ended, by the clock of the actuator, in seconds."""
+        timing = self._records[-1].timing
+        return float(self._records[-1].t[-1]) if timing is None else timing.ended
+
+    @property
+    def latest(self) -> float:
+        """The latest sample."""
+        return float(self._records[-1].y[-1])
+
+    @property
+    def trace(self) -> tuple[FloatArray, FloatArray]:
+        """Times since the level was applied, and outputs, (T,) each."""
+        t = np.concatenate([record.t for record in self._records])
+        y = np.concatenate([record.y for record in self._records])
+        if self.timed:
+            return t - self.began, y
+        # The last sample is taken at the end of the hold, whatever the clock of the actuator says.
+        return self.held + (t - t[-1]), y
+
+    @property
+    def uncertainty(self) -> float:
+        """No time of the hold is further from the true one, in seconds; 0 where they are exact."""
+        return max(r.timing.uncertainty if r.timing else 0.0 for r in self._records)
+
+    @property
+    def sample_interval(self) -> float:
+        """Time between samples on average, in seconds; NaN where there is only one."""
+        if not self.timed:
+            return self._plan.sample_interval
+        t, _ = self.trace
+        return float((t[-1] - t[0]) / (t.size - 1)) if t.size > 1 else float("nan")
+
+    @property
+    def timed(self) -> bool:
+        """Whether the actuator tells when a hold began and ended."""
+        return bool(self._records) and all(record.timing for record in self._records)

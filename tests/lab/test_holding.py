@@ -1,0 +1,200 @@
+"""Times in a store are those of the instrument, however slow it is."""
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.lab.actuator import Channel
+from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.holding import Hold
+from minorloop.lab.plan import Plan
+from minorloop.lab.records import Record
+from minorloop.lab.run import check_plan, run
+from minorloop.lab.store import Setup, Store
+
+SETUP = Setup("bench", "voltage [V]", "tip [mm]")
+LEVELS = [0.5, -0.25, -0.25, 0.75, 0.0]
+
+
+class Instrument:
+    """A source and a meter on a clock of their own, with a log of what they did and when."""
+
+    def __init__(self, answer, noise=0.0):
+        self.time, self.answer, self.noise = 50.0, answer, noise
+        self.value, self.sets, self.reads = 0.0, [], []
+        self.chance = np.random.default_rng(0)
+
+    def now(self):
+        return self.time
+
+    def sleep(self, seconds):
+        self.time += seconds
+
+    def set(self, value):
+        self.value = value
+        self.sets.append(self.time)
+
+    def safe(self):
+        self.value = 0.0
+
+    def read(self):
+        self.sleep(self.answer / 2)
+        self.reads.append(self.time)
+        self.sleep(self.answer / 2)
+        return self.output() + self.noise * self.chance.normal()
+
+    def output(self):
+        return 2.0 * self.value + 1.0
+
+
+class Cooling(Instrument):
+    """The output follows the input in 3 s."""
+
+    def output(self):
+        went = self.time - self.sets[-1] if self.sets else 0.0
+        return 2.0 * self.value * (1 - np.exp(-went / 3.0))
+
+
+def _bench(plant):
+    bench = Bench(
+        plant,
+        plant,
+        Channel("voltage", "V", -1.0, 1.0),
+        Channel("tip", "mm", -5.0, 5.0),
+        clock=plant,
+    )
+    bench.check()
+    plant.reads.clear()
+    return bench
+
+
+def _plan(hold, levels=LEVELS, **options):
+    return Plan(levels, hold, input="voltage [V]", **options)
+
+
+def _measured(path, bench, plan):
+    with Store.create(path, plan, SETUP) as store:
+        run(bench, plan, store)
+        return store.points(), [store.trace(k) for k in range(len(plan))]
+
+
+@pytest.mark.parametrize("answer", [0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_stored_times_are_true_and_no_constant_is_unsettled(tmp_path, answer, noise):
+    plant = Instrument(answer, noise)
+    hold = max(1.0, 10 * answer)
+    plan = _plan(hold).slowed(answer)
+    points, traces = _measured(tmp_path / "a", _bench(plant), plan)
+    assert {p.verdict for p in points} <= {"settled", "extrapolated"}
+    stored = np.concatenate([t + p.t - p.held for p, (t, _) in zip(points, traces, strict=True)])
+    np.testing.assert_allclose(stored, np.array(plant.reads) - plant.sets[0], atol=1e-9)
+    for point, (t, _) in zip(points, traces, strict=True):
+        shortest = 0.25 * hold - plan.sample_interval / 2
+        assert shortest <= point.held <= hold + 1e-9
+        assert 0 < t[0] < t[-1] <= point.held
+        assert point.time_uncertainty == pytest.approx(answer / 2)
+        assert point.sample_interval == pytest.approx(plan.sample_interval, rel=0.3)
+
+
+def test_the_longest_hold_ends_by_the_clock(tmp_path):
+    plant = Cooling(0.1)
+    points, traces = _measured(tmp_path / "a", _bench(plant), _plan(2.0, [1.0], window=1.0))
+    assert points[0].held == pytest.approx(2.0)
+    assert traces[0][0].size == 20
+    assert points[0].verdict == "unsettled"
+    assert plant.time - plant.sets[0] == pytest.approx(2.0)
+
+
+def test_what_passes_between_two_holds_is_in_the_time_of_a_point(tmp_path, monkeypatch):
+    plant, add = Instrument(0.01), Store.add
+
+    def slowly(store, *given):
+        add(store, *given)
+        plant.sleep(7.0)
+
+    monkeypatch.setattr(Store, "add", slowly)
+    points, _ = _measured(tmp_path / "a", _bench(plant), _plan(1.0, [0.5, 0.75]))
+    assert points[0].held < 1.0
+    assert points[1].t == pytest.approx(points[0].held + 7.0 + points[1].held)
+    assert plant.sets[1] - plant.sets[0] == pytest.approx(points[0].held + 7.0)
+
+
+def test_a_plan_that_cannot_be_kept_is_refused_before_the_first_hold(tmp_path):
+    plant = Instrument(0.1)
+    bench = _bench(plant)
+    plan = _plan(1.0)
+    with Store.create(tmp_path / "a", plan, SETUP) as store:
+        with pytest.raises(
+            ParameterError,
+            match=r"takes 0\.1 s for an answer, .* 8 of them in a hold and 4 in the window: the "
+            r"plan has a hold of 1 s and a window of 0\.1 s; the shortest .* is 0\.8 s, with",
+        ):
+            run(bench, plan, store)
+        assert len(store) == 0
+    assert plant.sets == []
+
+
+def test_the_shortest_hold_that_is_named_is_possible():
+    for answer in (0.001, 0.0123, 0.1, 0.7):
+        plant = Instrument(answer)
+        with pytest.raises(ParameterError, match="possible is") as refused:
+            check_plan(_bench(plant), _plan(4 * answer))
+        words = str(refused.value).split("possible is ")[1].split()
+        shortest, interval = float(words[0]), float(words[3])
+        assert 8 * answer <= shortest <= 10 * answer
+        check_plan(_bench(plant), _plan(shortest, sample_interval=interval))
+        check_plan(_bench(plant), _plan(20 * answer).slowed(answer))
+
+
+def test_a_meter_that_becomes_slow_is_told_of_by_its_points(tmp_path):
+    plant = Instrument(0.01)
+    bench = _bench(plant)
+    plan = _plan(1.0, window=0.5)
+
+    def watch(moment):
+        if moment.index == 2:
+            plant.answer = 0.12
+
+    with Store.create(tmp_path / "a", plan, SETUP) as store:
+        run(bench, plan, store, watch=watch)
+        points = store.points()
+        for point in points:
+            t, _ = store.trace(point.index)
+            assert (t > 0).all()
+            assert t[-1] <= point.held <= 1.13
+    assert [p.verdict for p in points] == ["settled"] * 5
+    assert points[1].time_uncertainty == pytest.approx(0.005)
+    assert points[4].time_uncertainty == pytest.approx(0.06)
+    assert points[1].sample_interval < 0.03
+    assert points[4].sample_interval > 0.1
+
+
+def test_a_replay_takes_as_long_as_the_holds_took(tmp_path):
+    plan = _plan(1.0, sample_interval=0.1)
+
+    def stop(moment):
+        if moment.index == 3:
+            raise KeyboardInterrupt
+
+    with Store.create(tmp_path / "a", plan, SETUP) as store:
+        with pytest.raises(KeyboardInterrupt):
+            run(_bench(Instrument(0.1)), plan, store, watch=stop)
+        before = store.points()
+        again = Instrument(0.1)
+        assert run(_bench(again), plan, store) == "replayed"
+        held = [point.held for point in before]
+        # The second and third level are the same, so that the source is set once for both.
+        replayed = [held[0], held[1] + held[2]]
+        np.testing.assert_allclose(np.diff(again.sets)[:2], replayed)
+        assert store.points()[:3] == before
+        assert store.points()[3].t == pytest.approx(before[-1].t + store.points()[3].held)
+
+
+def test_a_record_without_times_of_its_own_is_taken_at_its_word():
+    hold = Hold(_plan(1.0), 0)
+    lengths = hold.stretches()
+    for _ in range(2):
+        length = next(lengths)
+        hold.add(Record([17.0 + hold.held, 17.0 + hold.held + length], [0, 0], [1, 2]), length)
+    assert (hold.timed, hold.uncertainty, hold.sample_interval) == (False, 0.0, 0.005)
+    assert hold.trace[0][-1] == hold.held == 0.25 + 0.05
