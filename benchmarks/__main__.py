@@ -11,7 +11,10 @@ import benchmarks
 PARTS = (
     "operators",
     "identification",
+    "staircases",
+    "optima",
     "prior",
+    "advice",
     "twins",
     "eyes",
     "startup",

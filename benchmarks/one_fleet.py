@@ -33,11 +33,7 @@ def main(folder: str, workers: str, kill: str, began: str) -> None:
 
 
 def _kill_a_worker() -> int:
-    workers = [
-        process.pid
-        for process in psutil.Process().children(recursive=True)
-        if not process.children() and "resource_tracker" not in " ".join(process.cmdline())
-    ]
+    workers = [process.pid for process in psutil.Process().children()]
     os.kill(workers[0], signal.SIGKILL)
     return workers[0]
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,7 @@ from fleet_records import write_manifest, write_record
 SPECIMENS = 12
 PATIENCE = 6
 LIMIT = 12
+AT_ONCE = 3
 WITHIN = 10.0
 """Seconds within which a fault has to be said."""
 OPTIONS = ["--levels", "6", "--prior", "none", "--limit", str(LIMIT)]
@@ -234,19 +236,30 @@ STATUS = {name: 2 for name in FAULTS if "cluster" in name or "scheduler" in name
 STATUS |= {"Control-C during an endless fit": 130, "the command killed in an endless fit": -9}
 
 
+def in_a_folder(trial):
+    with tempfile.TemporaryDirectory() as folder:
+        return trial(Path(folder))
+
+
 def main(times):
-    print(f"{'fault':<34} times  said s (most)  ended s (most)  whole  orphans  status")
+    print(f"{'fault':<36} times  said s (most)  ended s (most)  whole  orphans  status")
     good = True
     for name, trial in FAULTS.items():
-        seen = []
-        for _ in range(times):
-            with tempfile.TemporaryDirectory() as folder:
-                seen.append(trial(Path(folder)))
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            seen = list(pool.map(in_a_folder, [trial] * times))
         said, ended = max(one.said for one in seen), max(one.ended for one in seen)
         whole, left = sum(one.whole for one in seen), sum(one.orphans for one in seen)
         status = sorted({one.status for one in seen})
-        good &= said <= WITHIN and whole == times and not left and status == [STATUS.get(name, 0)]
-        print(f"{name:<34} {times:>5} {said:>14.2f} {ended:>15.2f} {whole:>6} {left:>8}  {status}")
+        good &= (
+            (said <= WITHIN or status[0] == -9)
+            and whole == times
+            and not left
+            and status == [STATUS.get(name, 0)]
+        )
+        print(
+            f"{name:<36} {times:>5} {said:>14.2f} {ended:>15.2f} {whole:>6} {left:>8}  {status}",
+            flush=True,
+        )
     return 0 if good else 1
 
 

@@ -41,10 +41,11 @@ def _carry_out(line, folder, log):
 
 
 @contextmanager
-def started(line):
-    """The process of a command line in the present folder, and its log as a file."""
+def started(line, folder=None):
+    """The process of a command line in a folder, the present one, and its log as a file."""
     log, theirs = _forking().Pipe(duplex=False)
-    process = _forking().Process(target=_carry_out, args=(line, str(Path.cwd()), theirs))
+    place = str(Path.cwd() if folder is None else folder)
+    process = _forking().Process(target=_carry_out, args=(line, place, theirs))
     process.start()
     theirs.close()
     with log, os.fdopen(os.dup(log.fileno())) as lines:

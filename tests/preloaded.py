@@ -7,6 +7,13 @@ from pathlib import Path
 
 from minorloop.cli import main
 
+with contextlib.suppress(ImportError):  # which runs on instruments need
+    import pyvisa
+
+    import minorloop.lab.drivers.visa  # noqa: F401
+
+    pyvisa.ResourceManager("@py").close()
+
 with (
     tempfile.TemporaryDirectory() as folder,
     contextlib.redirect_stderr(io.StringIO()),

@@ -24,7 +24,7 @@ from minorloop import (
 )
 from minorloop._modelschema import KINDS, Content, plain
 from minorloop.lab.records import Quantity
-from minorloop.modelfile import LARGEST, Provenance, read
+from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
 from minorloop.operators.dead_zones import DeadZones
 
 LEVELS = [-1.0, 0.0, 0.5, 2.0]
@@ -218,7 +218,11 @@ def spoil(content, keys, value):
         (["version"], None, "is not a model file"),
         (["version"], 0, "is not a model file"),
         (["version"], "1", "is not a model file"),
-        (["version"], 2, "format version 2, and this minorloop reads up to 1; install a newer"),
+        (["version"], 3, "format version 3, and this minorloop reads up to 2; install a newer"),
+        (["version"], 2, "a file with warnings has version 2, one without has version 1"),
+        (["warnings"], ["it is clipped"], "a file with warnings has version 2"),
+        (["warnings"], [], "at `warnings`"),
+        (["warnings"], ["\x1b[2J"], "at `warnings"),
         (["author"], "me", "unknown field `author`"),
         (["model", "colour"], "red", "unknown field `colour` - at `model`"),
         (["input", "colour"], "red", "unknown field `colour` - at `input`"),
@@ -373,3 +377,18 @@ def test_other_json_in_the_place_of_a_part_is_refused_or_read(json_like, valid, 
     for key in whole["model"]:
         model = {**whole["model"], key: json_like}
         read_or_refused(scratch, json.dumps({**whole, "model": model}).encode())
+
+
+def test_warnings_go_with_the_model_and_are_said_when_it_is_read(path):
+    model = MODELS["preisach"]
+    save(model, path)
+    assert json.loads(path.read_text())["version"] == 1
+    assert read(path).warnings == ()
+    said = ["the output is clipped", "x" * 3000, *["again"] * 30]
+    save(model, path, warnings=said, force=True)
+    assert json.loads(path.read_text())["version"] == 2
+    assert read(path).warnings == ("the output is clipped", "x" * 1000, *["again"] * 18)
+    with pytest.warns(ModelWarning, match="the output is clipped"):
+        assert same(load(path), model)
+    with pytest.raises(ParameterError, match="warnings"):
+        save(model, path, warnings=["a\nb"], force=True)

@@ -21,10 +21,11 @@ NAMES = {
     *("head_control", "HeadControl", "WireLimits", "Planner"),
     *("Record", "curvature_from_displacement", "displacement_from_curvature"),
     *("Surroundings", "Course", "Fault", "convection"),
-    *("save", "load", "connect", "__version__"),
+    *("save", "load", "connect", "ModelWarning", "__version__"),
     *("MinorloopError", "ParameterError", "SignalError", "UnreachableError"),
     *("NotInvertibleError", "RecordError", "ModelFileError", "LimitError"),
-    *("OutputError", "StoreError", "InstrumentError", "FleetError", "MissingExtraError"),
+    *("OutputError", "StoreError", "InstrumentError", "SafetyError", "FleetError"),
+    "MissingExtraError",
 }
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         OutputError,
         ParameterError,
         RecordError,
+        SafetyError,
         SignalError,
         StoreError,
         UnreachableError,
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
     from minorloop.lab.records import Record
     from minorloop.lab.run import run
     from minorloop.lab.store import Setup, Store
-    from minorloop.modelfile import load, save
+    from minorloop.modelfile import ModelWarning, load, save
     from minorloop.operators import densities
     from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
     from minorloop.operators.inversion import Inversion
@@ -88,6 +89,7 @@ __all__ = [
     "MinorloopError",
     "MissingExtraError",
     "ModelFileError",
+    "ModelWarning",
     "NextInput",
     "NotInvertibleError",
     "OutputError",
@@ -103,6 +105,7 @@ __all__ = [
     "RecordError",
     "Recursive",
     "RelayModel",
+    "SafetyError",
     "Setup",
     "SignalError",
     "Store",
@@ -183,6 +186,7 @@ _HOMES = {
         "OutputError",
         "ParameterError",
         "RecordError",
+        "SafetyError",
         "SignalError",
         "StoreError",
         "UnreachableError",
@@ -190,7 +194,7 @@ _HOMES = {
     "minorloop.identification": ("Identification", "identify"),
     "minorloop.lab.curvature": ("curvature_from_displacement", "displacement_from_curvature"),
     "minorloop.lab.records": ("Record",),
-    "minorloop.modelfile": ("load", "save"),
+    "minorloop.modelfile": ("ModelWarning", "load", "save"),
     "minorloop.operators.generalised_prandtl_ishlinskii": ("GeneralisedPrandtlIshlinskii",),
     "minorloop.operators.inversion": ("Inversion",),
     "minorloop.operators.memory": ("Memory",),

@@ -164,6 +164,11 @@ class _Polynomial(_Kind, tag=KINDS[Polynomial]):
         return Polynomial(frozen(self.coefficients), self.low, self.high)
 
 
+LONGEST_WARNING, MOST_WARNINGS = 1000, 20
+Sentence: TypeAlias = Annotated[str, msgspec.Meta(max_length=LONGEST_WARNING, pattern="^[ -~]+$")]
+"""A sentence that every terminal shows as it is: printable ASCII."""
+
+
 class Named(_Strict):
     """A name with its unit."""
 
@@ -188,6 +193,7 @@ class Content(_Strict):
     lag: Annotated[int, msgspec.Meta(ge=0)]
     model: _Preisach | _RelayModel | _PrandtlIshlinskii | _Generalised | _Polynomial
     provenance: Provenance
+    warnings: Annotated[list[Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
 
 
 def kind_of(model: Model) -> str:

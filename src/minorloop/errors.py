@@ -11,6 +11,7 @@
       OutputError         (OSError)      a place that cannot be written
       StoreError          (OSError)      an experiment store that cannot be used
       InstrumentError     (OSError)      an instrument that answers late, wrongly or not at all
+      SafetyError         (OSError)      a source that may still be on; an InstrumentError
       FleetError          (OSError)      workers or a scheduler that a fleet cannot go on without
       MissingExtraError   (ImportError)  an optional dependency that is not installed
 
@@ -62,6 +63,10 @@ class StoreError(MinorloopError, OSError):
 
 class InstrumentError(MinorloopError, OSError):
     """An instrument answers late, wrongly or not at all; the actuator was made safe."""
+
+
+class SafetyError(InstrumentError):
+    """A source was to be made safe and does not say that it is; it may still be on."""
 
 
 class FleetError(MinorloopError, OSError):

@@ -2,13 +2,14 @@
 
 ::
 
-    {"format": "minorloop model", "version": 1,
+    {"format": "minorloop model", "version": 2,
      "input": {"name": "voltage", "unit": "V"},
      "output": {"name": "curvature", "unit": "1/m"},
      "lag": 0,
      "model": {"kind": "preisach", "levels": [...], "weights": [...], ...},
      "provenance": {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0",
-                    "data": "run.csv", "sha256": "9f86...", "scores": {"nrmse": 0.004}}}
+                    "data": "run.csv", "sha256": "9f86...", "scores": {"nrmse": 0.004}},
+     "warnings": ["the output is clipped: ..."]}
 
 ``lag`` is the number of whole samples by which the output follows the model. In the provenance
 ``data`` is the name of the file that the model was identified from and ``sha256`` the digest of
@@ -29,15 +30,17 @@ name of the class, where its meaning is defined:
 ==================================  ==========================================================
 
 The weights of the first two are rows up to the diagonal: row i has i + 1 numbers. Numbers are
-decimal and give back the same float64. A reader refuses keys that it does not know, so a file
-that says more has a higher version.
+decimal and give back the same float64. ``warnings`` are sentences: why the model is not to be
+trusted. A reader refuses keys that it does not know, so a file that says more has a higher version:
+one without warnings has no such key and version 1.
 """
 
 from __future__ import annotations
 
 import json
 import stat
-from collections.abc import Mapping
+import warnings as _warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -46,6 +49,8 @@ from typing import Any
 import msgspec
 
 from minorloop._modelschema import (
+    LONGEST_WARNING,
+    MOST_WARNINGS,
     Content,
     Header,
     Model,
@@ -61,13 +66,17 @@ from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.lab.records import Quantity
 from minorloop.version import __version__
 
-__all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "Provenance"]
+__all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "ModelWarning", "Provenance"]
 __all__ += ["load", "read", "save"]
 
 FORMAT = "minorloop model"
-VERSION = 1
+VERSION = 2
 LARGEST = 64 * 2**20
 """Bytes of the largest model file: a plane of some 2,000 bands."""
+
+
+class ModelWarning(UserWarning):
+    """A model file says why its model is not to be trusted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +93,8 @@ class ModelFile:
         Samples by which the output follows the model.
     provenance : Provenance
         Where it came from.
+    warnings : tuple of str
+        Why the model is not to be trusted; empty where nothing says so.
     """
 
     model: Model
@@ -91,6 +102,7 @@ class ModelFile:
     output: Quantity
     lag: int
     provenance: Provenance
+    warnings: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -106,6 +118,7 @@ def save(
     output: str | Quantity = "output",
     lag: int = 0,
     provenance: Provenance | Mapping[str, Any] | None = None,
+    warnings: Sequence[str] = (),
     force: bool = False,
 ) -> None:
     """Write a model to a file, whole or not at all.
@@ -122,6 +135,8 @@ def save(
         Samples by which the output follows the model.
     provenance : Provenance or mapping, optional
         Where the model came from; a mapping has the keys of `Provenance`.
+    warnings : sequence of str
+        Why the model is not to be trusted, as `Identification.warnings` says; at most 20 are kept.
     force : bool
         Whether a file that exists may be replaced.
 
@@ -135,13 +150,15 @@ def save(
     target = check_writable(path, force=force)
     content = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": VERSION if warnings else 1,
         "input": _named(input),
         "output": _named(output),
         "lag": lag,
         "model": {"kind": kind_of(model), **plain(model)},
         "provenance": _complete(provenance),
     }
+    if warnings:
+        content["warnings"] = [text[:LONGEST_WARNING] for text in warnings][:MOST_WARNINGS]
     try:
         msgspec.convert(content, Content)
         data = f"{layout(content)}\n".encode()
@@ -172,8 +189,16 @@ def load(path: PathLike) -> Model:
     ModelFileError
         If there is no such file, or it is damaged, inconsistent, too large, something else,
         or of a newer version.
+
+    Warns
+    -----
+    ModelWarning
+        If the file says why the model is not to be trusted.
     """
-    return read(path).model
+    known = read(path)
+    if known.warnings:
+        _warnings.warn(f"{path}: {'; '.join(known.warnings)}", ModelWarning, stacklevel=2)
+    return known.model
 
 
 def read(path: PathLike) -> ModelFile:
@@ -198,6 +223,8 @@ def read(path: PathLike) -> ModelFile:
     try:
         content = msgspec.json.decode(data, type=Content)
         _check_repeats(data)
+        if bool(content.warnings) != (content.version == VERSION):
+            raise ParameterError("a file with warnings has version 2, one without has version 1")
         model = content.model.build()
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
@@ -207,6 +234,7 @@ def read(path: PathLike) -> ModelFile:
         Quantity(content.output.name, content.output.unit),
         content.lag,
         content.provenance,
+        tuple(content.warnings),
     )
 
 

@@ -320,3 +320,47 @@ def test_an_interruption_is_no_traceback(run, monkeypatch):
     monkeypatch.setattr(minorloop.identification, "identify", interrupted)
     assert run(f"{IDENTIFY} --save new.json") == (130, "", "interrupted\n")
     assert not Path("new.json").exists()
+
+
+def stuck():
+    """The record, stuck for a fifth, as a file."""
+    table = np.loadtxt("good.csv", delimiter=",", skiprows=1)
+    table[200:280, 1] = table[200, 1]
+    np.savetxt("stuck.csv", table, delimiter=",", header="voltage [V],length [um]", comments="")
+
+
+def test_a_model_not_to_be_trusted_says_so_in_its_status_its_file_and_its_report(run):
+    stuck()
+    line = f"{IDENTIFY.replace('good', 'stuck')} --holdout 0.3"
+    status, out, err = run(f"{line} --save new.json --report new.html")
+    assert status == 1
+    assert "! the output is stuck at" in out
+    assert err.startswith("warning: this model is not to be trusted: the first")
+    assert "model written to new.json" in out
+    warnings = modelfile.read("new.json").warnings
+    assert "from sample 200 to 279" in warnings[0]
+    assert warnings[0][:60] in Path("new.html").read_text()
+    with pytest.warns(modelfile.ModelWarning, match=r"new.json: the output is stuck"):
+        modelfile.load("new.json")
+    status, out, err = run(f"{line} --json")
+    assert (status, err) == (1, "")
+    found = json.loads(out)
+    assert found["warnings"] == list(warnings)
+    assert found["advice"][0] == warnings[0]
+
+
+def test_samples_are_counted_from_the_first_row_used(answer, run):
+    stuck()
+    line = f"{IDENTIFY.replace('good', 'stuck')} --rows 50:400"
+    out = " ".join(run(line)[1].split())
+    assert "from sample 150 to 229" in out
+    assert "samples are counted from row 50 of the file here" in out
+
+
+def test_an_overload_code_is_left_out_and_named(answer):
+    lines = Path("good.csv").read_text().splitlines()
+    lines[5] = lines[5].split(",")[0] + ",9.9e37"
+    Path("over.csv").write_text("\n".join(lines))
+    found = answer(IDENTIFY.replace("good", "over"))
+    assert (found["samples"], found["codes"], found["warnings"]) == (399, [4], [])
+    assert "sample 4 (9.9e+37)" in found["advice"][0]

@@ -135,3 +135,15 @@ def test_a_column_in_another_unit_is_refused(run, refused):
     )
     Path("plain.csv").write_text("length\n0.3\n")
     assert run("invert model.json plain.csv --target length")[0] == 0
+
+
+@pytest.mark.parametrize("verb", [INVERT, "simulate model.json good.csv --input voltage"])
+def test_what_the_file_says_against_its_model_is_said_with_every_answer(verb, run, model):
+    modelfile.save(model, "model.json", warnings=["the output is clipped"], force=True)
+    for option in ("", "--json"):
+        status, out, err = run(f"{verb} {option}")
+        assert status == 0
+        if option and verb == INVERT:
+            assert '"warnings": ["the output is clipped"]' in out
+        else:
+            assert err == "warning: this model is not to be trusted: the output is clipped\n"

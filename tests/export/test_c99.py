@@ -113,6 +113,44 @@ def test_an_offset_that_leaves_no_digits_is_refused():
         source(model, float32=True)
 
 
+def with_offset(model, offset):
+    return dataclasses.replace(model, offset=offset)
+
+
+@pytest.mark.parametrize("offset", [1e5, 1e9, -1e9, 1e30])
+@pytest.mark.parametrize(
+    "model",
+    [
+        operator(),
+        operator(bands=1, seed=1),
+        PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5]),
+        RelayModel([0.0, 0.4, 1.0], np.tril(np.ones((3, 3)))),
+    ],
+    ids=["Preisach", "one band", "plays", "relays"],
+)
+def test_an_output_that_is_in_the_last_digits_of_its_offset_is_refused(model, offset):
+    moved = with_offset(model, offset * np.ptp(model.simulate([-3.0, 4.0, -3.0])))
+    with pytest.raises(ParameterError, match=r"of the range of the output.* export doubles"):
+        source(moved, float32=True, inverse=False)
+
+
+@pytest.mark.parametrize("linear", [None, LAGS], ids=["alone", "lags"])
+def test_so_is_it_with_doubles_and_a_linear_part(linear):
+    with pytest.raises(ParameterError, match=r"last digit of a double.* output less its offset"):
+        source(with_offset(operator(), 1e17), linear=linear)
+    with pytest.raises(ParameterError, match="export doubles"):
+        source(with_offset(operator(), 1e9), float32=True, linear=linear)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e2, 1e4])
+def test_the_self_test_allows_one_percent_of_the_range_at_most(offset, tmp_path):
+    model = operator()
+    code = source(with_offset(model, offset * np.ptp(model.range)), float32=True)
+    allowed = re.search(r"that is within (\S+) of the range", code.files["minorloop_selftest.c"])
+    assert float(allowed[1]) < 0.011
+    compiled.self_test(code, tmp_path)
+
+
 def random_inputs(model, count, rng):
     """Jumps over the whole plane and beyond, small steps, thresholds, and repeats."""
     low, high = model.levels[[0, -1]]
@@ -404,6 +442,13 @@ def test_relays_give_what_python_gives(count, relay, tmp_path):
     u[::7] = np.random.default_rng(1).choice(model.levels, u[::7].size)  # on the thresholds too
     expected = model.simulate(u)
     assert np.abs(code.walk(u)[0] - expected).max() <= 1e-12 * np.ptp(expected)
+
+
+def test_relays_on_levels_in_the_last_digits_of_a_float_are_refused():
+    model = RelayModel([1e6, 1e6 + 1, 1e6 + 2], np.tril(np.ones((3, 3))))
+    with pytest.raises(ParameterError, match=r"of the range of the levels.* export doubles"):
+        source(model, float32=True, inverse=False)
+    assert source(model, inverse=False).files
 
 
 def test_relays_that_cannot_be_exported():

@@ -60,3 +60,9 @@ def test_a_fleet_without_models_has_a_summary_too():
     summary = Summary([Outcome("lost", error="no file")])
     assert summary.plain()["figures"] == {}
     assert "0 of 1" in str(summary)
+
+
+def test_a_model_not_to_be_trusted_is_listed():
+    summary = Summary([outcome(0), replace(outcome(1), warning="the output is stuck")])
+    assert summary.plain()["warnings"] == {"s1": "the output is stuck"}
+    assert "warning s1: the output is stuck" in str(summary)

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+from benchmarks import optima, staircases
 from scipy.optimize import lsq_linear, nnls
 
+from minorloop import identify
 from minorloop.errors import ParameterError
-from minorloop.identification import active_set, least_squares
+from minorloop.identification import active_set, least_squares, refinement
 from minorloop.identification.areas import Areas, Form, unpack
 from minorloop.identification.least_squares import Problem, neighbour_penalty
 
@@ -138,3 +140,70 @@ def test_tiny_outputs_are_fitted_as_well_as_large_ones():
 def test_refuses_what_is_no_strength(strength):
     with pytest.raises(ParameterError, match="smoothness"):
         a_problem().fit(strength)
+
+
+@pytest.mark.parametrize("seed", [82, 97, 111, 123, 204, 227, 274, 463])
+def test_near_singular_signed_fits_reach_the_objective_of_dense_least_squares(seed):
+    problem, smoothness = optima.a_problem(seed)
+    fit = problem.fit(smoothness)
+    assert fit.converged
+    assert optima.excess(problem, smoothness, fit) <= optima.CLOSE
+
+
+@pytest.mark.parametrize("first", [0, 40])
+def test_so_do_signed_fits_of_all_kinds(first):
+    for seed in range(first, first + 40):
+        problem, smoothness = optima.a_problem(seed)
+        fit = problem.fit(smoothness)
+        close = optima.excess(problem, smoothness, fit) <= optima.CLOSE
+        assert close or not fit.converged, seed
+
+
+def test_large_signed_fits_reach_it_or_say_that_they_do_not(monkeypatch):
+    monkeypatch.setattr(active_set, "_FACTORISED", 10)
+    monkeypatch.setattr(active_set, "_FACTORISED_SMOOTH", 10)
+    for seed in (82, 97, 111, 123, 204, 274):
+        problem, smoothness = optima.a_problem(seed)
+        fit = problem.fit(smoothness)
+        close = optima.excess(problem, smoothness, fit) <= optima.CLOSE
+        assert close or not fit.converged, seed
+
+
+@pytest.mark.parametrize("bands", [4, 10, 20, 25])
+def test_a_staircase_without_noise_gives_the_weights_to_ten_digits(bands):
+    assert max(staircases.error(bands, seed) for seed in range(3)) <= staircases.CLOSE
+
+
+def test_a_fit_that_did_not_converge_says_so(monkeypatch):
+    monkeypatch.setattr(active_set, "refine", lambda rows, z, scaling: (z, False))
+    problem, _ = optima.a_problem(70)
+    found = identify(
+        problem.areas.u, problem.y, levels=problem.areas.form.levels, signed=True, smoothness=0.0
+    )
+    assert not found.converged
+    assert any("did not converge" in text for text in found.advice)
+    assert "not converged" in str(found)
+
+
+def test_the_optimality_is_worked_out_from_the_rows(monkeypatch):
+    def off(self, found, rows):
+        return active_set.Solution(found.z + 1e-3, 0.0, 1)
+
+    monkeypatch.setattr(active_set._Solver, "refined", off)
+    fit = a_problem().fit(1e-4)
+    assert fit.kkt > active_set.ACCEPTABLE
+    assert not fit.converged
+
+
+def test_refinement_that_runs_out_of_rounds_is_not_settled(monkeypatch):
+    monkeypatch.setattr(refinement, "_ROUNDS", 1)
+    monkeypatch.setattr(refinement, "_STEPS", 2)
+    values = np.geomspace(1, 1e-3, 20)
+    rows = refinement.Rows(lambda z: values * z, lambda r: values * r, np.ones(20))
+    scaling = refinement.Preconditioner(np.arange(20), np.ones(20))
+    z, settled = refinement.refine(rows, np.zeros(20), scaling)
+    assert not settled
+    monkeypatch.undo()
+    z, settled = refinement.refine(rows, z, scaling)
+    assert settled
+    np.testing.assert_allclose(values * z, 1.0, atol=1e-12)

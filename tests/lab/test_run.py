@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import LimitError, ParameterError, StoreError
+from minorloop.errors import LimitError, ParameterError, SafetyError, StoreError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
@@ -200,6 +200,20 @@ def test_a_second_signal_does_not_keep_it_from_being_safe(store):
     with pytest.raises(Stopped):
         run(bench, PLAN, store, watch=watch)
     assert bench.told[-1] == "safe"
+
+
+@pytest.mark.parametrize("fails_after", [2, None])
+def test_an_actuator_that_cannot_be_made_safe_is_an_error_of_its_own(store, fails_after):
+    class Stuck(Bench):
+        def safe(self):
+            raise OSError("the relay sticks")
+
+    with pytest.raises(
+        SafetyError, match=r"may still be on, .*by hand: the relay sticks"
+    ) as caught:
+        run(Stuck(fails_after), PLAN, store)
+    assert store.finished == (fails_after is None)
+    assert ("the cable was pulled" in str(caught.value)) == (fails_after == 2)
 
 
 def test_a_run_in_a_thread_is_left_safe_too(tmp_path):

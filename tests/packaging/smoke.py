@@ -91,6 +91,12 @@ if __name__ == "__main__":
     specimens = read_manifest(folder / "m.csv", input="u", output="y")
     summary = identify_fleet(specimens, folder / "out", workers=1, levels=4, prior="none")
     assert len(summary.identified) == 1, summary.failures
+    from distributed import LocalCluster
+    local = {"n_workers": 1, "processes": False, "protocol": "tcp://"}
+    with LocalCluster(dashboard_address=None, **local) as cluster:
+        address = cluster.scheduler_address
+        summary = identify_fleet(specimens, folder / "far", address=address, levels=4, prior="none")
+    assert len(summary.identified) == 1, summary.failures
 """,
     "instruments": """
 from minorloop.errors import InstrumentError
@@ -115,7 +121,10 @@ SAYS = {
     "control": (USES["control"], "python-control"),
     "sklearn": ("import minorloop.export.sklearn", "scikit-learn"),
     "jax": ("import minorloop.export.jax", "jax"),
-    "fleet": (USES["fleet"], "dask.distributed"),
+    "fleet": (
+        "from minorloop.fleet._cluster import check_address; check_address('tcp://127.0.0.1:1')",
+        "dask.distributed",
+    ),
     "instruments": (USES["instruments"], "pyvisa"),
     "console": ("import minorloop.teleop.server", "starlette"),
 }

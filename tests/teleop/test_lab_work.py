@@ -99,3 +99,18 @@ def test_few_outputs_of_many_rows_are_said_and_bounded(folder, tmp_path, monkeyp
     assert "10 cells to 15 of 120 rows: so few take a while" in few[1]["stage"]
     advice = next(each["result"]["advice"] for each in many if "result" in each)
     assert advice[0].startswith("only 15 of 120 rows were measured")
+
+
+def test_warnings_go_with_the_model_and_its_inverse(folder, tmp_path):
+    found = result(folder, levels=5)
+    assert found["warnings"] == []
+    (told,) = lab_work.invert(folder, [0.5], "negative")
+    assert told["warnings"] == []
+    table = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)
+    table[100:160, 1] = table[100, 1]
+    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
+    found = result(folder, levels=5)
+    assert "the output is stuck" in found["warnings"][0]
+    assert found["advice"][0] == found["warnings"][0]
+    (told,) = lab_work.invert(folder, [0.5], "negative")
+    assert told["warnings"] == found["warnings"]

@@ -104,7 +104,50 @@ def test_a_target_out_of_sight_holds(lost):
         pilot.sight.seen = list  # nothing comes any more
     pilot.drive(40)
     assert pilot.session.state.mode == "HOLD"
-    assert "lost from sight" in pilot.session.state.reason
+    sentence = {"target": "lost from sight", "eyes": "no picture comes"}[lost]
+    assert sentence in pilot.session.state.reason
+
+
+def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_back():
+    pilot = Pilot().steering()
+    pilot.drive(20, pose=right(15.0), stick=(1.0, 0.0))
+    command, saw = pilot.session.state.command, pilot.sight.seen
+    pilot.sight.seen = list  # nothing comes any more
+    pilot.drive(4, pose=right(-40.0), stick=(1.0, 0.0))
+    assert pilot.session.state.mode == "HOLD"
+    assert pilot.session.state.rates == (0.0, 0.0)
+    for mode in ("HEAD", "TRACK"):
+        pilot.mode(mode)
+        pilot.drive(5, pose=right(-40.0))
+        assert pilot.session.state.mode == "HOLD"
+        assert "no picture comes" in pilot.session.state.reason
+    pilot.sight.seen = saw
+    pilot.drive(2)
+    assert "pictures come again" in told(pilot.session, "notice")[-1]["text"]
+    assert pilot.session.state.mode == "HOLD"
+    pilot.mode("HEAD")
+    pilot.drive()
+    assert pilot.session.state.mode == "HEAD"
+    assert math.dist(pilot.session.state.command, command) < 4.0
+
+
+def test_a_camera_that_is_gone_breaks_a_scan_off_and_forgets_the_target():
+    pilot = scanning()
+    pilot.sight.seen = list
+    pilot.drive(5)
+    assert (pilot.session.state.mode, pilot.session.scan) == ("HOLD", None)
+    assert pilot.session.seen.target is None
+
+
+def test_findings_of_a_loop_that_ended_are_taken_over_and_numbers_go_on():
+    pilot = scanning()
+    findings = told(pilot.session, "findings")[-1]["findings"]
+    after = Pilot().following((319.5, 239.5))
+    after.session.hear(messages.Known(findings=findings), after.now)
+    assert after.session.findings == pilot.session.findings
+    after.sight.events = [EXTRACTED]
+    after.drive(2)
+    assert [finding.number for finding in after.session.findings] == [1, 2]
 
 
 def test_the_clutch_does_not_jump():

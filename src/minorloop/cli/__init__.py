@@ -24,11 +24,12 @@ from minorloop.cli import (
     study,
 )
 from minorloop.cli import run as run_verb
-from minorloop.errors import MinorloopError
+from minorloop.errors import MinorloopError, SafetyError
 from minorloop.version import __version__
 
 _FAILED = 1
 _REFUSED = 2
+_UNSAFE = 3
 _INTERRUPTED = 130
 _LONGEST = 800
 # The root of what the parser raises; typer exports its leaves only.
@@ -78,8 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        The exit status: 0 for success, 2 for a refusal, 130 for an interruption, 1 where what
-        reads the output went away, or a fleet has nothing that could be identified.
+        The exit status: 0 for success, 2 for a refusal, 3 where a source may still be on, 130 for
+        an interruption, 1 where what reads the output went away, a fleet has nothing that could
+        be identified, or an identified model is not to be trusted.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     for name in ("stdout", "stderr"):
@@ -91,6 +93,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         status = int(app(given or ["--help"], prog_name="minorloop", standalone_mode=False) or 0)
         sys.stdout.flush()
+    except SafetyError as error:
+        _refuse(str(error))
+        return _UNSAFE
     except MinorloopError as error:
         return _refuse(str(error))
     except _UsageError as error:

@@ -17,6 +17,7 @@ from minorloop.errors import MinorloopError, OutputError, ParameterError, Record
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.lab.actuator import Actuator
     from minorloop.report import Report
 
 
@@ -107,6 +108,12 @@ def print_advice(sentences: Sequence[str]) -> None:
         Console().print(Text("! ", style="bold yellow") + Text(sentence))
 
 
+def print_warnings(sentences: Sequence[str]) -> None:
+    """What a model file says against its model, on stderr, a line each."""
+    for sentence in sentences:
+        typer.echo(f"warning: this model is not to be trusted: {sentence}", err=True)
+
+
 @contextmanager
 def working(what: str, *, logged: bool = False) -> Iterator[Callable[[str], None]]:
     """Show on stderr, where that is a terminal, that something is being worked on.
@@ -137,6 +144,27 @@ def _logger() -> Callable[[str], None]:
             due = time.monotonic() + _EVERY
 
     return log
+
+
+@contextmanager
+def connected(address: str, **options: Any) -> Iterator[Actuator]:
+    """Yield the actuator at an address; let go of its instruments at the end.
+
+    A signal that ends the process is an exception in here. From before the first line to an
+    instrument to after the last, none cuts one in half.
+    """
+    from minorloop.connect import connect
+    from minorloop.lab.signals import Deferred, ended_by_signals
+
+    with ended_by_signals():
+        plant = connect(address, **options)
+        try:
+            for warning in getattr(plant, "warnings", ()):
+                typer.echo(f"! {warning}", err=True)
+            yield plant
+        finally:
+            with Deferred():
+                getattr(plant, "close", lambda: None)()
 
 
 def read_column(file: Path, column: str, unit: str = "") -> FloatArray:

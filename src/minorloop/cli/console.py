@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
 import socket
 import ssl
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -83,9 +81,9 @@ def run(
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
     from minorloop.teleop.doors import Doors
-    from minorloop.teleop.loop import LoopSettings
-    from minorloop.teleop.server import STATIC, Console
-    from minorloop.teleop.serving import serve
+    from minorloop.teleop.processes import Serving, supervised
+    from minorloop.teleop.server import STATIC
+    from minorloop.teleop.settings import LoopSettings
 
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
@@ -99,15 +97,10 @@ def run(
     address = f"{scheme}://{_shown(host)}:{port}" if name is None else f"https://{name}"
     typer.echo(f"open {address}/?key={doors.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
-    with suppress(OSError, AttributeError):
-        os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
-    with suppress(KeyboardInterrupt):
-        serve(
-            Console(doors=doors, loop=settings),
-            listening,
-            certificate=certificate,
-            private_key=private_key,
-        )
+    serving = Serving(
+        doors=doors, listening=listening, certificate=certificate, private_key=private_key
+    )
+    supervised(settings, serving, lambda sentence: typer.echo(f"note: {sentence}", err=True))
 
 
 def _check_pair(certificate: Path, key: Path) -> None:

@@ -84,6 +84,7 @@ def run(
     from minorloop.operators.preisach import Preisach
 
     known = modelfile.read(model)
+    _common.print_warnings(known.warnings)
     if memory is not None and not isinstance(known.model, Preisach):
         raise ParameterError(
             f"--memory does nothing for a {type(known.model).__name__}, whose memory is of one "

@@ -147,10 +147,13 @@ def _show(summary: Summary, out: Path) -> None:
             f"outlier {one.specimen}: {one.figure} {one.value:.4g}, where the median is "
             f"{one.median:.4g}"
         )
+    for doubted in summary.warned[:_SHOWN]:
+        typer.echo(f"not to be trusted {doubted.specimen}: {doubted.warning}")
     for failure in summary.failures[:_SHOWN]:
         typer.echo(f"failed {failure.specimen}: {failure.error}")
     for file in summary.strays[:_SHOWN]:
         typer.echo(f"{out / file} is of no specimen of this manifest; remove it if it is of no use")
-    if max(len(outliers), len(summary.failures), len(summary.strays)) > _SHOWN:
+    listed = outliers, summary.warned, summary.failures, summary.strays
+    if any(len(rows) > _SHOWN for rows in listed):
         typer.echo(f"more are in {out / 'summary.json'}")
     typer.echo(f"{'models and results are' if summary.identified else 'the results are'} in {out}")

@@ -27,6 +27,7 @@ EXAMPLE = (
     "--holdout 0.3 --save model.json --report report.html"
 )
 _RANK_LIMIT = 3000
+_DISTRUSTED = 1
 _DEFAULTS: dict[str, Any] = {"levels": 25, "diagonal": "uniform", "prior": "auto"}
 
 
@@ -121,7 +122,11 @@ def run(
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Identify a hysteresis model from measured data, and say how far to trust it."""
+    """Identify a hysteresis model from measured data, and say how far to trust it.
+
+    The exit status is 1 where the model is not to be trusted; it is written all the same, with the
+    warnings in its file.
+    """
     _common.check_outputs([save, report], inputs=[file], force=force)
     options = {
         "levels": levels,
@@ -145,6 +150,8 @@ def run(
     if save is not None:
         steps.insert(0, partial(_save, done, save, force, as_json))
     _common.do_all(steps)
+    if done.warnings:
+        raise typer.Exit(_DISTRUSTED)
 
 
 @dataclass(frozen=True)
@@ -157,11 +164,22 @@ class _Done:
     seconds: float
     notes: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
+    first: int = 0
 
     @property
     def advice(self) -> list[str]:
         """What is wrong with the run, then with the model."""
-        return list(dict.fromkeys([*self.notes, *self.result.advice]))
+        said = list(dict.fromkeys([*self.notes, *self.result.advice]))
+        result = self.result
+        if self.first and (result.findings or result.codes or result.suspects):
+            said.append(f"samples are counted from row {self.first} of the file here")
+        return said
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What of it stands in the model file: why the model is not to be trusted."""
+        known = self.result.advice
+        return (*(note for note in self.notes if note not in known), *self.result.warnings)
 
 
 def _identified(
@@ -183,7 +201,7 @@ def _identified(
         }
         now(f"identifying {settings['levels']} bands from {part.stop - part.start} rows")
         result = identify(record.u[part], record.y[part], **settings)
-        return _Done(record, result, provenance, time.perf_counter() - began)
+        return _Done(record, result, provenance, time.perf_counter() - began, first=part.start)
 
 
 def _of_run(
@@ -256,6 +274,7 @@ def _save(done: _Done, path: Path, force: bool, as_json: bool) -> None:
         output=done.record.output,
         lag=result.lag,
         provenance=modelfile.Provenance(data=source.data, sha256=source.sha256, scores=scores),
+        warnings=done.warnings,
         force=force,
     )
     if not as_json:
@@ -266,6 +285,8 @@ def _show(done: _Done, rank: bool, as_json: bool) -> None:
     with _common.working("scoring"):
         figures = _figures(done.result, done.seconds, rank)
         figures["advice"] = done.advice
+        figures["warnings"] = list(done.warnings)
+        figures["codes"] = [code.sample for code in done.result.codes]
         figures["held_out"] = int(done.result.held_out.sum())
         figures["left_out"] = list(done.left_out)
     if as_json:
@@ -342,6 +363,10 @@ def _print(done: _Done, figures: dict[str, Any]) -> None:
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
     _common.print_advice(done.advice)
+    if done.warnings:
+        count = len(done.warnings)
+        which = "the first of these says" if count == 1 else f"the first {count} of these say"
+        typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
 
 
 def _report(done: _Done, path: Path, force: bool, as_json: bool) -> None:

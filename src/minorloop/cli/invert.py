@@ -52,11 +52,13 @@ def run(
     if as_json:
         inputs = {} if save is not None else {"u": result.u, "y": result.y}
         worst = {"worst_residual": result.worst, "unreachable": int((~result.reachable).sum())}
-        _common.print_json({"targets": targets.size, **worst, **inputs})
+        warnings = {"warnings": list(known.warnings)} if known.warnings else {}
+        _common.print_json({"targets": targets.size, **worst, **inputs, **warnings})
         return
     _print(known, targets, result)
     if save is not None:
         typer.echo(f"written to {save}")
+    _common.print_warnings(known.warnings)
 
 
 def _inverted(

@@ -19,10 +19,10 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Go on with a run behind its last settled point, whatever stopped it."""
-    from minorloop.connect import connect
     from minorloop.lab.store import Store
 
     with Store.open(store, write=True) as opened:
         setup = opened.setup
-        plant = connect(setup.address, specimen=setup.specimen, seed=setup.seed, **setup.options)
-        carry_out(plant, opened, as_json)
+        options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
+        with _common.connected(setup.address, **options) as plant:
+            carry_out(plant, opened, as_json)

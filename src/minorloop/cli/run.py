@@ -17,7 +17,8 @@ from minorloop.errors import InstrumentError, ParameterError, StoreError
 
 if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
-    from minorloop.lab.store import Store
+    from minorloop.lab.plan import Plan
+    from minorloop.lab.store import Setup, Store
 
 NAME = "run"
 EXAMPLE = "minorloop run --actuator twin:ipmc --plan plan.csv --store runs.sqlite"
@@ -106,40 +107,44 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Hold each level of a plan until the output settles; resume goes on after any stop."""
-    from minorloop.connect import connect
-    from minorloop.lab.plan import Plan
     from minorloop.lab.run import answer_time, check_plan
     from minorloop.lab.store import Setup, Store
 
     given = locals()
     options = {name: given[name] for name in _ADAPTIVE}
-    if plan != "adaptive":
-        _refuse(options, plan)
-    plant = connect(actuator, specimen=specimen, noise=noise, seed=seed)
     adaptive = plan == "adaptive"
-    if store.exists():
-        raise StoreError(
-            f"{store} exists already; minorloop resume --store {store} goes on with a run, "
-            "or give another name"
-        )
-    _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
+    if not adaptive:
+        _refuse(options, plan)
     settings: dict[str, Any] = {"tolerance": tolerance, "sample_interval": interval}
     if shortest is not None:
         settings["shortest"] = shortest
-    names = str(plant.inputs[0]), str(plant.outputs[0])
-    setup = Setup(actuator, *names, specimen, seed, {"noise": noise})
-    if adaptive:
-        setup = replace(setup, design=_adaptive.design_of(plant, options))
-        levels_left_open = [float("nan")] * _adaptive.chooser_of(setup, []).most
-        longest = _adaptive.HOLD if hold is None else hold
-        wanted = Plan(levels_left_open, longest, input=names[0], **settings)
-    else:
-        wanted = Plan.from_csv(plan, **settings)
-    if interval is None:
-        wanted = wanted.slowed(answer_time(plant))
-    check_plan(plant, wanted)
-    with Store.create(store, wanted, setup) as opened:
-        carry_out(plant, opened, as_json)
+    with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
+        if store.exists():
+            raise StoreError(
+                f"{store} exists already; minorloop resume --store {store} goes on with a run, "
+                "or give another name"
+            )
+        _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
+        names = str(plant.inputs[0]), str(plant.outputs[0])
+        setup = Setup(actuator, *names, specimen, seed, {"noise": noise})
+        if adaptive:
+            setup = replace(setup, design=_adaptive.design_of(plant, options))
+        wanted = _wanted(plan, setup, _adaptive.HOLD if hold is None else hold, settings)
+        if interval is None:
+            wanted = wanted.slowed(answer_time(plant))
+        check_plan(plant, wanted)
+        with Store.create(store, wanted, setup) as opened:
+            carry_out(plant, opened, as_json)
+
+
+def _wanted(plan: str, setup: Setup, longest: float, settings: dict[str, Any]) -> Plan:
+    """The plan of a file, or one whose levels are open."""
+    from minorloop.lab.plan import Plan
+
+    if setup.design is None:
+        return Plan.from_csv(plan, **settings)
+    levels_left_open = [float("nan")] * _adaptive.chooser_of(setup, []).most
+    return Plan(levels_left_open, longest, input=setup.input, **settings)
 
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
@@ -154,14 +159,22 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         with watching(store, chooser) as watch:
             way = carry(plant, store.plan, store, choose=choose, watch=watch)
     except InstrumentError as error:
-        raise InstrumentError(
-            f"{error}; {len(store)} of {len(store.plan)} levels are kept, and minorloop resume "
-            f"--store {shlex.quote(str(store.path))} goes on"
-        ) from None
+        left = (
+            ""
+            if store.finished
+            else (f", and minorloop resume --store {shlex.quote(str(store.path))} goes on")
+        )
+        kept = f"{len(store)} of {len(store.plan)} levels are kept"
+        raise type(error)(f"{error}; {kept}{left}") from None
     figures = summary(store)
     if chooser is not None:
         figures |= _adaptive.findings(chooser, store)
-    figures["warnings"] = [*figures.get("warnings", []), *_unsettled(figures), *_slow(figures)]
+    figures["warnings"] = [
+        *getattr(plant, "warnings", ()),
+        *figures.get("warnings", []),
+        *_unsettled(figures),
+        *_slow(figures),
+    ]
     if as_json:
         _common.print_json({**figures, "way": way})
         return

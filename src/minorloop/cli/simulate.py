@@ -42,6 +42,7 @@ def run(
             header = output if known.output != known.input else f"predicted {output}"
             _common.write_csv(save, {str(known.input): u, header: y}, force=force)
     _warn_beyond(known, u)
+    _common.print_warnings(known.warnings)
     if as_json:
         outputs = {} if save is not None else {"y": y}
         _common.print_json({"samples": y.size, "least": y.min(), "greatest": y.max(), **outputs})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.export._selftest import check_digits
 from minorloop.export._tables import Numbers, Parts, wrapped
 from minorloop.operators.relays import RelayModel
 
@@ -34,6 +35,7 @@ def relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
             f"{count} levels, of which the closest are {np.diff(model.levels).min():g} apart, "
             f"cannot be told apart; give at most {_MOST}, and export doubles"
         )
+    check_digits(numbers, levels)
     swing, off = model.line()
     # How much of a column is on when its relays up to a row are; columns after each other.
     columns = np.cumsum(model.weights, axis=0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeState, First
@@ -18,11 +19,12 @@ from minorloop.operators.preisach import Preisach
 
 _VECTORS = 200
 _COARSEST = 0.01
-"""Share of the range that the last digit of an input may be worth."""
+"""Share of the range by which a self-test may let the output be off."""
 _NEAR, _STEEPEST = 1e-4, 10.0
 """Shares of both ranges: the output changes by at least a tenth of the input, this near."""
-_DIGITS = 8
-"""Last digits by which thresholds, inputs and what is made of them may be off together."""
+_DIGITS, _DIGITS_LINEAR = 8, 32
+"""Last digits of inputs, and of outputs, that what is computed of them may be off by together;
+a linear part loses more of those of outputs."""
 
 
 def examples(
@@ -33,7 +35,7 @@ def examples(
     Raises
     ------
     ParameterError
-        If that is more than a share of the range that no one would accept.
+        If these digits are worth more of the range than anyone would accept.
     """
     typed = numbers.array(_inputs(model, memory))
     ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
@@ -44,14 +46,55 @@ def examples(
         for x in (u, neighbours)
     )
     digit = float(np.abs(beside - y).max()) / width_of(model, linear)
-    if digit > _COARSEST:
+    if _DIGITS * digit > _COARSEST:
         raise ParameterError(
             f"the last digit of a {numbers.type} near {np.abs(u).max():g} changes the output by "
-            f"{100 * digit:.2g} % of its range; "
+            f"{100 * digit:.2g} % of its range, and {100 * _COARSEST / _DIGITS:g} % are allowed; "
             + ("export doubles, or " if numbers.single else "")
             + "identify against the input less its offset"
         )
     return u, y, digit
+
+
+def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
+    """Refuse thresholds whose range is in the last digits of their numbers.
+
+    Raises
+    ------
+    ParameterError
+        If a last digit is worth more of the range of the levels than anyone would accept.
+    """
+    largest = np.abs(levels).max()
+    digit = float(np.spacing(largest)) / float(np.ptp(levels.astype(np.float64)))
+    if _DIGITS * digit > _COARSEST:
+        raise ParameterError(
+            f"the last digit of a {numbers.type} near {largest:g} is {100 * digit:.2g} % of the "
+            f"range of the levels, and {100 * _COARSEST / _DIGITS:g} % are allowed; "
+            + ("export doubles, or " if numbers.single else "")
+            + "identify against the input less its offset"
+        )
+
+
+def output_error(numbers: Numbers, y: FloatArray, width: float, linear: bool = False) -> float:
+    """Share of the range by which rounding of outputs to the type may put them off.
+
+    Raises
+    ------
+    ParameterError
+        If that is more than anyone would accept: with an offset far larger than the range, the
+        output is in the last digits of its numbers.
+    """
+    largest = float(np.abs(y).max())
+    digit = float(np.spacing(numbers.array(largest))) / (width or 1.0)
+    digits = _DIGITS_LINEAR if linear else _DIGITS
+    if digits * digit > _COARSEST:
+        raise ParameterError(
+            f"the last digit of a {numbers.type} near {largest:g} is {100 * digit:.2g} % of the "
+            f"range of the output, and {100 * _COARSEST / digits:.2g} % are allowed; "
+            + ("export doubles, or " if numbers.single else "")
+            + "identify the output less its offset"
+        )
+    return digits * digit
 
 
 def width_of(model: Preisach, linear: Linear | None) -> float:
@@ -77,13 +120,14 @@ def selftest(
     """
     width = width or 1.0
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
-    scale = 1 + float(np.abs(y).max()) / width
     tables = {
         "inputs": numbers.table(u),
-        "outputs": numbers.table(y),
+        # As doubles: rounded to the type, they would hide what rounding does to the output.
+        "outputs": Numbers(False).table(y),
         "targets": numbers.table(y[::-1]),
     }
-    tolerance = max(1e-12, 300 * rounding) * scale + _DIGITS * digit
+    tolerance = max(1e-12, 300 * rounding) + _DIGITS * digit
+    tolerance += output_error(numbers, y, width, "linear" in context and bool(context["linear"]))
     if asked is not None:
         tables |= {
             "asked_targets": numbers.table(asked.targets),

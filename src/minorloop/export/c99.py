@@ -161,9 +161,9 @@ def source(
     NotInvertibleError
         If an inverse is asked for and the model has none.
     ParameterError
-        If C of this kind cannot hold the model, the last digit of an input is worth more than
-        1 % of the output's range, it needs more bytes than allowed, or an option is out of its
-        range.
+        If C of this kind cannot hold the model, rounding inputs or outputs to its type costs
+        more than 1 % of the output's range, it needs more bytes than allowed, or an option is
+        out of its range.
     """
     _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))

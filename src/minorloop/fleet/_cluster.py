@@ -254,8 +254,8 @@ async def _gather(client: Any, future: Any) -> list[Found]:
 def _connect(address: str) -> Any:
     from distributed import Client
 
-    # What is lost is said in a sentence; Dask would add a page to it.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # What is lost is said in a sentence; Dask would add a page to it, even after the end.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         return Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

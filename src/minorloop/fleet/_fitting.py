@@ -66,6 +66,7 @@ def identify_one(task: Task, scratch: Path) -> Found:
             "excited": result.excited_fraction,
             "opening": opening(model),
             "samples": int(result.samples),
+            "warnings": result.warnings,
             "seconds": time.perf_counter() - began,
         }
     except Exception as error:

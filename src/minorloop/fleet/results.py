@@ -43,6 +43,7 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
         samples=found["samples"],
         seconds=found["seconds"],
         sha256=digest,
+        warning=one_line("; ".join(found["warnings"])) or None,
         **_origin(one),
     )
     path = _model(place, one)
@@ -58,6 +59,7 @@ def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
                 "sha256": digest,
                 "scores": _scores(found),
             },
+            warnings=found["warnings"],
             force=True,
         )
     except ParameterError as error:

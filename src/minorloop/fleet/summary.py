@@ -48,6 +48,8 @@ class Outcome:
         File of the record, as the manifest names it, and the columns identified.
     model : str, optional
         Digest of the file of the model.
+    warning : str, optional
+        Why the model is not to be trusted; None where nothing says so.
     """
 
     specimen: str
@@ -65,6 +67,7 @@ class Outcome:
     model: str | None = None
     nrmse_holdout: float | None = None
     excited: float | None = None
+    warning: str | None = None
 
     def plain(self) -> dict[str, Any]:
         """As a mapping, for files."""
@@ -119,6 +122,11 @@ class Summary:
         """Specimens with a model."""
         return [outcome for outcome in self.outcomes if outcome.error is None]
 
+    @property
+    def warned(self) -> list[Outcome]:
+        """Specimens whose model is not to be trusted."""
+        return [outcome for outcome in self.outcomes if outcome.warning is not None]
+
     def distributions(self) -> dict[str, dict[str, float]]:
         """Least, quartiles and greatest of each figure over the specimens identified."""
         found = {}
@@ -160,6 +168,7 @@ class Summary:
             "failed": len(self.failures),
             "figures": self.distributions(),
             "outliers": [asdict(outlier) for outlier in self.outliers()],
+            "warnings": {one.specimen: one.warning for one in self.warned},
             "failures": {one.specimen: one.error for one in self.failures},
             "strays": list(self.strays),
         }
@@ -174,6 +183,7 @@ class Summary:
             f"outlier {one.specimen}: {one.figure} {one.value:.4g}, median {one.median:.4g}"
             for one in self.outliers()
         ]
+        lines += [f"warning {one.specimen}: {one.warning}" for one in self.warned]
         lines += [f"failed {one.specimen}: {one.error}" for one in self.failures]
         lines += [f"{file} is of no specimen of the manifest" for file in self.strays]
         return "\n".join(lines)

@@ -7,7 +7,8 @@ whatever the number of unknowns, so long as the problem is well conditioned. A p
 data barely determine is not. The proximal-point iteration (Rockafellar, SIAM J. Control Optim.
 14, 1976) adds a ridge about the present solution, lets go of it step by step, and stiffens
 it again where the guesses do not settle. Residuals are taken from A itself, not from A'A, so
-that the optimality reached is not limited by the squared condition.
+that the optimality reached is not limited by the squared condition. The unknowns still are, and
+where the rows of A are given `refinement` ends with them.
 
 The free part is factorised while it is small; beyond that conjugate gradients on A itself are
 cheaper, a few hundred steps where a penalty keeps the condition low.
@@ -16,6 +17,7 @@ cheaper, a few hundred steps where a penalty keeps the condition low.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +25,13 @@ from scipy.linalg import LinAlgError, lapack
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _kernels
+from minorloop.identification.refinement import Preconditioner, Rows, refine
 from minorloop.threads import one_thread
 
 TOLERANCE = 1e-12
 """Relative violation of the optimality conditions at which the iteration ends."""
 ACCEPTABLE = 1e-6
-"""And the one up to which its result counts as solved."""
+"""And the one up to which its result counts as converged."""
 
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
@@ -48,16 +51,15 @@ class Sparse:
 
 @dataclass(frozen=True)
 class Solution:
-    """Unknowns, the optimality they reach, factorisations spent, and whether it is enough."""
+    """Unknowns, the optimality they reach, factorisations spent, and whether that is the end.
+
+    ``settled`` is false where the sum of squares was still falling.
+    """
 
     z: FloatArray
     kkt: float
     factorisations: int
-
-    @property
-    def solved(self) -> bool:
-        """Whether the optimality conditions hold to the acceptable tolerance."""
-        return self.kkt <= ACCEPTABLE
+    settled: bool = True
 
 
 def optimality(z: FloatArray, gradient: FloatArray, bounded: BoolArray, scale: float) -> float:
@@ -81,6 +83,7 @@ def solve(
     *,
     penalty: Sparse | None = None,
     guess: FloatArray | None = None,
+    rows: Rows | None = None,
 ) -> Solution:
     """Unknowns that meet the optimality conditions.
 
@@ -100,15 +103,18 @@ def solve(
         Q.
     guess : (n,) array, optional
         Where to begin.
+    rows : Rows, optional
+        A and y with those of the penalty below, for the last digits.
 
     Returns
     -------
     Solution
-        The best one met, whether or not it satisfies the tolerance.
+        The best one met, whether or not it has converged.
     """
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
     with one_thread(len(gram)):
-        return solver.run(solver.first_guess() if guess is None else guess)
+        found = solver.run(solver.first_guess() if guess is None else guess)
+        return found if rows is None else solver.refined(found, rows)
 
 
 class _Solver:
@@ -126,6 +132,7 @@ class _Solver:
         self.penalty = penalty
         self.factorisations = 0
         self.workspace = np.empty(0)
+        self.scaling: Preconditioner | None = None
         self.diagonal = gram.diagonal().copy()
         if penalty is not None:
             on = penalty.rows == penalty.columns
@@ -158,6 +165,35 @@ class _Solver:
             ridge = max(ridge * (0.01 if pivots <= 4 else 0.1), _LEAST_RIDGE)
         return Solution(best.z, best.kkt, self.factorisations)
 
+    def refined(self, found: Solution, rows: Rows) -> Solution:
+        """The same solution with its last digits, its optimality worked out anew."""
+        picked = np.flatnonzero(~self.bounded | (found.z > 0))
+        scaling = self._scaling(picked) if picked.size else None
+        if scaling is None:
+            return found
+        fine, settled = refine(rows, found.z, scaling)
+        z = np.where(self.bounded, np.maximum(fine, 0.0), fine)
+        kkt = optimality(z, self.gradient(z), self.bounded, self.scale)
+        if kkt > max(found.kkt, TOLERANCE) and not np.array_equal(z, fine):
+            return found  # the way there leads through a bound
+        return Solution(z, kkt, self.factorisations, settled)
+
+    def _scaling(self, picked: IntArray) -> Preconditioner | None:
+        """Factor of the free part: the last one wherever it is of the same unknowns."""
+        if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
+            return self.scaling
+        if self._is_large(picked.size):
+            if self.bounded[picked].any():
+                return None
+            return Preconditioner(picked, np.sqrt(self.diagonal[picked] + _LEAST_RIDGE))
+        for ridge in (_LEAST_RIDGE, _FIRST_RIDGE):
+            with suppress(LinAlgError):
+                return self._factorise(picked, ridge)
+        return None
+
+    def _is_large(self, unknowns: int) -> bool:
+        return unknowns > (_FACTORISED if self.penalty is None else _FACTORISED_SMOOTH)
+
     def _pivot(
         self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
     ) -> tuple[tuple[FloatArray, BoolArray], bool, int]:
@@ -165,7 +201,10 @@ class _Solver:
         fewest, patience = free.size + 1, _PATIENCE
         x = z
         for pivots in range(1, _PIVOTS + 1):
-            x = self._solve_free(z, gradient, free, ridge)
+            try:
+                x = self._solve_free(z, gradient, free, ridge)
+            except LinAlgError:
+                break
             slack = self.gradient(x) + ridge * (x - z)
             tiny = 1e-13 * self.scale
             wrong = self.bounded & np.where(free, x < -tiny, slack < -tiny)
@@ -189,12 +228,20 @@ class _Solver:
         if not np.array_equal(x, z):
             gradient = self.gradient(x) + ridge * (x - z)
         picked = np.flatnonzero(free)
-        if picked.size > (_FACTORISED if self.penalty is None else _FACTORISED_SMOOTH):
+        if self._is_large(picked.size):
             return x + self._conjugate_gradients(-np.where(free, gradient, 0.0), free, ridge)
+        factor = self._factorise(picked, ridge).factor
+        step, _ = lapack.dpotrs(factor, -gradient[picked], lower=0)
+        x[picked] += step
+        return x
+
+    def _factorise(self, picked: IntArray, ridge: float) -> Preconditioner:
+        """Cholesky factor of the normal equations of some unknowns, with a ridge."""
+        self.scaling = None
         matrix = self._matrix(picked.size)
         _kernels.take_lower(self.gram, picked, ridge, matrix)
         if self.penalty is not None:
-            place = np.full(free.size, -1)
+            place = np.full(self.bounded.size, -1)
             place[picked] = np.arange(picked.size)
             entries = self.penalty
             _kernels.add_lower(entries.rows, entries.columns, entries.values, place, matrix)
@@ -203,9 +250,8 @@ class _Solver:
         factor, failed = lapack.dpotrf(matrix.T, lower=0, clean=0, overwrite_a=1)
         if failed:
             raise LinAlgError("normal matrix is not positive definite")
-        step, _ = lapack.dpotrs(factor, -gradient[picked], lower=0)
-        x[picked] += step
-        return x
+        self.scaling = Preconditioner(picked, factor)
+        return self.scaling
 
     def _matrix(self, size: int) -> FloatArray:
         """Room for a square matrix: fresh memory costs more than filling it."""

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from minorloop.identification import active_set
+from minorloop.identification.baseline import nrmse, polynomial_nrmse
+from minorloop.identification.refinement import UNSETTLED
 
 if TYPE_CHECKING:
     from minorloop.identification.result import Identification
@@ -18,6 +20,9 @@ _OVERFIT = 2.0
 _HARDLY = 0.8
 _AGAINST = -0.5
 _ROUNDING = 1e-9
+_SHOWN = 6
+WORST = 0.1
+"""Error, as a share of the range of the output, beyond which no model is to be trusted."""
 _FALLS = (
     "the output falls as the input rises, and weights that are not negative cannot follow that: "
     "turn the sign of the output, or let them be negative with signed=True (--signed)"
@@ -26,17 +31,42 @@ _FALLS = (
 
 def advice(result: Identification) -> Iterator[str]:
     """Sentences, most important first; none where nothing is weak."""
+    yield from result.warnings
+    yield from _codes(result)
     yield from _suspects(result)
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)
 
 
+def warnings(result: Identification) -> Iterator[str]:
+    """The part of the advice for which the model is not to be trusted."""
+    yield from (finding.text for finding in result.findings)
+    yield from _distrust(result)
+
+
 def grave(result: Identification) -> Iterator[str]:
     """The part of the advice that tells of something wrong with actuator, sensor or sign."""
+    yield from (finding.text for finding in result.findings)
+    yield from _codes(result)
     yield from _suspects(result)
     if _falls(result):
         yield _FALLS
+
+
+def _codes(result: Identification) -> Iterator[str]:
+    if not result.codes:
+        return
+    shown = [f"sample {code.sample} ({code.value:.6g})" for code in result.codes[:_SHOWN]]
+    more = len(result.codes) - len(shown)
+    listed = ", ".join(shown) + (f" and {more} more" if more else "")
+    one = len(result.codes) == 1
+    yield (
+        f"{'a reading is a code' if one else f'{len(result.codes)} readings are codes'} of the "
+        f"instrument and no measurement: {listed}; the model was fitted without "
+        f"{'it' if one else 'them'}, as if the {'cell' if one else 'cells'} were empty. Check the "
+        "range of the instrument and repeat"
+    )
 
 
 def _suspects(result: Identification) -> Iterator[str]:
@@ -103,19 +133,54 @@ def _accuracy(result: Identification) -> Iterator[str]:
             f"fitted data ({result.nrmse:.2%}): fit inputs more like those you mean to apply, or "
             "fewer levels"
         )
-    if _falls(result):
-        yield _FALLS
-    elif score > base and score > _ROUNDING:
-        yield (
-            f"a polynomial of the delayed input does better ({base:.2%} against {score:.2%}): "
-            'the hysteresis here is weak or rate-dependent; try lag="auto" and slope=True '
-            "(--lag auto --slope), and for loops like butterflies signed=True (--signed)"
-        )
-    elif score > _HARDLY * base and score > _ROUNDING:
+    if base >= score > max(_HARDLY * base, _ROUNDING) and not _falls(result):
         yield (
             f"a polynomial of the delayed input does nearly as well ({base:.2%} against "
             f"{score:.2%}): there is little hysteresis in this record, or it is lost in noise"
         )
+
+
+def _distrust(result: Identification) -> Iterator[str]:
+    """What its errors say against the model."""
+    which = "held-out" if result.held_out.any() else "fitted"
+    error, score, base = _honest_errors(result)
+    if error > WORST:
+        yield (
+            f"do not trust this model: its error on {which} data is {error:.3g} of the range of "
+            f"the output, more than {WORST:g}; look at the residual for what it cannot follow"
+        )
+    if _falls(result):
+        yield _FALLS
+    elif score > base and score > _ROUNDING:
+        lagging = "" if result.sought else 'lag="auto" and '
+        option = "" if result.sought else "--lag auto "
+        yield (
+            f"a polynomial of the delayed input does better ({base:.2%} "
+            f"against {score:.2%}): the hysteresis here is weak or rate-dependent; try "
+            f"{lagging}slope=True ({option}--slope), and for loops like butterflies signed=True "
+            "(--signed)"
+        )
+
+
+def _honest_errors(result: Identification) -> tuple[float, float, float]:
+    """Error over the range of all, and over that of what is scored; that of the polynomial.
+
+    On what was held out, or else fitted, without the outliers found, which say nothing of either.
+    """
+    scored = result.held_out if result.held_out.any() else result.fitted
+    known = np.isfinite(result.y)
+    for finding in result.findings:
+        if finding.kind == "outlier":
+            known[list(finding.samples)] = False
+    if not (scored & known).any():
+        return 0.0, 0.0, 0.0
+    scored = scored & known
+    residual = (result.prediction - result.y)[scored]
+    error = float(np.sqrt(np.mean(residual**2)) / (np.ptp(result.y[known]) or 1.0))
+    base = result.baseline_nrmse
+    if (result.held_out | result.fitted)[~known].any():
+        base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored)
+    return error, nrmse(residual, result.y[scored]), base
 
 
 def _rmse_held_out(result: Identification) -> float:
@@ -134,9 +199,15 @@ def _falls(result: Identification) -> bool:
 def _numerics(result: Identification) -> Iterator[str]:
     if result.kkt > active_set.ACCEPTABLE:
         yield (
-            f"the solver stopped at an optimality of {result.kkt:.1e}, short of "
-            f"{active_set.ACCEPTABLE:.0e}; this is the best solution it met. Use fewer levels or "
-            "a positive smoothness"
+            f"the fit did not converge: the solver stopped at an optimality of {result.kkt:.1e}, "
+            f"short of {active_set.ACCEPTABLE:.0e}; this is the best solution it met. Use fewer "
+            "levels or a positive smoothness"
+        )
+    elif not result.converged:
+        yield (
+            "the fit did not converge: the record hardly determines some of the weights, and "
+            f"others of them fit better by more than {UNSETTLED:.0e} of the error squared. Use "
+            "fewer levels or a positive smoothness"
         )
     if not result.model.monotone:
         yield (

@@ -18,6 +18,7 @@ from minorloop.arrays import (
     check_option,
 )
 from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.active_set import ACCEPTABLE
 from minorloop.identification.areas import Areas, Form, check_bands
 from minorloop.identification.least_squares import Fit, Problem, reproduces
 from minorloop.identification.levels import levels_for
@@ -31,6 +32,7 @@ from minorloop.identification.prior import (
     regressors,
 )
 from minorloop.identification.result import Identification
+from minorloop.identification.screening import OVERLOAD, Code, codes
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import Relay
 from minorloop.operators.preisach import Diagonal
@@ -77,7 +79,9 @@ def identify(
     u : (T,) array_like
         Inputs applied, in order.
     y : (T,) array_like
-        Outputs; NaN where an input was applied and nothing was measured.
+        Outputs; NaN where an input was applied and nothing was measured. Overload codes and
+        sentinels such as 9.9e37 and -9999, where they lie apart from all other outputs, count as
+        not measured; they are named in ``codes`` and in the advice.
     levels : int or (L + 1,) array_like
         Number of bands, over the range of ``u``, or the thresholds themselves.
     spacing : {"uniform", "adaptive"}
@@ -127,7 +131,7 @@ def identify(
     Tan and Baras, Automatica 40, 2004: weights of a discretised plane by constrained least
     squares.
     """
-    inputs, outputs = _as_record(u, y)
+    inputs, outputs, coded = _as_record(u, y)
     check_option("spacing", spacing, ("uniform", "adaptive"))
     for name, flag in (("slope", slope), ("signed", signed), ("offset", offset)):
         if not isinstance(flag, bool | np.bool_):
@@ -151,6 +155,7 @@ def identify(
         start=start,
         smoothness=found.smoothness,
         kkt=found.kkt,
+        converged=found.converged,
         u=inputs,
         y=outputs,
         fitted=found.fitted,
@@ -158,6 +163,8 @@ def identify(
         areas=found.areas,
         belief=found.belief,
         suspects=found.suspects,
+        codes=coded,
+        sought=lag == "auto",
     )
 
 
@@ -175,6 +182,7 @@ class _Found:
     smoothness: float = 0.0
     belief: Belief | None = None
     suspects: tuple[int, ...] = ()
+    converged: bool = True
 
 
 def _fitted(
@@ -198,10 +206,10 @@ def _fitted(
         if prior == "auto" and samples >= form.unknowns:
             areas, fit = _fit(form, record, lag, 0.0)
             if reproduces(areas, fit.x, record[1][lag:][fitted[lag:]]):
-                return _Found(fit.x, fit.kkt, areas, fitted)
+                return _Found(fit.x, fit.kkt, areas, fitted, converged=fit.converged)
         return _fitted_with_prior(form, record, lag, noise)
     areas, fit = _fit(form, record, lag, smoothness)
-    return _Found(fit.x, fit.kkt, areas, fitted, fit.smoothness)
+    return _Found(fit.x, fit.kkt, areas, fitted, fit.smoothness, converged=fit.converged)
 
 
 def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | None) -> _Found:
@@ -231,7 +239,15 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
         suspects.append(place)
         fitted = fitted.copy()
         fitted[place] = False
-    return _Found(found.x, found.kkt, areas, fitted, belief=found.belief, suspects=tuple(suspects))
+    return _Found(
+        found.x,
+        found.kkt,
+        areas,
+        fitted,
+        belief=found.belief,
+        suspects=tuple(suspects),
+        converged=found.kkt <= ACCEPTABLE,
+    )
 
 
 def _suspect(
@@ -317,7 +333,10 @@ def _best_lag(form: Form, record: _Recorded) -> int:
     return int(np.argmin(errors))
 
 
-def _as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+def _as_record(
+    u: npt.ArrayLike, y: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray, tuple[Code, ...]]:
+    """Inputs, outputs with NaN for what is no measurement, and what codes those were."""
     inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
     for name, values in (("u", inputs), ("y", outputs)):
         if values.ndim != 1:
@@ -327,6 +346,7 @@ def _as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArr
             f"u has {inputs.size} samples and y has {outputs.size}; give one output for every "
             "input, NaN where nothing was measured"
         )
+    outputs, coded = _without_codes(inputs, outputs)
     finite = outputs[np.isfinite(outputs)]
     if finite.size < _FEWEST:
         raise SignalError(f"{finite.size} outputs are finite; at least {_FEWEST} are needed")
@@ -342,7 +362,22 @@ def _as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArr
             raise SignalError(
                 f"the {name} is {values[0]:g} throughout; a constant identifies nothing"
             )
-    return inputs, outputs
+    return inputs, outputs, coded
+
+
+def _without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code, ...]]:
+    for code in codes(u):
+        if abs(code.value) >= OVERLOAD:
+            raise SignalError(
+                f"u is {code.value:g} at index {code.sample}, which is an overload code and no "
+                "input; give what was applied, or cut these rows"
+            )
+    coded = codes(y)
+    if not coded:
+        return y, ()
+    measured = y.copy()
+    measured[[code.sample for code in coded]] = np.nan
+    return measured, coded
 
 
 def _split(y: FloatArray, holdout: float) -> tuple[BoolArray, BoolArray]:

@@ -21,6 +21,7 @@ from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels, active_set
 from minorloop.identification.areas import Areas, Form, pack, unpack
+from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
 
 CANDIDATES = (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
@@ -36,11 +37,15 @@ _LARGE = 2500
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Unknowns of a fitted form, how optimal they are, and the smoothness that was used."""
+    """Unknowns of a fitted form, how optimal they are, and the smoothness that was used.
+
+    ``converged`` is false where a longer search would fit better.
+    """
 
     x: FloatArray
     kkt: float
     smoothness: float
+    converged: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +133,9 @@ class _System:
         areas, form = self.problem.areas, self.problem.areas.form
         if guess is None and form.cells > _LARGE:
             guess = self._coarse_guess(strength)
+        factor = strength * self.weight.sum() * form.bands**2
         rows, columns, values = neighbour_penalty(form)
-        values = values * (strength * self.weight.sum() * form.bands**2)
-        values = values * (self.scale[rows] * self.scale[columns])
+        values = values * (factor * self.scale[rows] * self.scale[columns])
         penalty = active_set.Sparse(rows, columns, values)
 
         def hessian(z: FloatArray) -> FloatArray:
@@ -146,16 +151,48 @@ class _System:
                 _kernels.multiply_symmetric(rows, columns, values, z, g)
             return g
 
+        whole = self._rows(factor)
+        scale = float(np.linalg.norm(whole.target)) or 1.0
         solution = active_set.solve(
             self.gram,
             gradient,
             hessian,
             self.bounded,
-            float(np.linalg.norm(self.y * np.sqrt(self.weight))) or 1.0,
+            scale,
             penalty=penalty if strength else None,
             guess=None if guess is None else self._scaled(guess),
+            rows=whole,
         )
-        return Fit(self._unscaled(solution.z), solution.kkt, strength)
+        # Worked out from the rows alone, whatever the solver has made of normal equations.
+        z = solution.z
+        kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, scale)
+        converged = solution.settled and kkt <= active_set.ACCEPTABLE
+        return Fit(self._unscaled(z), kkt, strength, converged)
+
+    def _rows(self, factor: float) -> Rows:
+        """The problem row by row: samples, then what neighbours differ by where that counts."""
+        areas, share = self.problem.areas, np.sqrt(self.weight)
+        if not factor:
+            return Rows(
+                lambda z: share * areas.forward(self.scale * z),
+                lambda r: self.scale * areas.adjoint(share * r),
+                share * self.y,
+            )
+        first, second, area = neighbours(areas.form)
+        samples, cells = self.y.size, areas.form.cells
+        one, other = (np.sqrt(factor) / area[k] for k in (first, second))
+
+        def apply(z: FloatArray) -> FloatArray:
+            x = self.scale * z
+            return np.append(share * areas.forward(x), one * x[first] - other * x[second])
+
+        def transpose(r: FloatArray) -> FloatArray:
+            out = areas.adjoint(share * r[:samples])
+            out[:cells] += np.bincount(first, one * r[samples:], cells)
+            out[:cells] -= np.bincount(second, other * r[samples:], cells)
+            return self.scale * out
+
+        return Rows(apply, transpose, np.append(share * self.y, np.zeros(first.size)))
 
     def _coarse_guess(self, strength: float) -> FloatArray:
         """Solve on every other threshold, and share each weight among the cells it covers."""
@@ -184,17 +221,22 @@ class _System:
         return z / (self.scale * self.unit)
 
 
-def neighbour_penalty(form: Form) -> tuple[IntArray, IntArray, FloatArray]:
-    """Lower triangle of the matrix of the roughness: rows, columns, values."""
+def neighbours(form: Form) -> tuple[IntArray, IntArray, FloatArray]:
+    """Pairs of neighbouring cells, first and second, and the area of each cell."""
     bands = form.bands
     i, j = np.tril_indices(bands)
     number = np.full((bands, bands), -1)
     number[i, j] = np.arange(i.size)
-    area = np.where(i == j, 0.5, 1.0)
     up = number[i[i + 1 < bands] + 1, j[i + 1 < bands]], number[i, j][i + 1 < bands]
     right = number[i[j < i], j[j < i] + 1], number[i, j][j < i]
     first = np.concatenate([up[0], right[0]])
     second = np.concatenate([up[1], right[1]])
+    return first, second, np.where(i == j, 0.5, 1.0)
+
+
+def neighbour_penalty(form: Form) -> tuple[IntArray, IntArray, FloatArray]:
+    """Lower triangle of the matrix of the roughness: rows, columns, values."""
+    first, second, area = neighbours(form)
     low, high = np.minimum(first, second), np.maximum(first, second)
     rows = np.concatenate([low, high, high])
     columns = np.concatenate([low, high, low])

@@ -17,6 +17,7 @@ from minorloop.identification.areas import Areas
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
 from minorloop.identification.prior import Belief, regressors
+from minorloop.identification.screening import Code, Finding, screened
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
@@ -48,6 +49,12 @@ class Identification:
         How sure the prior is of the unknowns; None where it was not used.
     suspects : tuple of int
         Samples that lie far outside the band that all others give, and were set aside.
+    codes : tuple of Code
+        Readings that were overload codes or sentinels, and count as not measured.
+    sought : bool
+        Whether the lag is the best of several.
+    converged : bool
+        Whether the solver reached the optimum; `advice` says so where it did not.
     """
 
     model: Preisach
@@ -62,6 +69,9 @@ class Identification:
     areas: Areas
     belief: Belief | None = None
     suspects: tuple[int, ...] = ()
+    codes: tuple[Code, ...] = ()
+    sought: bool = False
+    converged: bool = True
 
     @overload
     def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
@@ -118,10 +128,10 @@ class Identification:
         Returns
         -------
         Inversion
-            With ``sd`` where the prior was used.
+            With ``sd`` where the prior was used, and with the warnings about this model.
         """
         begin = self.start if start is None else start
-        found = self.model.invert(targets, begin, unreachable)
+        found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
         if self.belief is None:
             return found
         return replace(found, sd=self.belief.deviation(found.u, begin))
@@ -219,6 +229,18 @@ class Identification:
         return float(np.count_nonzero(self.excited)) / self.areas.form.cells
 
     @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Outliers, stuck and clipped stretches and a lag in the record that are in the model."""
+        y = self.y.copy()
+        y[list(self.suspects)] = np.nan
+        return screened(self.u, y, self.start, self.lag, sought=self.sought)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Why the model is not to be trusted; empty where nothing says so. Part of the advice."""
+        return tuple(advising.warnings(self))
+
+    @cached_property
     def advice(self) -> tuple[str, ...]:
         """What is weak, and what to do about it; empty where nothing is."""
         return tuple(advising.advice(self))
@@ -233,7 +255,7 @@ class Identification:
             ("error, fitted", f"{self.nrmse:.3%} of range"),
             ("error, held out", "not asked for" if held is None else f"{held:.3%} of range"),
             ("best delayed polynomial", f"{self.baseline_nrmse:.3%} of range"),
-            ("optimality", f"{self.kkt:.1e}"),
+            ("optimality", f"{self.kkt:.1e}" + ("" if self.converged else ", not converged")),
         ]
         lines = [f"{name:<24} {value}" for name, value in rows]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])

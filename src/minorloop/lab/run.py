@@ -8,8 +8,6 @@ safe input; whoever calls ``run`` again with the same store goes on behind the l
 from __future__ import annotations
 
 import math
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -18,12 +16,15 @@ from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MinorloopError, ParameterError, StoreError
+from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreError
 from minorloop.lab.actuator import Actuator, Timed, check_input
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
 from minorloop.lab.settling import judge, trend
+from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 from minorloop.lab.store import Point, Store
+
+__all__ = ["Choose", "Described", "Moment", "Restorable", "Stopped", "Way", "check_plan", "run"]
 
 Way: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 
@@ -52,10 +53,6 @@ class Described(Protocol):
     @property
     def description(self) -> dict[str, Any] | None:
         """Instruments, and how their readings are understood, ready for JSON; None if unknown."""
-
-
-class Stopped(KeyboardInterrupt):
-    """The process was asked to end."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +121,9 @@ def run(
     StoreError
         If the store belongs to another plan, was measured on another bench, or cannot be written;
         its points are kept.
+    SafetyError
+        If the actuator does not say at the end that it is safe, whatever came before; the
+        points are kept.
     """
     check_plan(actuator, plan)
     store.check_same(plan)
@@ -316,39 +316,30 @@ def _reason(error: BaseException) -> str:
 
 @contextmanager
 def _left_safe(actuator: Actuator) -> Iterator[None]:
-    """Bring the actuator to its safe input at the end, however that comes."""
-    with _ended_by_signals() as hold_off:
-        try:
-            yield
-        finally:
-            hold_off()
-            actuator.safe()
+    """Bring the actuator to its safe input at the end, however that comes.
 
-
-@contextmanager
-def _ended_by_signals() -> Iterator[Callable[[], None]]:
-    """Turn the signals that end a process into an exception; yields what turns them off.
-
-    Only the main thread can; elsewhere the caller has to see to it.
+    No signal is raised but in the run itself, so that none comes between its end and safety.
     """
-    names = ("SIGTERM", "SIGHUP", "SIGINT")
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        numbers = []
+    with ended_by_signals(), Deferred():
+        try:
+            with Allowed():
+                yield
+        except SafetyError:
+            raise  # it has been tried until a deadline
+        except BaseException as error:
+            _make_safe(actuator, error)
+            raise
+        _make_safe(actuator, None)
 
-    def stop(number: int, frame: object) -> None:
-        raise Stopped(signal.Signals(number).name)
 
-    def hold_off() -> None:
-        for number in numbers:
-            signal.signal(number, signal.SIG_IGN)
-
-    before = {number: signal.getsignal(number) for number in numbers}
-    for number in numbers:
-        if before[number] is not signal.SIG_IGN:
-            signal.signal(number, stop)
+def _make_safe(actuator: Actuator, cause: BaseException | None) -> None:
+    """Make an actuator safe; if that fails, say so first and what ended the run after it."""
     try:
-        yield hold_off
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        actuator.safe()
+    except Exception as error:
+        said = f"{error}"
+        if not isinstance(error, SafetyError):
+            said = f"the actuator may still be on, switch it off by hand: {error}"
+        if cause is None:
+            raise SafetyError(said) from error
+        raise SafetyError(f"{said}; the run ended because of: {_reason(cause)}") from cause

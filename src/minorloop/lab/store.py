@@ -29,6 +29,7 @@ from minorloop.lab import _store_rows as rows
 from minorloop.lab._store_rows import Point, Setup, Sitting
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity, Record
+from minorloop.lab.signals import Deferred
 
 __all__ = ["Point", "Setup", "Sitting", "Store", "is_store"]
 
@@ -409,6 +410,10 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
+        with Deferred():
+            yield from self._committed()
+
+    def _committed(self) -> Iterator[None]:
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             yield

@@ -36,6 +36,8 @@ class Inversion:
         Whether the target lies within what the model can reach.
     sd : (T,) array, optional
         Standard deviation of the output that the actuator will really have, where it is known.
+    warnings : tuple of str
+        Why the model that gave the inputs is not to be trusted.
     """
 
     u: FloatArray
@@ -43,6 +45,7 @@ class Inversion:
     residual: FloatArray
     reachable: BoolArray
     sd: FloatArray | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def targets(self) -> FloatArray:
@@ -70,7 +73,7 @@ class Inversion:
             lines.append(f"... {self.u.size - _SHOWN} more")
         missed = int(np.count_nonzero(~self.reachable))
         lines.append(f"worst residual {self.worst:.3g}, {missed} of {self.u.size} out of reach")
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
         """Draw targets with outputs, and the inputs below; gives the matplotlib figure.

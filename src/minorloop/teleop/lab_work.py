@@ -124,6 +124,7 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
         output=record.output,
         lag=result.lag,
         provenance=modelfile.Provenance(data=source.data, sha256=source.sha256, scores=scores),
+        warnings=result.warnings,
         force=True,
     )
     shown = _shown(result, record, seconds)
@@ -138,7 +139,7 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
 
 def move(folder: str, memory: list[float] | None, u: float) -> Told:
     """Output and memory after one more input."""
-    known = _model(folder)
+    known, _ = _model(folder)
     before = Memory.negative(float(known.levels[0])) if memory is None else Memory(memory)
     y, after = known.step(before, u)
     yield {"y": float(np.asarray(y)), "memory": list(after.extrema)}
@@ -148,7 +149,8 @@ def invert(folder: str, targets: list[float], start: str) -> Told:
     """Inputs for targets; those out of reach are brought as near as can be, and marked."""
     if not 0 < len(targets) <= _MOST_TARGETS:
         raise ParameterError(f"there are {len(targets)} targets; give 1 to {_MOST_TARGETS}")
-    found = _model(folder).invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
+    model, warnings = _model(folder)
+    found = model.invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
     rows = zip(targets, found.u.tolist(), found.y.tolist(), strict=True)
     lines = ["target,input,output", *(f"{t:.9g},{u:.9g},{y:.9g}" for t, u, y in rows)]
     os.chdir(folder)
@@ -158,6 +160,7 @@ def invert(folder: str, targets: list[float], start: str) -> Told:
         "y": found.y.tolist(),
         "reachable": found.reachable.tolist(),
         "worst": found.worst,
+        "warnings": list(warnings),
     }
 
 
@@ -187,10 +190,12 @@ def _shown(result: Identification, record: Record, seconds: float) -> dict[str, 
             "seconds": seconds,
         },
         "advice": list(result.advice),
+        "warnings": list(result.warnings),
     }
 
 
-def _model(folder: str) -> Preisach:
+def _model(folder: str) -> tuple[Preisach, tuple[str, ...]]:
+    """The model of a user, and why it is not to be trusted."""
     file = Path(folder) / MODEL
     if not file.is_file():
         raise ParameterError("there is no model yet; identify one first")
@@ -198,10 +203,10 @@ def _model(folder: str) -> Preisach:
 
 
 @lru_cache(maxsize=16)
-def _loaded(file: str, changed: int) -> Preisach:
-    model = modelfile.load(file)
-    assert isinstance(model, Preisach)
-    return model
+def _loaded(file: str, changed: int) -> tuple[Preisach, tuple[str, ...]]:
+    known = modelfile.read(file)
+    assert isinstance(known.model, Preisach)
+    return known.model, known.warnings
 
 
 def _few(count: int, most: int) -> npt.NDArray[np.intp]:

@@ -1,84 +1,92 @@
-"""The server's end of the control loop and of its eyes: two processes, and threads to hear them."""
+"""The server's end of the control loop and of the camera: channels, and threads to hear them."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import multiprocessing
 import queue
 import threading
 from collections.abc import Callable
-from multiprocessing.connection import Connection
 
 import msgspec
 
-from minorloop.teleop import lookout, loop, messages
+from minorloop.teleop import messages
+from minorloop.teleop.channel import Channel
+from minorloop.teleop.settings import LoopSettings
 
 _MOST_WAITING = 512
+_FAILED = b'{"type":"failed"'
+_MAKES_SAFE = "The head is made safe and its wires cool. It is started anew and holds then."
+_SILENT = f"The control loop stands still. {_MAKES_SAFE}"
+_GONE = f"The control loop has ended. {_MAKES_SAFE}"
 
 
 class Link:
-    """A control loop and its eyes, in processes of their own.
+    """A control loop and a camera, in processes of their own.
 
     Parameters
     ----------
     settings : LoopSettings
     said : callable
-        What to do with each message of the loop; called in the event loop that ran ``start``.
+        What to do with each message of them; called in the event loop that ran ``start``.
+    loop, camera : Channel, optional
+        Without them, nobody is there.
     """
 
-    def __init__(self, settings: loop.LoopSettings, said: Callable[[bytes], None]) -> None:
-        self._settings, self._said = settings, said
-        self._orders: queue.Queue[bytes | None] = queue.Queue(maxsize=_MOST_WAITING)
+    def __init__(
+        self,
+        settings: LoopSettings,
+        said: Callable[[bytes], None],
+        *,
+        loop: Channel | None = None,
+        camera: Channel | None = None,
+    ) -> None:
+        self._loop, self._camera = loop or Channel(), camera or Channel()
+        self._silence, self._said = 2 * settings.patience, said
+        self._orders: queue.Queue[bytes] = queue.Queue(maxsize=_MOST_WAITING)
+        self._there = False
 
     def start(self) -> None:
-        """Start the process; has to be called where the event loop runs."""
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._pictures, shown = context.Pipe(duplex=False)
-        looking, seeing = context.Pipe()
-        self.process = context.Process(
-            target=loop.run, args=(theirs, looking, self._settings), daemon=True
-        )
-        self.eyes = context.Process(
-            target=lookout.run, args=(seeing, shown, self._settings), daemon=True
-        )
-        self.process.start()
-        self.eyes.start()
-        for end in (theirs, shown, looking, seeing):
-            end.close()
-        events = asyncio.get_running_loop()
-        gone = "the control loop has ended; start the console again"
-        for work in (
-            lambda: self._listen(self._pipe, events, gone),
-            lambda: self._listen(self._pictures, events, "the camera has gone"),
-            self._speak,
-        ):
+        """Begin to talk; has to be called where the event loop runs."""
+        self._events = asyncio.get_running_loop()
+        for work in (self._hear_loop, self._hear_camera, self._speak):
             threading.Thread(target=work, daemon=True).start()
 
     def order(self, message: messages.Inner) -> None:
-        """Pass an order on; it is dropped where the loop has not taken in hundreds of them."""
-        with contextlib.suppress(queue.Full):
-            self._orders.put_nowait(msgspec.msgpack.encode(message))
+        """Pass an order on; it is dropped where no loop is there that would carry it out now."""
+        if self._there or isinstance(message, messages.Release):
+            with contextlib.suppress(queue.Full):
+                self._orders.put_nowait(msgspec.msgpack.encode(message))
 
     def stop(self) -> None:
-        """End the process: it holds, makes the plant safe and finishes its recording."""
-        with contextlib.suppress(queue.Full):
-            self._orders.put_nowait(None)
-        self.process.join(timeout=5.0)
-        for process in (self.process, self.eyes):
-            if process.is_alive():
-                process.terminate()
+        """Leave the loop alone; it goes on without the server."""
 
-    def _listen(self, pipe: Connection, events: asyncio.AbstractEventLoop, gone: str) -> None:
-        with contextlib.suppress(EOFError, OSError, RuntimeError):
-            while True:
-                events.call_soon_threadsafe(self._said, pipe.recv_bytes())
-        with contextlib.suppress(RuntimeError):  # the event loop may have ended, too
-            events.call_soon_threadsafe(self._said, messages.encode("failed", text=gone))
+    def _hear_loop(self) -> None:
+        for pipe in self._loop.pipes():
+            with contextlib.suppress(EOFError, OSError):
+                while True:
+                    if self._there and not pipe.poll(self._silence):
+                        self._there = False
+                        self._fail(_SILENT)
+                    content = pipe.recv_bytes()
+                    self._there = not content.startswith(_FAILED)
+                    self._tell(content)
+            self._there = False
+            self._fail(_GONE)
+
+    def _hear_camera(self) -> None:
+        for pipe in self._camera.pipes():
+            with contextlib.suppress(EOFError, OSError):
+                while True:
+                    self._tell(pipe.recv_bytes())
+
+    def _fail(self, sentence: str) -> None:
+        self._tell(messages.encode("failed", text=sentence, again=True))
+
+    def _tell(self, content: bytes) -> None:
+        with contextlib.suppress(RuntimeError):  # the event loop may have ended
+            self._events.call_soon_threadsafe(self._said, content)
 
     def _speak(self) -> None:
-        with contextlib.suppress(OSError):
-            while (content := self._orders.get()) is not None:
-                self._pipe.send_bytes(content)
-            self._pipe.send_bytes(loop.END)
+        while True:
+            self._loop.send(self._orders.get())

@@ -9,71 +9,99 @@ import pickle
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
+from threading import Event, Thread
 from typing import Any
 
 import msgspec
 
 from minorloop.errors import MinorloopError
 from minorloop.teleop import messages
+from minorloop.teleop.channel import Channel, Outbox
 from minorloop.teleop.eyes import Eyes
 from minorloop.teleop.imaging import opencv
-from minorloop.teleop.loop import PICTURED, LoopSettings
 from minorloop.teleop.plant import open_tip
-from minorloop.teleop.sight import Look, Wish
+from minorloop.teleop.settings import LoopSettings
+from minorloop.teleop.sight import PICTURED, Look, Wish
+from minorloop.teleop.supervisor import Post
 from minorloop.vision.eye import Image
 
 _QUALITY = 78
 _RECORD_EVERY = 5
+_LOOK_EVERY = 0.1
 
 
-def run(loop: Connection, shown: Connection, settings: LoopSettings) -> None:
-    """Look until the loop goes away; for a process of its own.
+def run(post: Post, settings: LoopSettings) -> None:
+    """Look until the control loop or the supervisor ends; for a process of its own.
 
     Parameters
     ----------
-    loop : Connection
-        To the control loop.
-    shown : Connection
-        To the server, for pictures and jobs.
+    post : Post
+        Brings pipes to the control loop, and to the server for pictures and jobs.
     settings : LoopSettings
     """
+    server, loop = Channel(), Channel()
+    over = post.begin(server=server, loop=loop)
     with contextlib.suppress(OSError, AttributeError):
         os.nice(-5)  # allowed to few; it helps where others use the same cores
     try:
         tip, view = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed)
         opencv()
-    except (MinorloopError, ImportError):
-        loop.close()  # the loop says what is wrong
+    except (MinorloopError, ImportError) as error:
+        _serve(None, {"failed": str(error)}, loop, server, post, over)
         return
     pool = ThreadPoolExecutor(1)
     eyes = Eyes(tip, view, _in(pool))
     _warm_up(eyes)
     gc.collect()
     gc.freeze()
-    with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
-        loop.send_bytes(msgspec.json.encode(view.told()))
-        _look(eyes, loop, shown)
+    _serve(eyes, view.told(), loop, server, post, over)
     pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _look(eyes: Eyes, loop: Connection, shown: Connection) -> None:
-    decoder, encoder = msgspec.msgpack.Decoder(Look), msgspec.msgpack.Encoder()
-    while True:
-        look = newest(loop, decoder)
-        seen = eyes.tick(look)
-        loop.send_bytes(encoder.encode(seen))
-        if eyes.image is not None:
-            coded = jpeg(eyes.image)
-            picture = messages.picture(messages.IMAGE, look.number, look.t, look.where, coded)
-            shown.send_bytes(picture)
-            if look.keep and look.number % _RECORD_EVERY == 0:
-                loop.send_bytes(PICTURED + picture)
-        while eyes.jobs:
-            shown.send_bytes(bytes([messages.JOB]) + pickle.dumps(eyes.jobs.pop(0)))
+def _serve(
+    eyes: Eyes | None,
+    introduction: dict[str, Any],
+    loop: Channel,
+    server: Channel,
+    post: Post,
+    over: Event,
+) -> None:
+    """Introduce the eyes to a control loop, and look for it until it ends."""
+    outbox = Outbox()
+    Thread(target=outbox.forward, args=(server,), daemon=True).start()
+    pipe = None
+    while pipe is None and not over.is_set():
+        pipe = loop.next(None, _LOOK_EVERY)
+    if pipe is None:
+        return
+    with contextlib.suppress(EOFError, OSError):
+        pipe.send_bytes(msgspec.json.encode(introduction))
+        while not over.is_set():
+            post.beat()
+            if pipe.poll(_LOOK_EVERY):
+                _look(eyes, pipe, outbox)
 
 
-def newest(pipe: Connection, decoder: msgspec.msgpack.Decoder[Look]) -> Look:
+def _look(eyes: Eyes | None, loop: Connection, outbox: Outbox) -> None:
+    """Answer the newest word of the loop."""
+    look = newest(loop)
+    if eyes is None:
+        return
+    seen = eyes.tick(look)
+    loop.send_bytes(msgspec.msgpack.encode(seen))
+    if eyes.image is not None:
+        coded = jpeg(eyes.image)
+        picture = messages.picture(messages.IMAGE, look.number, look.t, look.where, coded)
+        outbox.newest(picture)
+        if look.keep and look.number % _RECORD_EVERY == 0:
+            loop.send_bytes(PICTURED + picture)
+    while eyes.jobs:
+        outbox.event(bytes([messages.JOB]) + pickle.dumps(eyes.jobs.pop(0)))
+
+
+def newest(pipe: Connection) -> Look:
     """The newest word in a pipe, with the wishes of those before it."""
+    decoder = msgspec.msgpack.Decoder(Look)
     look = decoder.decode(pipe.recv_bytes())
     while pipe.poll():
         later = decoder.decode(pipe.recv_bytes())

@@ -135,10 +135,16 @@ class Sounded(msgspec.Struct, frozen=True, kw_only=True, tag_field="type", tag="
     told: dict[str, Any]
 
 
+class Known(msgspec.Struct, frozen=True, tag_field="type", tag="known"):
+    """The findings so far, for a control loop that was started anew; the server says it."""
+
+    findings: list[dict[str, Any]]
+
+
 Order: TypeAlias = (
     Drive | Mode | Pick | Measure | Focus | Find | Sharpen | Scan | Record | Forget | Release
 )
-Inner: TypeAlias = Order | Sounded | Taken
+Inner: TypeAlias = Order | Sounded | Taken | Known
 """What the server says to the control loop."""
 Message: TypeAlias = Order | Take | Ping
 

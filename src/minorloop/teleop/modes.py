@@ -40,12 +40,15 @@ class Seat:
         For how long in seconds a target may be out of sight before TRACK gives up.
     reach : float
         Half-angle of the cone in which a scan may turn the head, in degrees.
+    pictures : float
+        For how long in seconds no picture may come.
     """
 
     gaze: GazeMap = field(default_factory=GazeMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
     reach: float = 30.0
+    pictures: float = 0.12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +68,8 @@ class Heard:
         Forward and right, -1 to 1.
     clutch : bool
         Whether the clutch is pressed.
+    pictures : bool
+        Whether the camera gives pictures.
     servo : (float, float), optional
         Rates of pan and tilt that bring the target where it belongs, in degrees per second;
         None where the target is not seen.
@@ -79,6 +84,7 @@ class Heard:
     link_age: float = math.inf
     stick: Pair = (0.0, 0.0)
     clutch: bool = False
+    pictures: bool = True
     servo: Pair | None = None
     scan: tuple[Pair, Rates] | None = None
 
@@ -154,6 +160,8 @@ def _refusal(seat: Seat, state: SeatState, heard: Heard, wanted: Mode) -> str:
             f"the operator's page was not heard of for {seat.stick.timeout:g} s; press a mode to "
             "go on, or start with a longer --timeout"
         )
+    if not heard.pictures:
+        return "no picture comes from the camera; press a mode when pictures come again"
     if wanted == "HEAD" and (heard.pose is None or not heard.pose_age <= seat.gaze.timeout):
         return "the pose of the operator's head was lost; press HEAD to go on"
     entering = heard.request is not None and state.mode != "TRACK"

@@ -27,9 +27,9 @@ from minorloop.teleop.doors import Doors
 from minorloop.teleop.hub import SILENCE, HostileError, Hub, Viewer
 from minorloop.teleop.imaging import opencv
 from minorloop.teleop.link import Link
-from minorloop.teleop.loop import LoopSettings
 from minorloop.teleop.plant import View
 from minorloop.teleop.reports import table_of
+from minorloop.teleop.settings import LoopSettings
 from minorloop.teleop.wall import Wall
 from minorloop.teleop.workers import Workers
 
@@ -70,7 +70,7 @@ class Console:
 
     doors: Doors
     loop: LoopSettings = field(default_factory=LoopSettings)
-    link: Callable[[LoopSettings, Callable[[bytes], None]], Link] = Link
+    link: Callable[..., Link] = Link
     workers: int = 2
 
     def app(self) -> Starlette:
@@ -164,11 +164,11 @@ class _Server:
                 asyncio.get_running_loop().run_in_executor(None, self._paint, content, show)
             return
         if content.startswith(b'{"type":"state"'):
+            self._hub.failed = None
             self._hub.show("state", content)
             return
         if content.startswith(b'{"type":"hello"'):
-            self._hub.hello = content
-            self._wall = Wall(View.heard(msgspec.json.decode(content)["known"]))
+            self._meet_loop(content)
         elif content.startswith(b'{"type":"findings"'):
             self._hub.findings = content
             self._keep_known({f["number"] for f in msgspec.json.decode(content)["findings"]})
@@ -177,6 +177,15 @@ class _Server:
         elif content.startswith(b'{"type":"failed"'):
             self._hub.failed = content
         self._hub.tell(content)
+
+    def _meet_loop(self, hello: bytes) -> None:
+        """Take in what a loop says first; one that was started anew is told the findings."""
+        self._hub.hello = hello
+        if self._wall is None:
+            self._wall = Wall(View.heard(msgspec.json.decode(hello)["known"]))
+        findings = msgspec.json.decode(self._hub.findings)["findings"]
+        if findings:
+            self._link.order(messages.Known(findings=findings))
 
     def _keep_known(self, numbers: set[int]) -> None:
         """Drop fit and meshes of findings that were dropped."""

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
@@ -59,6 +60,7 @@ class Session:
         self.reading = np.zeros(4)
         self._known = np.zeros(4)
         self.ticks = self._blind = 0
+        self._resting = self._dark = False
         self._control = self.control.begin(self.reading[:2], np.zeros(2))
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
@@ -108,25 +110,31 @@ class Session:
             self._wish("focus", message.distance)
         elif isinstance(message, messages.Forget):
             self._forget(message.finding)
+        elif isinstance(message, messages.Known):
+            self._restore(message.findings)
 
     def hold(self, reason: str) -> None:
         """Hold, and forget what the operator's page said last."""
         self.state = held(self.state, reason)
         self._drive, self._drive_at, self._request = None, -math.inf, None
 
+    def rest(self, reason: str) -> None:
+        """Hold with cold wires, since the plant was made safe; the next mode ends it."""
+        self.hold(reason)
+        self.state = SeatState("HOLD", reason)
+        self._resting = True
+
     def tick(self, now: float) -> FloatArray:
         """One tick at a time in seconds; gives the four inputs that were applied."""
         for seen in self.sight.seen():
             self._take(seen)
+        self._watch_pictures()
         before = self.state.mode
         heard = self._heard(now)  # a scan that has ended holds
         self.state = advance(self.seat, self.state, heard, self.interval)
         self._changed(before)
         self._request = None
-        reference = np.add(self.state.command, MIDDLE)
-        currents, self._control = self.control.step(
-            self._control, reference, self.reading[:2], t=self.ticks * self.interval
-        )
+        currents = self._currents()
         u = np.concatenate([currents, self.state.rates])
         self.reading = np.asarray(self.plant.exchange(u), dtype=np.float64)
         self._watch_sensors()
@@ -143,8 +151,20 @@ class Session:
         )
         return u
 
-    def report(self, now: float, *, late: float = 0.0) -> bytes:
-        """What the pages are told of this tick."""
+    def _currents(self) -> FloatArray:
+        """What the wires get in this tick: nothing while they rest."""
+        self._resting = self._resting and self.state.mode == "HOLD"
+        if self._resting:
+            self._control = self.control.begin(self.reading[:2], np.zeros(2))
+            return np.zeros(2)
+        reference = np.add(self.state.command, MIDDLE)
+        currents, self._control = self.control.step(
+            self._control, reference, self.reading[:2], t=self.ticks * self.interval
+        )
+        return currents
+
+    def report(self, now: float, *, late: float = 0.0, safe_at: float = 0.0) -> bytes:
+        """What the pages are told of this tick, and when the plant was last made safe."""
         drive = self._drive
         return messages.encode(
             "state",
@@ -164,6 +184,7 @@ class Session:
             clutch=drive is not None and drive.clutch,
             heard=None if drive is None else {"seq": drive.seq, "t": drive.t},
             late=round(1e3 * late, 2),
+            safe_at=safe_at,
             target=self._told_target(),
             centred=self._centred(),
             focus=self.focus,
@@ -183,9 +204,9 @@ class Session:
 
     def _heard(self, now: float) -> Heard:
         servo, scan = self._servo(), self._scan_tick()
-        drive = self._drive
+        drive, there = self._drive, not self._dark
         if drive is None:
-            return Heard(request=self._request, servo=servo, scan=scan)
+            return Heard(request=self._request, pictures=there, servo=servo, scan=scan)
         age = max(now - self._drive_at, 0.0)
         return Heard(
             request=self._request,
@@ -194,6 +215,7 @@ class Session:
             link_age=age,
             stick=drive.stick,
             clutch=drive.clutch,
+            pictures=there,
             servo=servo,
             scan=scan,
         )
@@ -214,6 +236,15 @@ class Session:
         self._wishes.append((name, [float(number) for number in numbers]))
 
     # --- what the eyes told
+
+    def _watch_pictures(self) -> None:
+        """Whether pictures come; what was seen before they failed to come is forgotten."""
+        dark = (self.ticks - self.seen.number) * self.interval >= self.seat.pictures
+        if dark:
+            self.seen = Seen(number=self.seen.number)
+        elif self._dark:
+            self.notice("pictures come again; press a mode to go on")
+        self._dark = dark
 
     def _take(self, seen: Seen) -> None:
         self.seen = seen
@@ -342,6 +373,12 @@ class Session:
             if finding.number == message.finding:
                 self.findings[k] = sounded(finding, message.told, self.view.radius)
         self.tell_findings()
+
+    def _restore(self, findings: list[dict[str, Any]]) -> None:
+        """Take over the findings of a loop that has ended."""
+        if self._numbered == 0:
+            self.findings = [msgspec.convert(each, Finding) for each in findings]
+            self._numbered = max((each.number for each in self.findings), default=0)
 
     def _forget(self, number: int) -> None:
         """Drop a finding, and a scan of it."""

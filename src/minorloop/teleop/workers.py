@@ -1,7 +1,7 @@
 """Processes that compute for pages, so that the server goes on answering.
 
-Each worker does one task at a time and may tell stages of it. One that takes too long, or whose
-page has gone away, is ended and replaced.
+Each worker does one task at a time and may tell stages of it. One that takes too long, that is
+stopped, or whose page has gone away, is ended and replaced. All end with the server.
 """
 
 from __future__ import annotations
@@ -11,11 +11,14 @@ import contextlib
 import importlib
 import multiprocessing
 import os
+import signal
+import threading
 from collections.abc import AsyncIterator
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from minorloop.errors import MinorloopError
+from minorloop.teleop.supervisor import tie
 
 TASKS = "minorloop.teleop.lab_work"
 _POLL = 0.01
@@ -121,19 +124,30 @@ class _Worker:
 
     async def _next(self) -> Any:
         while not self.pipe.poll():
+            if self._stopped():
+                raise EOFError
             await asyncio.sleep(_POLL)
         return self.pipe.recv()
+
+    def _stopped(self) -> bool:
+        """Whether a signal has stopped it, so that it would never answer."""
+        asked = getattr(os, "WSTOPPED", 0) | os.WNOHANG | getattr(os, "WNOWAIT", 0)
+        with contextlib.suppress(AttributeError, ChildProcessError):
+            return os.waitid(os.P_PID, self._process.pid or 0, asked) is not None
+        return False
 
     def end(self) -> None:
         with contextlib.suppress(OSError):
             self.pipe.close()
-        self._process.terminate()
+        self._process.kill()  # one that is stopped hears nothing else
 
 
 def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
     """Do tasks until the other end goes away; for a process of its own."""
     with contextlib.suppress(OSError, AttributeError):
         os.nice(nice)
+    tie("minorloop-work", signal.SIGKILL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     tasks = importlib.import_module(module)
     tasks.warm_up()
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
@@ -150,3 +164,11 @@ def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
             except (OSError, ValueError) as error:
                 pipe.send({"error": f"this cannot be done: {error}"})
             pipe.send(None)
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of who started this process; for a thread of its own."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

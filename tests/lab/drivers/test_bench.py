@@ -1,11 +1,14 @@
 import math
+import os
+import signal
 
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, LimitError, ParameterError
+from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
 from minorloop.lab.actuator import Actuator, Channel
 from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.signals import Stopped
 
 VOLTAGE = Channel("voltage", "V", -1.0, 1.0)
 TIP = Channel("tip", "mm", -5.0, 5.0)
@@ -207,13 +210,50 @@ def test_whatever_goes_wrong_the_source_is_made_safe(plant, error):
     assert plant.sent == [(0.0, "safe")]
 
 
-def test_safe_is_tried_three_times(plant):
-    plant.safe_fails = 2
+def test_safe_is_tried_until_a_deadline(plant):
+    plant.safe_fails = 9
     bench(plant).safe()
-    assert plant.sent == [(0.0, "safe")]
-    plant.safe_fails = 3
-    with pytest.raises(InstrumentError, match="by hand"):
+    assert [what for _, what in plant.sent] == ["safe"]
+    began, plant.safe_fails = plant.clock.now(), math.inf
+    with pytest.raises(SafetyError, match=r"by hand: in 10 s it did not say .*: no answer"):
         bench(plant).safe()
+    assert 10 <= plant.clock.now() - began <= 11
+
+
+def test_a_source_that_stays_on_is_said_before_what_came_before(plant):
+    plant.safe_fails, plant.answer = math.inf, 6.0
+    with pytest.raises(SafetyError, match=r"may still be on.*what came before: the meter reads 6"):
+        bench(plant).exchange(0.5)
+    plant.broken = KeyboardInterrupt()
+    with pytest.raises(SafetyError, match=r"what came before: KeyboardInterrupt"):
+        bench(plant).exchange(0.5)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_no_signal_interrupts_making_safe(plant, name):
+    def safe():
+        for _ in range(3):
+            os.kill(os.getpid(), getattr(signal, name))
+        plant.sent.append("safe")
+
+    plant.safe = safe
+    before = signal.getsignal(getattr(signal, name))
+    with pytest.raises(Stopped, match=name):
+        bench(plant).safe()
+    assert plant.sent == ["safe"]
+    assert signal.getsignal(getattr(signal, name)) is before
+
+
+def test_a_bench_lets_go_of_its_links(plant):
+    closed = []
+
+    class Line:
+        def close(self):
+            closed.append(self)
+
+    links = [Line(), Line()]
+    bench(plant, links=links).close()
+    assert closed == links
 
 
 @pytest.mark.parametrize(
@@ -223,6 +263,7 @@ def test_safe_is_tried_three_times(plant):
         ({"rest": 2.0}, "rest 2 is beyond"),
         ({"tick": 0.0}, "tick is 0"),
         ({"tick": math.nan}, "tick is nan"),
+        ({"safe_within": 0.0}, "safe_within is 0"),
     ],
 )
 def test_benches_that_make_no_sense(plant, options, message):

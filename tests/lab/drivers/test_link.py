@@ -1,13 +1,17 @@
 """Instruments on a network that misbehave: whatever they do, an answer comes or an error does."""
 
 import contextlib
+import os
+import signal
 import socket
 import threading
 
 import pytest
 
+from faults.instruments import Fault, Serial
 from minorloop.errors import InstrumentError
 from minorloop.lab.drivers.link import VisaLink
+from minorloop.lab.signals import Stopped, ended_by_signals
 
 pytest.importorskip("pyvisa_py", reason="needs pyvisa and pyvisa-py: minorloop[instruments]")
 
@@ -19,7 +23,7 @@ class Instrument:
 
     def __init__(self, badly):
         self.badly, self.heard, self.over = badly, [], threading.Event()
-        self.began = threading.Event()
+        self.began, self.ended = threading.Event(), threading.Event()
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.resource = f"TCPIP::127.0.0.1::{self.listener.getsockname()[1]}::SOCKET"
         threading.Thread(target=self.accept, daemon=True).start()
@@ -33,6 +37,12 @@ class Instrument:
             threading.Thread(target=self.talk, args=(line,), daemon=True).start()
 
     def talk(self, line):
+        try:
+            self.listen(line)
+        finally:
+            self.ended.set()
+
+    def listen(self, line):
         with line, contextlib.suppress(OSError):  # the other end may go at any time
             for text in line.makefile("r", newline="\n"):
                 self.heard.append(text.strip())
@@ -72,6 +82,11 @@ def late(instrument, line):
 
 def garbage(instrument, line):
     line.sendall(b"#@!\xff\xfe\n")
+
+
+def answer(instrument, line):
+    line.sendall(b"1.5\n")
+    instrument.began.set()
 
 
 def twice(instrument, line):
@@ -146,3 +161,81 @@ def test_a_line_that_never_stops_is_no_line_to_ask_on(linked):
 def test_a_second_answer_is_not_taken_for_that_to_the_next_question(linked):
     _, link = linked(twice)
     assert [link.ask("READ?") for _ in range(3)] == ["1.5"] * 3
+
+
+def test_what_was_sent_arrives_though_an_answer_was_never_read(linked):
+    instrument, link = linked(answer)
+    lines = [f"VOLT {k}" for k in range(25)]
+    for line in [*lines, "READ?"]:
+        link.tell(line)
+    assert instrument.began.wait(20)
+    link.tell("VOLT 0")
+    link.tell("OUTP OFF")
+    link.close()
+    assert instrument.ended.wait(20)
+    assert instrument.heard == [*lines, "READ?", "VOLT 0", "OUTP OFF"]
+
+
+def test_no_line_waits_for_the_one_before_to_be_acknowledged(linked):
+    _, link = linked(None)
+    wire = link._wire(link._resource)
+    assert wire.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+def test_a_connection_in_doubt_ends_with_its_last_lines(linked):
+    instrument, link = linked(half)
+    link.last_lines = ("VOLT 0", "OUTP OFF")
+    with pytest.raises(InstrumentError, match="no answer"):
+        link.ask("READ?")
+    link.tell("*IDN?")
+    assert instrument.ended.wait(20)
+    assert instrument.heard[:3] == ["READ?", "VOLT 0", "OUTP OFF"]
+
+
+def test_nobody_listens_at_a_port():
+    listener = socket.create_server(("127.0.0.1", 0))
+    resource = f"TCPIP::127.0.0.1::{listener.getsockname()[1]}::SOCKET"
+    listener.close()
+    with pytest.raises(InstrumentError, match=r"cannot be opened: .*refused"):
+        VisaLink(resource, timeout=TIMEOUT)
+
+
+@pytest.fixture
+def supply(tmp_path):
+    supply = Serial(Fault(), tmp_path)
+    yield supply
+    supply.close()
+
+
+def test_half_a_line_on_a_serial_port_becomes_no_other_input(supply):
+    link = VisaLink(supply.bench()["meter"]["resource"], timeout=TIMEOUT)
+    link.tell("OUTP ON")
+    whole = link._resource.write
+
+    def cut(text):
+        link._resource.write_raw(b"VOLT 1.5e-0")
+        raise KeyboardInterrupt
+
+    link._resource.write = cut
+    with pytest.raises(KeyboardInterrupt):
+        link.tell("VOLT 1.5e-05")
+    link._resource.write = whole
+    assert link.ask("VOLT?") == "+0.000000E+00"
+    assert link.ask("SYST:ERR?").startswith("-1")
+    link.close()
+
+
+def test_a_signal_waits_for_the_answer(supply):
+    link = VisaLink(supply.bench()["meter"]["resource"], timeout=TIMEOUT)
+    asked = link._resource.write
+
+    def write(text):
+        os.kill(os.getpid(), signal.SIGTERM)
+        asked(text)
+
+    link._resource.write = write
+    with pytest.raises(Stopped), ended_by_signals():
+        link.ask("READ?")
+    assert supply.heard == 2  # an empty line, which ends what may have been there, and a whole one
+    assert not link._doubtful
+    link.close()

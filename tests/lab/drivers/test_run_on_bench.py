@@ -10,6 +10,7 @@ from minorloop.errors import InstrumentError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench
 from minorloop.lab.drivers.link import VisaLink
+from minorloop.lab.drivers.scpi import ScpiSource
 from minorloop.lab.plan import Plan
 from minorloop.lab.run import run
 from minorloop.lab.store import Setup, Store
@@ -133,7 +134,8 @@ def test_a_run_is_not_resumed_on_a_bench_that_was_changed(simulated, monkeypatch
     with Store.open("s.sqlite") as store:
         assert len(store) == 1
         assert store.bench()["meter"] == described["meter"]
-    Path("bench.json").write_text(json.dumps({**described, "timeout": 0.2, "rest": 0}, indent=4))
+    same = {**described, "timeout": 0.2, "safe_within": 5, "rest": 0}
+    Path("bench.json").write_text(json.dumps(same, indent=4))
     assert main(["resume", "--store", "s.sqlite"]) == 0
 
 
@@ -234,3 +236,76 @@ def test_a_meter_that_becomes_slow_is_warned_of(tmp_path, monkeypatch, capsys):
     assert "slower than the plan: samples were up to 0.309 s apart, not 0.05 s" in said
     assert main(["runs", "show", "--store", "s.sqlite"]) == 0
     assert "read every 0.179 s" in capsys.readouterr().out
+
+
+def stays_on(monkeypatch, after):
+    """Let a source say that it is safe so many times, and then nothing."""
+    times, safe = iter(range(100)), ScpiSource.safe
+
+    def safe_or_not(source):
+        safe(source)
+        if next(times) >= after:
+            raise InstrumentError("no answer")
+
+    monkeypatch.setattr(ScpiSource, "safe", safe_or_not)
+
+
+@pytest.fixture
+def hurried(simulated):
+    """The line that runs on a bench that is soon given up."""
+    described = json.loads(Path("bench.json").read_text())
+    Path("bench.json").write_text(json.dumps({**described, "safe_within": 0.05}))
+    return simulated
+
+
+def test_a_run_that_ends_with_its_source_on_perhaps_has_a_status_of_its_own(
+    hurried, monkeypatch, capsys
+):
+    stays_on(monkeypatch, 1)
+    assert main([*hurried, "--json"]) == 3
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    said = shown.err.splitlines()[-1]
+    assert said.startswith("error: the source may still be on, switch it off by hand: in 0.05 s")
+    assert said.endswith("no answer; 2 of 2 levels are kept")
+
+
+@pytest.mark.parametrize(
+    ("trouble", "message"),
+    [
+        (InstrumentError("gave no answer"), "gave no answer"),
+        (KeyboardInterrupt("SIGTERM"), "SIGTERM"),
+        (ValueError("a defect"), "a defect"),
+    ],
+)
+def test_a_source_that_stays_on_does_not_hide_what_came_before_nor_the_other_way_round(
+    trouble, message, hurried, monkeypatch, capsys
+):
+    def stop(link, text):
+        raise trouble
+
+    monkeypatch.setattr(VisaLink, "ask", failing_at("VOLT -0.5", stop))
+    stays_on(monkeypatch, 1)
+    assert main(hurried) == 3
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "may still be on, switch it off by hand" in said
+    assert f"what came before: {message}" in said.replace("asked 'READ?', ", "")
+    assert said.endswith("1 of 2 levels are kept, and minorloop resume --store s.sqlite goes on")
+
+
+def test_a_bench_that_does_not_say_that_it_is_safe_is_not_begun_with(hurried, monkeypatch, capsys):
+    stays_on(monkeypatch, 0)
+    assert main(hurried) == 3
+    assert "switch it off by hand" in capsys.readouterr().err
+    assert not Path("s.sqlite").exists()
+
+
+def test_a_source_that_answers_nothing_is_said_at_the_beginning(simulated, capsys):
+    described = json.loads(Path("bench.json").read_text())
+    source = {**described["source"], "done": None}
+    del source["confirm"]
+    Path("bench.json").write_text(json.dumps({**described, "source": source}))
+    assert main([*simulated, "--json"]) == 0
+    shown = capsys.readouterr()
+    assert shown.err.startswith("! ASRL1::INSTR answers nothing, so that nobody is told whether")
+    assert json.loads(shown.out)["warnings"][0].startswith("ASRL1::INSTR answers nothing")

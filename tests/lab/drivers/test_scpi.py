@@ -20,6 +20,8 @@ def test_a_source_is_switched_on_once_confirmed_and_made_safe():
             ("SYST:ERR?", "0"),
             ("VOLT 0", None),
             ("OUTP OFF", None),
+            ("VOLT?", "0"),
+            ("SYST:ERR?", "0"),
         ]
     )
     source = ScpiSource(script, on=["CURR 0.1", "OUTP ON"], confirm="VOLT?", errors="SYST:ERR?")
@@ -72,6 +74,68 @@ def test_what_is_no_number_is_not_sent(value):
         ScpiSource(Script([])).set(value)
 
 
+@pytest.mark.parametrize(
+    ("options", "questions"),
+    [
+        ({}, [("*OPC?", "1")]),
+        ({"done": "*IDN?"}, [("*IDN?", "a supply")]),
+        ({"done": None}, []),
+        ({"errors": "E?"}, [("E?", "0")]),
+        ({"confirm": "VOLT?", "rest": 0.1}, [("VOLT?", "0.1001")]),
+        ({"confirm": "VOLT?", "safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "0")]),
+        ({"safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "0"), ("*OPC?", "1")]),
+        (
+            {"errors": "E?", "safe_query": "OUTP?", "safe_answer": "0"},
+            [("OUTP?", "0"), ("E?", "0")],
+        ),
+    ],
+)
+def test_a_source_says_that_it_is_safe(options, questions):
+    script = Script([("OFF", None), *questions])
+    source = ScpiSource(script, safe=["OFF"], **options)
+    source.safe()
+    assert script.finished()
+    assert source.answers == bool(questions)
+
+
+@pytest.mark.parametrize(
+    ("options", "questions", "message"),
+    [
+        ({}, [("*OPC?", SILENCE)], "no answer"),
+        ({"errors": "E?"}, [("E?", "-113"), ("E?", "-113"), ("E?", "0")], "reports '-113' after"),
+        ({"confirm": "VOLT?"}, [("VOLT?", "0.5")], "says 0.5 to 'VOLT\\?', not 0, which is rest"),
+        ({"confirm": "VOLT?"}, [("VOLT?", "nan")], "says nan"),
+        ({"safe_query": "OUTP?", "safe_answer": "0"}, [("OUTP?", "1")], "answers '1' to 'OUTP"),
+    ],
+)
+def test_a_source_that_does_not_say_so_is_not_taken_for_safe(options, questions, message):
+    script = Script([("OFF", None), *questions])
+    with pytest.raises(InstrumentError, match=message):
+        ScpiSource(script, safe=["OFF"], **options).safe()
+    assert script.finished()
+
+
+def test_a_source_that_stays_off_is_an_error():
+    script = Script([("VOLT 0.5", None), ("OUTP ON", None), ("OUTP?", "0")])
+    source = ScpiSource(script, on=["OUTP ON"], safe_query="OUTP?", safe_answer="0")
+    with pytest.raises(InstrumentError, match="was switched on and answers '0'"):
+        source.set(0.5)
+    assert script.finished()
+
+
+def test_a_late_answer_is_not_taken_for_the_one_that_says_safe():
+    script = Script([("OFF", None), *[("*OPC?", "1")] * 3])
+    script.owed = 2
+    ScpiSource(script, safe=["OFF"]).safe()
+    assert script.finished()
+
+
+@pytest.mark.parametrize("given", [{"safe_query": "OUTP?"}, {"safe_answer": "0"}])
+def test_a_question_or_an_answer_alone_is_refused(given):
+    with pytest.raises(ParameterError, match="give both or neither"):
+        ScpiSource(Script([]), **given)
+
+
 def test_making_safe_goes_on_after_a_line_that_fails():
     class Broken(Script):
         def tell(self, text):
@@ -111,7 +175,7 @@ def test_a_line_that_says_another_number_is_not_sent(line, span, value):
     ],
 )
 def test_a_line_that_says_the_number_is_sent(line, span, value, sent):
-    script = Script([(sent, None)])
+    script = Script([(sent, None), ("*OPC?", "1")])
     ScpiSource(script, set=line, span=span).set(value)
     assert script.finished()
 

@@ -129,6 +129,23 @@ def test_a_board_that_went_safe_by_itself_is_not_read():
         one.read()
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [SILENCE, ok(2)[:-4], write(2, "ERR", "unknown", "command"), ok(1), "\n".join("?" * 9)],
+)
+def test_a_board_that_does_not_say_that_it_is_safe_is_not_taken_for_safe(answer):
+    with pytest.raises(InstrumentError):
+        board((write(2, "SAFE"), answer)).safe()
+
+
+def test_a_board_that_was_made_safe_is_not_kept_alive():
+    one = board((write(2, "SET", "0.25"), ok(2, "0.25")), (write(3, "SAFE"), ok(3)))
+    one.set(0.25)
+    one.safe()
+    one._asked = -np.inf
+    assert one._stay() == pytest.approx(0.01)  # the script has nothing more to ask
+
+
 class Listener(Script):
     """A board that says when it has been asked for a reading so many times."""
 

@@ -13,7 +13,7 @@
 static const {{ name }}_real inputs[COUNT] = {
 {{ tables.inputs }}
 };
-static const {{ name }}_real outputs[COUNT] = {
+static const double outputs[COUNT] = {
 {{ tables.outputs }}
 };
 {%- if both_ways %}
@@ -35,9 +35,9 @@ static const {{ name }}_real asked_inputs[ASKED] = {
 };
 {%- endif %}
 
-static double distance({{ name }}_real found, {{ name }}_real wanted)
+static double distance({{ name }}_real found, double wanted)
 {
-    const double error = (double)found - (double)wanted;
+    const double error = (double)found - wanted;
 
     return (error < 0.0) ? -error : error;
 }
@@ -61,7 +61,7 @@ int main(void)
 {%- if asked %}
         if ((next < ASKED) && (asked_after[next] == k)) {
             const double missed =
-                distance({{ name }}_aim(&state, asked_targets[next]), asked_inputs[next]);
+                distance({{ name }}_aim(&state, asked_targets[next]), (double)asked_inputs[next]);
             inverse = (missed > inverse) ? missed : inverse;
             next += 1;
         }
@@ -71,7 +71,7 @@ int main(void)
     {{ name }}_reset(&state);
     for (k = 0; k < COUNT; ++k) {
         const {{ name }}_real u = {{ name }}_aim(&state, targets[k]);
-        const double error = distance({{ name }}_step(&state, u), targets[k]);
+        const double error = distance({{ name }}_step(&state, u), (double)targets[k]);
         inverse = (error > inverse) ? error : inverse;
     }
 {%- endif %}

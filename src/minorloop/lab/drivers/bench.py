@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections import deque
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 from typing import Any, Protocol
 
 import numpy as np
 
-from minorloop.errors import InstrumentError, MinorloopError, ParameterError
+from minorloop.errors import InstrumentError, ParameterError, SafetyError
 from minorloop.lab.actuator import Channel, Value, check_input, rounded_up
+from minorloop.lab.drivers.link import Link
 from minorloop.lab.records import Quantity, Record, Timing
+from minorloop.lab.signals import Deferred, ended_by_signals
 
 __all__ = ["Bench", "Clock", "Meter", "Source", "Wall"]
 
 OVERLOAD = 9e37
 """From here on a reading is how instruments say that they are overloaded (IEEE 488.2: 9.9E37)."""
 MAX_SAMPLES = 20_000_000
-_TRIES = 3
 _READINGS = 3
 """Readings from which it is known how long the meter takes."""
 _LATEST = 9
@@ -29,6 +31,8 @@ _LATEST = 9
 _SLACK = 0.1
 """Share of an answer by which the last reading may end after the hold."""
 _ROUNDING = 1e-9
+_PAUSE, _PAUSES = 0.05, 0.5
+"""Seconds between the first two attempts to make safe, and at most between any two."""
 
 
 class Source(Protocol):
@@ -38,7 +42,7 @@ class Source(Protocol):
         """Put an input on, and be sure that it is on."""
 
     def safe(self) -> None:
-        """Go to what can be left on unattended."""
+        """Go to what can be left on unattended, and be sure of it; raise otherwise."""
 
 
 class Meter(Protocol):
@@ -111,11 +115,17 @@ class Bench:
         Another clock than that of the machine.
     description : dict, optional
         What all this is, ready for JSON; a run is not resumed on a bench of another description.
+    safe_within : float
+        How long to try to make the source safe, in seconds.
+    links : sequence of Link
+        Lines to the instruments, which `close` lets go of.
+    warnings : sequence of str
+        What whoever uses it has to know.
 
     Raises
     ------
     ParameterError
-        If the input has no limits, rest is beyond them, or the tick is not positive.
+        If the input has no limits, rest is beyond them, or a time is not positive.
     """
 
     def __init__(
@@ -129,6 +139,9 @@ class Bench:
         tick: float = 0.05,
         clock: Clock | None = None,
         description: dict[str, Any] | None = None,
+        safe_within: float = 10.0,
+        links: Sequence[Link] = (),
+        warnings: Sequence[str] = (),
     ) -> None:
         if not (math.isfinite(input.low) and math.isfinite(input.high)):
             raise ParameterError(f"{input} has no limits; give the least and greatest input")
@@ -138,10 +151,13 @@ class Bench:
             )
         if not 0 < tick < math.inf:
             raise ParameterError(f"tick is {tick!r} s; give a positive time")
+        if not 0 < safe_within <= 3600:
+            raise ParameterError(f"safe_within is {safe_within!r} s; give a time of up to an hour")
         self._source, self._meter = source, meter
         self._inputs, self._outputs = (input,), (output,)
         self._rest, self._tick = float(rest), float(tick)
-        self._description = description
+        self._description, self._links = description, tuple(links)
+        self._safe_within, self._warnings = float(safe_within), tuple(warnings)
         self._clock = Wall() if clock is None else clock
         self._began = self._clock.now()
         self._present, self._changed = self._rest, -math.inf
@@ -169,6 +185,11 @@ class Bench:
     def description(self) -> dict[str, Any] | None:
         """What it is, ready for JSON; None where that was not said."""
         return self._description
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What whoever uses it has to know."""
+        return self._warnings
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold an input and record it and the output.
@@ -277,24 +298,38 @@ class Bench:
         return value
 
     def safe(self) -> None:
-        """Make the source safe; tries three times.
+        """Make the source safe; try until it says that it is, or until a deadline.
+
+        No signal interrupts this.
 
         Raises
         ------
-        InstrumentError
-            If that cannot be done.
+        SafetyError
+            If it does not say so in time.
         """
-        for _ in range(_TRIES):
-            try:
-                self._source.safe()
-            except Exception as error:
-                last = error
-            else:
-                self._present = self._rest
-                return
-        raise InstrumentError(
-            f"the source cannot be made safe: {last}; switch it off by hand"
+        with ended_by_signals(), Deferred():
+            end, waited, pause = self._clock.now() + self._safe_within, 0.0, _PAUSE
+            while True:
+                try:
+                    self._source.safe()
+                except Exception as error:
+                    last = error
+                else:
+                    self._present = self._rest
+                    return
+                if waited >= self._safe_within or self._clock.now() >= end:
+                    break
+                self._clock.sleep(pause)
+                waited, pause = waited + pause, min(2 * pause, _PAUSES)
+        raise SafetyError(
+            f"the source may still be on, switch it off by hand: in {self._safe_within:g} s it "
+            f"did not say that it is safe: {last}"
         ) from last
+
+    def close(self) -> None:
+        """Let go of the instruments; make the source safe before."""
+        for link in self._links:
+            link.close()
 
     def _go(self, wanted: float, end: float) -> None:
         """Go towards an input, at the rate allowed, until a time."""
@@ -367,9 +402,13 @@ class Bench:
         return value
 
     def _leave(self) -> None:
-        """Make the source safe on the way out; the error that is on its way says why."""
-        with suppress(MinorloopError):
+        """Make the source safe on the way out; what is on its way out stands behind the error."""
+        cause = sys.exception()
+        try:
             self.safe()
+        except SafetyError as error:
+            said = str(cause) or type(cause).__name__
+            raise SafetyError(f"{error}; what came before: {said}") from cause
 
 
 def _count(duration: float, interval: float) -> int:

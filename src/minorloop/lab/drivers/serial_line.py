@@ -36,6 +36,7 @@ from contextlib import suppress
 from minorloop.errors import InstrumentError
 from minorloop.lab.drivers.link import Link
 from minorloop.lab.drivers.scpi import number
+from minorloop.lab.signals import Deferred
 
 __all__ = ["Board", "parse", "write"]
 
@@ -131,7 +132,13 @@ class Board:
         return self._number("AIM", repr(float(y)))
 
     def safe(self) -> None:
-        """Go to the safe input."""
+        """Go to the safe input.
+
+        Raises
+        ------
+        InstrumentError
+            If the board does not say that it did. Left alone, it goes there after its patience.
+        """
         self._on = False
         self._ask("SAFE")
 
@@ -166,7 +173,7 @@ class Board:
 
     def _ask(self, *words: str) -> list[str]:
         """The words of the answer to this question and no other."""
-        with self._turn:
+        with Deferred(), self._turn:
             found = self._converse(*words)
             self._asked = time.monotonic()
         ok, answer = found

@@ -5,9 +5,9 @@ To write one:
 1. Write what the instrument says and hears as a class with ``set`` and ``safe`` (a `Source`) or
    ``read`` (a `Meter`). Take a `Link`, so that it can be tested without the instrument.
 2. Set exactly what is asked for, or refuse: the record says what was asked for.
-3. Let ``safe`` survive whatever failed before it: it is called after any error, up to three
-   times, with the instrument in any state. Let it send all that makes safe, need no answer to
-   an earlier question, and raise only where the source may still be on.
+3. Let ``safe`` survive whatever failed before it: it is called after any error, again and again
+   for ten seconds, with the instrument in any state. Let it send all that makes safe, need no
+   answer to an earlier question, ask whether it is safe, and raise where nothing says so.
 4. Let every answer be checked: raise `InstrumentError` for what is not exactly what the manual
    says. A number that only looks right is worse than an error.
 5. Write the conversation of the manual down as a `Script`, and test the driver against it, with

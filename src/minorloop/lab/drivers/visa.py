@@ -8,7 +8,12 @@
      "meter": {"resource": "GPIB0::7::INSTR", "read": "READ?", "scale": 0.001},
      "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2, "rate": 10},
      "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
-     "rest": 0, "tick": 0.05, "timeout": 2}
+     "rest": 0, "tick": 0.05, "timeout": 2, "safe_within": 10}
+
+After each input the source is asked for ``confirm`` and ``errors``, or, where neither is given,
+``done``, to which any answer will do. After ``safe`` it is asked the same, but that ``confirm`` has
+to say ``rest``; ``safe_query``, whose answer has to be ``safe_answer``, takes the place of
+``confirm`` then. ``"done": null`` is for one that answers nothing.
 
 Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyACM0::INSTR",
 "baud": 115200}``, a board that speaks `minorloop.lab.drivers.serial_line`.
@@ -32,6 +37,12 @@ from minorloop.lab.drivers.serial_line import Board
 __all__ = ["open_bench"]
 
 LARGEST = 1_000_000
+_UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
+"""What no reading depends on."""
+_UNANSWERED = (
+    "{} answers nothing, so that nobody is told whether it was made safe; look after it at the end "
+    "of the run, or give confirm, errors, safe_query or done"
+)
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -46,6 +57,9 @@ class _Source(_Strict):
     confirm: str | None = None
     tolerance: float = 1e-3
     errors: str | None = None
+    safe_query: str | None = None
+    safe_answer: str | None = None
+    done: str | None = "*OPC?"
     baud: int | None = None
 
 
@@ -87,6 +101,7 @@ class _Bench(_Strict):
     rest: float = 0.0
     tick: float = 0.05
     timeout: float = 2.0
+    safe_within: float = 10.0
 
 
 def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
@@ -110,7 +125,8 @@ def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
     MissingExtraError
         If PyVISA is not installed.
     InstrumentError
-        If an instrument does not answer.
+        If an instrument does not answer; a `SafetyError` where the source does not say that it is
+        safe.
     """
     described = _read(Path(path))
     links: dict[str, VisaLink] = {}
@@ -156,8 +172,11 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
     wanted, seen = described.input, described.output
     channel = Channel(wanted.name, wanted.unit, wanted.low, wanted.high, wanted.rate)
     output = Channel(seen.name, seen.unit, seen.low, seen.high)
-    options: dict[str, Any] = {"rest": described.rest, "tick": described.tick, "clock": clock}
-    options["description"] = _description(described)
+    options: dict[str, Any] = {
+        **{name: getattr(described, name) for name in ("rest", "tick", "safe_within")},
+        "clock": clock,
+        "description": _description(described),
+    }
     if described.board is not None:
         board = Board(link(described.board))
         if not board.low <= channel.low < channel.high <= board.high:
@@ -166,13 +185,14 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
                 f"[{board.low:g}, {board.high:g}]; give limits inside those of the board"
             )
         board.keep_alive()
-        return Bench(board, board, channel, output, **options)
+        return Bench(board, board, channel, output, links=tuple(links.values()), **options)
     assert described.source is not None
     assert described.meter is not None
     fields = msgspec.structs.asdict(described.source)
     source = ScpiSource(
         link(described.source),
         span=channel.high - channel.low,
+        rest=described.rest,
         **{k: v for k, v in fields.items() if k not in ("resource", "baud")},
     )
     meter = ScpiMeter(
@@ -181,16 +201,19 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
         scale=described.meter.scale,
         zero=described.meter.zero,
     )
-    return Bench(source, meter, channel, output, **options)
+    link(described.source).last_lines = tuple(described.source.safe)
+    if not source.answers:
+        options["warnings"] = [_UNANSWERED.format(described.source.resource)]
+    return Bench(source, meter, channel, output, links=tuple(links.values()), **options)
 
 
 def _description(described: msgspec.Struct) -> dict[str, Any]:
-    """All that a reading depends on: how fast the lines are and how long is waited is not."""
+    """All that a reading depends on: how long is waited is not."""
     return {
         field.name: _description(value) if isinstance(value, msgspec.Struct) else value
         for field in msgspec.structs.fields(described)
         if (value := getattr(described, field.name)) != field.default
-        and field.name not in ("timeout", "baud")
+        and field.name not in _UNRELATED
     }
 
 

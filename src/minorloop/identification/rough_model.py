@@ -1,0 +1,92 @@
+"""A rough model of any hysteresis, fitted in milliseconds so that outliers do not bend it.
+
+Polynomials of a few plays. It says what a reading should be about, before or beside a fit on
+the plane, and which readings contradict the others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.operators import _play_kernels
+from minorloop.operators.memory import Start
+
+_ROUNDS = 12
+_MOST = 800
+"""Samples that say as much about so few unknowns as all of them."""
+_RIDGE = 1e-7
+_TO_SD = 1.4826
+"""Standard deviation of a normal distribution over its median distance from the median."""
+
+
+def spread(values: FloatArray) -> float:
+    """Robust standard deviation: 1.4826 times the median distance from the median."""
+    return _TO_SD * float(np.median(np.abs(values - np.median(values))))
+
+
+def few(places: IntArray) -> IntArray:
+    """At most 800 of the places, evenly spread."""
+    if places.size <= _MOST:
+        return places
+    return places[np.linspace(0, places.size - 1, _MOST).astype(np.int64)]
+
+
+def basis(u: FloatArray, start: Start, samples: int) -> FloatArray:
+    """Polynomials of plays along the input, and a constant; more of them for more samples.
+
+    Parameters
+    ----------
+    u : (T,) array
+        Inputs.
+    start : start state
+        Memory before the first; one given as extrema counts as ``"negative"``.
+    samples : int
+        Outputs measured, each for one equation.
+
+    Returns
+    -------
+    (T, P) array
+    """
+    plays, degree = (5, 8) if samples >= 200 else (5, 4) if samples >= 100 else (4, 2)
+    low, high = float(u.min()), float(u.max())
+    x = (2 * u - low - high) / (high - low)
+    radii = np.linspace(0, 1, plays + 1)[:-1] ** 1.5
+    begin = {"positive": radii + 1, "demagnetised": 0 * radii}
+    places = begin.get(start if isinstance(start, str) else "negative", -radii - 1)
+    traced = np.empty((u.size, plays))
+    _play_kernels.trace(np.ascontiguousarray(x), radii, places.copy(), traced)
+    scaled = traced / np.maximum(np.abs(traced).max(axis=0), 0.05)
+    powers = np.polynomial.chebyshev.chebvander(scaled, degree)[:, :, 1:]
+    return np.column_stack([np.ones(u.size), powers.reshape(u.size, -1)])
+
+
+def robust_fit(matrix: FloatArray, y: FloatArray, known: BoolArray) -> FloatArray:
+    """Outputs of the rough model with the least absolute error on the known samples, (T,)."""
+    places = few(np.flatnonzero(known))
+    rows, wanted = matrix[places], y[places]
+    low, middle, high = np.percentile(wanted, [5, 50, 95])
+    reach = 2 * max(high - low, 1e-300)
+    near = np.clip(wanted, low - reach, high + reach)
+    smallest = 1e-6 * reach
+    weights = np.ones(near.size)
+    found = np.zeros(matrix.shape[1])
+    for _ in range(_ROUNDS):
+        found = _weighted(rows, near - middle, weights)
+        weights = 1 / np.maximum(np.abs(rows @ found - near + middle), smallest)
+        weights /= weights.mean()
+    return np.asarray(matrix @ found + middle)
+
+
+def least_error(matrix: FloatArray, y: FloatArray) -> float:
+    """Root-mean-square error of the rough model where it is fitted by least squares."""
+    centre = y - y.mean()
+    found = _weighted(matrix, centre, np.ones(y.size))
+    return float(np.sqrt(np.mean((matrix @ found - centre) ** 2)))
+
+
+def _weighted(rows: FloatArray, wanted: FloatArray, weights: FloatArray) -> FloatArray:
+    heavy = rows * weights[:, None]
+    gram = rows.T @ heavy
+    gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram)
+    return np.asarray(np.linalg.solve(gram, heavy.T @ wanted))
