@@ -35,7 +35,7 @@ from minorloop.vision.tracking import TRACKED
 
 TICK = 0.04
 APPROACH = 14.0
-"""Seconds in which the head is brought to where the servo takes over."""
+"""Seconds in which the head is brought to where the servo takes over, and the light metered."""
 SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
 START_PX, SETTLED_PX = 43.0, 2.0
@@ -245,7 +245,8 @@ def _watched(
     scene: Scene, rig: InspectionRig, centring: Centring, procedure: Swinging | None = None
 ) -> Watch:
     """Bring the head to where the servo takes over, and follow what is picked there."""
-    go, metering = Go(still=math.inf, turning=APPROACH), Metering(calibration=rig.calibration)
+    metering = Metering(calibration=rig.calibration)
+    go = Go(still=math.inf, turning=APPROACH - metering.seconds)
     rig.run(go, go.begin(angles=scene.start))
     rig.run(metering, metering.begin())
     watch = Watch(scene, rig)
