@@ -21,6 +21,7 @@ PARTS = (
     "firmware",
     "fleet",
     "seat",
+    "console_depth",
     "meter",
     "faults",
     "strangers",

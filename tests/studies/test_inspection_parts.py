@@ -9,12 +9,13 @@ from minorloop.geometry import Mount
 from minorloop.inspection.crackdepth import CrackDepth
 from minorloop.inspection.pits import PitDepth
 from minorloop.inspection.unrolled import BOTH, CAMERA, SONAR, UNSEEN
+from minorloop.procedures.trace import likely
 from minorloop.studies import (
     inspection,
     inspection_report,
     inspection_servo,
     mission_cracks,
-    mission_crew,
+    mission_scene,
     soundings,
 )
 from minorloop.studies import mission as missions
@@ -31,11 +32,11 @@ from minorloop.studies.detection_report import limits
 from minorloop.studies.inspection_servo import ServoRun
 from minorloop.studies.mission import run_mission
 from minorloop.studies.mission_cracks import SeenCrack
-from minorloop.studies.mission_crew import Crew
 from minorloop.studies.mission_report import save_mission
+from minorloop.studies.mission_scene import draw_mission
 from minorloop.twins.camera import LENS, led_positions
 from minorloop.twins.pipe import Bore, Crack
-from minorloop.twins.seeing import SeeingHead
+from minorloop.twins.seeing import Rig
 from minorloop.vision.cracks import TracedCrack
 from minorloop.vision.defects import Hole
 from minorloop.vision.eye import Eye
@@ -44,7 +45,7 @@ from minorloop.vision.eye import Eye
 @pytest.fixture(scope="module")
 def mission():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("minorloop.studies.mission_ears.TURNS", 16)
+        patch.setattr("minorloop.studies.ultrasonic_scan.TURNS", 16)
         patch.setattr("minorloop.studies.mission.ADVANCES", (4.0,))
         patch.setattr("minorloop.studies.mission.LOOKS", 4)
         return run_mission(1)
@@ -152,8 +153,8 @@ def scene():
 
 def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
     told = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
-    exchange = SeeingHead.exchange
-    monkeypatch.setattr(SeeingHead, "exchange", lambda self, u: exchange(self, u) + 10.0)
+    exchange, lie = Rig.exchange, np.array([10.0, 10.0, 0.0, 0.0])
+    monkeypatch.setattr(Rig, "exchange", lambda self, u: exchange(self, u) + lie)
     lied = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
     np.testing.assert_array_equal(told.off, lied.off)
     assert set(told.verdicts) == {"tracked"}
@@ -185,18 +186,18 @@ def searched(monkeypatch, looks, verdicts):
     picked = []
     echoes = {place: PitDepth(verdict, 0.0, place, depth=1e-3) for place, verdict in verdicts}
 
-    def approached(crew, mission, hole):
+    def approached(rig, mission, hole):
         picked.append(float(hole.place[1]))
         return replace(mission, found=hole), hole.evidence > 0, None
 
-    def sounded(crew, one, view):
+    def sounded(rig, truth, one, view):
         return replace(one, pit=echoes[float(one.found.place[1])])
 
-    monkeypatch.setattr(missions, "_look_around", lambda crew, at, seen: looks.get(at, []))
+    monkeypatch.setattr(missions, "_look_around", lambda rig, at, seen: looks.get(at, []))
     monkeypatch.setattr(missions, "_approached", approached)
     monkeypatch.setattr(missions, "_sounded", sounded)
     empty = missions.Mission(0, None, None, 0.0)
-    return missions._examined(None, empty, missions.Seen()), picked
+    return missions._examined(None, None, empty, missions.Seen()), picked
 
 
 def thing(z, evidence=1.0):
@@ -229,22 +230,22 @@ def test_a_mission_that_finds_nothing_says_so(monkeypatch):
 def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
     verdicts, shifts = ["disturbed", "measured"], []
 
-    def scan(crew, place, *, shift=0.0):
+    def scan(rig, place, *, shift=0.0):
         shifts.append(shift)
-        return None, None, []
+        return None, []
 
     def heard(bursts, ear, place, diameter):
         return PitDepth(verdicts.pop(0), *place)
 
-    monkeypatch.setattr(missions, "touch", lambda crew, hole: (None, 0.0))
+    monkeypatch.setattr(missions, "touch", lambda rig, hole: None)
     monkeypatch.setattr(missions, "scan", scan)
     monkeypatch.setattr(missions, "measure_pit", heard)
-    crew = Crew(1)
-    mission = missions.Mission(1, crew.bore, crew.crack, 0.0, found=thing(0.02))
-    after = missions._sounded(crew, mission, None)
+    rig, truth = draw_mission(1)
+    mission = missions.Mission(1, truth.bore, truth.crack, 0.0, found=thing(0.02))
+    after = missions._sounded(rig, truth, mission, None)
     assert shifts == [0.0, 0.5]
     assert after.pit.measured
-    assert [step.what for step in crew.log] == ["measure", "measure again"]
+    assert [step.what for step in rig.log] == ["measure", "measure again"]
 
 
 def line(z, *, phi=0.0, length=4e-3, contrast=0.5):
@@ -254,7 +255,7 @@ def line(z, *, phi=0.0, length=4e-3, contrast=0.5):
 
 def test_lines_of_one_course_are_one_and_what_was_tried_is_not_tried_again():
     seen = [line(0.02), line(0.0202), line(0.025, length=6e-3), line(0.02, phi=2.0)]
-    found = mission_cracks.likely(seen, [line(0.02, phi=2.01)])
+    found = likely(seen, [line(0.02, phi=2.01)], 10e-3)
     assert [(trace.places[0, 1], looks) for trace, looks in found] == [(0.02, 2), (0.025, 1)]
 
 
@@ -280,20 +281,20 @@ def test_a_line_beside_the_true_crack_is_false():
 def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
     for seed in range(100, 120):
         bore = Bore(0.5, 0.025, 1e-3, depth=0.5e-3)
-        crack = mission_crew._crack_beside(bore, np.random.default_rng(seed))
-        low, high = mission_crew.CRACKED
+        crack = mission_scene.crack_beside(bore, np.random.default_rng(seed))
+        low, high = mission_scene.CRACKED
         assert all(low < z < high for _, z in crack.points)
-        off = min(mission_crew.distance(corner, (0.5, 0.025)) for corner in crack.points)
-        assert off > mission_crew.CLEAR
+        off = min(mission_scene.distance(corner, (0.5, 0.025)) for corner in crack.points)
+        assert off > mission_scene.CLEAR
 
 
 def test_the_probe_is_told_of_wall_and_water_a_little_off(scene):
-    crew = Crew(1)
-    ear = crew.ear
-    assert ear.thickness != crew.wet.thickness
-    assert ear.thickness == pytest.approx(crew.wet.thickness, rel=0.05)
-    assert ear.temperature != crew.warm
-    assert ear.temperature == pytest.approx(crew.warm, abs=1.5)
+    rig, truth = draw_mission(1)
+    ear = rig.calibration.ear_at(rig.place)
+    assert ear.thickness != truth.wet.thickness
+    assert ear.thickness == pytest.approx(truth.wet.thickness, rel=0.05)
+    assert ear.temperature != truth.temperature
+    assert ear.temperature == pytest.approx(truth.temperature, abs=1.5)
 
 
 def test_settling_and_losses_of_a_run():

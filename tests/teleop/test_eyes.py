@@ -7,11 +7,13 @@ import pytest
 from minorloop.inspection.fusion import fuse
 from minorloop.inspection.pits import PitDepth
 from minorloop.inspection.unrolled import Patch
+from minorloop.procedures.scan import Scan
 from minorloop.teleop import depth_work
 from minorloop.teleop.eyes import Eyes
-from minorloop.teleop.scan import Scan, scanned
+from minorloop.teleop.plant import reading_of
+from minorloop.teleop.scan import begin_scan, scanned
 from minorloop.teleop.sight import Look
-from minorloop.teleop.sounding import Sounding, scan_targets
+from minorloop.teleop.sounding import Sounding
 from minorloop.teleop.wall import STEP, Wall
 from seats import PIT, tip, view
 
@@ -97,14 +99,14 @@ def test_nothing_round_is_not_measured():
 
 
 def scan_of(where):
-    return Scan(number=1, centre=PIT[:2], diameter=PIT[2], home=where)
+    return begin_scan(1, PIT[:2], PIT[2], view(), where)
 
 
 def test_a_place_beside_the_probe_is_not_reached_and_the_scan_goes_back():
     scan = scan_of((0.0, 0.0, 0.0, 0.0))
     asked, shots = [], 0
     for _ in range(2500):  # the catheter is stuck where it is
-        scan, ask = scanned(scan, view(), (0.0, 0.0, 0.0, -120.0), 0.04)
+        scan, ask = scanned(scan, view(), (0.0, 0.0, 0.0, -120.0), (0.0, 0.0), 0.04)
         asked.append(ask)
         shots += sum(name == "shoot" for name, _ in ask.wishes)
         if scan.stage == "done":
@@ -115,16 +117,17 @@ def test_a_place_beside_the_probe_is_not_reached_and_the_scan_goes_back():
 
 
 def test_the_head_stays_at_a_point_until_its_echoes_are_there():
-    where, targets = (1.0, 2.0, 0.0, 0.0), ((1.0, 2.0), (5.0, 6.0))
-    scan = replace(scan_of(where), stage="points", targets=targets)
+    where, targets = (1.0, 2.0, 0.0, 0.0), np.radians([(1.0, 2.0), (5.0, 6.0)])
+    scan = scan_of(where)
+    scan = replace(scan, state=replace(scan.state, stage="points", targets=targets))
     wishes = []
     for _ in range(40):  # 1.6 s: the eyes are late
-        scan, ask = scanned(scan, view(), where, 0.04)
+        scan, ask = scanned(scan, view(), where, where[:2], 0.04)
         wishes += ask.wishes
-        assert ask.angles == targets[0]
-    assert wishes == [("shoot", [1.0, 2.0])]
-    scan, _ = scanned(replace(scan, heard=True), view(), where, 0.04)
-    assert (scan.point, scan.fired, scan.progress) == (1, False, 0.5)
+        assert ask.angles == pytest.approx((1.0, 2.0))
+    assert wishes == [("shoot", [pytest.approx(1.0), pytest.approx(2.0)])]
+    scan, _ = scanned(replace(scan, heard=True), view(), where, where[:2], 0.04)
+    assert (scan.state.point, scan.state.fired, scan.progress) == (1, False, 0.5)
 
 
 def sounded(flooded):
@@ -133,7 +136,8 @@ def sounded(flooded):
     probe, known = tip()
     probe.flood(flooded)
     sounding = Sounding(known, 1, PIT[:2], PIT[2])
-    for pan, tilt in scan_targets(known, where, PIT[:2]):
+    place = reading_of(where).place
+    for pan, tilt in np.degrees(Scan(calibration=known).targets(PIT[:2], place)).tolist():
         here = (pan, tilt, *where[2:])
         probe.stand(look(here).stance)
         sounding.add(probe, here, (math.radians(pan), math.radians(tilt)))

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.teleop.plant import MIDDLE, Plant, Tip, View, head_of, open_plant, open_tip
+from minorloop.procedures.values import Plant, Tip
+from minorloop.teleop.plant import MIDDLE, View, head_of, open_plant, open_tip
 from seats import tip
 
 

@@ -7,21 +7,21 @@ from minorloop.twins.camera import Camera
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.pipe import Pipe
-from minorloop.twins.seeing import STRAIGHT, Rig, SeeingHead, Sway, Tip
+from minorloop.twins.seeing import STRAIGHT, Rig, Sway, Tip
 
 
 def test_the_camera_looks_along_the_pipe_when_the_joints_are_in_their_middle():
-    seeing = SeeingHead(Head(), Camera(Pipe()))
-    np.testing.assert_allclose(np.degrees(seeing._line_of_sight()), [-STRAIGHT, -STRAIGHT])
+    np.testing.assert_allclose(np.degrees(Rig().stance()[:2]), [-STRAIGHT, -STRAIGHT])
 
 
 def test_sway_moves_the_picture_and_not_the_sensors():
     frames, readings = [], []
     for sway in (None, Sway(2.0)):
-        seeing = SeeingHead(Head(seed=1), Camera(Pipe.draw(1)), sway=sway)
+        rig, tip = Rig(Head(seed=1), sway=sway), Tip(Pipe.draw(1))
         for _ in range(20):
-            readings.append(seeing.exchange(np.zeros(2)))
-        frames.append(seeing.frame().image.astype(float))
+            readings.append(rig.exchange(np.zeros(4)))
+        tip.stand(rig.stance())
+        frames.append(tip.frame().image.astype(float))
     np.testing.assert_array_equal(readings[:20], readings[20:])
     assert np.abs(frames[0] - frames[1]).mean() > 1.0
 

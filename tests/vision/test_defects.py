@@ -7,8 +7,9 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.geometry import wrapped
+from minorloop.procedures.extract import acquire
 from minorloop.twins.view import draw_view
-from minorloop.vision.defects import SEQUENCE, acquire, find_holes
+from minorloop.vision.defects import SEQUENCE, find_holes
 from minorloop.vision.eye import Eye
 from minorloop.vision.wallmap import Look, judge_looks, lay_flat
 
@@ -16,7 +17,7 @@ from minorloop.vision.wallmap import Look, judge_looks, lay_flat
 def taken(seed, **options):
     view = draw_view(seed, **options)
     eye = Eye(view.camera.calibration, view.mount, view.camera.leds)
-    return view, eye, acquire(view.camera, lambda: (view.pan, view.tilt), gain=view.gain)
+    return view, eye, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
 
 
 VIEW, EYE, LOOKS = taken(1, hole=True, inside="backlit")
@@ -187,7 +188,7 @@ def test_other_ways_to_acquire(mode):
 def test_reflectance_does_not_depend_on_which_light_is_on():
     view = draw_view(3, hole=False)
     eye = Eye(view.camera._optics, view.mount, view.camera.leds)
-    looks = acquire(view.camera, lambda: (view.pan, view.tilt), gain=view.gain)
+    looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
     assert judge_looks(looks, eye) == "good"
     wall = lay_flat(looks, eye)
     assert wall.stack.shape[0] == 3

@@ -29,6 +29,9 @@ from minorloop.inspection.spectra import spectra_of
 from minorloop.inspection.usable import FEW, reasons_of, too_little, usable
 from minorloop.threads import one_thread
 
+POINTS, PITCH = 6, 0.32e-3
+"""Of a raster: points in a row, which cover the largest pit that is measured and wall beside it,
+and metres between them, a third of the footprint of the beam."""
 FEWEST = 16
 """Bursts without which no depth is given."""
 DEEPEST = 1.25e-3
@@ -125,7 +128,7 @@ class PitDepth:
 
 
 def raster(
-    ear: Ear, centre: tuple[float, float], *, points: int = 6, pitch: float = 0.32e-3
+    ear: Ear, centre: tuple[float, float], *, points: int = POINTS, pitch: float = PITCH
 ) -> FloatArray:
     """Pan and tilt (points^2, 2), in radians, of a raster about a place, row by row and back.
 

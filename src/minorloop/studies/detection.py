@@ -18,6 +18,8 @@ from scipy.spatial.distance import cdist
 
 from minorloop.arrays import FloatArray
 from minorloop.geometry import wrapped
+from minorloop.procedures.meter import LIMITS
+from minorloop.studies import scoring
 from minorloop.twins.view import View, draw_view
 from minorloop.vision.defects import (
     ALONE,
@@ -111,9 +113,8 @@ class Search:
         angle = np.linspace(0, 2 * np.pi, _RIM, endpoint=False)
         radius = self.view.hole.diameter / 2 if self.view.hole else 0.5e-3
         phi, z = self.view.place
-        return self.view.camera._pixel(
-            phi + radius * np.cos(angle) / RADIUS, z + radius * np.sin(angle)
-        )
+        around, along = radius * np.cos(angle) / RADIUS, radius * np.sin(angle)
+        return scoring.true_pixel(self.view.camera, phi + around, z + along)
 
     def rim(self, hole: Hole) -> FloatArray:
         """(N, 2) pixels of the outline of a finding."""
@@ -129,7 +130,7 @@ def search_scene(
     off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
     mount = replace(view.mount, offset=(float(off[0]), float(off[1])))
     eye = Eye(view.camera.calibration, mount, view.camera.leds)
-    truth = eye.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    truth = eye.place(scoring.true_pixel(view.camera, *view.place), view.pan, view.tilt)
     searches = []
     for mode in modes:
         looks = tuple(_shots(view, rng, mode))
@@ -255,7 +256,7 @@ def _shots(view: View, rng: np.random.Generator, mode: str) -> list[Look]:
         pan, tilt = view.pan + float(turn[0]), view.tilt + float(turn[1])
         view.camera.look(pan, tilt)
         view.camera.switch(on)
-        view.camera.expose(0.01 if all(on) else 0.01 * ALONE, view.gain)
+        view.camera.expose(LIMITS.exposure * (1.0 if all(on) else ALONE), view.gain)
         seen = np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)
         looks.append(Look(view.camera.frame().image, float(seen[0]), float(seen[1]), tuple(on)))
     return looks

@@ -8,6 +8,7 @@ head's angles. All pixel figures are at the scale of a 320 by 240 image.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -15,37 +16,34 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.control.head import HeadControl, HeadState, head_control
+from minorloop.control.head import HeadControl, head_control
 from minorloop.control.sensing import SensorWatch
-from minorloop.geometry import Mount, meet_wall, wall_point
+from minorloop.geometry import Mount, meet_wall
+from minorloop.procedures.calibration import HeadCalibration
+from minorloop.procedures.centre import CONE, CentreState, Centring
+from minorloop.procedures.go import Go
+from minorloop.procedures.meter import Metering
+from minorloop.procedures.rig import InspectionRig
+from minorloop.procedures.values import Reading, Request, apply_to_tip
+from minorloop.studies import scoring
 from minorloop.studies.head_static import identify_head
-from minorloop.twins.camera import Camera
+from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.pipe import Bore, Pipe
-from minorloop.twins.seeing import STRAIGHT, SeeingHead, Sway
-from minorloop.vision.eye import Eye
-from minorloop.vision.hold import Hold
-from minorloop.vision.servo import Cone, Servo
-from minorloop.vision.sighting import sighted_angles
-from minorloop.vision.tracking import TRACKED, Tracker
+from minorloop.twins.seeing import STRAIGHT, Rig, Sway, Tip
+from minorloop.vision.tracking import TRACKED
 
 TICK = 0.04
 APPROACH = 14.0
-"""Seconds in which the head is brought to where the servo takes over."""
+"""Seconds in which the head is brought to where the servo takes over, and the light metered."""
 SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
 START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
-GAIN = 0.5
-"""Of the servo, in 1/s."""
-SOFT = 6.0
-"""Error below which the servo's gain falls, in pixels of the camera: 3 of the smaller image."""
 MOTION, MOTION_SECONDS = 10.0, 20.0
 """Fastest commanded motion that the tracker is tried under, in degrees a second; how long."""
-GREY = 95.0
 STROKE_SHARE = 0.93
 """Of a wire's identified stroke, what a scene asks for at most: no hole is where no wire gets."""
-CONE = Cone(half=np.radians(30.0))
 BLIND = SensorWatch(patience=10_000)
 """Of a control that goes by its model for as long as no angles come."""
 
@@ -133,31 +131,57 @@ class Scene:
             if (own < STROKE_SHARE * np.array(top)).all():
                 return aim, way
 
-    def head(self, sway: Sway | None = None) -> SeeingHead:
-        """A cold head with its camera."""
-        camera = Camera(self.pipe, self.mount, specimen=self.seed, seed=self.seed)
-        distance = np.linalg.norm(
-            wall_point(self.hole.phi, self.hole.z, 10e-3) - self.mount.pose(*self.aim).position
+    def rig(self, sway: Sway | None = None, *, sensor: bool = True) -> InspectionRig:
+        """A cold head with its camera; it is taken to sit in the middle of the pipe."""
+        plant = Rig(Head(self.seed, 0.05, self.seed, delay=TICK), Catheter(self.seed), sway=sway)
+        tip = Tip(self.pipe, mount=self.mount, specimen=self.seed, seed=self.seed)
+        calibration = HeadCalibration(
+            lens=tip.camera.calibration, leds=tip.camera.leds, roll=self.mount.roll
         )
-        camera.focus_at(float(np.clip(distance, 4e-3, 60e-3)))
-        return SeeingHead(Head(self.seed, 0.05, self.seed, delay=TICK), camera, sway=sway)
+        control = self.control if sensor else self.blind
+        return InspectionRig(plant, tip, control, calibration, sensors=sensor)
 
-    def eye(self, head: SeeingHead) -> Eye:
-        """The camera as calibrated; the head is taken to sit in the middle of the pipe."""
-        return Eye(
-            head.camera.calibration, replace(self.mount, offset=(0.0, 0.0)), head.camera.leds
-        )
 
-    def pixel(self, head: SeeingHead) -> FloatArray:
-        """(2,) where the true hole is in the image, by the lens as calibrated."""
-        pose = self.mount.pose(*head._line_of_sight())
-        return head.camera.calibration.project(pose.to_camera(_hole(self)))
+class Watch:
+    """What is true of a run, tick by tick. For scoring only."""
 
-    def off(self, head: SeeingHead) -> float:
-        """How far the true hole is from the middle of the image, in pixels."""
-        point = wall_point(self.hole.phi, self.hole.z, 10e-3)
-        x, y, z = self.mount.pose(*head._line_of_sight()).to_camera(point)
-        return float(260.0 * np.hypot(x / z, y / z))
+    def __init__(self, scene: Scene, rig: InspectionRig) -> None:
+        assert isinstance(rig.plant, Rig)
+        self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
+        self.off: list[float] = []
+        self.left: list[float] = []
+        self.sight: list[FloatArray] = []
+        self.verdicts: list[str] = []
+        self.pixel = self._pixel()
+
+    def __call__(self, state: Any) -> None:
+        """Keep what is true after a tick; what comes before the first tracked frame is left out."""
+        before, self.pixel = self.pixel, self._pixel()
+        verdict = getattr(state, "verdict", TRACKED)
+        if not verdict:
+            return
+        shown = getattr(state, "shown", None)
+        x, y, z = self._point()
+        self.off.append(float(260.0 * np.hypot(x / z, y / z)))
+        self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
+        self.sight.append(np.degrees(scoring.line_of_sight(self._plant)))
+        self.verdicts.append(verdict)
+
+    def run(self, name: str, after: int = 0) -> ServoRun:
+        """The run, from a tick on."""
+        off, left = np.array(self.off[after:]), np.array(self.left[after:])
+        t = TICK * np.arange(1.0, len(off) + 1.0)
+        verdicts, sight = tuple(self.verdicts[after:]), np.array(self.sight[after:])
+        return ServoRun(name, t, off, verdicts, sight, left)
+
+    def _point(self) -> FloatArray:
+        """(3,) the hole as the camera has it."""
+        hole, radius = self._scene.hole, self._scene.pipe.radius
+        return scoring.middle_of(self._scene.mount, self._plant, (hole.phi, hole.z), radius)
+
+    def _pixel(self) -> FloatArray:
+        """(2,) where the hole is in the image, by the lens as calibrated."""
+        return np.asarray(self._lens.project(self._point()))
 
 
 def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: float) -> ServoRun:
@@ -166,93 +190,71 @@ def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: 
     Against sway it is held by what the joints should read, once it is near. Without a sensor, no
     reading of a joint is used, neither on the way there nor later.
     """
-    head = scene.head(sway)
-    eye, control = scene.eye(head), scene.control if sensor else scene.blind
-    state, y = _approach(scene, head, sensor=sensor)
-    _meter(head)
-    known = np.radians((y if sensor else foretold(control, state)) - STRAIGHT)
-    servo = Servo(eye, gain=GAIN, delay=0.2, cone=CONE, rate_limit=np.radians(20.0), soft=SOFT)
-    hold, tracker = Hold(servo=servo), Tracker(eye)
-    held, believed = hold.begin(known), servo.begin(known)
-    shown = scene.pixel(head)
-    picked, tracked = tracker.begin(head.frame().image, shown, *known.tolist())
-    steps = round(seconds / TICK)
-    off, left, verdicts, sight = np.empty(steps), np.empty(steps), [], np.empty((steps, 2))
-    for k in range(steps):
-        track, tracked = tracker.step(tracked, head.frame().image, *known.tolist())
-        seen = track.pixel if track.verdict == TRACKED else None
-        shown = shown if seen is None else seen
-        left[k] = 0.5 * float(np.hypot(*(scene.pixel(head) - shown)))
-        if not sensor:
-            known, y = _by_image(eye, picked.place, seen, foretold(control, state))
-        if sway is not None and k * TICK > HOLD_AFTER:
-            step, held = hold.step(held, seen, known)
-        else:
-            step, believed = servo.step(believed, seen, known)
-            held = hold.begin(step.angles)
-        u, state = control.step(state, np.degrees(step.angles) + STRAIGHT, y)
-        y = head.exchange(u)
-        known = np.radians(y - STRAIGHT) if sensor else known
-        off[k], sight[k] = scene.off(head), np.degrees(head._line_of_sight())
-        verdicts.append(track.verdict)
-    t = TICK * np.arange(1.0, steps + 1.0)
-    name = "sensor" if sensor else "camera only"
-    return ServoRun(name, t, off, tuple(verdicts), sight, left)
-
-
-def foretold(control: HeadControl, state: HeadState) -> FloatArray:
-    """(2,) degrees of the joints as the model of the wires has them."""
-    own = np.array([axis.estimate.wire.angle for axis in state.axes])
-    return np.asarray(np.asarray(control.coupling) @ own)
-
-
-def _by_image(
-    eye: Eye, place: FloatArray, pixel: FloatArray | None, guess: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Angles of the head, and what stands for the reading of its joints; NaN without a point."""
-    near = np.radians(guess - STRAIGHT)
-    seen = None if pixel is None else sighted_angles(eye, place, pixel, near)
-    return (near, np.full(2, np.nan)) if seen is None else (seen, np.degrees(seen) + STRAIGHT)
+    rig = scene.rig(sway, sensor=sensor)
+    centring = Centring(
+        calibration=rig.calibration,
+        still=math.inf,
+        patience=seconds + TICK,  # a tick passes before the first frame is tracked
+        hold_after=math.inf if sway is None else HOLD_AFTER,
+        by_image=not sensor,
+    )
+    return _watched(scene, rig, centring).run("sensor" if sensor else "camera only")
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
     """Hold the angles at which the hole is in the middle, without looking."""
-    head = scene.head(sway)
-    state, y = scene.control.begin(), np.zeros(2)
-    steps, wait = round(seconds / TICK), round(APPROACH / TICK)
-    off, sight = np.empty(steps), np.empty((steps, 2))
-    for k in range(-wait, steps):
-        u, state = scene.control.step(state, np.degrees(scene.aim) + STRAIGHT, y)
-        y = head.exchange(u)
-        if k >= 0:
-            off[k], sight[k] = scene.off(head), np.degrees(head._line_of_sight())
-    t = TICK * np.arange(1.0, steps + 1.0)
-    return ServoRun("still", t, off, (TRACKED,) * steps, sight)
+    rig = scene.rig(sway)
+    watch = Watch(scene, rig)
+    go = Go(still=math.inf, turning=APPROACH + seconds)
+    rig.run(go, go.begin(angles=scene.aim), watch)
+    return watch.run("still", round(APPROACH / TICK))
+
+
+@dataclass(frozen=True, eq=False)
+class Swinging:
+    """Track a point while the head is swung about it.
+
+    Parameters
+    ----------
+    centring : Centring
+        What tracks.
+    aim : (2,) array
+        Middle of the swing, in radians.
+    """
+
+    centring: Centring
+    aim: FloatArray
+
+    def step(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
+        """The next state, and the swing."""
+        state, request = self.centring.step(state, reading)
+        phase = MOTION / 7.0 * (reading.t - (state.began or 0.0))
+        swing = np.radians(7.0 * np.sin(phase) * np.array([1.0, 0.6]))
+        return state, replace(request, angles=CONE.clip(self.aim + swing))
 
 
 def run_motion(scene: Scene) -> ServoRun:
     """Track the hole while the head is swung about it as fast as 10 degrees a second."""
-    head = scene.head()
-    eye = scene.eye(head)
-    state, y = _approach(scene, head)
-    _meter(head)
-    frame, tracker = head.frame(), Tracker(eye)
-    known = np.radians(y - STRAIGHT)
-    _, tracked = tracker.begin(frame.image, scene.pixel(head), float(known[0]), float(known[1]))
-    steps = round(MOTION_SECONDS / TICK)
-    off, verdicts, sight = np.empty(steps), [], np.empty((steps, 2))
-    for k in range(steps):
-        frame = head.frame()
-        known = np.radians(y - STRAIGHT)
-        track, tracked = tracker.step(tracked, frame.image, float(known[0]), float(known[1]))
-        swing = 7.0 * np.sin(MOTION / 7.0 * k * TICK) * np.array([1.0, 0.6])
-        wanted = np.degrees(CONE.clip(scene.aim + np.radians(swing))) + STRAIGHT
-        u, state = scene.control.step(state, wanted, y)
-        y = head.exchange(u)
-        off[k], sight[k] = scene.off(head), np.degrees(head._line_of_sight())
-        verdicts.append(track.verdict)
-    t = TICK * np.arange(1.0, steps + 1.0)
-    return ServoRun("motion", t, off, tuple(verdicts), sight)
+    rig = scene.rig()
+    patience = MOTION_SECONDS + TICK
+    centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
+    return _watched(scene, rig, centring, Swinging(centring, scene.aim)).run("motion")
+
+
+def _watched(
+    scene: Scene, rig: InspectionRig, centring: Centring, procedure: Swinging | None = None
+) -> Watch:
+    """Bring the head to where the servo takes over, and follow what is picked there."""
+    metering = Metering(calibration=rig.calibration)
+    go = Go(still=math.inf, turning=APPROACH - metering.seconds)
+    rig.run(go, go.begin(angles=scene.start))
+    rig.run(metering, metering.begin())
+    watch = Watch(scene, rig)
+    state = centring.begin((scene.hole.phi, scene.hole.z), watch.pixel)
+    picked, request = centring.step(state, rig.reading(Request(frame=True)))
+    apply_to_tip(rig.tip, request)
+    rig.run(procedure or centring, picked, watch)
+    return watch
 
 
 def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
@@ -285,27 +287,3 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
         },
     }
     return figures, runs
-
-
-def _approach(scene: Scene, head: SeeingHead, *, sensor: bool = True) -> tuple[Any, FloatArray]:
-    """Bring the head to where the servo takes over; without a sensor, by the model alone."""
-    control = scene.control if sensor else scene.blind
-    state, y = control.begin(), np.zeros(2)
-    for _ in range(round(APPROACH / TICK)):
-        read = y if sensor else np.full(2, np.nan)
-        u, state = control.step(state, np.degrees(scene.start) + STRAIGHT, read)
-        y = head.exchange(u)
-    return state, y
-
-
-def _meter(head: SeeingHead) -> None:
-    """Set the gain for a middle grey, and let the focus arrive."""
-    gain = 1.0
-    for _ in range(25):
-        mean = float(np.mean(head.frame().image))
-        gain = float(np.clip(gain * (GREY / max(mean, 1.0)) ** 0.7, 0.1, 20.0))
-        head.camera.expose(0.01, gain)
-
-
-def _hole(scene: Scene) -> FloatArray:
-    return wall_point(scene.hole.phi, scene.hole.z, 10e-3)

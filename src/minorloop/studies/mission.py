@@ -18,11 +18,23 @@ from minorloop.inspection.findings import Finding, finding_of, kind_of
 from minorloop.inspection.pits import PitDepth, measure_pit
 from minorloop.inspection.profile import Profile
 from minorloop.inspection.unrolled import WallMap, WaterLine
-from minorloop.studies import mission_cracks
+from minorloop.procedures.rig import InspectionRig, Step
+from minorloop.procedures.trace import likely, traces_of
+from minorloop.studies import mission_cracks, scoring
 from minorloop.studies.mission_cracks import SeenCrack
-from minorloop.studies.mission_crew import RADIUS, Crew, Step, apart, distance
-from minorloop.studies.mission_ears import rebuilt, ring_of, scan, sweep
-from minorloop.studies.mission_steps import centre, extract, focus, pick, touch
+from minorloop.studies.mission_scene import RADIUS, MissionTruth, distance, draw_mission
+from minorloop.studies.mission_steps import (
+    centre,
+    extract,
+    focus,
+    look,
+    meter,
+    pick,
+    touch,
+    travel,
+    turn,
+)
+from minorloop.studies.ultrasonic_scan import drain, rebuilt, ring_of, scan, sweep
 from minorloop.twins.pipe import Bore, Crack
 from minorloop.vision.cracks import TracedCrack
 from minorloop.vision.defects import Findings, Hole, strongest
@@ -48,7 +60,7 @@ class Mission:
     Parameters
     ----------
     seed : int
-        Of pipe and crew.
+        Of pipe and rig.
     truth : Bore
         The pit. For scoring only, as the next two.
     truth_crack : Crack
@@ -110,7 +122,7 @@ class Mission:
         """How far from the truth it came; NaN where nothing was found."""
         place = width = depth = np.nan
         if self.pit is not None:
-            place = 1e3 * apart((self.pit.phi, self.pit.z), (self.truth.phi, self.truth.z))
+            place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)
             width = 100 * abs(self.pit.diameter / self.truth.diameter - 1)
             depth = 1e3 * abs(self.pit.depth - self.truth.depth)
         return {
@@ -139,19 +151,19 @@ class Seen:
 
 def run_mission(seed: int) -> Mission:
     """Inspect one pipe with a pit and a crack in it, without a hand."""
-    crew, seen = Crew(seed), Seen()
-    mission = Mission(seed, crew.bore, crew.crack, float(crew.wet.water or 0.0))
-    best = _examined(crew, mission, seen)
+    (rig, truth), seen = draw_mission(seed), Seen()
+    mission = Mission(seed, truth.bore, truth.crack, float(truth.wet.water or 0.0))
+    best = _examined(rig, truth, mission, seen)
     if best.pit is None:
-        crew.say("end of pits", "nothing that echoes confirm was found; no depth is given")
-    best = replace(best, cracks=_cracks(crew, seen))
+        rig.say("end of pits", "nothing that echoes confirm was found; no depth is given")
+    best = replace(best, cracks=_cracks(rig, seen))
     if best.profile is not None and best.wall is not None:
         parts = [best.wall, *(crack.wall for crack in best.cracks)]
         best = replace(best, ring=ring_of(best.profile, seen.views, parts))
-    return replace(best, log=tuple(crew.log))
+    return replace(best, log=tuple(rig.log))
 
 
-def _examined(crew: Crew, mission: Mission, seen: Seen) -> Mission:
+def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: Seen) -> Mission:
     """Look from place after place, and go to what is seen, until echoes confirm a pit.
 
     What is not seen again from nearer is gone to after all that is; where nothing is confirmed,
@@ -161,17 +173,17 @@ def _examined(crew: Crew, mission: Mission, seen: Seen) -> Mission:
     doubted: list[Hole] = []
     best = mission
     for advance in (*ADVANCES, None):
-        holes = doubted if advance is None else _look_around(crew, advance, seen)
+        holes = doubted if advance is None else _look_around(rig, advance, seen)
         for hole in holes:
             known = any(distance(hole.place, other.place) < SAME for other in tried)
             if len(tried) >= MOST_PICKS or (known and advance is not None):
                 continue
             tried += [] if known else [hole]
-            one, again, view = _approached(crew, mission, hole)
+            one, again, view = _approached(rig, mission, hole)
             if not again and advance is not None:
                 doubted.append(hole)
                 continue
-            one = _sounded(crew, one, view)
+            one = _sounded(rig, truth, one, view)
             best = one if best.pit is None or _better(one, best) else best
             if best.pit is not None and best.pit.measured:
                 return best
@@ -187,76 +199,79 @@ def _better(one: Mission, other: Mission) -> bool:
     return ranks[0] > ranks[1]
 
 
-def _approached(crew: Crew, mission: Mission, hole: Hole) -> tuple[Mission, bool, Shades | None]:
+def _approached(
+    rig: InspectionRig, mission: Mission, hole: Hole
+) -> tuple[Mission, bool, Shades | None]:
     """Pick, centre, focus, extract; whether it is seen again, and the view of it."""
-    first, pixel = pick(crew, hole.place, f"evidence {hole.evidence:+.1f}")
-    centre(crew, hole.place)
-    focus(crew)
-    looks, found, again = extract(crew, hole)
+    first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
+    centre(rig, hole.place)
+    focus(rig)
+    looks, found, again = extract(rig, hole)
     return replace(mission, looks=looks, first=first, pixel=pixel, found=found), again, looks.wall
 
 
-def _sounded(crew: Crew, one: Mission, view: Shades | None) -> Mission:
+def _sounded(rig: InspectionRig, truth: MissionTruth, one: Mission, view: Shades | None) -> Mission:
     """Touch and measure; where echoes tell a depth, sweep round and reconstruct."""
     hole = one.found
     if hole is None:
         return one
-    centred_image, off = touch(crew, hole)
+    centred_image = touch(rig, hole)
+    off = scoring.off_bore(truth.plant, truth.offset, truth.bore, RADIUS)
     place = (float(hole.place[0]), float(hole.place[1]))
-    probe, ear, bursts = scan(crew, place)
+    ear, bursts = scan(rig, place)
     pit = measure_pit(bursts, ear, place, hole.diameter)
-    crew.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
+    rig.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
     if pit.verdict == AGAIN:
-        probe, ear, others = scan(crew, place, shift=0.5)
+        ear, others = scan(rig, place, shift=0.5)
         other = measure_pit(others, ear, place, hole.diameter)
-        crew.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
+        rig.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
         pit, bursts = (other, others) if other.measured else (pit, bursts)
     one = replace(one, centred=centred_image, touch=off, pit=pit)
     if np.isfinite(pit.depth):
         wall = rebuilt(bursts, ear, pit, hole, view)
-        profile, water = sweep(crew, probe, place)
+        profile, water = sweep(rig, place)
         size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
-        crew.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")
+        rig.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")
         one = replace(one, wall=wall, profile=profile, water=water)
-    crew.head.sway = None
+    drain(rig)
     return one
 
 
-def _cracks(crew: Crew, seen: Seen) -> tuple[SeenCrack, ...]:
+def _cracks(rig: InspectionRig, seen: Seen) -> tuple[SeenCrack, ...]:
     """Go to what looks like cracks, and on to further places until one is confirmed."""
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
     for advance in (None, *(place for place in ADVANCES if place not in seen.places)):
         if advance is not None:
-            _look_around(crew, advance, seen)
-        for trace, looks in mission_cracks.likely(seen.traces, tried):
+            _look_around(rig, advance, seen)
+        for trace, looks in likely(seen.traces, tried, RADIUS):
             if len(tried) < mission_cracks.MOST:
                 tried.append(trace)
-                crack = mission_cracks.examined(crew, trace, looks)
+                crack = mission_cracks.examined(rig, trace, looks)
                 found += [] if crack is None else [crack]
         if found:
             break
     return tuple(found)
 
 
-def _look_around(crew: Crew, advance: float, seen: Seen) -> list[Hole]:
+def _look_around(rig: InspectionRig, advance: float, seen: Seen) -> list[Hole]:
     """What is seen from one place, the likeliest first; views and lines are added to those seen."""
-    crew.travel(advance, 0.0)
+    travel(rig, 1e-3 * advance, 0.0)
     seen.places.append(advance)
     holes: list[Hole] = []
     lines = 0
     for k in range(LOOKS):
         way = 2 * np.pi * k / LOOKS
-        crew.turn(np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
-        crew.meter()
-        found = crew.look()
+        turn(rig, np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
+        meter(rig)
+        found = look(rig)
         holes += found.holes
-        traces = mission_cracks.traces_of(found)
+        traces = traces_of(found, RADIUS)
         lines += len(traces)
         seen.traces += traces
         seen.views += [found.wall] if found.wall is not None else []
     each = strongest(holes, RADIUS, -np.inf)
     words = f"{len(each)} thing{'s' if len(each) > 1 else ''}" if each else "nothing"
     words += f"; {lines} line{'s' if lines > 1 else ''}" if lines else ""
-    crew.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
+    rig.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
     return list(each)

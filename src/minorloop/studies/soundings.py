@@ -17,11 +17,13 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.geometry import Mount, Probe, wall_distance
 from minorloop.identification.bands import PER_DEVIATION
-from minorloop.inspection.echoes import Burst, average, choose_modality
+from minorloop.inspection.echoes import Burst, average
 from minorloop.inspection.field import Ear
-from minorloop.inspection.fusion import fuse, mean_depths, outline_of
 from minorloop.inspection.pits import PitDepth, measure_pit, raster
 from minorloop.inspection.unrolled import Patch, WallMap
+from minorloop.procedures.measure import hears_wall, wall_about
+from minorloop.procedures.scan import Scan
+from minorloop.studies import scoring
 from minorloop.twins.pipe import Bore, Pipe, draw_pit
 from minorloop.twins.ultrasound import Ultrasound
 
@@ -32,7 +34,6 @@ _Z = 20e-3
 _FLOODED = -9.999e-3
 _ANGLE_NOISE = math.radians(0.05)
 _SWAY = (0.3, 0.23)  # Hz, of pan and tilt
-_SHOTS = 16
 _DARK, _SHADE_NOISE, _EDGE = -1.2, 0.08, 0.05e-3
 _ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
 """How far off the known mount is, in radians and metres."""
@@ -79,11 +80,20 @@ class Sounding(Site):
     ----------
     sonar : Ultrasound
         The twin.
+    pipe : Pipe
+        With water, if any.
+    mount : Mount
+        As it truly is. For scoring only.
+    probe : dict
+        Noise, gain and temperature of the twin.
     rng : numpy Generator
         Of the sway, of the noise of the angles, and of the picture.
     """
 
     sonar: Ultrasound
+    pipe: Pipe
+    mount: Mount
+    probe: dict[str, Any]
     rng: np.random.Generator
 
     @property
@@ -147,13 +157,18 @@ def draw_sounding(
     guess = off + rng.normal(0, 0.05e-3, 2)
     known = replace(true, offset=(float(guess[0]), float(guess[1])))
     warm, probe = float(rng.uniform(12, 30)), Probe() if lens else Probe(focus=math.inf)
-    options: dict[str, Any] = {"specimen": seed, "seed": seed, "temperature": warm}
     level = 1.0
     if kind in ("pit", "dished", "dry"):
-        level = Ultrasound(pipe, true, probe, noise=0.0, **options)._floor_level()
-    noise = level * 10 ** (-snr / 20) * math.sqrt(_SHOTS)
-    sonar = Ultrasound(pipe, true, probe, noise=noise, **options)
-    sonar.amplify(min(0.5, 0.5 / (0.7 + 4 * noise)))
+        level = scoring.floor_level(
+            Ultrasound(pipe, true, probe, noise=0.0, temperature=warm, specimen=seed, seed=seed)
+        )
+    noise = level * 10 ** (-snr / 20) * math.sqrt(Scan.shots)
+    heard: dict[str, Any] = {
+        "noise": noise,
+        "gain": min(0.5, 0.5 / (0.7 + 4 * noise)),
+        "temperature": warm,
+    }
+    sonar = Ultrasound(pipe, true, probe, specimen=seed, seed=seed, **heard)
     ear = Ear(
         probe,
         known,
@@ -171,11 +186,11 @@ def draw_sounding(
     centre = (centre[0] + turned, centre[1] + moved)
     ear = replace(ear, mount=known)
     about = (ear, centre, seen, pit, kind == "dry", (turned, moved))
-    return Sounding(*about, sonar=sonar, rng=rng)
+    return Sounding(*about, sonar=sonar, pipe=pipe, mount=true, probe=heard, rng=rng)
 
 
 def scan(
-    sounding: Sounding, *, sway: float = 1.0, points: int = 6, pause: float = 0.8
+    sounding: Sounding, *, sway: float = 1.0, points: int = Scan.points, pause: float = 0.8
 ) -> list[Burst]:
     """Scan a raster of bursts of 16 shots while the head sways.
 
@@ -201,7 +216,7 @@ def scan(
 def _burst(sounding: Sounding, target: FloatArray, sway: float, phase: FloatArray) -> Burst:
     ear, sonar = sounding.ear, sounding.sonar
     shots, read = [], []
-    for _ in range(_SHOTS):
+    for _ in range(Scan.shots):
         turns = 2 * np.pi * np.array(_SWAY) * sonar.clock + phase
         place = target + sway * np.sin(turns)
         sonar.look(float(place[0]), float(place[1]))
@@ -242,9 +257,8 @@ def sound(sounding: Sounding) -> Scored:
     bursts = scan(sounding)
     target = raster(sounding.ear, sounding.centre, points=1)[0]
     sounding.sonar.look(float(target[0]), float(target[1]))
-    shots = [sounding.sonar.shot() for _ in range(_SHOTS)]
-    stand = sounding.ear.radius - sounding.ear.probe.face
-    modality = choose_modality(shots, stand, sounding.ear.speed)
+    shots = [sounding.sonar.shot() for _ in range(Scan.shots)]
+    modality = "sonar" if hears_wall(shots, sounding.ear) else "camera"
     return examined(sounding, bursts, modality)
 
 
@@ -253,11 +267,8 @@ def examined(sounding: Sounding, bursts: Sequence[Burst], modality: str = "sonar
     before = time.process_time()
     found = measure_pit(bursts, sounding.ear, sounding.centre, sounding.diameter)
     seconds = time.process_time() - before
-    patch = Patch.around(found.phi, found.z, size=2.4e-3, radius=sounding.ear.radius)
-    image = sounding.picture(patch)
-    outline = outline_of(image, patch, sounding.centre, sounding.diameter)
-    heard = mean_depths(bursts, sounding.ear, patch, found)
-    wall = fuse(found, heard, patch, image=image, outline=outline)
+    about = sounding.ear, sounding.centre, sounding.diameter
+    wall = wall_about(found, bursts, *about, seen=sounding.picture)
     return Scored(sounding.site, found, seconds, wall, modality)
 
 

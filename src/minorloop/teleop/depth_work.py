@@ -12,13 +12,10 @@ from minorloop.errors import MissingExtraError
 from minorloop.geometry import Mount, Probe
 from minorloop.inspection.echoes import Burst
 from minorloop.inspection.field import Ear, sound_field
-from minorloop.inspection.fusion import fuse, mean_depths
 from minorloop.inspection.mesh import mesh_of
 from minorloop.inspection.pits import PitDepth, measure_pit
-from minorloop.inspection.unrolled import Patch, WallMap
-
-SIZE = 2.4e-3
-"""Side of the map about a finding, in metres."""
+from minorloop.inspection.unrolled import WallMap
+from minorloop.procedures.measure import wall_about
 
 
 def warm_up() -> None:
@@ -33,9 +30,7 @@ def depth(
     yield {"stage": "fitting the echoes"}
     pit = measure_pit(bursts, ear, centre, diameter)
     yield {"stage": "drawing the map of depth"}
-    patch = Patch.around(pit.phi, pit.z, size=SIZE, radius=ear.radius)
-    heard = mean_depths(bursts, ear, patch, pit) if pit.measured else None
-    wall = fuse(pit, heard, patch)
+    wall = wall_about(pit, bursts, ear, centre, diameter)
     yield {"told": _told(pit, wall), "meshes": _meshes(wall)}
 
 

@@ -9,29 +9,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from minorloop.errors import MinorloopError, ParameterError, SignalError
-from minorloop.teleop.finder import Finder, Findings, laid, nearest
-from minorloop.teleop.loan import Loan
-from minorloop.teleop.plant import Tip, View, Where, angles_of
+from minorloop.errors import MinorloopError, SignalError
+from minorloop.procedures.centre import Centring
+from minorloop.procedures.extract import Acquisition, nearest
+from minorloop.procedures.focus import Focusing
+from minorloop.procedures.meter import LIMITS, Metering
+from minorloop.procedures.values import ALL_LIGHTS, Procedure, Reading, Request, Tip, apply_to_tip
+from minorloop.teleop.finder import Finder
+from minorloop.teleop.plant import View, Where, angles_of, reading_of
 from minorloop.teleop.sight import Look, Seen
 from minorloop.teleop.sounding import Sounding
-from minorloop.vision.defects import acquire
+from minorloop.vision.defects import Findings
 from minorloop.vision.eye import Image
-from minorloop.vision.focus import autofocus
-from minorloop.vision.jacobian import wall_depth
-from minorloop.vision.tracking import TRACKED, Tracker, TrackState
+from minorloop.vision.tracking import TRACKED, TrackState
 
-EXPOSURE = 0.01
-_GREY, _HASTE, _LEAST_GAIN, _MOST_GAIN = 95.0, 0.25, 0.1, 20.0
-_NEAREST, _FARTHEST = 5e-3, 55e-3
-_REFOCUS_TICKS = 5
+_FRAME = 0.04
+"""Seconds from one frame of the camera to the next."""
 _SNAP = 18.0
-_SAME = 1.5e-3
 
 Later = Callable[[Callable[[], Any]], Callable[[], Any | None]]
 """Does something in time, and gives what asks for the result; None while there is none."""
@@ -41,6 +40,15 @@ def at_once(work: Callable[[], Any]) -> Callable[[], Any | None]:
     """Do it now; for tests."""
     result = work()
     return lambda: result
+
+
+@dataclass(eq=False)
+class _Work:
+    """A procedure that has the camera, and what is done with its last state."""
+
+    procedure: Procedure[Any]
+    state: Any
+    after: Callable[[Any], None]
 
 
 class Eyes:
@@ -58,14 +66,16 @@ class Eyes:
     def __init__(self, tip: Tip, view: View, later: Later = at_once) -> None:
         self._tip, self._view, self._later = tip, view, later
         self._finder = Finder(view)
-        self._tracker = Tracker(view.eye((0.0, 0.0, 0.0, 0.0)))
+        self._centring = Centring(calibration=view)
+        self._metering = Metering(calibration=view, seconds=math.inf)
+        self._meter = self._metering.begin()
         self._track: TrackState | None = None
         self._picked: tuple[float, float] | None = None
         self._seen, self._score = False, 0.0
-        self._loan: Loan | None = None
-        self._after: Callable[[Any, list[tuple[float, float]]], None] | None = None
+        self._work: _Work | None = None
+        self._lit = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
-        self._gain, self._by_wall, self._ticks = 1.0, True, 0
+        self._ticks = 0
         self._queue: list[Callable[[], None]] = []
         self._sounding: Sounding | None = None
         self._where: Where = (0.0, 0.0, 0.0, 0.0)
@@ -91,25 +101,24 @@ class Eyes:
         self._tip.stand(look.stance)
         for name, numbers in look.wishes:
             self._do(self.wishes[name], numbers)
-        if self._queue and self._loan is None:  # what came while the camera was lent
+        if self._queue and self._work is None:  # what came while the camera was in use
             self._queue.pop(0)()
-        idle = self._loan is None and self._sounding is None
+        idle = self._work is None and self._sounding is None
         if idle and self._finder.at_rest_somewhere_new(look.where):
             self._find()
-        if self._loan is None:
-            self._meter_focus()
-        lit, fresh = self._loan is None or self._loan.all_lit, True
-        frame = self._tip.frame()
-        if self._loan is not None:
-            self._lend(frame)
+        lit, free, fresh = self._lit, self._work is None, True
+        reading = self._reading(self._tip.frame().image)
         if lit:
-            self.image = frame.image
+            self.image = reading.image
             fresh = self._picked is None
             if not fresh:  # the frame that it was picked in is no news of it
-                self._do(self._begin, [frame.image])
-        target = self._follow(frame.image, lit and fresh and self._loan is None)
-        if self._loan is None and lit:
-            self._meter(frame.image)
+                self._do(self._begin, [reading])
+        target = self._follow(reading, lit and fresh and free)
+        if self._work is not None:
+            self._go_on(self._work, reading)
+        else:
+            self._meter, request = self._metering.step(self._meter, reading)
+            apply_to_tip(self._tip, request)
         self._take_results()
         events, self._events = self._events, []
         self._ticks += 1
@@ -119,6 +128,9 @@ class Eyes:
             spots=self._finder.shown(look.where),
             events=events,
         )
+
+    def _reading(self, image: Image | None = None) -> Reading:
+        return reading_of(self._where, t=self._ticks * _FRAME, image=image)
 
     def forget(self) -> None:
         """Forget what was seen, as at the start."""
@@ -140,28 +152,25 @@ class Eyes:
         """Follow what is at a pixel, from the next frame under all lights."""
         self._picked = (u, v)
 
-    def _begin(self, image: Image) -> None:
+    def _begin(self, reading: Reading) -> None:
         """Follow what was picked; what is known there is taken for meant."""
         (u, v), self._picked = self._picked or (0.0, 0.0), None
-        eye, angles = self._view.eye(self._where), angles_of(self._where)
+        assert reading.image is not None
         pixel = np.array([u, v])
         for spot in self._finder.shown(self._where):
             if math.hypot(spot[0] - u, spot[1] - v) < max(_SNAP, 0.7 * spot[2]):
                 pixel = np.array(spot[:2])
                 break
-        tracker = replace(self._tracker, eye=eye)
-        track, self._track = tracker.begin(image, pixel, *angles)
+        track, self._track = self._centring.pick(reading.image, pixel, reading)
         self._seen, self._score = True, track.score
         self._tell("picked")
 
-    def _follow(self, image: Image, usable: bool) -> tuple[float, float, float, bool] | None:
+    def _follow(self, reading: Reading, usable: bool) -> tuple[float, float, float, bool] | None:
         if self._track is None:
             return None
-        eye, angles = self._view.eye(self._where), angles_of(self._where)
-        pixel = eye.pixel(self._track.place, *angles)
+        pixel = self._view.eye(self._where).pixel(self._track.place, *angles_of(self._where))
         if usable:  # under other lights, or out of focus, the angles tell
-            tracker = replace(self._tracker, eye=eye)
-            now, self._track = tracker.step(self._track, image, *angles)
+            now, self._track = self._centring.follow(self._track, reading, reading.image)
             self._seen = now.verdict == TRACKED
             if math.isfinite(now.score):
                 self._score = now.score
@@ -170,53 +179,56 @@ class Eyes:
             return (0.0, 0.0, 0.0, False)
         return float(pixel[0]), float(pixel[1]), self._score, self._seen
 
-    # --- light and focus
+    # --- procedures that have the camera
 
-    def _meter(self, image: Image) -> None:
-        """Let the gain follow the brightness."""
-        mean = max(float(image[::4, ::4].mean()), 1.0)
-        gain = self._gain * (_GREY / mean) ** _HASTE
-        self._gain = min(max(gain, _LEAST_GAIN), _MOST_GAIN)
-        self._tip.expose(EXPOSURE, self._gain)
+    def _use(self, procedure: Procedure[Any], state: Any, after: Callable[[Any], None]) -> None:
+        """Give the camera to a procedure, from the frame of this tick on."""
+        self._work = _Work(procedure, state, after)
+        self._go_on(self._work, self._reading())
 
-    def _meter_focus(self) -> None:
-        """Focus on the wall ahead until somebody sets the focus."""
-        if self._by_wall and self._ticks % _REFOCUS_TICKS == 0:
-            self._tip.focus_at(self._ahead())
+    def _go_on(self, work: _Work, reading: Reading) -> None:
+        """One step of what has the camera."""
+        work.state, request = work.procedure.step(work.state, reading)
+        if request.lights is not None:
+            self._lit = all(request.lights)
+        apply_to_tip(self._tip, request)
+        if work.state.done:
+            self._work = None
+            work.after(work.state)
 
-    def _ahead(self) -> float:
-        eye = self._view.eye(self._where)
-        try:
-            far = wall_depth(eye, np.zeros(2), *angles_of(self._where))
-        except ParameterError:
-            far = _FARTHEST
-        return float(np.clip(far, _NEAREST, _FARTHEST))
+    def _break_off(self) -> None:
+        """Take the camera back, as it was metered."""
+        if self._work is not None:
+            self._work, self._lit = None, True
+            exposure = LIMITS.exposure, self._meter.gain
+            apply_to_tip(self._tip, Request(lights=ALL_LIGHTS, exposure=exposure))
+
+    def _by_wall(self, yes: bool) -> None:
+        """Whether the focus follows the wall ahead, or stays where somebody has set it."""
+        self._metering = replace(self._metering, focusing=yes)
 
     def _focus(self, distance: float) -> None:
-        self._by_wall = False
+        self._by_wall(False)
         self._tip.focus_at(distance)
 
     def _free(self) -> None:
-        self._by_wall = True
+        self._by_wall(True)
 
     def _sharpen(self) -> None:
         """Sweep the focus on the point that is followed."""
         if self._track is None:
             return
-        if self._loan is not None:
+        if self._work is not None:
             self._queue.append(self._sharpen)
             return
-        eye, guess = self._view.eye(self._where), self._ahead()
-        pixel = eye.pixel(self._track.place, *angles_of(self._where))
+        pixel = self._view.eye(self._where).pixel(self._track.place, *angles_of(self._where))
+        focusing = Focusing(lens=self._view.lens)
+        guess = self._metering.ahead(self._reading())
+        self._use(focusing, focusing.begin(pixel, guess), self._sharpened)
 
-        def work(camera: Loan) -> Any:
-            return autofocus(camera, eye, pixel, guess, tries=7, wait=2, travel=8)
-
-        def after(found: Any, _: Any) -> None:
-            self._by_wall = False
-            self._tell("focused", distance=float(found.distance), verdict=found.verdict)
-
-        self._borrow(work, after)
+    def _sharpened(self, state: Any) -> None:
+        self._by_wall(False)
+        self._tell("focused", distance=float(state.found.distance), verdict=state.found.verdict)
 
     # --- defects
 
@@ -238,10 +250,9 @@ class Eyes:
     def _extracted(self, findings: Findings) -> None:
         self._finder.add(findings)
         assert self._track is not None
-        hole = nearest(findings.holes, self._track.place.tolist(), _SAME, self._view.radius)
-        if hole is None:
-            # The weaker look from farther away still has an outline.
-            hole = self._finder.near(self._track.place.tolist(), _SAME)
+        # Where there is none, the weaker look from farther away still has an outline.
+        hole = nearest(findings.holes, self._track.place, self._view.radius)
+        hole = hole or self._finder.near(self._track.place)
         if hole is None:
             reason = "nothing round is seen under the target; go nearer, or pick what is framed"
             if findings.verdict != "good":
@@ -257,36 +268,19 @@ class Eyes:
         self._tell("extracted", hole=told, verdict=hole.kind)
 
     def _acquired(self, then: Callable[[Findings], None]) -> None:
-        """Borrow the camera for five frames, then look for defects in them."""
-        if self._loan is not None:
+        """Take five frames, then look for defects in them."""
+        if self._work is not None:
             self._queue.append(lambda: self._acquired(then))
             return
-        where, gain = self._where, self._gain
+        where = self._where
         self._finder.looked(where)
 
-        def after(looks: Any, poses: list[tuple[float, float]]) -> None:
-            flat = laid(looks, poses)
-            self._pending.append((self._later(lambda: self._finder.find(flat, where)), then))
+        def after(state: Any) -> None:
+            looks = state.looks
+            self._pending.append((self._later(lambda: self._finder.find(looks, where)), then))
 
-        self._borrow(lambda loan: acquire(loan, loan.angles, exposure=EXPOSURE, gain=gain), after)
-
-    def _borrow(
-        self,
-        work: Callable[[Loan], Any],
-        after: Callable[[Any, list[tuple[float, float]]], None],
-    ) -> None:
-        self._loan, self._after = Loan(self._tip, work), after
-
-    def _lend(self, frame: Any) -> None:
-        loan, after = self._loan, self._after
-        assert loan is not None
-        assert after is not None
-        loan.give(frame, self._where)
-        if loan.done:
-            loan.end()
-            self._loan = None
-            if loan.result is not None:
-                after(loan.result, loan.poses)
+        acquisition = Acquisition()
+        self._use(acquisition, acquisition.begin(self._meter.gain), after)
 
     def _take_results(self) -> None:
         waiting = []
@@ -302,9 +296,7 @@ class Eyes:
 
     def _sound(self, finding: float, phi: float, z: float, diameter: float) -> None:
         """Begin a scan about a finding."""
-        if self._loan is not None:
-            self._loan.end()
-            self._loan = None
+        self._break_off()
         self._tip.flood(True)
         self._sounding = Sounding(self._view, int(finding), (phi, z), diameter)
 

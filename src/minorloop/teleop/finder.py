@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from minorloop.geometry import wrapped
+from minorloop.procedures.extract import nearest
 from minorloop.teleop.plant import View, Where, angles_of
-from minorloop.vision.defects import Findings, Hole, acquire, find_holes, strongest
+from minorloop.vision.defects import Findings, Hole, find_holes, strongest
 from minorloop.vision.wallmap import Look
 
 _REST_TICKS = 12
@@ -18,8 +19,6 @@ _REST = (0.4, 0.4, 0.2, 0.5)
 _NEWS = (5.0, 5.0, 2.0, 6.0)
 _MOST_KNOWN, _MOST_SHOWN = 60, 8
 _LEAST_PIXELS = 6.0
-
-__all__ = ["Finder", "Findings", "Hole", "Look", "acquire", "laid"]
 
 
 @dataclass(eq=False)
@@ -60,9 +59,9 @@ class Finder:
         every = strongest([*self.known, *found.holes], self.view.radius, -np.inf)
         self.known = every[:_MOST_KNOWN]
 
-    def near(self, place: Sequence[float], reach: float) -> Hole | None:
-        """The known one nearest to phi and z, if it is within some metres."""
-        return nearest(self.known, place, reach, self.view.radius)
+    def near(self, place: npt.ArrayLike) -> Hole | None:
+        """The known one that is the same as what was picked at phi and z."""
+        return nearest(self.known, place, self.view.radius)
 
     def shown(self, where: Where) -> list[tuple[float, float, float, float]]:
         """Pixel, diameter in pixels and evidence of those in view, the likeliest first."""
@@ -82,22 +81,3 @@ class Finder:
             if across > _LEAST_PIXELS:
                 shown.append((float(pixel[0]), float(pixel[1]), across, float(hole.evidence)))
         return sorted(shown, key=lambda spot: -spot[3])[:_MOST_SHOWN]
-
-
-def laid(looks: Sequence[Look], poses: Sequence[tuple[float, float]]) -> tuple[Look, ...]:
-    """Looks with the angles that were measured when their frames came."""
-    pairs = zip(looks, poses, strict=True)
-    return tuple(replace(look, pan=pan, tilt=tilt) for look, (pan, tilt) in pairs)
-
-
-def nearest(
-    holes: Sequence[Hole], place: Sequence[float], reach: float, radius: float
-) -> Hole | None:
-    """The hole nearest to phi and z, if it is within some metres."""
-
-    def off(hole: Hole) -> float:
-        around = radius * float(wrapped(hole.place[0] - place[0]))
-        return float(np.hypot(around, hole.place[1] - place[1]))
-
-    best = min(holes, key=off, default=None)
-    return best if best is not None and off(best) <= reach else None

@@ -9,9 +9,8 @@ camera and probe as they were calibrated.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -28,12 +27,12 @@ from minorloop.identification.heating import (
     moving_levels,
 )
 from minorloop.inspection.field import Ear
-from minorloop.lab.actuator import Actuator, FrameSource, Shot
+from minorloop.lab.actuator import Actuator
+from minorloop.procedures.calibration import ROOM_TEMPERATURE, STRAIGHT, HeadCalibration
+from minorloop.procedures.values import Plant, Reading, Tip
 from minorloop.vision.eye import Eye
 
-WATER = 20.0
-"""Of the water in a flooded pipe, in degrees Celsius, as far as a thermometer tells."""
-MIDDLE = 30.0
+MIDDLE = round(math.degrees(STRAIGHT), 9)
 """Pan and tilt at which the head looks straight ahead, in degrees."""
 ADDRESSES = ("twin:pipe",)
 Where: TypeAlias = tuple[float, float, float, float]
@@ -47,104 +46,25 @@ _CALIBRATED = 0.05e-3
 _RADIUS, _THICKNESS, _TEMPERATURE = 20e-6, 0.03, 0.3
 
 
-@runtime_checkable
-class Plant(Protocol):
-    """A catheter with its head."""
-
-    @property
-    def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
-
-    def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold pan and tilt currents in A, advance in mm/s and roll in degrees/s for a tick.
-
-        Returns
-        -------
-        (4,) array
-            Pan, tilt, advance and roll at its end, in degrees and mm; NaN where a sensor is lost.
-        """
-
-    def stance(self) -> tuple[float, ...]:
-        """What a simulated tip has to be told of where it is; a real one needs nothing."""
-
-    def safe(self) -> None:
-        """Let the wires cool and stop the catheter."""
-
-
-@runtime_checkable
-class Tip(FrameSource, Protocol):
-    """A camera with lights, and a probe."""
-
-    def stand(self, stance: tuple[float, ...]) -> None:
-        """Take in what the plant says of where it is."""
-
-    def switch(self, lights: Sequence[bool]) -> None:
-        """Say which lights are on from the next frame."""
-
-    def expose(self, exposure: float, gain: float = 1.0) -> None:
-        """Set how long the shutter is open, in seconds, and the gain."""
-
-    def focus_at(self, distance: float) -> None:
-        """Send the focus of the camera to a distance in metres."""
-
-    def flood(self, on: bool) -> None:
-        """Fill the pipe with water for the probe, or let it out."""
-
-    def shots(self, count: int) -> list[Shot]:
-        """Fire pulses, one after the other."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
-    """Camera and probe as calibrated, and how they sit on the head.
-
-    Parameters
-    ----------
-    lens : Pinhole
-    leds : (N, 3) array
-        Places of the lights in the camera, in metres.
-    offset : (float, float)
-        Of the pivot off the axis of the pipe, in metres.
-    lever : float
-        From the pivot of the head to the lens, in metres.
-    probe : Probe
-    radius, thickness : float
-        Of the pipe and its wall, in metres.
-    temperature : float
-        Of the water that it is flooded with, in degrees Celsius.
-    """
-
-    lens: Pinhole
-    leds: FloatArray
-    offset: tuple[float, float] = (0.0, 0.0)
-    lever: float = 8e-3
-    probe: Probe = field(default_factory=Probe)
-    radius: float = 10e-3
-    thickness: float = 2e-3
-    temperature: float = WATER
+class View(HeadCalibration):
+    """Camera and probe as calibrated, where the catheter is in mm and degrees."""
 
     def mount(self, where: Where) -> Mount:
         """How the head sits in the pipe where the catheter is."""
-        advance, roll = 1e-3 * where[2], math.radians(where[3])
-        return Mount(lever=self.lever, offset=self.offset, roll=roll, advance=advance)
+        return self.mount_at(reading_of(where).place)
 
     def eye(self, where: Where) -> Eye:
         """The camera where the catheter is."""
-        return Eye(self.lens, self.mount(where), self.leds, self.radius)
+        return self.eye_at(reading_of(where).place)
 
     def ear(self, where: Where) -> Ear:
         """The probe where the catheter is."""
-        return Ear(
-            self.probe,
-            self.mount(where),
-            radius=self.radius,
-            thickness=self.thickness,
-            temperature=self.temperature,
-        )
+        return self.ear_at(reading_of(where).place)
 
     def told(self) -> dict[str, Any]:
         """As plain values, for messages."""
-        names = ("offset", "lever", "radius", "thickness", "temperature")
+        names = ("offset", "roll", "lever", "radius", "thickness", "temperature")
         plain = {name: getattr(self, name) for name in names}
         lens, probe = (
             msgspec.to_builtins(part, enc_hook=float) for part in (self.lens, self.probe)
@@ -169,6 +89,12 @@ class View:
 def angles_of(where: Where) -> tuple[float, float]:
     """Pan and tilt in radians."""
     return math.radians(where[0]), math.radians(where[1])
+
+
+def reading_of(where: Where, **known: Any) -> Reading:
+    """What a procedure is told of where the head is, with other values of a `Reading`."""
+    place = np.array([1e-3 * where[2], math.radians(where[3])])
+    return Reading(**{"t": 0.0, **known}, angles=np.array(angles_of(where)), place=place)
 
 
 def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:
@@ -213,14 +139,15 @@ def open_tip(
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
     known = np.array(offset) + rng.normal(0.0, _CALIBRATED, 2)
     pipe = _pipe(seed)
-    tip = SimulatedTip(pipe, offset=offset, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
+    mount = Mount(offset=offset)
+    tip = SimulatedTip(pipe, mount=mount, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
     view = View(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=(float(known[0]), float(known[1])),
         radius=pipe.radius + float(rng.normal(0.0, _RADIUS)),
         thickness=pipe.thickness * float(rng.uniform(1 - _THICKNESS, 1 + _THICKNESS)),
-        temperature=WATER + float(rng.normal(0.0, _TEMPERATURE)),
+        temperature=ROOM_TEMPERATURE + float(rng.normal(0.0, _TEMPERATURE)),
     )
     return tip, view
 

@@ -15,20 +15,20 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.control.head import HeadControl
+from minorloop.procedures.centre import Centring
+from minorloop.procedures.values import Plant, Reading, passed
 from minorloop.teleop import messages
 from minorloop.teleop.gaze import Pair
 from minorloop.teleop.modes import Heard, Seat, SeatState, advance, held
-from minorloop.teleop.plant import MIDDLE, Plant, View, Where, angles_of
+from minorloop.teleop.plant import MIDDLE, View, Where, reading_of
 from minorloop.teleop.reports import Finding, camera_finding, introduction, rounded, sounded
-from minorloop.teleop.scan import Asked, Scan, scanned
+from minorloop.teleop.scan import ConsoleScan, begin_scan, scanned
 from minorloop.teleop.sight import Look, Seen, Sight, Wish
-from minorloop.vision.servo import Cone, Servo
+from minorloop.vision.servo import Cone
 
 _BLIND_TICKS = 3
 _STALE_TICKS = 8
 _LONGEST_MEMORY = 40
-_CENTRED, _CENTRED_TICKS = 0.02, 12
-_SERVO_GAIN, _SERVO_DELAY = 0.8, 0.2
 
 
 @dataclass(eq=False)
@@ -66,15 +66,12 @@ class Session:
         self._drive_at = -math.inf
         self._request: Any = None
         self.seen = Seen(number=0)
-        self.scan: Scan | None = None
-        self._asked: Asked | None = None
+        self.scan: ConsoleScan | None = None
         self._wishes: list[Wish] = []
-        self._centred = 0
+        self._centred_at: float | None = None
         self.focus: str = ""
-        self._servo_law = Servo(
-            self.view.eye((0.0, 0.0, 0.0, 0.0)),
-            gain=_SERVO_GAIN,
-            delay=_SERVO_DELAY,
+        self._centring = Centring(
+            calibration=self.view,
             interval=self.interval,
             cone=Cone(math.radians(self.seat.gaze.cone)),
             rate_limit=math.radians(self.seat.gaze.heating),
@@ -189,7 +186,7 @@ class Session:
             late=round(1e3 * late, 2),
             safe_at=safe_at,
             target=self._told_target(),
-            centred=self._centred >= _CENTRED_TICKS,
+            centred=self._centred(),
             focus=self.focus,
             scan=self._told_scan(),
             spots=[rounded(spot, 1) for spot in self.seen.spots],
@@ -256,7 +253,7 @@ class Session:
             if kind == "notice":
                 self.notice(event["text"])
             elif kind == "picked":
-                self._centred, self.focus = 0, ""
+                self._centred_at, self.focus = None, ""
             elif kind == "focused":
                 self.focus = str(event["verdict"])
                 self.events.append(messages.encode("focused", **event))
@@ -276,10 +273,7 @@ class Session:
         target = self.seen.target
         if target is None or not target[3] or not self._fresh():
             return None
-        where = self.where()
-        law = replace(self._servo_law, eye=self.view.eye(where))
-        state = law.begin(np.radians(self.state.command))
-        step, _ = law.step(state, target[:2], np.array(angles_of(where)))
+        step = self._centring.turn(np.radians(self.state.command), target[:2], self._reading())
         rates = np.degrees(step.rates)
         return float(rates[0]), float(rates[1])
 
@@ -287,13 +281,27 @@ class Session:
         """Focus once the target has come to rest in the middle."""
         target, lens = self.seen.target, self.view.lens
         if self.state.mode != "TRACK" or target is None or not target[3]:
-            self._centred = 0
+            self._centred_at = None
             return
-        off = math.dist(target[:2], lens.centre)
-        self._centred = self._centred + 1 if off < _CENTRED * lens.width else 0
-        if self._centred == _CENTRED_TICKS and not self.focus:
+        if math.dist(target[:2], lens.centre) >= self._centring.in_middle:
+            self._centred_at = None
+        elif self._centred_at is None:
+            self._centred_at = self._t
+        if self._centred() and not self.focus:
             self.focus = "searching"
             self._wish("sharpen")
+
+    def _centred(self) -> bool:
+        """Whether the target has been in the middle for long enough."""
+        since = self._centred_at
+        return since is not None and passed(since, self._t, self._centring.still)
+
+    @property
+    def _t(self) -> float:
+        return self.ticks * self.interval
+
+    def _reading(self) -> Reading:
+        return reading_of(self.where(), t=self._t)
 
     def _watch_sensors(self) -> None:
         lost = bool(np.isnan(self.reading).any())
@@ -332,11 +340,12 @@ class Session:
             self.notice(sentence)
             return
         found = wanted[-1]
-        self.scan = Scan(
-            number=found.number,
-            centre=(math.radians(found.phi), 1e-3 * found.z),
-            diameter=1e-3 * found.diameter,
-            home=(*self.state.command, *self.where()[2:]),
+        self.scan = begin_scan(
+            found.number,
+            (math.radians(found.phi), 1e-3 * found.z),
+            1e-3 * found.diameter,
+            self.view,
+            (*self.state.command, *self.where()[2:]),
         )
         self._request = "SCAN"
 
@@ -345,11 +354,12 @@ class Session:
         if self.scan is None or self.scan.stage == "done":
             return None
         if self.state.mode == "SCAN":
-            self.scan, asked = scanned(self.scan, self.view, self.where(), self.interval)
+            command = self.state.command
+            self.scan, asked = scanned(self.scan, self.view, self.where(), command, self.interval)
             self._wishes += asked.wishes
             if self.scan.stage == "done":
                 sentence = "the scan is done; press a mode to go on"
-                if not self.scan.targets:
+                if not len(self.scan.state.targets):
                     sentence = "the probe could not be brought over the finding; press Depth again"
                 self.hold(sentence)
                 self.events.append(messages.encode("scanned", finding=self.scan.number))

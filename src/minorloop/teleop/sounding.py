@@ -4,31 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from minorloop.geometry import wrapped
-from minorloop.inspection.echoes import Burst, average, choose_modality
-from minorloop.inspection.pits import raster
-from minorloop.teleop.plant import Tip, View, Where, angles_of
-
-SHOTS = 16
-POINTS, PITCH = 5, 0.36e-3
-"""Points in a row of the raster, and metres between them."""
-_MOST_OFF = 0.6e-3
-
-
-def scan_targets(
-    view: View, where: Where, centre: tuple[float, float]
-) -> list[tuple[float, float]]:
-    """Pan and tilt in degrees at which the probe hears each point of a raster about a place.
-
-    Raises
-    ------
-    ParameterError
-        If the probe cannot be aimed there from where the catheter is.
-    """
-    aims = raster(view.ear(where), centre, points=POINTS, pitch=PITCH)
-    return [(float(pan), float(tilt)) for pan, tilt in np.degrees(aims)]
+from minorloop.inspection.echoes import Burst
+from minorloop.procedures.measure import burst_of
+from minorloop.procedures.scan import Scan
+from minorloop.procedures.values import Tip
+from minorloop.teleop.plant import View, Where, angles_of
 
 
 class Sounding:
@@ -54,17 +34,8 @@ class Sounding:
 
     def add(self, tip: Tip, where: Where, wanted: tuple[float, float]) -> str:
         """Fire a burst; gives why it cannot be used, or nothing."""
-        ear = self._view.ear(where)
-        shots = tip.shots(SHOTS)
-        angles = np.tile(angles_of(where), (SHOTS, 1))
-        spot, aimed = ear.spots(np.array([angles[0], wanted]))
-        around = ear.radius * float(wrapped(spot[0] - aimed[0]))
-        off = np.full(SHOTS, np.hypot(around, spot[1] - aimed[1]))
-        burst = average(shots, angles, off, most_off=_MOST_OFF)
-        if not self.bursts and not burst.verdict:
-            heard = choose_modality(shots, ear.radius - ear.probe.face, ear.speed)
-            if heard != "sonar":
-                burst = Burst(np.empty(0), 0.0, burst.angles, 0, SHOTS, float("nan"), "no coupling")
+        shots, ear = tip.shots(Scan.shots), self._view.ear(where)
+        burst = burst_of(shots, angles_of(where), wanted, ear, first=not self.bursts)
         self.bursts.append(burst)
         return burst.verdict
 

@@ -19,8 +19,9 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError
+from minorloop.procedures.values import Plant
 from minorloop.teleop.channel import Channel
-from minorloop.teleop.plant import Plant, open_plant
+from minorloop.teleop.plant import open_plant
 from minorloop.teleop.settings import LoopSettings
 from minorloop.teleop.supervisor import Post, hurry
 

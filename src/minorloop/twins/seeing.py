@@ -2,16 +2,17 @@
 
 Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, for a wire pulls
 one way only. Flow may sway the base of the head; camera and probe feel that, the sensors of the
-joints do not. `SeeingHead` has its camera beside it; a `Rig` and its `Tip` may be far apart, for
-all that passes between them is a `Stance`.
+joints do not. A `Rig` and its `Tip` may be in processes of their own, for all that passes between
+them is a `Stance`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -28,6 +29,8 @@ from minorloop.twins.ultrasound import Ultrasound
 STRAIGHT = 30.0
 """Pan and tilt of the joints of a head that looks along the pipe, in degrees."""
 MOST_SWAY = 10.0
+GYROSCOPE_NOISE = 0.05
+"""Standard deviation of a reading of the gyroscope in the base, in degrees."""
 _BRIM = 0.9999  # of the radius, as the height of the water in a pipe that is full
 
 Stance: TypeAlias = tuple[float, float, float, float, float, float]
@@ -65,73 +68,7 @@ class Sway:
         return np.asarray(self.amplitude * np.sin(phases))
 
 
-class _Joints:
-    """A head that sways, and where it really points."""
-
-    def __init__(self, head: Head, sway: Sway | None) -> None:
-        self.head, self.sway = head, sway
-        self._before = self._line_of_sight()
-
-    def _move(self, u: FloatArray) -> FloatArray:
-        self._before = self._line_of_sight()
-        return np.asarray(self.head.exchange(u), dtype=np.float64)
-
-    def _line_of_sight(self) -> FloatArray:
-        """(2,) pan and tilt of the camera in radians. For scoring only."""
-        swayed = np.zeros(2) if self.sway is None else self.sway.at(self.head.clock)
-        return np.asarray(np.radians(self.head._output_now() - STRAIGHT + swayed))
-
-    def _pointing(self) -> tuple[float, float, float, float]:
-        """Pan, tilt and their rates, in radians and radians per second."""
-        now = self._line_of_sight()
-        rates = (now - self._before) / self.head.tick
-        return float(now[0]), float(now[1]), float(rates[0]), float(rates[1])
-
-
-class SeeingHead(_Joints):
-    """A head and its camera.
-
-    Parameters
-    ----------
-    head : Head
-        The wires; its tick is that of the camera.
-    camera : Camera
-        What sees.
-    sway : Sway, optional
-        Of the base; none without it.
-    """
-
-    kind = "seeing head"
-    inputs, outputs = Head.inputs, Head.outputs
-
-    def __init__(self, head: Head, camera: Camera, *, sway: Sway | None = None) -> None:
-        super().__init__(head, sway)
-        self.camera = camera
-        self._framed = False
-
-    def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold two currents for a tick; pan and tilt of the joints at its end, in degrees.
-
-        The time of a frame is that of the tick after it; without one, the lens moves on as well.
-        """
-        if not self._framed:
-            self.camera._pass(self.head.tick)
-        self._framed = False
-        return self._move(u)
-
-    def frame(self) -> Frame:
-        """The image that begins now; it does not take time from the wires."""
-        pan, tilt, *rates = self._pointing()
-        self.camera.look(pan, tilt, rates=(rates[0], rates[1]))
-        self._framed = True
-        return self.camera.frame()
-
-    def safe(self) -> None:
-        """Let the wires cool."""
-        self.head.safe()
-
-
-class Rig(_Joints):
+class Rig:
     """A head and the catheter that carries it, on one clock.
 
     Channels, in this order: ``pan current``, ``tilt current``, ``advance rate`` and ``roll rate``
@@ -145,6 +82,8 @@ class Rig(_Joints):
         Nominal, with a noise of 0.02 mm and degrees, without it.
     sway : Sway, optional
         Of the base of the head; none without it.
+    seed : int
+        Of the noise of the gyroscope.
     """
 
     kind = "rig"
@@ -157,10 +96,13 @@ class Rig(_Joints):
         catheter: Catheter | None = None,
         *,
         sway: Sway | None = None,
+        seed: int = 0,
     ) -> None:
-        super().__init__(head or Head(noise=0.05, delay=0.04), sway)
+        self.head, self.sway = head or Head(noise=0.05, delay=0.04), sway
         self.catheter = catheter or Catheter(noise=0.02)
         self.tick = self.head.tick
+        self._gyro = np.random.default_rng([seed, 34])
+        self._before = self._line_of_sight()
 
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold the four inputs for one tick and give the four outputs at its end.
@@ -170,7 +112,8 @@ class Rig(_Joints):
         LimitError
             If an input is beyond its limits.
         """
-        angles = self._move(np.asarray(u[:2]))
+        self._before = self._line_of_sight()
+        angles = np.asarray(self.head.exchange(np.asarray(u[:2])), dtype=np.float64)
         place = np.asarray(self.catheter.exchange(np.asarray(u[2:])), dtype=np.float64)
         return np.concatenate([angles, place])
 
@@ -179,10 +122,25 @@ class Rig(_Joints):
         self.head.safe()
         self.catheter.safe()
 
+    def gyroscope(self) -> FloatArray:
+        """(2,) radians by which the base of the head is turned, with noise; no sway, no noise."""
+        if self.sway is None:
+            return np.zeros(2)
+        noise = GYROSCOPE_NOISE * self._gyro.standard_normal(2)
+        return np.radians(self.sway.at(self.head.clock) + noise)
+
     def stance(self) -> Stance:
-        """Where it truly is, for the twins of what it carries and for nobody else."""
+        """Where it truly is, for the twins of what it carries and for scoring after a run."""
+        now = self._line_of_sight()
+        pan_rate, tilt_rate = ((now - self._before) / self.tick).tolist()
         advance, roll = self.catheter._output_now().tolist()
-        return (*self._pointing(), 1e-3 * advance, math.radians(roll))
+        pan, tilt = now.tolist()
+        return pan, tilt, pan_rate, tilt_rate, 1e-3 * advance, math.radians(roll)
+
+    def _line_of_sight(self) -> FloatArray:
+        """(2,) pan and tilt of the camera in radians."""
+        swayed = np.zeros(2) if self.sway is None else self.sway.at(self.head.clock)
+        return np.asarray(np.radians(self.head._output_now() - STRAIGHT + swayed))
 
 
 class Tip:
@@ -191,48 +149,61 @@ class Tip:
     Parameters
     ----------
     pipe : Pipe
-        Dry; ``flood`` fills it for the probe, and the picture stays that of the dry pipe.
-    offset : (float, float)
-        Of the pivot off the axis of the pipe, in metres.
+        Dry; the picture stays that of the dry pipe.
+    mount : Mount, optional
+        How the head sits in the pipe where the catheter is at 0; on the axis without it.
     specimen : int, optional
         Of camera and probe; nominal without it.
     seed : int
         Of their noise.
     optics : Pinhole, optional
         Of the camera; its own without it.
+    flooded : Pipe, optional
+        What ``flood`` makes of the pipe for the probe; the same one full of water without it.
+    probe : mapping, optional
+        Further options of `Ultrasound`.
+    flow : callable, optional
+        Called with whether the water is let in, such as for the sway that its flow makes.
     """
 
     def __init__(
         self,
         pipe: Pipe,
         *,
-        offset: tuple[float, float] = (0.0, 0.0),
+        mount: Mount | None = None,
         specimen: int | None = None,
         seed: int = 0,
         optics: Pinhole = LENS,
+        flooded: Pipe | None = None,
+        probe: Mapping[str, Any] | None = None,
+        flow: Callable[[bool], None] | None = None,
     ) -> None:
-        self._mount = Mount(offset=offset)
+        self._mount, self._flow = mount or Mount(), flow
         self.pipe = pipe
         self.camera = Camera(pipe, self._mount, optics, specimen=specimen, seed=seed)
-        full = replace(pipe, water=-_BRIM * pipe.radius)
-        self._probes = {
-            wet: Ultrasound(filled, self._mount, specimen=specimen, seed=seed)
+        full = flooded or replace(pipe, water=-_BRIM * pipe.radius)
+        self._probe_of = {
+            wet: partial(
+                Ultrasound, filled, self._mount, specimen=specimen, seed=seed, **(probe or {})
+            )
             for wet, filled in ((False, pipe), (True, full))
         }
-        self._wet = False
+        self._probes = {True: self._probe_of[True]()}
+        self._wet, self._framed = False, True
+        self._stance: tuple[float, ...] = (0.0,) * 6
 
     def stand(self, stance: tuple[float, ...]) -> None:
-        """Say where the rig stands, by its `Stance`."""
-        pan, tilt, pan_rate, tilt_rate, advance, roll = stance
-        mount = replace(self._mount, advance=advance, roll=roll)
-        self.camera.move(mount)
+        """Say where the rig stands, by its `Stance`; a camera without a frame since waited one."""
+        if not self._framed:
+            self.camera._pass(self.camera.sensor.interval)
+        self._stance, self._framed = stance, False
+        pan, tilt, pan_rate, tilt_rate, *_ = stance
+        self.camera.move(self._mount_now())
         self.camera.look(pan, tilt, rates=(pan_rate, tilt_rate))
-        probe = self._probes[self._wet]
-        probe.move(mount)
-        probe.look(pan, tilt, rates=(pan_rate, tilt_rate))
 
     def frame(self) -> Frame:
         """The image that begins now."""
+        self._framed = True
         return self.camera.frame()
 
     def switch(self, lights: Sequence[bool]) -> None:
@@ -250,7 +221,20 @@ class Tip:
     def flood(self, on: bool) -> None:
         """Fill the pipe with water, or let it out."""
         self._wet = on
+        if self._flow is not None:
+            self._flow(on)
 
     def shots(self, count: int) -> list[Shot]:
         """Fire pulses, one after the other."""
-        return [self._probes[self._wet].shot() for _ in range(count)]
+        if self._wet not in self._probes:
+            self._probes[self._wet] = self._probe_of[self._wet]()
+        probe = self._probes[self._wet]
+        pan, tilt, pan_rate, tilt_rate, *_ = self._stance
+        probe.move(self._mount_now())
+        probe.look(pan, tilt, rates=(pan_rate, tilt_rate))
+        return [probe.shot() for _ in range(count)]
+
+    def _mount_now(self) -> Mount:
+        advance, roll = self._stance[4:]
+        mount = self._mount
+        return replace(mount, advance=mount.advance + advance, roll=mount.roll + roll)

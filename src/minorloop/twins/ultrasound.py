@@ -66,6 +66,8 @@ class Ultrasound:
         Standard deviation of a sample, as a share of the peak of the echo of a plain wall.
     temperature : float
         Of the water, in degrees Celsius.
+    gain : float
+        As `amplify` sets it.
     roughness : float
         Standard deviation of the height of the wall, in metres.
     grain : float
@@ -101,6 +103,7 @@ class Ultrasound:
         seed: int = 0,
         noise: float = 0.1,
         temperature: float = 20.0,
+        gain: float = 0.5,
         roughness: float = 0.5e-6,
         grain: float = 0.01,
         faults: Sequence[Fault] = (),
@@ -117,7 +120,7 @@ class Ultrasound:
         self._settings, self._true_probe, self._boresight = _specimen(self.probe, specimen)
         self._surface = _surface(np.random.default_rng([seed, 3]), roughness, grain)
         self._clock, self._pan, self._tilt, self._rates = 0.0, 0.0, 0.0, (0.0, 0.0)
-        self._gain = 0.5
+        self.amplify(gain)
         self._kept: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._before: FloatArray | None = None
         self._prepare()

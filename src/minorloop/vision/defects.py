@@ -4,7 +4,7 @@ An acquisition is five frames: each LED alone, none, and all. On the map of the 
 a hole stays where it is under every light, reflections and shadows do not, and light from behind
 is there without any::
 
-    looks = acquire(camera, lambda: (pan, tilt), exposure=0.01, gain=2.0)
+    looks = acquire(camera, (pan, tilt), gain=2.0)
     findings = find_holes(looks, eye)
     print(findings)
 """
@@ -12,15 +12,13 @@ is there without any::
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from minorloop.arrays import FloatArray, check_option
 from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Frame
 from minorloop.vision import health
 from minorloop.vision._evidence import THRESHOLDS, WEIGHTS
 from minorloop.vision.candidates import FEATURES, Candidate, candidates
@@ -49,19 +47,6 @@ ALONE = 1.5
 
 NOT_IN_VIEW = "no wall in view"
 _APART = 0.8e-3
-
-
-class LitCamera(Protocol):
-    """A camera with LEDs that are switched one by one."""
-
-    def frame(self) -> Frame:
-        """The next image."""
-
-    def switch(self, lights: Sequence[bool]) -> None:
-        """Say which LEDs are on from the next frame."""
-
-    def expose(self, exposure: float, gain: float = 1.0) -> None:
-        """Set how long the shutter is open, in seconds, and the gain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,32 +108,6 @@ class Findings:
         return "\n".join([head, *(f"  {hole}" for hole in self.holes)])
 
 
-def acquire(
-    camera: LitCamera,
-    angles: Callable[[], tuple[float, float]],
-    *,
-    exposure: float = 0.01,
-    gain: float = 1.0,
-) -> tuple[Look, ...]:
-    """Take the five frames of ``SEQUENCE``; all lights are on afterwards.
-
-    Parameters
-    ----------
-    camera : LitCamera
-    angles : callable
-        Gives pan and tilt as measured, in radians; called once for each frame.
-    exposure, gain : float
-        With all lights on.
-    """
-    looks = []
-    for lights in SEQUENCE:
-        camera.switch(lights)
-        camera.expose(exposure if all(lights) else ALONE * exposure, gain)
-        pan, tilt = angles()
-        looks.append(Look(camera.frame().image, pan, tilt, lights))
-    return tuple(looks)
-
-
 def find_holes(
     looks: Sequence[Look], eye: Eye, *, mode: str = SWITCHED, least: float | None = None
 ) -> Findings:
@@ -157,7 +116,7 @@ def find_holes(
     Parameters
     ----------
     looks : sequence of Look
-        An acquisition, such as ``acquire`` gives.
+        An acquisition, such as `minorloop.procedures.extract.acquire` gives.
     eye : Eye
         The camera.
     mode : {"switched", "single", "dither"}

@@ -1,35 +1,20 @@
-"""Bring a picked region into focus by what is sharpest, wherever the wall is said to be."""
+"""How sharp a region of an image is, and where it is sharpest."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Frame
-from minorloop.vision import health
-from minorloop.vision.eye import Eye
 
 SHARP, FLAT, AT_THE_END, NO_FRAMES = "sharp", "nothing to focus on", "at the end", "no frames"
 """Verdicts of a search."""
 
 _LEAST_GAIN, _SCATTERS = 0.02, 3.0
-_SWEEPS = 3
-
-
-class FocusingCamera(Protocol):
-    """A camera whose focus can be sent to a distance."""
-
-    def frame(self) -> Frame:
-        """The next image."""
-
-    def focus_at(self, distance: float) -> None:
-        """Send the focus to a distance in metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,90 +71,30 @@ def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
     return float((down**2 + across**2)[dull].mean() / (2 * level) ** 2)
 
 
-def autofocus(
-    camera: FocusingCamera,
-    eye: Eye,
-    pixel: npt.ArrayLike,
-    guess: float,
-    *,
-    spread: float = 0.3,
-    tries: int = 9,
-    wait: int = 6,
-    travel: int = 25,
-    nearest: float = 4e-3,
-    farthest: float = 60e-3,
-) -> Focus:
-    """Sweep the focus about a guess and leave it where the region is sharpest.
+def peak_of(curve: FloatArray, guess: float, least: int) -> Focus:
+    """The peak of a sweep.
 
     Parameters
     ----------
-    camera : FocusingCamera
-        With the light on and the exposure set; both must stay as they are.
-    eye : Eye
-        Tells the size of a frame.
-    pixel : (2,) array_like
-        The region.
+    curve : (N, 2) array
+        Distances in metres, nearest first, and how sharp the region was; NaN where not known.
     guess : float
-        Distance to the wall in metres, such as that of `wall_depth`.
-    spread : float
-        The sweep goes this share beyond the guess either way, and further where the best is at
-        an end.
-    tries : int
-        Steps of a sweep, even in the inverse of the distance.
-    wait : int
-        Frames to let pass after a step, while the lens moves.
-    travel : int
-        Frames to let pass before the first step, while the lens moves all the way.
-    nearest, farthest : float
-        Limits of the focus, in metres.
-
-    Raises
-    ------
-    ParameterError
-        If the guess is not within the limits, or there are fewer than five tries.
+        Distance that is taken where there is no peak, in metres.
+    least : int
+        How many must be known.
     """
-    if not nearest <= guess <= farthest:
-        raise ParameterError(
-            f"the guess {guess} m is not within the focus of the camera, "
-            f"[{nearest:g}, {farthest:g}] m"
-        )
-    if tries < 5 or not 0 < spread < 1 or min(wait, travel) < 0:
-        raise ParameterError("a sweep needs 5 tries or more, a spread in (0, 1) and a wait >= 0")
-    low, high = 1 / farthest, 1 / nearest
-    middle, curve = 1 / guess, np.empty((0, 2))
-    for _ in range(_SWEEPS):
-        ends = np.clip([middle * (1 - spread), middle * (1 + spread)], low, high)
-        steps = np.linspace(ends[1], ends[0], tries)
-        camera.focus_at(1 / steps[0])
-        for _ in range(travel):
-            camera.frame()
-        curve = np.array([(1 / step, _try(camera, eye, pixel, 1 / step, wait)) for step in steps])
-        if np.isfinite(curve[:, 1]).sum() < 5:
-            camera.focus_at(guess)
-            return Focus(guess, curve, NO_FRAMES)
-        best = int(np.nanargmax(curve[:, 1]))
-        if 0 < best < tries - 1:
-            break
-        if steps[best] in (low, high):
-            break
-        middle = float(steps[best])
-    return _settle(camera, guess, curve)
-
-
-def _settle(camera: FocusingCamera, guess: float, curve: FloatArray) -> Focus:
-    """Go to the peak of a curve."""
     known = curve[np.isfinite(curve[:, 1])]
+    if len(known) < least:
+        return Focus(guess, curve, NO_FRAMES)
     inverse, sharp = 1 / known[:, 0], known[:, 1]
-    best = int(sharp.argmax())
     if not _curved(inverse, np.log(sharp)):
-        camera.focus_at(guess)
         return Focus(guess, curve, FLAT)
+    best = int(sharp.argmax())
     first = int(np.clip(best - 2, 0, len(sharp) - 5))
     near = slice(first, first + 5)
     a, b, _ = np.polyfit(inverse[near] - inverse[best], np.log(sharp[near]), 2)
     top = inverse[best] - b / (2 * a) if a < 0 else inverse[best]
     top = float(np.clip(top, inverse.min(), inverse.max()))
-    camera.focus_at(1 / top)
     return Focus(1 / top, curve, SHARP if 0 < best < len(sharp) - 1 else AT_THE_END)
 
 
@@ -177,21 +102,6 @@ def _curved(inverse: FloatArray, level: FloatArray) -> bool:
     """Whether a curve bends by more than it scatters."""
     fitted = np.polyval(np.polyfit(inverse - inverse.mean(), level, 2), inverse - inverse.mean())
     return bool(np.ptp(fitted) > _LEAST_GAIN + _SCATTERS * np.std(level - fitted))
-
-
-def _try(
-    camera: FocusingCamera, eye: Eye, pixel: npt.ArrayLike, distance: float, wait: int
-) -> float:
-    """How sharp the region is with the focus at a distance; NaN without a good frame."""
-    camera.focus_at(distance)
-    for _ in range(wait):
-        camera.frame()
-    values = []
-    for _ in range(2):
-        image = camera.frame().image
-        if health.judge(image, eye.lens) == health.GOOD:
-            values.append(sharpness(image, pixel))
-    return float(np.mean(values)) if values else math.nan
 
 
 def _thirds(part: npt.NDArray[Any]) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a crew hears: rasters in the flow of the water, a sweep round the pipe, and maps of both."""
+"""Ultrasonic scans of a mission: rasters in flowing water, a sweep round the pipe, and maps."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from scipy.ndimage import map_coordinates
 from minorloop.arrays import FloatArray
 from minorloop.geometry import Probe, wrapped
 from minorloop.identification.bands import PER_DEVIATION
-from minorloop.inspection.echoes import Burst, average, choose_modality
+from minorloop.inspection.echoes import Burst, average
 from minorloop.inspection.field import Ear
-from minorloop.inspection.fusion import fuse, mean_depths, outline_of
 from minorloop.inspection.pits import PitDepth, raster
 from minorloop.inspection.profile import Profile, centred, joined, wall_profile
 from minorloop.inspection.unrolled import (
@@ -26,89 +25,72 @@ from minorloop.inspection.unrolled import (
     paste,
     sonar_map,
 )
-from minorloop.studies.mission_crew import RADIUS, RASTER_TIME, SHOTS, SWAY, Crew, distance
-from minorloop.twins.ultrasound import Ultrasound
+from minorloop.procedures.measure import NO_COUPLING, wall_about
+from minorloop.procedures.rig import InspectionRig
+from minorloop.procedures.scan import Scan
+from minorloop.procedures.values import Request
+from minorloop.studies.mission_scene import RADIUS
+from minorloop.studies.mission_steps import travel, turn
 from minorloop.vision.defects import Hole
 from minorloop.vision.wallmap import WallMap as Shades
 
-PATCH = 2.4e-3
-"""Side of the map about a finding, in metres."""
 TURNS, RING_SHOTS = 48, 4
 """Places of the sweep round the pipe for the water line and the profile, and shots at each."""
 RING, MARGIN = 9.6e-3, 1e-3
 """Least length of the map once round the pipe, and what it shows beside a finding, in metres."""
-PITCH = 0.32e-3
-"""Of a raster, in metres."""
 
 
 def scan(
-    crew: Crew, place: tuple[float, float], *, shift: float = 0.0
-) -> tuple[Ultrasound, Ear, list[Burst]]:
+    rig: InspectionRig, place: tuple[float, float], *, shift: float = 0.0
+) -> tuple[Ear, list[Burst]]:
     """Bring the probe square to a place, let water in, and scan a raster in its flow.
 
     Parameters
     ----------
-    crew : Crew
-        Where it is; the water flows on afterwards, until ``crew.head.sway`` is None.
+    rig : InspectionRig
+        Where it is; the water flows on afterwards, until `drain`.
     place : (float, float)
         Phi and z in the middle of the raster.
     shift : float
         By how much of its pitch the raster is moved, both ways.
     """
-    phi, z = place
-    crew.travel(1e3 * z, float(np.degrees(wrapped(phi))))
-    probe, ear = crew.probe(), crew.ear
-    off = shift * PITCH
-    targets = raster(ear, (phi + off / RADIUS, z + off), pitch=PITCH)
-    crew.turn(targets[0])
-    crew.head.sway = SWAY
-    bursts = []
-    for k, target in enumerate(targets):
-        crew.turn(target, RASTER_TIME)
-        shots = crew.shots(probe, SHOTS)
-        if k == 0:
-            way = choose_modality(shots, RADIUS - ear.probe.face, ear.speed)
-            crew.say("modality", "the wall is heard" if way == "sonar" else "no echo: camera only")
-        angles = crew.sight
-        spot, wanted = ear.spots(np.array([angles, target]))[:, :2]
-        away = distance(spot, wanted)
-        bursts.append(
-            average(shots, np.tile(angles, (SHOTS, 1)), np.full(SHOTS, away), most_off=0.8e-3)
-        )
-    return probe, ear, bursts
+    scanning = Scan(calibration=rig.calibration)
+    bursts = rig.run(scanning, scanning.begin(place, shift=shift)).bursts
+    heard = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    rig.say("modality", "the wall is heard" if heard else "no echo: camera only")
+    return rig.calibration.ear_at(rig.place), list(bursts)
+
+
+def drain(rig: InspectionRig) -> None:
+    """Let the water out."""
+    rig.reading(Request(water=False))
 
 
 def rebuilt(
-    bursts: Sequence[Burst],
-    ear: Ear,
-    pit: PitDepth,
-    hole: Hole,
-    view: Shades | None,
+    bursts: Sequence[Burst], ear: Ear, pit: PitDepth, hole: Hole, view: Shades | None
 ) -> WallMap:
     """Echoes and the nearest view fused to a map about a pit."""
-    phi, z = hole.place.tolist()
-    patch = Patch.around(phi, z, size=PATCH)
-    heard = mean_depths(bursts, ear, patch, pit)
-    image = None if view is None else laid(view, patch)
-    outline = None if image is None else outline_of(image, patch, (phi, z), hole.diameter)
-    return fuse(pit, heard, patch, image=image, outline=outline)
+    centre = (float(hole.place[0]), float(hole.place[1]))
+    seen = None if view is None else lambda patch: laid(view, patch)
+    return wall_about(pit, bursts, ear, centre, hole.diameter, seen=seen)
 
 
-def sweep(crew: Crew, probe: Ultrasound, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
+def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round: where the wall answers, and how far it is."""
-    crew.turn(raster(crew.ear, place, points=1)[0])
+    ear = rig.calibration.ear_at(rig.place)
+    turn(rig, raster(ear, place, points=1)[0])
     profiles = []
     for k in range(TURNS):
-        crew.travel(float(crew.place[0]), -180.0 + 360.0 * k / TURNS)
-        crew.carry(probe)
-        shots = crew.shots(probe, RING_SHOTS)
-        angles = np.tile(crew.sight, (RING_SHOTS, 1))
-        profiles.append(wall_profile([average(shots, angles, np.zeros(RING_SHOTS))], crew.ear))
+        travel(rig, float(rig.place[0]), np.radians(-180.0 + 360.0 * k / TURNS))
+        now = rig.reading(Request(shots=RING_SHOTS))
+        angles = np.tile(now.line_of_sight, (RING_SHOTS, 1))
+        burst = average(now.shots, angles, np.zeros(RING_SHOTS))
+        profiles.append(wall_profile([burst], rig.calibration.ear_at(now.place)))
     profile = joined(profiles)
     water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)
     band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
     words = f"{1e3 * water.height:+.1f} {band} from the axis"
-    crew.say("water line", f"{words}; {profile.heard.sum()} of {TURNS} places heard")
+    rig.say("water line", f"{words}; {profile.heard.sum()} of {TURNS} places heard")
     return centred(profile), water
 
 
