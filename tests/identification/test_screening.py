@@ -65,6 +65,12 @@ def test_an_outlier_is_named_with_its_sample(shape, ranges):
     assert "empty these cells" in finding.text
 
 
+def test_a_first_reading_that_the_rough_model_misses_is_no_outlier():
+    u, y = record("sine")
+    y[0] -= 0.3 * np.ptp(y)
+    assert kinds(u, y) == []
+
+
 def test_an_output_that_follows_its_input_far_out_is_no_outlier():
     u = np.r_[0.3 + 0.02 * np.sin(np.arange(300) / 5), np.linspace(0.3, 1, 3), 0.3]
     assert "outlier" not in kinds(u, plant(u))

@@ -130,8 +130,9 @@ def _far(record: RoughRecord) -> IntArray:
 def _off_course(record: RoughRecord) -> IntArray:
     """Readings that lie off the rough model as their neighbours do not."""
     off = record.values - record.rough[record.places]
-    before, after = np.append(off[1], off[:-1]), np.append(off[1:], off[-2])
-    alone = np.min(np.abs([off, off - before, off - after]), axis=0)
+    alone = np.zeros(off.size)  # the first and the last have a neighbour on one side only
+    steps = np.abs(np.diff(off))
+    alone[1:-1] = np.min([np.abs(off[1:-1]), steps[:-1], steps[1:]], axis=0)
     limit = max(_OFF_SD * spread(off), _OFF * float(np.ptp(record.values)))
     usual = _outside(record.u[record.places]) < _UNUSUAL
     return _if_few(record.places[(alone > limit) & usual], record)
