@@ -373,3 +373,43 @@ def test_other_json_in_the_place_of_a_part_is_refused_or_read(json_like, valid, 
     for key in whole["model"]:
         model = {**whole["model"], key: json_like}
         read_or_refused(scratch, json.dumps({**whole, "model": model}).encode())
+
+
+@pytest.mark.parametrize("letter", ["\n", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
+def test_names_with_characters_that_are_obeyed_are_refused(letter, tmp_path):
+    path, model = tmp_path / "m.json", MODELS["preisach"]
+    with pytest.raises(ParameterError, match="cannot be printed"):
+        save(model, path, input=f"u{letter}x")
+    with pytest.raises(ParameterError, match="cannot be printed"):
+        save(model, path, provenance={"data": f"u{letter}x.csv"})
+    save(
+        model, path, input="name-u [unit-u]", provenance={"data": "file-u", "scores": {"sc-u": 1.0}}
+    )
+    text = path.read_text()
+    for word in ("name-u", "unit-u", "file-u", "sc-u"):
+        path.write_text(text.replace(word, json.dumps(f"{word}{letter}")[1:-1]))
+        with pytest.raises(ModelFileError, match="cannot be printed"):
+            read(path)
+
+
+def test_the_name_of_a_data_file_is_kept_as_far_as_it_can_be_printed(tmp_path):
+    data = tmp_path / "a\n\x1bb.csv"
+    data.write_text("x")
+    assert Provenance.of(data).data == "a\N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER}b.csv"
+
+
+@pytest.mark.parametrize("unit", [b"[", b'{"a":', b"[],", b"1,", b'"a":1,'])
+def test_floods_are_refused_before_they_are_decoded(unit, tmp_path, monkeypatch):
+    monkeypatch.setattr(msgspec.json, "decode", None)
+    path = tmp_path / "m.json"
+    path.write_bytes(b'{"format": "minorloop model", "version": 1, "x": ' + unit * 3_000_000)
+    with pytest.raises(ModelFileError, match=r"of the mark .*, a model file \d+ at most"):
+        read(path)
+
+
+def test_a_key_that_is_there_twice_is_named(tmp_path):
+    path = tmp_path / "m.json"
+    save(MODELS["polynomial"], path, provenance={"scores": {"first": 1.0, "second": 2.0}})
+    path.write_text(path.read_text().replace('"first"', '"second"'))
+    with pytest.raises(ModelFileError, match="it says 'second' twice"):
+        read(path)

@@ -200,7 +200,8 @@ def _record(data: bytes, specimen: Specimen, scratch: Path) -> Record:
     try:
         return Record.from_csv(scratch, input=specimen.input, output=specimen.output, gaps=True)
     except RecordError as error:
-        raise RecordError(str(error).replace(str(scratch), str(specimen.file))) from None
+        told = specimen.told(error).replace(str(scratch), str(specimen.file))
+        raise RecordError(told) from None
 
 
 def _outcomes(
