@@ -1,10 +1,23 @@
+import csv
+import io
 import os
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from minorloop import files
-from minorloop.errors import OutputError
-from minorloop.files import check_writable, first_difference, make_folder, write_atomically
+from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop.files import (
+    check_name,
+    check_writable,
+    first_difference,
+    make_folder,
+    shown,
+    table_text,
+    unquoted,
+    write_atomically,
+)
 
 
 def test_a_new_name_in_an_existing_folder_is_writable(tmp_path):
@@ -111,3 +124,51 @@ def test_a_file_is_no_folder(tmp_path):
 )
 def test_the_first_difference_is_named(before, now, says):
     assert first_difference(before, now) == says
+
+
+UNSHOWN = ["\0", "\t", "\n", "\r", "\x1b", "\x7f", "\x85", "\x9b", "\u061c", "\u200e", "\u200f"]
+UNSHOWN += ["\u2028", "\u2029", "\u202a", "\u202e", "\u2066", "\u2069"]
+
+
+@pytest.mark.parametrize("letter", UNSHOWN)
+def test_names_with_characters_that_are_obeyed_are_refused(letter):
+    with pytest.raises(RecordError, match=f"the name .* U\\+{ord(letter):04X}") as caught:
+        check_name("the name", f"a{letter}b", RecordError)
+    assert str(caught.value).isprintable()
+    with pytest.raises(ParameterError):
+        check_name("the name", letter)
+    assert shown(f"a{letter}b") == "a\N{REPLACEMENT CHARACTER}b"
+
+
+@pytest.mark.parametrize("name", ["", "tip [mm]", "Länge µm", "日本", "a\xa0b", "=1", "e\u0301"])
+def test_other_names_are_as_they_are(name):
+    assert check_name("the name", name) == shown(name) == name
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["=1+1", "+1+1", "-1-1", "@SUM(1)", "\tx", " =1", "'=1", "\uff1dx", "-", "=cmd|'x'!A0"],
+)
+def test_a_text_that_a_spreadsheet_takes_for_a_formula_is_quoted(text):
+    written = table_text([text], [[text, 1.5]])
+    for cell in (row[0] for row in csv.reader(io.StringIO(written))):
+        assert cell == f"'{text}"
+        assert unquoted(cell) == text
+
+
+def test_no_text_ends_a_row():
+    assert table_text(["\rx"], [["a\r\nb"], ["c\rd"]]) == '"\'\nx"\n"a\nb"\n"c\nd"\n'
+
+
+@pytest.mark.parametrize(
+    "cell", [-1.5, 1e-300, float("nan"), None, 3, "-1.5", "+2", "-1e-5", "a=1"]
+)
+def test_numbers_stay_numbers(cell):
+    (row,) = csv.reader(io.StringIO(table_text([cell], [])))
+    assert row == ["" if cell is None else str(cell)]
+
+
+@given(st.lists(st.text(st.sampled_from("'=+-@ \tab1.,;\"\n\uff0b"), max_size=6), min_size=1))
+def test_a_table_gives_its_texts_back(cells):
+    rows = csv.reader(io.StringIO(table_text(cells, [cells]), newline=""))
+    assert [[unquoted(cell) for cell in row] for row in rows] in ([cells, cells], [[], []])

@@ -392,3 +392,43 @@ def test_warnings_go_with_the_model_and_are_said_when_it_is_read(path):
         assert same(load(path), model)
     with pytest.raises(ParameterError, match="warnings"):
         save(model, path, warnings=["a\nb"], force=True)
+
+
+@pytest.mark.parametrize("letter", ["\n", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
+def test_names_with_characters_that_are_obeyed_are_refused(letter, tmp_path):
+    path, model = tmp_path / "m.json", MODELS["preisach"]
+    with pytest.raises(ParameterError, match="cannot be printed"):
+        save(model, path, input=f"u{letter}x")
+    with pytest.raises(ParameterError, match="cannot be printed"):
+        save(model, path, provenance={"data": f"u{letter}x.csv"})
+    save(
+        model, path, input="name-u [unit-u]", provenance={"data": "file-u", "scores": {"sc-u": 1.0}}
+    )
+    text = path.read_text()
+    for word in ("name-u", "unit-u", "file-u", "sc-u"):
+        path.write_text(text.replace(word, json.dumps(f"{word}{letter}")[1:-1]))
+        with pytest.raises(ModelFileError, match="cannot be printed"):
+            read(path)
+
+
+def test_the_name_of_a_data_file_is_kept_as_far_as_it_can_be_printed(tmp_path):
+    data = tmp_path / "a\n\x1bb.csv"
+    data.write_text("x")
+    assert Provenance.of(data).data == "a\N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER}b.csv"
+
+
+@pytest.mark.parametrize("unit", [b"[", b'{"a":', b"[],", b"1,", b'"a":1,'])
+def test_floods_are_refused_before_they_are_decoded(unit, tmp_path, monkeypatch):
+    monkeypatch.setattr(msgspec.json, "decode", None)
+    path = tmp_path / "m.json"
+    path.write_bytes(b'{"format": "minorloop model", "version": 1, "x": ' + unit * 3_000_000)
+    with pytest.raises(ModelFileError, match=r"of the mark .*, a model file \d+ at most"):
+        read(path)
+
+
+def test_a_key_that_is_there_twice_is_named(tmp_path):
+    path = tmp_path / "m.json"
+    save(MODELS["polynomial"], path, provenance={"scores": {"first": 1.0, "second": 2.0}})
+    path.write_text(path.read_text().replace('"first"', '"second"'))
+    with pytest.raises(ModelFileError, match="it says 'second' twice"):
+        read(path)

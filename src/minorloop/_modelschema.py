@@ -19,7 +19,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, as_levels, frozen
 from minorloop.errors import ParameterError, RecordError
-from minorloop.files import PathLike
+from minorloop.files import PathLike, shown
 from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.plane import Relay
@@ -87,7 +87,7 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
         except (OSError, ValueError) as error:
             raise RecordError(f"{data} cannot be read: {reason(error)}") from None
-        name = os.fsencode(Path(data).name).decode(errors="replace")
+        name = shown(os.fsencode(Path(data).name).decode(errors="replace"))
         return cls(data=name, sha256=digest, scores=dict(scores or {}))
 
 

@@ -1,20 +1,92 @@
 """Writing files: never over something that exists, never half a file.
 
 A place is checked before a long computation, and written in one move after it: the bytes go
-to a temporary file beside the target, which then takes its name.
+to a temporary file beside the target, which then takes its name. Tables are written so that a
+spreadsheet takes no text in them for a formula, and names are refused that a terminal or a page
+would obey instead of showing them.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from minorloop.errors import OutputError
+from minorloop.errors import MinorloopError, OutputError, ParameterError
 
 PathLike: TypeAlias = str | os.PathLike[str]
+
+_UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""C0, DEL and C1, marks and overrides of the direction of writing, line separators."""
+_FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
+"""Beginnings that a spreadsheet may take for those of a formula, quoted ones included."""
+_DECIMAL = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+
+
+def check_name(what: str, name: str, error: type[MinorloopError] = ParameterError) -> str:
+    """Give a name back; refuse one with characters that are obeyed and not shown.
+
+    These are control characters (C0, DEL, C1), marks and overrides of the direction of writing,
+    and the separators of lines and paragraphs.
+
+    Parameters
+    ----------
+    what : str
+        What it is the name of, for the message.
+    name : str
+        The name.
+    error : type of MinorloopError
+        What is raised.
+
+    Raises
+    ------
+    MinorloopError
+        Of the type given.
+    """
+    found = _UNSHOWN.search(name)
+    if found:
+        raise error(
+            f"{what} {name[:60]!a} has the character U+{ord(found[0]):04X}; leave out what "
+            "cannot be printed"
+        )
+    return name
+
+
+def shown(name: str) -> str:
+    """A name with a replacement for each character that `check_name` refuses."""
+    return _UNSHOWN.sub("\N{REPLACEMENT CHARACTER}", name)
+
+
+def table_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A table as CSV in which a spreadsheet finds no formula.
+
+    Numbers are written as they are. A text that begins as a formula does, with ``=``, ``+``,
+    ``-``, ``@``, a tab or a carriage return, is written after an apostrophe, as spreadsheets mark
+    text; `unquoted` takes it away again. Carriage returns become line feeds.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(map(_quoted, header))
+    writer.writerows(map(_quoted, row) for row in rows)
+    return text.getvalue()
+
+
+def unquoted(cell: str) -> str:
+    """The text of a cell that `table_text` wrote."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
+def _quoted(cell: object) -> object:
+    if not isinstance(cell, str):
+        return cell
+    if _FORMULA.match(cell) and not _DECIMAL.fullmatch(cell):
+        cell = f"'{cell}"
+    return cell.replace("\r\n", "\n").replace("\r", "\n")  # which csv would not put in quotes
 
 
 def check_writable(path: PathLike, *, force: bool = False) -> Path:

@@ -40,6 +40,7 @@ from __future__ import annotations
 import json
 import stat
 import warnings as _warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -54,6 +55,7 @@ from minorloop._modelschema import (
     Content,
     Header,
     Model,
+    Named,
     Provenance,
     kind_of,
     layout,
@@ -62,7 +64,7 @@ from minorloop._modelschema import (
 )
 from minorloop.arrays import as_finite
 from minorloop.errors import ModelFileError, ParameterError
-from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.files import PathLike, check_name, check_writable, write_atomically
 from minorloop.lab.records import Quantity
 from minorloop.version import __version__
 
@@ -73,6 +75,8 @@ FORMAT = "minorloop model"
 VERSION = 2
 LARGEST = 64 * 2**20
 """Bytes of the largest model file: a plane of some 2,000 bands."""
+_MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
+"""Of each mark, what such a plane needs and much more; others would take minutes to be refused."""
 
 
 class ModelWarning(UserWarning):
@@ -160,7 +164,7 @@ def save(
     if warnings:
         content["warnings"] = [text[:LONGEST_WARNING] for text in warnings][:MOST_WARNINGS]
     try:
-        msgspec.convert(content, Content)
+        _check_words(msgspec.convert(content, Content).provenance)
         data = f"{layout(content)}\n".encode()
     except ValueError as error:
         raise ParameterError(f"this cannot go into a model file: {reason(error)}") from None
@@ -168,6 +172,8 @@ def save(
         raise ParameterError(
             f"the model takes {len(data)} bytes, a model file {LARGEST} at most; use fewer levels"
         )
+    if flood := _flood(data):
+        raise ParameterError(f"this cannot go into a model file: {flood}; use fewer levels")
     write_atomically(target, data)
 
 
@@ -226,16 +232,11 @@ def read(path: PathLike) -> ModelFile:
         if bool(content.warnings) != (content.version == VERSION):
             raise ParameterError("a file with warnings has version 2, one without has version 1")
         model = content.model.build()
+        _check_words(content.provenance)
+        mapped = _quantity(content.input), _quantity(content.output)
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
-    return ModelFile(
-        model,
-        Quantity(content.input.name, content.input.unit),
-        Quantity(content.output.name, content.output.unit),
-        content.lag,
-        content.provenance,
-        tuple(content.warnings),
-    )
+    return ModelFile(model, *mapped, content.lag, content.provenance, tuple(content.warnings))
 
 
 def _bytes_of(path: PathLike) -> bytes:
@@ -258,6 +259,15 @@ def _bytes_of(path: PathLike) -> bytes:
         raise ModelFileError(f"{path!r} cannot be the name of a file: {error}") from None
 
 
+def _check_words(provenance: Provenance) -> None:
+    """Refuse texts that cannot be printed."""
+    words = {"data": provenance.data, "minorloop": provenance.minorloop}
+    for what, text in words.items():
+        check_name(f"the {what} of the provenance", text or "")
+    for name in provenance.scores:
+        check_name("the score", name)
+
+
 def _check_repeats(data: bytes) -> None:
     """Refuse an object that says a key twice: readers differ in which of the two they take."""
     number: Any = float  # whole numbers may have more digits than int() takes
@@ -267,14 +277,23 @@ def _check_repeats(data: bytes) -> None:
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     known = dict(pairs)
     if len(known) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in known if names.count(name) > 1)
+        twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
         raise ParameterError(f"it says {twice!r} twice; keep one of the two")
     return known
 
 
+def _flood(data: bytes) -> str:
+    """Which mark there is too much of, in words; empty where there is none."""
+    for mark, most in _MOST.items():
+        if (count := data.count(mark)) > most:
+            return f"it has {count} of the mark {mark.decode()}, a model file {most} at most"
+    return ""
+
+
 def _check_header(path: PathLike, data: bytes) -> None:
     """Refuse what is no model file, or one that a newer version wrote."""
+    if flood := _flood(data):
+        raise ModelFileError(f"{path} is not a model file, is damaged, or is not JSON: {flood}")
     try:
         header = msgspec.json.decode(data, type=Header)
     except msgspec.ValidationError:
@@ -290,6 +309,10 @@ def _check_header(path: PathLike, data: bytes) -> None:
             f"{path} has format version {header.version}, and this minorloop reads up to "
             f"{VERSION}; install a newer one"
         )
+
+
+def _quantity(named: Named) -> Quantity:
+    return Quantity(named.name, named.unit)
 
 
 def _named(quantity: str | Quantity) -> dict[str, str]:

@@ -1,7 +1,8 @@
 import pytest
 
 from minorloop.errors import RecordError
-from minorloop.fleet.manifest import Specimen, read_manifest
+from minorloop.fleet.identification import identify_one
+from minorloop.fleet.manifest import LARGEST, Specimen, read_manifest
 
 HEADER = "specimen,file,input,output"
 
@@ -27,6 +28,65 @@ def test_manifests_that_cannot_be_used(text, message, tmp_path):
     (tmp_path / "m.csv").write_text(text)
     with pytest.raises(RecordError, match=message):
         read_manifest(tmp_path / "m.csv")
+
+
+@pytest.mark.parametrize("cell", ["a\x85", "\u202eb", "a\x9b31m", "a\u2028"])
+@pytest.mark.parametrize("place", range(4))
+def test_characters_that_are_obeyed_are_refused(cell, place, tmp_path):
+    cells = ["a", "a.csv", "u", "y"]
+    cells[place] = f"x{cell}x"
+    (tmp_path / "m.csv").write_text(f"{HEADER}\n{','.join(cells)}\n")
+    with pytest.raises(RecordError, match="leave out what cannot be printed"):
+        read_manifest(tmp_path / "m.csv")
+
+
+def test_a_name_that_was_quoted_for_spreadsheets_is_the_name(tmp_path):
+    (tmp_path / "m.csv").write_text(f"{HEADER}\n'=1+1,a.csv,'@u,y\n")
+    (one,) = read_manifest(tmp_path / "m.csv")
+    assert (one.name, one.input) == ("=1+1", "@u")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("," * 1_800_000, "a line of 1800001 cells"),
+        (f"{HEADER}\n" + ("," * 1_800_000 + "\n"), "a line of 1800001 cells"),
+        (f"{HEADER}\n" + "\n" * 1_000_001, "1000003 lines; give at most"),
+    ],
+)
+def test_floods_are_refused(text, message, tmp_path):
+    (tmp_path / "m.csv").write_text(text)
+    with pytest.raises(RecordError, match=message):
+        read_manifest(tmp_path / "m.csv")
+
+
+def test_a_file_that_is_too_large_for_a_manifest_is_not_read(tmp_path):
+    with open(tmp_path / "m.csv", "wb") as file:
+        file.truncate(LARGEST + 1)
+    with pytest.raises(RecordError, match="that is no manifest"):
+        read_manifest(tmp_path / "m.csv")
+
+
+@pytest.mark.parametrize("how", ["above", "absolute", "link"])
+def test_what_a_file_outside_the_folder_holds_is_not_told(how, tmp_path):
+    secret, folder = tmp_path / "secret", tmp_path / "fleet"
+    folder.mkdir()
+    secret.write_text("root:x:0:0,password\n1,hunter2\n")
+    (folder / "link.csv").symlink_to(secret)
+    named = {"above": "../secret", "absolute": secret, "link": "link.csv"}[how]
+    (folder / "m.csv").write_text(f"{HEADER}\na,{named},u,y\nb,{named},root:x:0:0,password\n")
+    for one in read_manifest(folder / "m.csv"):
+        said = identify_one(None, one, {}, tmp_path / "scratch")["error"]
+        assert "outside the folder of the manifest" in said
+        assert "hunter2" not in said
+        assert "root:x" not in said or one.name == "b"  # whose row names the columns itself
+
+
+def test_what_a_file_inside_the_folder_lacks_is_told(tmp_path):
+    (tmp_path / "a.csv").write_text("drive,tip\n1,2\n")
+    (tmp_path / "m.csv").write_text(f"{HEADER}\na,a.csv,u,y\n")
+    (one,) = read_manifest(tmp_path / "m.csv")
+    assert "'drive', 'tip'" in identify_one(None, one, {}, tmp_path / "scratch")["error"]
 
 
 def test_a_manifest_that_is_not_there_or_not_text(tmp_path):

@@ -1,5 +1,6 @@
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,3 +54,9 @@ def test_it_is_written_or_refused(tmp_path):
 def test_only_what_echoes_decide_has_a_kind(verdict, kind):
     assert kind_of(verdict) == kind
     assert finding_of(PitDepth(verdict, 0.0, 10e-3)).kind == kind
+
+
+def test_a_text_that_a_spreadsheet_takes_for_a_formula_is_quoted_and_numbers_are_not():
+    finding = replace(finding_of(PIT), kind="=1+1", verdict="-2+3", z=-20e-3)
+    (row,) = csv.DictReader(io.StringIO(finding_table([finding])))
+    assert (row["kind"], row["verdict"], row["z [mm]"]) == ("'=1+1", "'-2+3", "-20.0000")

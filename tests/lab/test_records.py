@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from minorloop.errors import OutputError, RecordError
+from minorloop.errors import OutputError, ParameterError, RecordError
 from minorloop.lab import columns
 from minorloop.lab.records import Quantity, Record, read_columns, read_headers
 
@@ -325,3 +325,48 @@ def test_reads_measured_records(shared_data):
     np.testing.assert_allclose(np.diff(record.t), 0.005, atol=1e-9)
     forc = read_columns(shared_data / "forc_feco_nanowires.csv", ["field_Oe", "moment_emu"])
     assert forc["field_Oe"].size == forc["moment_emu"].size > 10_000
+
+
+@pytest.mark.parametrize("letter", ["\x07", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
+def test_headers_with_characters_that_are_obeyed_are_refused(letter, table):
+    content = f"u,a{letter}b\n1,2\n".encode()
+    with pytest.raises(RecordError, match=r"column 2 of .* leave out what cannot be printed"):
+        read_headers(table(content))
+    with pytest.raises(RecordError, match=r"cannot be printed"):
+        read_columns(table(b"u,y\n1,2\n"), [f"u{letter}"])
+    with pytest.raises(ParameterError, match="cannot be printed"):
+        Quantity("u", f"V{letter}")
+
+
+def test_a_name_that_begins_as_a_formula_comes_back(tmp_path):
+    record = Record([0.0, 1.0], [-1.0, 1.0], [2.0, -3.0], "=1+1 [V]", "@SUM(A1) [mm]")
+    record.to_csv(tmp_path / "r.csv")
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    assert lines[:2] == ["time [s],'=1+1 [V],'@SUM(A1) [mm]", "0.0,-1.0,2.0"]
+    again = Record.from_csv(tmp_path / "r.csv", input="=1+1", output="@SUM(A1)", time="time")
+    assert (again.input, again.output) == (record.input, record.output)
+    np.testing.assert_array_equal(again.u, record.u)
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"," * 1_800_000, "columns or more; give at most 10000"),
+        (b"u,y\n" + b"," * 900_000 + b"\n", "line 2 of .* has more than 102 cells"),
+        (b"u,y\n" + b'"\n",' * 5_000, "goes on for more than 1000 lines"),
+        (b",".join(b"c%d" % k for k in range(20_000)) + b"\n", "20000 columns or more"),
+    ],
+)
+def test_floods_are_refused_before_they_are_kept(content, complaint, table):
+    for read in (read_headers, columns.read_each):
+        if read is read_headers and content.startswith(b"u,y"):
+            continue
+        with pytest.raises(RecordError, match=complaint):
+            read(table(content))
+
+
+def test_wide_rows_are_kept_a_few_at_a_time(table, monkeypatch):
+    monkeypatch.setattr(columns, "_CELLS", 250)
+    text = "u,y\n" + "".join(f"{k},{2 * k}\n" for k in range(50))
+    found = read_columns(table(text.encode()), ["u", "y"])
+    np.testing.assert_array_equal(found["y"], 2.0 * np.arange(50))

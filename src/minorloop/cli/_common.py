@@ -205,17 +205,11 @@ def as_rows(text: str | None, total: int) -> slice:
 
 def write_csv(path: Path, columns: Mapping[str, Any], *, force: bool) -> None:
     """Columns of equal length by their headers."""
-    import csv
-    import io
-
-    from minorloop.files import check_writable, write_atomically
+    from minorloop.files import check_writable, table_text, write_atomically
 
     check_writable(path, force=force)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(list(values) for values in columns.values()), strict=True))
-    write_atomically(path, text.getvalue())
+    rows = zip(*(list(values) for values in columns.values()), strict=True)
+    write_atomically(path, table_text(columns, rows))
 
 
 def write_report(draw: Callable[[], Report], path: Path, *, force: bool) -> None:

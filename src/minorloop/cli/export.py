@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 NAME = "export"
 EXAMPLE = "minorloop export c model.json --out firmware --float32 --memory 32"
 _TARGETS = ("c", "fmu")
+_LARGEST = 2**20
+"""Bytes of the largest file of a linear part."""
 _FOR_C, _FOR_FMU = "Options of export c", "Options of export fmu"
 _LINEAR_KEYS = {"numerator", "denominator", "interval", "delay"}
 
@@ -173,9 +175,13 @@ def _linear(path: Path) -> Linear:
     from minorloop.dynamics.linear import Linear
 
     try:
+        if path.stat().st_size > _LARGEST:
+            raise ModelFileError(f"{path} is larger than {_LARGEST} bytes; give a linear part")
         content = json.loads(path.read_text())
     except OSError as error:
         raise ModelFileError(f"{path} cannot be read: {error.strerror}") from None
+    except ModelFileError:
+        raise
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not JSON: {error}") from None
     if not isinstance(content, dict) or not {"numerator", "denominator"} <= set(content):

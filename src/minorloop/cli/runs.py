@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +12,7 @@ from minorloop.cli._braille import scatter
 from minorloop.cli._watch import as_duration
 from minorloop.cli.run import sampling, summary
 from minorloop.errors import ParameterError, StoreError
+from minorloop.files import table_text
 
 if TYPE_CHECKING:
     from minorloop.lab.store import Store
@@ -139,8 +138,4 @@ def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:
     elif save is not None:
         typer.echo(f"{rows} settled points written to {save}")
     else:
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
-        typer.echo(text.getvalue(), nl=False)
+        typer.echo(table_text(columns, zip(*columns.values(), strict=True)), nl=False)

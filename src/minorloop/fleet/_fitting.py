@@ -97,6 +97,7 @@ def _record(task: Task, scratch: Path) -> Record:
             file.write(task.data)
         return Record.from_csv(scratch, input=one.input, output=one.output, gaps=True)
     except RecordError as error:
-        raise RecordError(str(error).replace(str(scratch), str(one.file))) from None
+        told = one.told(error).replace(str(scratch), str(one.file))
+        raise RecordError(told) from None
     finally:
         scratch.unlink(missing_ok=True)

@@ -13,11 +13,14 @@ from typing import Any, BinaryIO
 from urllib.parse import quote
 
 from minorloop.errors import RecordError
-from minorloop.files import PathLike
+from minorloop.files import PathLike, check_name, unquoted
 
 __all__ = ["Specimen", "read_manifest"]
 
 COLUMNS = ("specimen", "file", "input", "output")
+LARGEST = 64 * 2**20
+"""Bytes of the largest manifest."""
+_MOST_COLUMNS, _MOST_LINES = 1000, 1_000_000
 _LONGEST_KEY = 120
 
 
@@ -35,6 +38,9 @@ class Specimen:
         Columns of the record.
     listed : str, optional
         The file as the manifest names it.
+    outside : bool
+        Whether the file lies outside the folder of the manifest. What it holds is not shown in
+        messages then: whoever wrote the manifest may not be allowed to read it.
     """
 
     name: str
@@ -42,6 +48,16 @@ class Specimen:
     input: str
     output: str
     listed: str | None = None
+    outside: bool = False
+
+    def told(self, error: object) -> str:
+        """Why its record cannot be used, in words that are fit to be shown."""
+        if not self.outside:
+            return str(error)
+        return (
+            f"{self.file} is no record with the columns {self.input!r} and {self.output!r}; it "
+            "lies outside the folder of the manifest, so that nothing of what it holds is shown"
+        )
 
     @property
     def key(self) -> str:
@@ -98,10 +114,7 @@ def read_manifest(
     RecordError
         If the manifest cannot be read, lacks a column, lists nothing, or names a specimen twice.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{path} cannot be read: {error}") from None
+    text = _text_of(Path(path))
     try:
         rows = _rows(path, text)
     except csv.Error as error:
@@ -123,10 +136,30 @@ def read_manifest(
     return list(found.values())
 
 
+def _text_of(path: Path) -> str:
+    try:
+        if path.stat().st_size > LARGEST:
+            raise RecordError(f"{path} is larger than {LARGEST} bytes; that is no manifest")
+        return path.read_text(encoding="utf-8-sig")
+    except (UnicodeDecodeError, OSError, ValueError) as error:
+        if isinstance(error, RecordError):
+            raise
+        why = "it is not UTF-8 text" if isinstance(error, UnicodeDecodeError) else error
+        raise RecordError(f"{path} cannot be read: {why}") from None
+
+
 def _rows(path: PathLike, text: str) -> list[dict[str | None, Any]]:
     """Rows by their headers, which may be capitals."""
-    header = text.partition("\n")[0]
-    delimiter = max(",;\t", key=header.count)
+    lines = text.split("\n")
+    delimiter = max(",;\t", key=lines[0].count)
+    if len(lines) > _MOST_LINES:
+        raise RecordError(f"{path} has {len(lines)} lines; give at most {_MOST_LINES}")
+    widest = max(lines, key=lambda line: line.count(delimiter))
+    if widest.count(delimiter) >= _MOST_COLUMNS:
+        raise RecordError(
+            f"{path} has a line of {widest.count(delimiter) + 1} cells; give at most "
+            f"{_MOST_COLUMNS}"
+        )
     reader: Any = csv.DictReader(
         io.StringIO(text), strict=True, restval="", delimiter=delimiter, skipinitialspace=True
     )
@@ -146,16 +179,12 @@ def _cells(row: Mapping[str | None, Any]) -> list[str]:
 def _specimen(
     path: Path, line: int, row: Mapping[str | None, Any], input: str | None, output: str | None
 ) -> Specimen:
-    cells = {name: str(row.get(name) or "").strip() for name in COLUMNS}
+    cells = {name: unquoted(str(row.get(name) or "").strip()) for name in COLUMNS}
     columns = cells["input"] or input, cells["output"] or output
     for what, value in zip(COLUMNS, (cells["specimen"], cells["file"], *columns), strict=True):
         if not value:
             raise RecordError(f"line {line} of {path} has no {what}; fill the column in")
-        if any(letter < " " or letter == "\x7f" for letter in value):
-            raise RecordError(
-                f"line {line} of {path} has the {what} {value[:60]!r}; leave out what cannot be "
-                "printed"
-            )
+        check_name(f"line {line} of {path}: the {what}", value, RecordError)
     if any(cell.strip() for cell in row.get(None) or ()):
         raise RecordError(f"line {line} of {path} has more cells than the header")
     if columns[0] == columns[1]:
@@ -163,4 +192,7 @@ def _specimen(
             f"line {line} of {path} has {columns[0]!r} for input and output; give two columns"
         )
     file = path.parent / cells["file"]
-    return Specimen(cells["specimen"], file, str(columns[0]), str(columns[1]), cells["file"])
+    outside = not file.resolve().is_relative_to(path.parent.resolve())
+    return Specimen(
+        cells["specimen"], file, str(columns[0]), str(columns[1]), cells["file"], outside
+    )

@@ -7,9 +7,7 @@ as soon as it is known, so a fleet that was stopped goes on where it was.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,7 +16,7 @@ from typing import Any
 
 from minorloop import modelfile
 from minorloop.errors import OutputError, ParameterError
-from minorloop.files import first_difference, write_atomically
+from minorloop.files import first_difference, table_text, write_atomically
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
@@ -179,12 +177,10 @@ def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str
 def write_summary(place: Path, summary: Summary) -> None:
     """Write what became of all, as JSON and as a table."""
     write_atomically(place / "summary.json", json.dumps(summary.plain(), indent=1) + "\n")
-    text = io.StringIO()
     columns = list(Outcome("").plain())
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(outcome.plain() for outcome in summary.outcomes)
-    write_atomically(place / "summary.csv", text.getvalue())
+    rows = (outcome.plain() for outcome in summary.outcomes)
+    table = ([row[name] for name in columns] for row in rows)
+    write_atomically(place / "summary.csv", table_text(columns, table))
 
 
 def one_line(text: str) -> str:

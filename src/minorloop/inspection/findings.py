@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
@@ -12,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from minorloop.errors import OutputError
+from minorloop.files import table_text
 from minorloop.inspection.pits import PitDepth
 
 
@@ -99,16 +98,13 @@ def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
 
 def finding_table(findings: Sequence[Finding]) -> str:
     """Findings as CSV, degrees and millimetres named in the header; empty where not known."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     names = [field.name for field in fields(Finding)]
     units = [_UNITS.get(name.removesuffix("_sd"), "") for name in names]
     header = [f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True)]
-    writer.writerow(["number", *header])
-    for number, finding in enumerate(findings, start=1):
-        values = zip(astuple(finding), units, strict=True)
-        writer.writerow([number, *(_told(value, unit) for value, unit in values)])
-    return text.getvalue()
+    values = (zip(astuple(finding), units, strict=True) for finding in findings)
+    rows = ((_told(value, unit) for value, unit in row) for row in values)
+    numbered = ([number, *row] for number, row in enumerate(rows, start=1))
+    return table_text(["number", *header], numbered)
 
 
 def save_findings(findings: Sequence[Finding], path: str | os.PathLike[str]) -> Path:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import LimitError, ParameterError
+from minorloop.files import check_name
 
 if TYPE_CHECKING:
     from minorloop.lab.records import Record
@@ -40,7 +41,8 @@ class Channel:
     Raises
     ------
     ParameterError
-        If the limits are not in order or the rate is not positive.
+        If the limits are not in order, the rate is not positive, or name or unit cannot be
+        printed.
     """
 
     name: str
@@ -50,6 +52,8 @@ class Channel:
     rate: float = math.inf
 
     def __post_init__(self) -> None:
+        check_name("the channel", self.name)
+        check_name(f"the unit of channel {self.name}", self.unit)
         if not self.low < self.high:
             raise ParameterError(
                 f"{self.name} has limits [{self.low}, {self.high}]; give low below high"

@@ -18,15 +18,21 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError
-from minorloop.files import PathLike
+from minorloop.files import PathLike, check_name, unquoted
 
 MAX_BYTES = 4 * 1024**3
 """Largest file that is read: 4 GiB."""
 MAX_LINE = 1024**2
 """Longest line that is read, in characters."""
+MAX_COLUMNS = 10_000
+"""Most columns that are read."""
 CHUNK = 50_000
-"""Rows that are turned into numbers at a time."""
+"""Rows that are turned into numbers at a time, where they are not long."""
 DELIMITERS = ",;\t"
+_SLACK, _CELLS = 100, 10_000_000
+"""Separators of a line beyond those of the header, which texts may hold; cells kept at a time."""
+_LONGEST_CELL = 1000
+"""Lines of a quoted cell."""
 
 
 def read_columns(
@@ -61,7 +67,7 @@ def read_columns(
         where = {name: headers.index(find_column(name, headers, source=file)) for name in names}
         pieces: dict[str, list[FloatArray]] = {name: [] for name in names}
         first = 2
-        while chunk := list(islice(rows, CHUNK)):
+        while chunk := list(islice(rows, _at_once(headers))):
             kept, numbers = _full_rows(chunk, first, len(headers), file)
             for name, index in where.items():
                 cells = [row[index] for row in kept]
@@ -86,7 +92,7 @@ def read_each(path: PathLike) -> list[FloatArray | RecordError]:
         pieces: list[list[FloatArray]] = [[] for _ in headers]
         troubles: dict[int, RecordError] = {}
         first = 2
-        while chunk := list(islice(rows, CHUNK)):
+        while chunk := list(islice(rows, _at_once(headers))):
             kept, numbers = _full_rows(chunk, first, len(headers), file)
             for index, header in enumerate(headers):
                 if index in troubles:
@@ -131,6 +137,7 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
     RecordError
         If none or several match.
     """
+    check_name("the column", name, RecordError)
     if name in headers:
         return name
     matches = [header for header in headers if name.strip() in (header, split_header(header)[0])]
@@ -161,7 +168,7 @@ def _table(path: PathLike) -> Iterator[tuple[Path, Iterator[list[str]], list[str
     try:
         with file.open(encoding="utf-8-sig", newline="") as text:
             headers, delimiter = _read_header(text, file)
-            lines = iter(partial(text.readline, MAX_LINE), "")
+            lines = _lines(text, file, delimiter, len(headers) + _SLACK)
             yield file, csv.reader(lines, delimiter=delimiter, strict=True), headers
     except UnicodeDecodeError:
         raise RecordError(f"{file} is not UTF-8 text; save it as CSV in UTF-8") from None
@@ -191,14 +198,43 @@ def _check_file(file: Path) -> None:
         raise RecordError(f"{file} cannot be read: permission denied")
 
 
+def _lines(text: TextIO, file: Path, delimiter: str, most: int) -> Iterator[str]:
+    """Lines of a table; refuses those that would make rows without end."""
+    quoted, running = 0, 0
+    for number, line in enumerate(iter(partial(text.readline, MAX_LINE), ""), 2):
+        if len(line) > most and line.count(delimiter) > most:
+            raise RecordError(f"line {number} of {file} has more than {most} cells; repair it")
+        if quoted or '"' in line:
+            quoted ^= line.count('"') & 1
+            running = running + 1 if quoted else 0
+            if running > _LONGEST_CELL:
+                raise RecordError(
+                    f"{file} is not a table: a quoted cell goes on for more than {_LONGEST_CELL} "
+                    f"lines, up to line {number}; close the quotation mark"
+                )
+        yield line
+
+
+def _at_once(headers: Sequence[str]) -> int:
+    """Rows that are turned into numbers at a time."""
+    return max(1, min(CHUNK, _CELLS // (len(headers) + _SLACK)))
+
+
 def _read_header(text: TextIO, file: Path) -> tuple[list[str], str]:
     line = text.readline(MAX_LINE)
     if not line.strip():
         raise RecordError(f"{file} is empty or begins with an empty line; it needs a header line")
-    if "\0" in line or len(line) == MAX_LINE:
-        raise RecordError(f"{file} looks like a binary file; give a CSV file")
     delimiter = max(DELIMITERS, key=line.count)
-    headers = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, strict=True))]
+    if "\0" in line or (len(line) == MAX_LINE and line.count(delimiter) < MAX_COLUMNS):
+        raise RecordError(f"{file} looks like a binary file; give a CSV file")
+    if line.count(delimiter) >= MAX_COLUMNS:
+        raise RecordError(
+            f"{file} has {line.count(delimiter) + 1} columns or more; give at most {MAX_COLUMNS}"
+        )
+    cells = next(csv.reader([line], delimiter=delimiter, strict=True))
+    headers = [unquoted(cell.strip()) for cell in cells]
+    for number, header in enumerate(headers, 1):
+        check_name(f"column {number} of {file} is named", header, RecordError)
     seen: set[str] = set()
     for header in headers:
         if header and header in seen:

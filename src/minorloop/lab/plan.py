@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_samples, frozen
 from minorloop.errors import ParameterError, RecordError, SignalError
-from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 from minorloop.lab.records import SECONDS, Quantity
@@ -176,12 +174,10 @@ class Plan:
             If the file exists and ``force`` is false, or it cannot be written.
         """
         check_writable(path, force=force)
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([str(self.input), str(LONGEST), str(SHORTEST)])
+        header = [str(self.input), str(LONGEST), str(SHORTEST)]
         columns = (self.inputs, self.longest, self.shortest)
-        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
-        write_atomically(path, text.getvalue())
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        write_atomically(path, table_text(header, rows))
 
     def to_json(self) -> str:
         """The whole plan as JSON; equal plans give equal text."""
@@ -215,7 +211,7 @@ class Plan:
             fields = json.loads(text)
             fields["inputs"] = [math.nan if u is None else u for u in fields["inputs"]]
             return cls(**fields)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ParameterError(f"that is not a plan: {error}") from None
 
     def difference(self, other: Plan) -> str:

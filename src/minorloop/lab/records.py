@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Samples, as_samples, frozen
 from minorloop.errors import RecordError, SignalError
-from minorloop.files import PathLike, check_writable, write_atomically
+from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 
 __all__ = ["SAMPLE", "Quantity", "Record", "Timing", "read_columns", "read_headers"]
@@ -24,10 +22,20 @@ SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A name with its unit; the unit is empty for a pure number or where it is not known."""
+    """A name with its unit; the unit is empty for a pure number or where it is not known.
+
+    Raises
+    ------
+    ParameterError
+        If the name or the unit has characters that cannot be printed.
+    """
 
     name: str
     unit: str = ""
+
+    def __post_init__(self) -> None:
+        check_name("the name", self.name)
+        check_name(f"the unit of {self.name}", self.unit)
 
     @classmethod
     def parse(cls, header: str) -> Quantity:
@@ -253,12 +261,10 @@ class Record:
             If the file exists and ``force`` is false, or it cannot be written.
         """
         check_writable(path, force=force)
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([str(q) for q in (self.time, *self.inputs, *self.outputs)])
+        header = [str(q) for q in (self.time, *self.inputs, *self.outputs)]
         table = np.vstack([self.t, self.u, self.y])
-        writer.writerows(zip(*(row.tolist() for row in table), strict=True))
-        write_atomically(path, text.getvalue())
+        rows = zip(*(row.tolist() for row in table), strict=True)
+        write_atomically(path, table_text(header, rows))
 
     @classmethod
     def _from_columns(
