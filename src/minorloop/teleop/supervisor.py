@@ -120,7 +120,7 @@ class _Running:
         self.control, theirs = socket.socketpair()
         post = Post(part.name, names, theirs, beats, again)
         self.process = _CONTEXT.Process(target=part.target, args=(post, *part.args), name=part.name)
-        self.began = time.monotonic()
+        self.began, self.killed = time.monotonic(), False
         with theirs, _held_back():
             self.process.start()
 
@@ -175,17 +175,20 @@ class Supervisor:
     def look_after(self) -> None:
         """Wait a moment, then start anew what has ended, and end what stands still."""
         before = time.monotonic()
-        alive = [each.process for each in self._running.values() if each.process.is_alive()]
-        connection.wait([process.sentinel for process in alive], timeout=_LOOK_EVERY)
+        alive = {p.sentinel: p for p in (r.process for r in self._running.values()) if p.is_alive()}
+        for sentinel in connection.wait(list(alive), timeout=_LOOK_EVERY):
+            alive[sentinel].join(_LOOK_EVERY)  # its pipes are closed before it has ended
         now = time.monotonic()
         asleep = now - before > _ASLEEP
         for name, running in list(self._running.items()):
             if running.process.is_alive():
-                if not asleep and running.stands_still(now):
+                if not asleep and not running.killed and running.stands_still(now):
                     self._said(f"the {name} process stands still; it is ended and started anew")
+                    running.killed = True
                     running.process.kill()
             elif now - running.began > _LEAST_LIFE:
-                self._said(f"the {name} process has ended; it is started anew")
+                if not running.killed:
+                    self._said(f"the {name} process has ended; it is started anew")
                 running.control.close()
                 running.process.close()
                 self._start(running.part)
