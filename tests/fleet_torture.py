@@ -23,7 +23,7 @@ from fleet_records import write_manifest, write_record
 SPECIMENS = 12
 PATIENCE = 6
 LIMIT = 12
-AT_ONCE = 3
+AT_ONCE = 2
 WITHIN = 10.0
 """Seconds within which a fault has to be said."""
 OPTIONS = ["--levels", "6", "--prior", "none", "--limit", str(LIMIT)]
@@ -99,7 +99,7 @@ def make(folder, names):
     write_manifest(folder, names)
 
 
-def until(condition, seconds=60.0):
+def until(condition, seconds=300.0):
     """Wait until something is so."""
     deadline = time.monotonic() + seconds
     while not condition():
