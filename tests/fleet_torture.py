@@ -23,7 +23,7 @@ from fleet_records import write_manifest, write_record
 SPECIMENS = 12
 PATIENCE = 6
 LIMIT = 12
-AT_ONCE = 2
+AT_ONCE = 3
 WITHIN = 10.0
 """Seconds within which a fault has to be said."""
 OPTIONS = ["--levels", "6", "--prior", "none", "--limit", str(LIMIT)]
@@ -80,12 +80,10 @@ class Fleet:
         return None
 
     def until(self, condition):
-        """Wait until something is so; where it does not happen, show what was said."""
-        try:
-            until(condition)
-        except TimeoutError:
-            self.process.kill()
-            raise TimeoutError(self.process.stderr.read()) from None
+        """Wait until something is so; where the command ends before, show what it said."""
+        until(lambda: condition() or self.process.poll() is not None)
+        if not condition():
+            raise AssertionError(f"{self.process.wait()}: {self.process.stderr.read()}")
 
     def end(self):
         self.process.stderr.read()
