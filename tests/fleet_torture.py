@@ -80,12 +80,10 @@ class Fleet:
         return None
 
     def until(self, condition):
-        """Wait until something is so; where it does not happen, show what was said."""
-        try:
-            until(condition)
-        except TimeoutError:
-            self.process.kill()
-            raise TimeoutError(self.process.stderr.read()) from None
+        """Wait until something is so; where the command ends before, show what it said."""
+        until(lambda: condition() or self.process.poll() is not None)
+        if not condition():
+            raise AssertionError(f"{self.process.wait()}: {self.process.stderr.read()}")
 
     def end(self):
         self.process.stderr.read()
@@ -99,7 +97,7 @@ def make(folder, names):
     write_manifest(folder, names)
 
 
-def until(condition, seconds=60.0):
+def until(condition, seconds=300.0):
     """Wait until something is so."""
     deadline = time.monotonic() + seconds
     while not condition():

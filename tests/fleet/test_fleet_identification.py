@@ -3,6 +3,7 @@ import dataclasses
 import json
 import os
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -154,6 +155,24 @@ def test_the_table_names_files_as_the_manifest_does(tmp_path, monkeypatch):
     identify_fleet(specimens, tmp_path / "out", **OPTIONS)
     (row,) = csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines())
     assert row["file"] == "lot1/s.csv"
+
+
+def test_the_first_model_is_written_alone(tmp_path, monkeypatch):
+    written, others = [], threading.Event()
+
+    def settle(place, one, found):
+        if one == "later":
+            others.wait(60)
+        written.append(one)
+
+    monkeypatch.setattr(identification, "settle", settle)
+    with identification._Writing(tmp_path) as writing:
+        writing.begin("failed", {"error": "it has no model"})
+        writing.begin("first", {"model": 1})
+        assert "first" in written
+        writing.begin("later", {"model": 2})
+        assert "later" not in written
+        others.set()
 
 
 def test_a_pipe_is_no_record(tmp_path):

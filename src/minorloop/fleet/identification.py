@@ -7,7 +7,7 @@ import json
 import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -139,11 +139,16 @@ def _ended_well(place: Path, known: Mapping[str, Outcome], total: int) -> Iterat
 
 
 class _Writing:
-    """Results being written down, several at once: a disk takes its time."""
+    """Results being written down, several at once: a disk takes its time.
+
+    The first model is written alone. `msgspec` looks at the classes of a model file when it meets
+    them first, and crashes where two threads do so at the same time.
+    """
 
     def __init__(self, place: Path) -> None:
         self._place, self._pool = place, ThreadPoolExecutor(_AT_ONCE)
         self._begun: deque[Future[Outcome]] = deque()
+        self._alone = True
 
     def __enter__(self) -> _Writing:
         return self
@@ -153,7 +158,11 @@ class _Writing:
 
     def begin(self, one: Specimen, found: Found) -> None:
         """Write down what became of a specimen."""
-        self._begun.append(self._pool.submit(settle, self._place, one, found))
+        writing = self._pool.submit(settle, self._place, one, found)
+        self._begun.append(writing)
+        if self._alone and "model" in found:
+            wait([writing])
+            self._alone = False
 
     def done(self, *, all: bool = False) -> Iterator[Outcome]:
         """Outcomes that are written down by now, in the order in which they began."""
