@@ -47,7 +47,8 @@ studies: setup ## the papers on 20 simulated specimens, the design study on 10; 
 test: setup $(BUILT) ## run the tests; those in a browser where there is one
 	$(BIN)/python -m pytest
 
-torture: setup ## kill 50 runs with SIGKILL, again and again, and compare with undisturbed ones
+torture: setup ## go wrong at every line of runs, and kill runs; prints what was left on, lost or twice
+	PYTHONPATH=tests $(BIN)/python -m faults 670
 	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest tests/cli/test_run_verbs.py -k killed
 
 check: setup ## check format, style, types and who imports whom

@@ -23,6 +23,7 @@ PARTS = (
     "seat",
     "console_depth",
     "meter",
+    "faults",
     "strangers",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")

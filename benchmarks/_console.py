@@ -91,6 +91,7 @@ class Page:
         self.late, self.answers, self.ages, self.seen = [], [], [], 0
         self.recording = None
         self.notices: list[str] = []
+        self.failed: list[str] = []
         self._changed = asyncio.Event()
 
     async def send(self, kind: str, **content) -> None:
@@ -108,6 +109,8 @@ class Page:
             told = json.loads(message)
             if told["type"] == "seats":
                 self.grant = told["grant"]
+            elif told["type"] == "failed":
+                self.failed.append(told["text"])
             elif told["type"] == "recording":
                 self.recording = told["name"] or self.recording
             elif told["type"] == "state":

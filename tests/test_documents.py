@@ -146,7 +146,7 @@ def described(docstring):
 CALLABLES = [
     name
     for name in minorloop.__all__
-    if callable(getattr(minorloop, name)) and not name.endswith("Error")
+    if callable(getattr(minorloop, name)) and not name.endswith(("Error", "Warning"))
 ]
 
 

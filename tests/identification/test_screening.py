@@ -54,7 +54,7 @@ def test_nor_in_a_coarsely_quantised_one_that_saturates(noise):
     assert kinds(u, coarse) == []
 
 
-@pytest.mark.parametrize("ranges", [-30, 5, 1000])
+@pytest.mark.parametrize("ranges", [-30, 0.8, 5, 1000])
 @pytest.mark.parametrize("shape", INPUTS)
 def test_an_outlier_is_named_with_its_sample(shape, ranges):
     u, y = record(shape)
@@ -143,6 +143,11 @@ def test_an_overload_code_is_no_input():
     u[7] = 9.9e37
     with pytest.raises(SignalError, match=r"u is 9.9e\+37 at index 7, which is an overload code"):
         identify(u, y, levels=8)
+
+
+def test_a_lag_as_long_as_the_record_leaves_nothing_to_screen():
+    u = np.r_[np.zeros(60), 1.0]
+    assert kinds(u, np.arange(61.0), 45) == []
 
 
 def test_a_record_of_little_is_not_screened():

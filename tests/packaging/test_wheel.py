@@ -46,6 +46,7 @@ def test_the_source_distribution_is_enough_to_build_test_and_read():
     files = built("sdist")
     wanted = present("src", "tests", "docs", "benchmarks", "examples", "web") | {
         *("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE", "Makefile"),
+        "SECURITY.md",
         *("pyproject.toml", "requirements.lock", "requirements-core.lock"),
     }
     assert wanted - files == set()

@@ -94,7 +94,7 @@ hands.dragged = () => {
 const connection = new Connection(
   {
     opened() {
-      veil(replay === null ? "Starting the control loop and identifying the wires…" : "Opening the recording…", true);
+      veil(replay === null ? (hello ? "Connected again; waiting for a picture…" : "Starting the control loop and identifying the wires…") : "Opening the recording…", true);
     },
     closed(reason, forGood) {
       seats = null;
@@ -128,7 +128,7 @@ const connection = new Connection(
           notice(message.text);
           break;
         case "failed":
-          veil(message.text, false);
+          veil(message.text, message.again ?? false);
           break;
         case "pong":
           byId("latency").textContent = `${(1000 * (now() - message.t)).toFixed(0)} ms`;

@@ -19,6 +19,8 @@ export interface State {
   t: number;
   mode: Mode;
   reason: string;
+  /** When the plant was last made safe, on the clock of the loop; 0 if never. */
+  safe_at: number;
   command: [number, number];
   angle: [number | null, number | null];
   place: [number, number];
@@ -71,7 +73,9 @@ type Said =
   | Seats
   | { type: "findings"; findings: Finding[] }
   | { type: "recording"; name: string | null; seconds?: number; size?: number }
-  | { type: "notice" | "failed"; text: string }
+  | { type: "notice"; text: string }
+  /** `again`: what failed is being started anew. */
+  | { type: "failed"; text: string; again?: boolean }
   | { type: "pong"; t: number }
   | { type: "found"; count: number; verdict: string }
   | { type: "focused"; distance: number; verdict: string }

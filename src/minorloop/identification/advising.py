@@ -12,7 +12,7 @@ from minorloop.identification.baseline import nrmse, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
 
 if TYPE_CHECKING:
-    from minorloop.identification.result import Identification
+    from minorloop.identification.fitted import Fit
 
 WELL_EXCITED = 0.5
 """Share of the cells below which a record is said not to identify the plane."""
@@ -29,9 +29,9 @@ _FALLS = (
 )
 
 
-def advice(result: Identification) -> Iterator[str]:
+def advice(result: Fit) -> Iterator[str]:
     """Sentences, most important first; none where nothing is weak."""
-    yield from result.warnings
+    yield from warnings(result)
     yield from _codes(result)
     yield from _suspects(result)
     yield from _excitation(result)
@@ -39,13 +39,13 @@ def advice(result: Identification) -> Iterator[str]:
     yield from _numerics(result)
 
 
-def warnings(result: Identification) -> Iterator[str]:
+def warnings(result: Fit) -> Iterator[str]:
     """The part of the advice for which the model is not to be trusted."""
     yield from (finding.text for finding in result.findings)
     yield from _distrust(result)
 
 
-def grave(result: Identification) -> Iterator[str]:
+def grave(result: Fit) -> Iterator[str]:
     """The part of the advice that tells of something wrong with actuator, sensor or sign."""
     yield from (finding.text for finding in result.findings)
     yield from _codes(result)
@@ -54,7 +54,7 @@ def grave(result: Identification) -> Iterator[str]:
         yield _FALLS
 
 
-def _codes(result: Identification) -> Iterator[str]:
+def _codes(result: Fit) -> Iterator[str]:
     if not result.codes:
         return
     shown = [f"sample {code.sample} ({code.value:.6g})" for code in result.codes[:_SHOWN]]
@@ -69,7 +69,7 @@ def _codes(result: Identification) -> Iterator[str]:
     )
 
 
-def _suspects(result: Identification) -> Iterator[str]:
+def _suspects(result: Fit) -> Iterator[str]:
     for index in result.suspects:
         yield (
             f"sample {index} (input {result.u[index]:.6g}, output {result.y[index]:.6g}) lies far "
@@ -77,7 +77,7 @@ def _suspects(result: Identification) -> Iterator[str]:
         )
 
 
-def _excitation(result: Identification) -> Iterator[str]:
+def _excitation(result: Fit) -> Iterator[str]:
     excited, cells = int(np.count_nonzero(result.excited)), result.areas.form.cells
     few = result.samples < result.unknowns
     if few and result.belief is not None:
@@ -104,7 +104,7 @@ def _excitation(result: Identification) -> Iterator[str]:
         )
 
 
-def _pattern(result: Identification) -> str:
+def _pattern(result: Fit) -> str:
     """What the input looks like to the plane."""
     moving = result.u[np.append(True, np.diff(result.u) != 0)]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(moving)))) + 1
@@ -117,7 +117,7 @@ def _pattern(result: Identification) -> str:
     return "the input leaves parts of the plane untouched"
 
 
-def _accuracy(result: Identification) -> Iterator[str]:
+def _accuracy(result: Fit) -> Iterator[str]:
     held, base = result.holdout_nrmse, result.baseline_nrmse
     score = result.nrmse if held is None else held
     span = float(np.ptp(result.y[result.fitted])) or 1.0
@@ -140,7 +140,7 @@ def _accuracy(result: Identification) -> Iterator[str]:
         )
 
 
-def _distrust(result: Identification) -> Iterator[str]:
+def _distrust(result: Fit) -> Iterator[str]:
     """What its errors say against the model."""
     which = "held-out" if result.held_out.any() else "fitted"
     error, score, base = _honest_errors(result)
@@ -162,7 +162,7 @@ def _distrust(result: Identification) -> Iterator[str]:
         )
 
 
-def _honest_errors(result: Identification) -> tuple[float, float, float]:
+def _honest_errors(result: Fit) -> tuple[float, float, float]:
     """Error over the range of all, and over that of what is scored; that of the polynomial.
 
     On what was held out, or else fitted, without the outliers found, which say nothing of either.
@@ -183,12 +183,12 @@ def _honest_errors(result: Identification) -> tuple[float, float, float]:
     return error, nrmse(residual, result.y[scored]), base
 
 
-def _rmse_held_out(result: Identification) -> float:
+def _rmse_held_out(result: Fit) -> float:
     residual = (result.prediction - result.y)[result.held_out]
     return float(np.sqrt(np.mean(residual**2)))
 
 
-def _falls(result: Identification) -> bool:
+def _falls(result: Fit) -> bool:
     """Whether the output goes against the input, and the weights may not."""
     weights = result.model.weights
     u, y = result.u[result.fitted], result.y[result.fitted]
@@ -196,7 +196,7 @@ def _falls(result: Identification) -> bool:
     return against and bool((weights >= 0).all())
 
 
-def _numerics(result: Identification) -> Iterator[str]:
+def _numerics(result: Fit) -> Iterator[str]:
     if result.kkt > active_set.ACCEPTABLE:
         yield (
             f"the fit did not converge: the solver stopped at an optimality of {result.kkt:.1e}, "

@@ -9,69 +9,24 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, Samples
+from minorloop.arrays import FloatArray, Samples
 from minorloop.errors import ParameterError
 from minorloop.figures import figure_of
-from minorloop.identification import advising, diagnosis
-from minorloop.identification.areas import Areas
+from minorloop.identification import advising
 from minorloop.identification.bands import Prediction, as_probability
-from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
+from minorloop.identification.baseline import delayed
+from minorloop.identification.fitted import Fit
 from minorloop.identification.prior import Belief, regressors
-from minorloop.identification.screening import Code, Finding, screened
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
-from minorloop.operators.preisach import Preisach
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(Fit):
     """A model identified from a record.
 
-    Parameters
-    ----------
-    model : Preisach
-        The operator.
-    lag : int
-        Samples by which the output follows the input, beyond the hysteresis.
-    start : {"negative", "positive", "demagnetised"} or Memory
-        Memory before the first sample of the record.
-    smoothness : float
-        Strength that was used.
-    kkt : float
-        Largest violation of the optimality conditions, relative to the norm of the output.
-    u, y : (T,) arrays
-        The record; y is NaN where nothing was measured.
-    fitted, held_out : (T,) arrays of bool
-        Samples that the model was fitted to, and those that it was not shown.
-    areas : Areas
-        Regressors of the fitted samples.
-    belief : Belief, optional
-        How sure the prior is of the unknowns; None where it was not used.
-    suspects : tuple of int
-        Samples that lie far outside the band that all others give, and were set aside.
-    codes : tuple of Code
-        Readings that were overload codes or sentinels, and count as not measured.
-    sought : bool
-        Whether the lag is the best of several.
-    converged : bool
-        Whether the solver reached the optimum; `advice` says so where it did not.
+    It has the fields and figures of a `Fit`, predicts and inverts, and says what to do next.
     """
-
-    model: Preisach
-    lag: int
-    start: Start
-    smoothness: float
-    kkt: float
-    u: FloatArray
-    y: FloatArray
-    fitted: BoolArray
-    held_out: BoolArray
-    areas: Areas
-    belief: Belief | None = None
-    suspects: tuple[int, ...] = ()
-    codes: tuple[Code, ...] = ()
-    sought: bool = False
-    converged: bool = True
 
     @overload
     def predict(self, u: npt.ArrayLike, bands: None = None) -> Samples: ...
@@ -136,11 +91,6 @@ class Identification:
             return found
         return replace(found, sd=self.belief.deviation(found.u, begin))
 
-    @cached_property
-    def prediction(self) -> FloatArray:
-        """(T,) outputs of the model along the record."""
-        return self.predict(self.u)
-
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
         """Standard deviation of what the sensor reads along the record, its noise included.
 
@@ -166,30 +116,6 @@ class Identification:
         known = belief.row_deviation(rows)[np.searchsorted(np.flatnonzero(wanted), places)]
         return np.hypot(known, belief.hyperparameters.noise * belief.unit)
 
-    @cached_property
-    def rmse(self) -> float:
-        """Root-mean-square error on the fitted samples, in the unit of the output."""
-        residual = (self.prediction - self.y)[self.fitted]
-        return float(np.sqrt(np.mean(residual**2)))
-
-    @property
-    def nrmse(self) -> float:
-        """`rmse` over the range of the fitted output."""
-        return self.rmse / (float(np.ptp(self.y[self.fitted])) or 1.0)
-
-    @cached_property
-    def holdout_nrmse(self) -> float | None:
-        """Error on the samples held out, over their range; None where none were."""
-        if not self.held_out.any():
-            return None
-        return nrmse((self.prediction - self.y)[self.held_out], self.y[self.held_out])
-
-    @cached_property
-    def baseline_nrmse(self) -> float:
-        """Error of the best delayed polynomial, on the held-out samples where there are any."""
-        scored = self.held_out if self.held_out.any() else self.fitted
-        return polynomial_nrmse(self.u, self.y, self.fitted, scored)
-
     @property
     def _belief(self) -> Belief:
         if self.belief is None:
@@ -197,43 +123,6 @@ class Identification:
                 'this model has no bands; identify with prior="gaussian" (--prior gaussian)'
             )
         return self.belief
-
-    @property
-    def unknowns(self) -> int:
-        """Weights, and offset and slope where fitted."""
-        return self.areas.form.unknowns
-
-    @property
-    def samples(self) -> int:
-        """Samples that the model was fitted to."""
-        return self.areas.samples
-
-    @property
-    def rank(self) -> int:
-        """Independent unknowns that the fitted samples determine; worked out when asked."""
-        return self._rank_and_condition[0]
-
-    @property
-    def condition(self) -> float:
-        """Condition of the design with unit columns, over its rank; worked out when asked."""
-        return self._rank_and_condition[1]
-
-    @property
-    def excited(self) -> BoolArray:
-        """(L, L) cells of the plane that the fitted samples look into."""
-        return self.areas.excited
-
-    @property
-    def excited_fraction(self) -> float:
-        """Share of the cells that are excited."""
-        return float(np.count_nonzero(self.excited)) / self.areas.form.cells
-
-    @cached_property
-    def findings(self) -> tuple[Finding, ...]:
-        """Outliers, stuck and clipped stretches and a lag in the record that are in the model."""
-        y = self.y.copy()
-        y[list(self.suspects)] = np.nan
-        return screened(self.u, y, self.start, self.lag, sought=self.sought)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -271,7 +160,3 @@ class Identification:
             Name and unit of the output.
         """
         return figure_of(self, input_label=input_label, output_label=output_label)
-
-    @cached_property
-    def _rank_and_condition(self) -> tuple[int, float]:
-        return diagnosis.rank_and_condition(self.areas)

@@ -6,6 +6,9 @@ the plane, and which readings contradict the others.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
@@ -23,6 +26,56 @@ _TO_SD = 1.4826
 def spread(values: FloatArray) -> float:
     """Robust standard deviation: 1.4826 times the median distance from the median."""
     return _TO_SD * float(np.median(np.abs(values - np.median(values))))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something in a record that a model should not be made from.
+
+    Parameters
+    ----------
+    kind : {"outlier", "stuck", "clipped", "lag"}
+        What it is.
+    samples : tuple of int
+        Where, counted from 0; empty for a lag.
+    text : str
+        What it is and what to do, in one sentence.
+    """
+
+    kind: Literal["outlier", "stuck", "clipped", "lag"]
+    samples: tuple[int, ...]
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class RoughRecord:
+    """A record with its rough model; places are the samples measured."""
+
+    u: FloatArray
+    y: FloatArray
+    places: IntArray
+    matrix: FloatArray
+    rough: FloatArray
+    span: float
+    lag: int
+
+    @classmethod
+    def of(
+        cls, u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int
+    ) -> RoughRecord:
+        """With the rough model fitted to the known samples."""
+        heard = np.concatenate([np.full(lag, u[0]), u[: u.size - lag]])
+        places = np.flatnonzero(known)
+        matrix = basis(heard, start, places.size)
+        low, high = np.percentile(y[places], [2, 98])
+        rough = robust_fit(matrix, y, known)
+        span = float(high - low) or float(np.ptp(y[places])) or 1.0
+        return cls(heard, y, places, matrix, rough, span, lag)
+
+    @property
+    def values(self) -> FloatArray:
+        """The measured outputs."""
+        return self.y[self.places]
 
 
 def few(places: IntArray) -> IntArray:
@@ -50,7 +103,7 @@ def basis(u: FloatArray, start: Start, samples: int) -> FloatArray:
     """
     plays, degree = (5, 8) if samples >= 200 else (5, 4) if samples >= 100 else (4, 2)
     low, high = float(u.min()), float(u.max())
-    x = (2 * u - low - high) / (high - low)
+    x = (2 * u - low - high) / ((high - low) or 1.0)
     radii = np.linspace(0, 1, plays + 1)[:-1] ** 1.5
     begin = {"positive": radii + 1, "demagnetised": 0 * radii}
     places = begin.get(start if isinstance(start, str) else "negative", -radii - 1)

@@ -20,7 +20,8 @@ from minorloop.teleop.server import Console
 from minorloop.teleop.settings import LoopSettings
 from minorloop.teleop.supervisor import Part, Post, Supervisor
 
-_PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
+PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
+"""Which of them talk to each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ def supervised(settings: LoopSettings, how: Serving, said: Callable[[str], None]
         Part(name="camera", target=lookout.run, args=(settings,), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
-    supervisor = Supervisor(parts, _PIPES, said=said)
+    supervisor = Supervisor(parts, PIPES, said=said)
     try:
         with _ended_by_signals():
             supervisor.start()

@@ -90,7 +90,7 @@ class Post:
             signal.signal(number, _nothing)
         if hasattr(signal, "pthread_sigmask"):
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINAL)
-        tie(f"minorloop-{self.name}", signal.SIGCONT)  # one that is stopped goes on, and ends
+        tie(f"console-{self.name}", signal.SIGCONT)  # one that is stopped goes on, and ends
         over = threading.Event()
         threading.Thread(target=self._listen, args=(channels, over), daemon=True).start()
         return over
@@ -189,6 +189,10 @@ class Supervisor:
                 running.control.close()
                 running.process.close()
                 self._start(running.part)
+
+    def pid(self, name: str) -> int:
+        """Number of the process of that name."""
+        return self._running[name].process.pid or 0
 
     def end(self) -> None:
         """Let all of them end, and end those that do not."""

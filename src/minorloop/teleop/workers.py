@@ -146,7 +146,7 @@ def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
     """Do tasks until the other end goes away; for a process of its own."""
     with contextlib.suppress(OSError, AttributeError):
         os.nice(nice)
-    tie("minorloop-work", signal.SIGKILL)
+    tie("console-worker", signal.SIGKILL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tasks = importlib.import_module(module)
     tasks.warm_up()

@@ -1,0 +1,135 @@
+"""Stretches of a record in which the output does not move: stuck, and clipped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification.rough_model import Finding, RoughRecord, spread
+
+_EQUAL = 1e-9
+"""Share of the span by which two readings differ that count as equal."""
+
+_WINDOWS, _SHORTEST, _FEWEST_SHARE = 12, 6, 25
+_MOVING_SD, _MOVING, _LAZY = 2.0, 0.03, 0.28
+_BINS, _LEAST_CHANGE = 12, 0.12
+"""Bins of the input for usual slopes, and the change in spans that a stuck output misses."""
+
+
+def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Finding]:
+    """The stretch in which the output stays where, at such inputs, it otherwise moves."""
+    values = record.values
+    found = [
+        (begin, end)
+        for begin, end in (_longest_run(values), _laziest(record))
+        if end - begin >= max(values.size // _FEWEST_SHARE, _SHORTEST - 1)
+        and not clipped.issuperset(record.places[begin:end])
+    ]
+    changes = [(_usual_change(record, begin, end), begin, end) for begin, end in found]
+    change, begin, end = next(
+        (one for one in changes if one[0] >= _LEAST_CHANGE * record.span), (0.0, 0, 0)
+    )
+    if not change:
+        return
+    samples = record.places[begin:end]
+    yield Finding(
+        "stuck",
+        tuple(map(int, samples)),
+        f"the output is stuck at {np.median(values[begin:end]):.6g} from sample {samples[0]} to "
+        f"{samples[-1]}, where such inputs otherwise change it by about {change:.3g}: check "
+        "the sensor and the actuator, and measure again or empty these cells",
+    )
+
+
+def _longest_run(values: FloatArray) -> tuple[int, int]:
+    """Begin and end of the longest run of equal values."""
+    edges = np.flatnonzero(np.diff(values) != 0) + 1
+    edges = np.concatenate([[0], edges, [values.size]])
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1])
+
+
+def _laziest(record: RoughRecord) -> tuple[int, int]:
+    """Begin and end of the stretch that moves least beside what the rough model says."""
+    values, rough = record.values, record.rough[record.places]
+    width = max(values.size // _WINDOWS, _SHORTEST)
+    if values.size < 3 * width:
+        return 0, 0
+    step = max(width // 8, 1)
+    of_rough, of_values = (
+        np.lib.stride_tricks.sliding_window_view(part, width)[::step] for part in (rough, values)
+    )
+    moves, still = of_rough.std(axis=1), of_values.std(axis=1)
+    moving = moves > max(_MOVING_SD * spread(values - rough), _MOVING * record.span)
+    lazy = moving & (still < _LAZY * moves)
+    if not lazy.any():
+        return 0, 0
+    best = int(np.argmax(np.where(lazy, moves - still, -np.inf)))
+    return _stretch(values, best * step, width, 3 * float(still[best]) + _EQUAL * record.span)
+
+
+def _usual_change(record: RoughRecord, begin: int, end: int) -> float:
+    """Change of the output over a stretch, at slopes that other stretches exceed mostly."""
+    u, values = record.u[record.places], record.values
+    du, dy = np.diff(u), np.diff(values)
+    middle = (u[1:] + u[:-1]) / 2 - u.min()
+    bins = 2 * np.minimum(_BINS * middle / (np.ptp(u) or 1.0), _BINS - 1).astype(int) + (du > 0)
+    other = du != 0
+    other[max(begin - 1, 0) : end] = False
+    slopes = np.zeros(2 * _BINS)
+    for k in np.unique(bins[other]):
+        some = other & (bins == k)
+        if np.count_nonzero(some) > 1:
+            slopes[k] = np.percentile(dy[some] / du[some], 25)
+    steps = slice(begin, end - 1)
+    path = np.cumsum(slopes[bins[steps]] * du[steps])
+    return float(np.ptp(np.append(path, 0.0)))
+
+
+def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tuple[int, int]:
+    """The longest stretch around a window in which the values stay as near to its middle."""
+    middle = float(np.median(values[first : first + width]))
+    near = np.abs(values - middle) <= allowed
+    begin, end = first, first + width
+    while begin > 0 and near[begin - 1]:
+        begin -= 1
+    while end < values.size and near[end]:
+        end += 1
+    return begin, end
+
+
+def clipped(record: RoughRecord) -> Iterator[Finding]:
+    """Extremes that many readings equal exactly, and that are reached at full slope."""
+    values = record.values
+    for word, extreme in (("highest", values.max()), ("lowest", values.min())):
+        at = np.abs(values - extreme) <= _EQUAL * record.span
+        count = int(np.count_nonzero(at))
+        if count < max(4, 0.012 * values.size):
+            continue
+        near = ~at & (np.abs(values - extreme) <= 0.05 * record.span)
+        others = np.unique(values[near], return_counts=True)[1]
+        if count < 4 * others.max(initial=1) or not _abrupt(record, at, float(extreme)):
+            continue
+        samples = record.places[at]
+        yield Finding(
+            "clipped",
+            tuple(map(int, samples)),
+            f"the output is clipped: {count} readings equal the {word}, {extreme:.6g}, exactly, "
+            f"first at sample {samples[0]}; the sensor or its range ends there, and the model "
+            "knows nothing beyond. Use a wider range, or empty these cells",
+        )
+
+
+def _abrupt(record: RoughRecord, at: BoolArray, extreme: float) -> bool:
+    """Whether the extreme is entered at a slope that is usual elsewhere, and held while u moves."""
+    values, u = record.values, record.u[record.places]
+    entries = np.flatnonzero(at[1:] & ~at[:-1]) + 1
+    held = np.flatnonzero(at[1:] & at[:-1])
+    if not entries.size or not np.any(u[held] != u[held + 1]):
+        return False
+    usual = float(np.median(np.abs(np.diff(values[~at])))) if np.count_nonzero(~at) > 1 else 0.0
+    before = np.maximum(entries - 3, 0)
+    slope = np.abs(extreme - values[before]) / np.maximum(entries - before, 1)
+    return bool(np.median(slope) > 0.15 * usual)

@@ -1,0 +1,41 @@
+"""What imports what, read from the text of the source."""
+
+import ast
+from pathlib import Path
+
+import minorloop
+
+SOURCE = Path(minorloop.__file__).parent
+FILES = {
+    ".".join(("minorloop", *path.relative_to(SOURCE).with_suffix("").parts)).removesuffix(
+        ".__init__"
+    ): path
+    for path in SOURCE.rglob("*.py")
+}
+
+
+def imported(name):
+    """Modules of the package that a file imports, inside functions and for types as well."""
+    found = set()
+    for node in ast.walk(ast.parse(FILES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            inner = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {one if one in FILES else node.module for one in inner}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return (found & FILES.keys()) - {name}
+
+
+def reached(start, arrows):
+    """All that can be reached from a file."""
+    todo, seen = [start], set()
+    while todo:
+        for following in arrows[todo.pop()] - seen:
+            seen.add(following)
+            todo.append(following)
+    return seen
+
+
+def test_no_files_import_each_other_in_a_circle():
+    arrows = {name: imported(name) for name in FILES}
+    assert [name for name in FILES if name in reached(name, arrows)] == []
