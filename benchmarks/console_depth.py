@@ -93,9 +93,9 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     from minorloop.twins.camera import LENS
     from minorloop.twins.catheter import Catheter
     from minorloop.twins.head import Head
-    from minorloop.twins.seeing import Rig, Tip
+    from minorloop.twins.seeing import Rig, SimulatedTip
 
-    tip = Tip(
+    tip = SimulatedTip(
         replace(scene.pipe, water=None),
         mount=Mount(offset=scene.mount.offset),
         specimen=seed,

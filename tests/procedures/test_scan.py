@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 
 from .fakes import CALIBRATION, Loop
 
 CENTRE = (0.5, 12e-3)
-SCAN = Scan(calibration=CALIBRATION)
+SCAN = RasterScan(calibration=CALIBRATION)
 
 
 def shot_at(loop):

@@ -11,7 +11,7 @@ from minorloop.procedures.focus import Focusing
 from minorloop.procedures.go import Go
 from minorloop.procedures.mark import Marking
 from minorloop.procedures.meter import Metering
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 from minorloop.procedures.values import NOTHING, Request, apply_to_tip, passed
 
 from .fakes import CALIBRATION, Loop
@@ -23,7 +23,7 @@ EVERY = {
     "centre": (Centring(calibration=CALIBRATION), Centring(calibration=CALIBRATION).begin(PLACE)),
     "focus": (Focusing(lens=CALIBRATION.lens), Focusing(lens=CALIBRATION.lens).begin(PLACE, 0.01)),
     "extract": (Acquisition(), Acquisition().begin(2.0)),
-    "scan": (Scan(calibration=CALIBRATION), Scan(calibration=CALIBRATION).begin(PLACE)),
+    "scan": (RasterScan(calibration=CALIBRATION), RasterScan(calibration=CALIBRATION).begin(PLACE)),
     "mark": (Marking(calibration=CALIBRATION), Marking(calibration=CALIBRATION).begin(PLACE)),
 }
 

@@ -197,7 +197,7 @@ def searched(monkeypatch, looks, verdicts):
     monkeypatch.setattr(missions, "_approached", approached)
     monkeypatch.setattr(missions, "_sounded", sounded)
     empty = missions.Mission(0, None, None, 0.0)
-    return missions._examined(None, None, empty, missions.Seen()), picked
+    return missions._examined(None, None, empty, missions.Overview()), picked
 
 
 def thing(z, evidence=1.0):

@@ -7,13 +7,13 @@ import pytest
 from minorloop.inspection.fusion import fuse
 from minorloop.inspection.pits import PitDepth
 from minorloop.inspection.unrolled import Patch
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 from minorloop.teleop import depth_work
 from minorloop.teleop.eyes import Eyes
 from minorloop.teleop.plant import reading_of
 from minorloop.teleop.scan import begin_scan, scanned
 from minorloop.teleop.sight import Look
-from minorloop.teleop.sounding import Sounding
+from minorloop.teleop.sounding import ScanEchoes
 from minorloop.teleop.wall import STEP, Wall
 from seats import PIT, tip, view
 
@@ -135,9 +135,9 @@ def sounded(flooded):
     where = (0.0, 0.0, 1e3 * PIT[1], math.degrees(PIT[0]))
     probe, known = tip()
     probe.flood(flooded)
-    sounding = Sounding(known, 1, PIT[:2], PIT[2])
+    sounding = ScanEchoes(known, 1, PIT[:2], PIT[2])
     place = reading_of(where).place
-    for pan, tilt in np.degrees(Scan(calibration=known).targets(PIT[:2], place)).tolist():
+    for pan, tilt in np.degrees(RasterScan(calibration=known).targets(PIT[:2], place)).tolist():
         here = (pan, tilt, *where[2:])
         probe.stand(look(here).stance)
         sounding.add(probe, here, (math.radians(pan), math.radians(tilt)))

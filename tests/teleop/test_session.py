@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 from minorloop.teleop import messages
 from minorloop.twins.sensor import Fault
 from seats import AHEAD, PIT, Open, Pilot, right, view
@@ -238,7 +238,11 @@ def test_a_scan_goes_there_and_back_and_its_depth_goes_with_the_finding():
     assert session.state.mode == "HOLD"
     assert "the scan is done" in session.state.reason
     wishes = pilot.sight.wishes
-    assert [wishes.count(name) for name in ("sound", "shoot", "heard")] == [1, Scan.points**2, 1]
+    assert [wishes.count(name) for name in ("sound", "shoot", "heard")] == [
+        1,
+        RasterScan.points**2,
+        1,
+    ]
     assert session.state.command == pytest.approx(home[0], abs=0.5)
     assert session.where()[2:] == pytest.approx(home[1:], abs=0.3)
     session.hear(messages.Sounded(finding=1, told=HEARD), pilot.now)

@@ -7,7 +7,7 @@ from minorloop.twins.camera import Camera
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.pipe import Pipe
-from minorloop.twins.seeing import STRAIGHT, Rig, Sway, Tip
+from minorloop.twins.seeing import STRAIGHT, Rig, SimulatedTip, Sway
 
 
 def test_the_camera_looks_along_the_pipe_when_the_joints_are_in_their_middle():
@@ -17,7 +17,7 @@ def test_the_camera_looks_along_the_pipe_when_the_joints_are_in_their_middle():
 def test_sway_moves_the_picture_and_not_the_sensors():
     frames, readings = [], []
     for sway in (None, Sway(2.0)):
-        rig, tip = Rig(Head(seed=1), sway=sway), Tip(Pipe.draw(1))
+        rig, tip = Rig(Head(seed=1), sway=sway), SimulatedTip(Pipe.draw(1))
         for _ in range(20):
             readings.append(rig.exchange(np.zeros(4)))
         tip.stand(rig.stance())
@@ -59,7 +59,7 @@ def test_limits_of_a_rig_are_kept():
 
 
 def test_a_tip_hears_in_water_only_and_sees_what_a_camera_there_sees():
-    tip = Tip(Pipe.draw(1))
+    tip = SimulatedTip(Pipe.draw(1))
     tip.stand((0.31, 0.0, 0.0, 0.0, 0.02, 0.0))
     camera = Camera(Pipe.draw(1), Mount(advance=0.02))
     camera.look(0.31, 0.0)

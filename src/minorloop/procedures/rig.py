@@ -23,7 +23,7 @@ from minorloop.procedures.values import (
 
 
 @dataclass(frozen=True)
-class Step:
+class LogEntry:
     """A line of a log: when something was done, in seconds, what, and what came of it."""
 
     t: float
@@ -60,7 +60,7 @@ class InspectionRig:
     ) -> None:
         self.plant, self.tip, self.control = plant, tip, control
         self.calibration = calibration
-        self.log: list[Step] = []
+        self.log: list[LogEntry] = []
         self.gain = 1.0
         self._gyroscope, self._sensors = gyroscope, sensors
         self._ticks = 0
@@ -126,7 +126,7 @@ class InspectionRig:
 
     def say(self, what: str, outcome: str) -> None:
         """Write a line of the log."""
-        self.log.append(Step(self.t, what, outcome))
+        self.log.append(LogEntry(self.t, what, outcome))
 
     def _tick(self, request: Request) -> None:
         """Send the head towards its angles, and the catheter on, for one tick."""

@@ -52,7 +52,7 @@ class ScanState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scan:
+class RasterScan:
     """A raster of bursts.
 
     Parameters

@@ -30,7 +30,7 @@ from minorloop.studies.head_static import identify_head
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.pipe import Bore, Pipe
-from minorloop.twins.seeing import STRAIGHT, Rig, Sway, Tip
+from minorloop.twins.seeing import STRAIGHT, Rig, SimulatedTip, Sway
 from minorloop.vision.tracking import TRACKED
 
 TICK = 0.04
@@ -134,7 +134,7 @@ class Scene:
     def rig(self, sway: Sway | None = None, *, sensor: bool = True) -> InspectionRig:
         """A cold head with its camera; it is taken to sit in the middle of the pipe."""
         plant = Rig(Head(self.seed, 0.05, self.seed, delay=TICK), Catheter(self.seed), sway=sway)
-        tip = Tip(self.pipe, mount=self.mount, specimen=self.seed, seed=self.seed)
+        tip = SimulatedTip(self.pipe, mount=self.mount, specimen=self.seed, seed=self.seed)
         calibration = HeadCalibration(
             lens=tip.camera.calibration, leds=tip.camera.leds, roll=self.mount.roll
         )

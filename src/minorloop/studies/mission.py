@@ -18,7 +18,7 @@ from minorloop.inspection.findings import Finding, finding_of, kind_of
 from minorloop.inspection.pits import PitDepth, measure_pit
 from minorloop.inspection.profile import Profile
 from minorloop.inspection.unrolled import WallMap, WaterLine
-from minorloop.procedures.rig import InspectionRig, Step
+from minorloop.procedures.rig import InspectionRig, LogEntry
 from minorloop.procedures.trace import likely, traces_of
 from minorloop.studies import mission_cracks, scoring
 from minorloop.studies.mission_cracks import SeenCrack
@@ -67,7 +67,7 @@ class Mission:
         The crack.
     truth_water : float
         Height of the water, in m.
-    log : tuple of Step
+    log : tuple of LogEntry
         What was done, and when.
     looks : Findings, optional
         Of the look from nearer at what was gone to.
@@ -95,7 +95,7 @@ class Mission:
     truth: Bore
     truth_crack: Crack
     truth_water: float
-    log: tuple[Step, ...] = ()
+    log: tuple[LogEntry, ...] = ()
     looks: Findings | None = None
     first: npt.NDArray[np.uint8] | None = None
     pixel: FloatArray | None = None
@@ -141,7 +141,7 @@ class Mission:
 
 
 @dataclass
-class Seen:
+class Overview:
     """What the looks around showed so far: views, lines in them, and from where it was looked."""
 
     views: list[Shades] = field(default_factory=list)
@@ -151,7 +151,7 @@ class Seen:
 
 def run_mission(seed: int) -> Mission:
     """Inspect one pipe with a pit and a crack in it, without a hand."""
-    (rig, truth), seen = draw_mission(seed), Seen()
+    (rig, truth), seen = draw_mission(seed), Overview()
     mission = Mission(seed, truth.bore, truth.crack, float(truth.wet.water or 0.0))
     best = _examined(rig, truth, mission, seen)
     if best.pit is None:
@@ -163,7 +163,7 @@ def run_mission(seed: int) -> Mission:
     return replace(best, log=tuple(rig.log))
 
 
-def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: Seen) -> Mission:
+def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: Overview) -> Mission:
     """Look from place after place, and go to what is seen, until echoes confirm a pit.
 
     What is not seen again from nearer is gone to after all that is; where nothing is confirmed,
@@ -237,7 +237,7 @@ def _sounded(rig: InspectionRig, truth: MissionTruth, one: Mission, view: Shades
     return one
 
 
-def _cracks(rig: InspectionRig, seen: Seen) -> tuple[SeenCrack, ...]:
+def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
     """Go to what looks like cracks, and on to further places until one is confirmed."""
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
@@ -254,7 +254,7 @@ def _cracks(rig: InspectionRig, seen: Seen) -> tuple[SeenCrack, ...]:
     return tuple(found)
 
 
-def _look_around(rig: InspectionRig, advance: float, seen: Seen) -> list[Hole]:
+def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hole]:
     """What is seen from one place, the likeliest first; views and lines are added to those seen."""
     travel(rig, 1e-3 * advance, 0.0)
     seen.places.append(advance)

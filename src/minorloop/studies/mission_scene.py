@@ -17,7 +17,7 @@ from minorloop.studies.inspection_servo import wires_of
 from minorloop.twins.catheter import Catheter
 from minorloop.twins.head import Head
 from minorloop.twins.pipe import Bore, Crack, Pipe, draw_crack
-from minorloop.twins.seeing import Rig, Sway, Tip
+from minorloop.twins.seeing import Rig, SimulatedTip, Sway
 
 RADIUS = 10e-3
 SWAY = Sway()
@@ -75,7 +75,7 @@ def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
     about = np.random.default_rng([seed, 33])
     warm = float(about.uniform(12, 30))
     plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed), seed=seed)
-    tip = Tip(
+    tip = SimulatedTip(
         dry,
         mount=Mount(offset=_pair(off)),
         specimen=seed,

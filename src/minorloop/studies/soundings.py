@@ -22,7 +22,7 @@ from minorloop.inspection.field import Ear
 from minorloop.inspection.pits import PitDepth, measure_pit, raster
 from minorloop.inspection.unrolled import Patch, WallMap
 from minorloop.procedures.measure import hears_wall, wall_about
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 from minorloop.studies import scoring
 from minorloop.twins.pipe import Bore, Pipe, draw_pit
 from minorloop.twins.ultrasound import Ultrasound
@@ -162,7 +162,7 @@ def draw_sounding(
         level = scoring.floor_level(
             Ultrasound(pipe, true, probe, noise=0.0, temperature=warm, specimen=seed, seed=seed)
         )
-    noise = level * 10 ** (-snr / 20) * math.sqrt(Scan.shots)
+    noise = level * 10 ** (-snr / 20) * math.sqrt(RasterScan.shots)
     heard: dict[str, Any] = {
         "noise": noise,
         "gain": min(0.5, 0.5 / (0.7 + 4 * noise)),
@@ -190,7 +190,7 @@ def draw_sounding(
 
 
 def scan(
-    sounding: Sounding, *, sway: float = 1.0, points: int = Scan.points, pause: float = 0.8
+    sounding: Sounding, *, sway: float = 1.0, points: int = RasterScan.points, pause: float = 0.8
 ) -> list[Burst]:
     """Scan a raster of bursts of 16 shots while the head sways.
 
@@ -216,7 +216,7 @@ def scan(
 def _burst(sounding: Sounding, target: FloatArray, sway: float, phase: FloatArray) -> Burst:
     ear, sonar = sounding.ear, sounding.sonar
     shots, read = [], []
-    for _ in range(Scan.shots):
+    for _ in range(RasterScan.shots):
         turns = 2 * np.pi * np.array(_SWAY) * sonar.clock + phase
         place = target + sway * np.sin(turns)
         sonar.look(float(place[0]), float(place[1]))
@@ -257,7 +257,7 @@ def sound(sounding: Sounding) -> Scored:
     bursts = scan(sounding)
     target = raster(sounding.ear, sounding.centre, points=1)[0]
     sounding.sonar.look(float(target[0]), float(target[1]))
-    shots = [sounding.sonar.shot() for _ in range(Scan.shots)]
+    shots = [sounding.sonar.shot() for _ in range(RasterScan.shots)]
     modality = "sonar" if hears_wall(shots, sounding.ear) else "camera"
     return examined(sounding, bursts, modality)
 

@@ -27,7 +27,7 @@ from minorloop.inspection.unrolled import (
 )
 from minorloop.procedures.measure import NO_COUPLING, wall_about
 from minorloop.procedures.rig import InspectionRig
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 from minorloop.procedures.values import Request
 from minorloop.studies.mission_scene import RADIUS
 from minorloop.studies.mission_steps import travel, turn
@@ -54,7 +54,7 @@ def scan(
     shift : float
         By how much of its pitch the raster is moved, both ways.
     """
-    scanning = Scan(calibration=rig.calibration)
+    scanning = RasterScan(calibration=rig.calibration)
     bursts = rig.run(scanning, scanning.begin(place, shift=shift)).bursts
     heard = bool(bursts) and bursts[0].verdict != NO_COUPLING
     rig.say("modality", "the wall is heard" if heard else "no echo: camera only")

@@ -23,7 +23,7 @@ from minorloop.procedures.values import ALL_LIGHTS, Procedure, Reading, Request,
 from minorloop.teleop.finder import Finder
 from minorloop.teleop.plant import View, Where, angles_of, reading_of
 from minorloop.teleop.sight import Look, Seen
-from minorloop.teleop.sounding import Sounding
+from minorloop.teleop.sounding import ScanEchoes
 from minorloop.vision.defects import Findings
 from minorloop.vision.eye import Image
 from minorloop.vision.tracking import TRACKED, TrackState
@@ -77,7 +77,7 @@ class Eyes:
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._ticks = 0
         self._queue: list[Callable[[], None]] = []
-        self._sounding: Sounding | None = None
+        self._sounding: ScanEchoes | None = None
         self._where: Where = (0.0, 0.0, 0.0, 0.0)
         self._events: list[dict[str, Any]] = []
         self.image: Image | None = None
@@ -298,7 +298,7 @@ class Eyes:
         """Begin a scan about a finding."""
         self._break_off()
         self._tip.flood(True)
-        self._sounding = Sounding(self._view, int(finding), (phi, z), diameter)
+        self._sounding = ScanEchoes(self._view, int(finding), (phi, z), diameter)
 
     def _shoot(self, pan: float, tilt: float) -> None:
         """Echoes of one point of the scan, which were wanted at a pan and tilt in degrees."""

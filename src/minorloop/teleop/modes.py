@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 from minorloop.teleop.gaze import (
     GazeMap,
     GazeState,
@@ -48,7 +48,7 @@ class Seat:
     gaze: GazeMap = field(default_factory=GazeMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
-    reach: float = round(math.degrees(Scan.reach), 9)
+    reach: float = round(math.degrees(RasterScan.reach), 9)
     pictures: float = 0.12
 
 

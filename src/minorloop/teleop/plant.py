@@ -133,7 +133,7 @@ def open_tip(
     """
     check_address(address)
     from minorloop.twins.camera import LENS
-    from minorloop.twins.seeing import Tip as SimulatedTip
+    from minorloop.twins.seeing import SimulatedTip
 
     rng = np.random.default_rng([seed, 41])
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())

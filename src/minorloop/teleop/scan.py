@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from minorloop.procedures.scan import Scan, ScanState
+from minorloop.procedures.scan import RasterScan, ScanState
 from minorloop.teleop.gaze import Pair
 from minorloop.teleop.plant import View, Where, reading_of
 from minorloop.teleop.sight import Wish
@@ -52,7 +52,7 @@ class ConsoleScan:
 
 
 @dataclass(frozen=True)
-class Asked:
+class ScanRequest:
     """What a tick of a scan asks for: angles in degrees, rates in mm/s and degrees/s, wishes."""
 
     angles: Pair
@@ -65,16 +65,16 @@ def begin_scan(
 ) -> ConsoleScan:
     """A scan about a finding at phi in radians and z in metres, from which the head goes home."""
     back = reading_of(home)
-    state = Scan(calibration=view).begin(centre, home=(back.place, back.angles))
+    state = RasterScan(calibration=view).begin(centre, home=(back.place, back.angles))
     return ConsoleScan(number=number, diameter=diameter, state=state)
 
 
 def scanned(
     scan: ConsoleScan, view: View, where: Where, command: Pair, interval: float
-) -> tuple[ConsoleScan, Asked]:
+) -> tuple[ConsoleScan, ScanRequest]:
     """The scan after a tick with the head commanded to angles in degrees, and what it asks for."""
     reading = reading_of(where, t=scan.waited, heard=scan.heard)
-    state, request = Scan(calibration=view).step(scan.state, reading)
+    state, request = RasterScan(calibration=view).step(scan.state, reading)
     wishes: list[Wish] = []
     if request.water:
         wishes.append(("sound", [float(scan.number), *state.centre, scan.diameter]))
@@ -85,7 +85,7 @@ def scanned(
     angles = command if request.angles is None else _pair(np.degrees(request.angles).tolist())
     rates = 1e3 * float(request.rates[0]), math.degrees(float(request.rates[1]))
     after = replace(scan, state=state, waited=scan.waited + interval, heard=False)
-    return after, Asked(angles, rates, tuple(wishes))
+    return after, ScanRequest(angles, rates, tuple(wishes))
 
 
 def _pair(values: list[float]) -> Pair:

@@ -6,12 +6,12 @@ from typing import Any
 
 from minorloop.inspection.echoes import Burst
 from minorloop.procedures.measure import burst_of
-from minorloop.procedures.scan import Scan
+from minorloop.procedures.scan import RasterScan
 from minorloop.procedures.values import Tip
 from minorloop.teleop.plant import View, Where, angles_of
 
 
-class Sounding:
+class ScanEchoes:
     """A scan that is going on.
 
     Parameters
@@ -34,7 +34,7 @@ class Sounding:
 
     def add(self, tip: Tip, where: Where, wanted: tuple[float, float]) -> str:
         """Fire a burst; gives why it cannot be used, or nothing."""
-        shots, ear = tip.shots(Scan.shots), self._view.ear(where)
+        shots, ear = tip.shots(RasterScan.shots), self._view.ear(where)
         burst = burst_of(shots, angles_of(where), wanted, ear, first=not self.bursts)
         self.bursts.append(burst)
         return burst.verdict

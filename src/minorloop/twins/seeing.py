@@ -2,8 +2,8 @@
 
 Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, for a wire pulls
 one way only. Flow may sway the base of the head; camera and probe feel that, the sensors of the
-joints do not. A `Rig` and its `Tip` may be in processes of their own, for all that passes between
-them is a `Stance`.
+joints do not. A `Rig` and its `SimulatedTip` may be in processes of their own, for all that passes
+between them is a `Stance`.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class Rig:
         return np.asarray(np.radians(self.head._output_now() - STRAIGHT + swayed))
 
 
-class Tip:
+class SimulatedTip:
     """What a rig carries: a camera with its lights, and a probe that hears in water.
 
     Parameters
