@@ -23,7 +23,7 @@ PathLike: TypeAlias = str | os.PathLike[str]
 
 _UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """C0, DEL and C1, marks and overrides of the direction of writing, line separators."""
-_FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r]")
+_FORMULA = re.compile(r"'*\s*[\t\r=+\-@\uff1d\uff0b\uff0d\uff20]")
 """Beginnings that a spreadsheet may take for those of a formula, quoted ones included."""
 _DECIMAL = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 

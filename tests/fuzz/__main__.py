@@ -11,6 +11,7 @@ from fuzz.counts import LONGEST, knock, table
 from fuzz.doors import doors
 
 SHARES = {"model files": 5, "records": 5, "plans": 2, "manifests": 2, "serial line": 3, "SCPI": 3}
+SHARES |= {"texts": 4, "floods": 1}
 
 
 def main(cases: int) -> int:

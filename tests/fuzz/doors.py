@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import re
+import unicodedata
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -59,6 +60,8 @@ class Door:
 
 def doors(scratch: Path) -> list[Door]:
     """All doors; files are written into a folder."""
+    from fuzz.texts import text_doors
+
     models = _model_files(scratch)
     file = scratch / "case"
 
@@ -84,6 +87,7 @@ def doors(scratch: Path) -> list[Door]:
         Door("manifests", _table_maker(MANIFESTS), through(_read_manifest)),
         Door("serial line", _make_lines, _converse),
         Door("SCPI", _make_answers, _measure),
+        *text_doors(scratch),
     ]
 
 
@@ -128,6 +132,7 @@ def _read_model(path: Path, data: bytes) -> None:
     for name in ("input", "output"):
         quantity = getattr(found, name)
         _expect({"name": quantity.name, "unit": quantity.unit} == content[name], name)
+        _expect(printable(quantity.name + quantity.unit), name)
     said = dict(content["model"])
     _expect(said.pop("kind") == found.kind, "kind")
     _same(found.model, said)
@@ -239,9 +244,29 @@ def cells_of(data: bytes, *, indented: bool = False) -> list[list[str]]:
     return rows
 
 
+def printable(text: str) -> bool:
+    """Whether a text has no character that is obeyed and not shown."""
+    obeyed = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
+    marks = {"\u061c", "\u200e", "\u200f"}
+    return not any(
+        unicodedata.category(letter) in ("Cc", "Zl", "Zp")
+        or unicodedata.bidirectional(letter) in obeyed
+        or letter in marks
+        for letter in text
+    )
+
+
+def _unmarked(cell: str) -> str:
+    """A cell without the apostrophe that marks it as text where a formula would begin."""
+    text = cell.lstrip("'").lstrip()
+    formula = text[:1] and text[0] in "=+-@\uff1d\uff0b\uff0d\uff20"
+    return cell[1:] if cell.startswith("'") and formula else cell
+
+
 def _column(rows: list[list[str]], name: str, gaps: bool = False) -> list[float]:
     """A column of strict decimal numbers; blank or nan is a gap where that is legal."""
-    headers = [header.strip() for header in rows[0]]
+    headers = [_unmarked(header.strip()) for header in rows[0]]
+    _expect(all(map(printable, headers)), f"headers {headers}")
     found = [k for k, header in enumerate(headers) if _bare(header) == name or header == name]
     exact = [k for k, header in enumerate(headers) if header == name]
     _expect(len(exact or found) == 1, f"columns {headers}")
@@ -268,7 +293,7 @@ def _read_record(path: Path, data: bytes) -> None:
     _agree(record.y, _column(rows, "tip", gaps=True), "outputs")
     timed = Record.from_csv(path, input="voltage", output="tip", time="time", gaps=True)
     _expect(bool((np.diff(timed.t) >= 0).all()), "time runs backwards")
-    header = next(h for h in rows[0] if _bare(h.strip()) == "time")
+    header = next(h for h in rows[0] if _bare(_unmarked(h.strip())) == "time")
     unit = {"s": 1.0, "ms": 1e-3}.get(header.strip()[4:].strip(" []"))
     if unit is not None:
         _agree(timed.t, np.multiply(_column(rows, "time"), unit), "times")
@@ -277,7 +302,7 @@ def _read_record(path: Path, data: bytes) -> None:
 def _read_plan(path: Path, data: bytes) -> None:
     plan = Plan.from_csv(path)
     rows = cells_of(data)
-    headers = [_bare(header.strip()) for header in rows[0]]
+    headers = [_bare(_unmarked(header.strip())) for header in rows[0]]
     name = next(h for h in headers if h not in ("hold", "shortest hold"))
     _agree(plan.inputs, _column(rows, name, gaps=True), "levels")
     _expect(bool((plan.longest > 0).all()), "a hold that is not positive")
@@ -289,7 +314,7 @@ def _read_manifest(path: Path, data: bytes) -> None:
     rows = cells_of(data, indented=True)
     where = {header.strip().lower(): k for k, header in enumerate(rows[0])}
     filled = [row for row in rows[1:] if any(cell.strip() for cell in row)]
-    names = [row[where["specimen"]].strip() for row in filled]
+    names = [_unmarked(row[where["specimen"]].strip()) for row in filled]
     _expect([one.name for one in specimens] == names, f"specimens {names}")
     _expect(len({one.key for one in specimens}) == len(names), "files of results that coincide")
     for one in specimens:
@@ -297,6 +322,8 @@ def _read_manifest(path: Path, data: bytes) -> None:
             "/" not in one.key and "\0" not in one.key and one.key not in ("", ".", ".."), "key"
         )
         _expect(all((one.name, one.file.name, one.input, one.output)), "something is missing")
+        words = (one.name, one.file.name, one.input, one.output)
+        _expect(all(map(printable, words)), f"what cannot be printed: {words}")
 
 
 def _agree(found: Any, wanted: Any, what: str) -> None:

@@ -6,7 +6,7 @@ from fuzz.__main__ import SHARES
 from fuzz.counts import knock, table
 from fuzz.doors import WrongAcceptance, cells_of, doors
 
-CASES = {"model files": 500, "records": 500, "plans": 200, "manifests": 200}
+CASES = {"model files": 500, "records": 500, "plans": 200, "manifests": 200, "floods": 60}
 
 
 @pytest.mark.parametrize("number", range(len(SHARES)))
