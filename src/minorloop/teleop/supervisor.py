@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing import connection, resource_tracker
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, cast
 
 from minorloop.teleop.channel import Channel
 
@@ -176,8 +176,8 @@ class Supervisor:
         """Wait a moment, then start anew what has ended, and end what stands still."""
         before = time.monotonic()
         alive = {p.sentinel: p for p in (r.process for r in self._running.values()) if p.is_alive()}
-        for sentinel in connection.wait(list(alive), timeout=_LOOK_EVERY):
-            alive[sentinel].join(_LOOK_EVERY)  # its pipes are closed before it has ended
+        for ended in connection.wait(list(alive), timeout=_LOOK_EVERY):
+            alive[cast(int, ended)].join(_LOOK_EVERY)  # its pipes are closed before it has ended
         now = time.monotonic()
         asleep = now - before > _ASLEEP
         for name, running in list(self._running.items()):
