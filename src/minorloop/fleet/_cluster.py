@@ -218,18 +218,20 @@ class Cluster:
     def _settle(self, key: str, fetched: Future[list[Found]] | None) -> list[tuple[Task, Found]]:
         if key not in self._sent:
             return []
-        if self._sent[key].future.cancelled():
+        future = self._sent[key].future
+        if future.status == "error":  # the worker died, again and again, or could not take it
+            return self._take_apart(self._forget(key), future.exception(timeout=_CLOSE))
+        if future.status == "cancelled":
             self._watch.lose_connection()
-        try:
-            found = self._sent[key].future.result() if fetched is None else fetched.result()
-        except Exception as error:  # the worker died, again and again, or could not take the task
-            return self._take_apart(self._forget(key), error)
-        batch = self._forget(key)
+        if fetched is None or fetched.cancelled() or fetched.exception() is not None:
+            self._send(self._forget(key))  # its worker left with the result
+            return []
+        batch, found = self._forget(key), fetched.result()
         each = sum(one.get("seconds", 0.0) for one in found) / len(batch)
         self._size = min(_MOST_EACH, max(1, round(_STINT / max(each, 1e-3))))
         return list(zip(batch, found, strict=True))
 
-    def _take_apart(self, batch: list[Task], error: Exception) -> list[tuple[Task, Found]]:
+    def _take_apart(self, batch: list[Task], error: BaseException) -> list[tuple[Task, Found]]:
         if len(batch) == 1:
             reason = f"no worker lived to the end: {type(error).__name__}: {error}"
             return [(batch[0], {"error": reason})]
