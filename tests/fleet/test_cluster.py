@@ -153,6 +153,26 @@ def test_what_a_silent_worker_has_goes_to_the_others(cluster, fleet, tmp_path):
     assert any("what it has goes to others" in sentence for sentence in said)
 
 
+def test_a_result_that_its_worker_takes_away_is_computed_again(
+    cluster, fleet, tmp_path, monkeypatch
+):
+    fetch, lost = _cluster.Cluster._fetch, []
+
+    def lose(self, future):
+        if lost:
+            return fetch(self, future)
+        lost.append(future.key)
+        future._state.lose()  # as it is when the worker has left, until another has done it
+        return fetch(self, future)
+
+    monkeypatch.setattr(_cluster.Cluster, "_fetch", lose)
+    summary = identify_fleet(
+        fleet("a", "b"), tmp_path / "out", address=cluster.scheduler_address, **OPTIONS
+    )
+    assert lost
+    assert len(summary.identified) == 2
+
+
 def test_a_scheduler_without_workers_is_told_of_and_given_up(fleet, tmp_path):
     specimens, said = fleet("a"), []
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster:

@@ -8,6 +8,7 @@ import logging
 import queue
 import socket
 import uuid
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
@@ -16,7 +17,7 @@ from itertools import islice
 from types import TracebackType
 from typing import Any
 
-from minorloop.errors import MissingExtraError, ParameterError
+from minorloop.errors import FleetError, MissingExtraError, ParameterError
 from minorloop.fleet._cluster_watch import ClusterWatch
 from minorloop.fleet._fitting import Found, Task
 from minorloop.fleet._pool import Pool
@@ -29,6 +30,8 @@ _CLOSE = 1.0
 """Seconds to take leave of a scheduler."""
 _AHEAD = 3
 """Batches on their way to each worker."""
+_LOSSES = 3
+"""Results of a specimen that may be lost; Dask bears as many workers that end."""
 _STINT, _MOST_EACH = 0.5, 64
 """Seconds of work in a batch, and the most specimens."""
 
@@ -131,6 +134,7 @@ class Cluster:
             queue.SimpleQueue()
         )
         self._size, self._total = 1, total
+        self._lost: Counter[str] = Counter()
 
     def __enter__(self) -> Cluster:
         return self
@@ -218,18 +222,26 @@ class Cluster:
     def _settle(self, key: str, fetched: Future[list[Found]] | None) -> list[tuple[Task, Found]]:
         if key not in self._sent:
             return []
-        if self._sent[key].future.cancelled():
+        future = self._sent[key].future
+        if future.status == "error":  # the worker died, again and again, or could not take it
+            return self._take_apart(self._forget(key), future.exception(timeout=_CLOSE))
+        if future.status == "cancelled":
             self._watch.lose_connection()
-        try:
-            found = self._sent[key].future.result() if fetched is None else fetched.result()
-        except Exception as error:  # the worker died, again and again, or could not take the task
-            return self._take_apart(self._forget(key), error)
-        batch = self._forget(key)
+        if fetched is None or fetched.cancelled() or fetched.exception() is not None:
+            return self._do_again(self._forget(key))  # its worker left with the result
+        batch, found = self._forget(key), fetched.result()
         each = sum(one.get("seconds", 0.0) for one in found) / len(batch)
         self._size = min(_MOST_EACH, max(1, round(_STINT / max(each, 1e-3))))
         return list(zip(batch, found, strict=True))
 
-    def _take_apart(self, batch: list[Task], error: Exception) -> list[tuple[Task, Found]]:
+    def _do_again(self, batch: list[Task]) -> list[tuple[Task, Found]]:
+        self._lost.update(task.specimen.name for task in batch)
+        if max(self._lost[task.specimen.name] for task in batch) > _LOSSES:
+            return self._take_apart(batch, FleetError("its result did not come back"))
+        self._send(batch)
+        return []
+
+    def _take_apart(self, batch: list[Task], error: BaseException) -> list[tuple[Task, Found]]:
         if len(batch) == 1:
             reason = f"no worker lived to the end: {type(error).__name__}: {error}"
             return [(batch[0], {"error": reason})]
