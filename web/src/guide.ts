@@ -96,7 +96,6 @@ export class Guide {
 
 const SCANNING: Record<string, string> = {
   travel: "The catheter brings the probe to the finding.",
-  settle: "Coming to rest.",
   turn: "Turning the beam to the first point.",
   points: "Listening, point by point.",
   back: "Going back to where you looked from.",
