@@ -12,6 +12,7 @@ import contextlib
 import json
 import os
 import signal
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -27,6 +28,8 @@ from benchmarks._timing import Row
 
 KINDS = ("camera", "loop", "server", "plant", "worker", "console")
 SIGNALS = {"killed": signal.SIGKILL, "stopped": signal.SIGSTOP}
+_PARTS = ("plant", "loop", "camera", "server")
+_ALL = Counter({**{f"console-{name}": 1 for name in _PARTS}, "console-worker": 4})
 _TURNED = [0.0, -0.1, 0.0, 0.995]
 _MOST_BACK = 60.0
 _MARK = "MINORLOOP_FAULTS_OF"
@@ -114,15 +117,16 @@ def _shared() -> set[str]:
 async def _faults(scene: _Scene, server: Server, kind: str, how: str, count: int) -> Row:
     """Many faults of a kind: how long until held or safe, until back, and what was left."""
     held, back, wrong = [], [], Counter()
-    await _until(lambda: scene.named()["console-worker"] == 4, "all processes")
-    before, files = scene.named(), len(scene.files())
+    await _until(lambda: scene.named() == _ALL, f"{_ALL}, all processes")
+    files = len(scene.files())
     for _ in range(count):
         trial = _Trial(scene, server, kind, SIGNALS[how])
         await trial.run()
         held.append(trial.held)
         back.append(trial.back)
         wrong.update(trial.wrong)
-        await _until(lambda: scene.named() == before, f"{before} processes, not {scene.named()}")
+        print(f"{kind} {how}: {trial.held:.3f} s, back {trial.back:.1f} s", file=sys.stderr)
+        await _until(lambda: scene.named() == _ALL, f"{_ALL}, all processes")
         wrong["left"] += trial.pid in scene.processes()
         wrong["left"] += len(scene.files()) > files
     said = ", ".join(f"{count} x {name}" for name, count in wrong.items() if count)
@@ -272,12 +276,11 @@ def _ended(scene: _Scene, count: int) -> Row:
     for k in range(max(count // 4, 1)):
         server = Server(str(scene.folder / "sessions"))
         deadline = time.monotonic() + _MOST_BACK
-        while scene.named()["console-worker"] < 4 and time.monotonic() < deadline:
+        while scene.named() != _ALL and time.monotonic() < deadline:
             time.sleep(0.05)
         if k % 2:
             names = {name: pid for pid, name in scene.processes().items()}
-            stopped = ("console-loop", "console-server", "console-plant", "console-camera")
-            os.kill(names[stopped[k // 2 % 4]], signal.SIGSTOP)
+            os.kill(names[f"console-{_PARTS[k // 2 % 4]}"], signal.SIGSTOP)
         server.process.kill()
         server.process.wait()
         began = time.monotonic()

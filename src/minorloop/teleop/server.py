@@ -92,7 +92,10 @@ class _Server:
         self._known: set[int] = set()
         many = min(self._workers, 1)
         self._fitters = Workers(many, tasks="minorloop.teleop.depth_work", longest=300.0, nice=7)
-        # What the first picture would wait for, and everybody with it.
+        # What the first picture would wait for, and everybody with it. While OpenCV is imported,
+        # the path of modules is not one that a process should be started with.
+        with contextlib.suppress(MissingExtraError):  # the camera says so
+            opencv()
         lens = Pinhole(32, 24, 26.0, (15.5, 11.5))
         small = View(lens=lens, leds=np.zeros((3, 3)))
         Wall(small, 0.05).paint(np.zeros((24, 32), np.uint8), (0.0, 0.0, 0.0, 0.0))
