@@ -1,6 +1,7 @@
 """What every test shares: repeatable examples, figures without a screen, measured data."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,9 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 # The longest files, the longest first: no worker is left with one of them at the end.
+# A shell without job control lets what it runs in the background ignore Ctrl-C; some tests press it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 LONGEST = (
     "teleop/test_pages.py",
     "test_documents.py",
