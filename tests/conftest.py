@@ -16,13 +16,12 @@ for library in ("OMP", "OPENBLAS", "MKL"):
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("repeatable")
 
-SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-
-
-# The longest files, the longest first: no worker is left with one of them at the end.
-# A shell without job control lets what it runs in the background ignore Ctrl-C; some tests press it.
+# A shell without job control lets what it starts ignore Ctrl-C, and some tests press it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+# The longest files, the longest first: no worker is left with one of them at the end.
 LONGEST = (
     "teleop/test_pages.py",
     "test_documents.py",
