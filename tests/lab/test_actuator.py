@@ -66,3 +66,11 @@ def test_a_rate_limit_is_positive(rate):
 def test_a_channel_reads_like_a_column_header():
     assert str(VOLTAGE) == "voltage [V]"
     assert str(Channel("strain", "")) == "strain"
+
+
+@pytest.mark.parametrize("letter", ["\n", "\x1b", "\x9b", "\u202e"])
+def test_names_that_cannot_be_printed_are_refused(letter):
+    with pytest.raises(ParameterError, match=r"the channel .* leave out what cannot be printed"):
+        Channel(f"a{letter}b", "V")
+    with pytest.raises(ParameterError, match="the unit of channel a "):
+        Channel("a", f"V{letter}")

@@ -330,7 +330,7 @@ def test_reads_measured_records(shared_data):
 @pytest.mark.parametrize("letter", ["\x07", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
 def test_headers_with_characters_that_are_obeyed_are_refused(letter, table):
     content = f"u,a{letter}b\n1,2\n".encode()
-    with pytest.raises(RecordError, match=r"column 2 of .* leave out what cannot be printed"):
+    with pytest.raises(RecordError, match=r"header 2 of .* leave out what cannot be printed"):
         read_headers(table(content))
     with pytest.raises(RecordError, match=r"cannot be printed"):
         read_columns(table(b"u,y\n1,2\n"), [f"u{letter}"])

@@ -234,7 +234,7 @@ def _read_header(text: TextIO, file: Path) -> tuple[list[str], str]:
     cells = next(csv.reader([line], delimiter=delimiter, strict=True))
     headers = [unquoted(cell.strip()) for cell in cells]
     for number, header in enumerate(headers, 1):
-        check_name(f"column {number} of {file} is named", header, RecordError)
+        check_name(f"header {number} of {file}", header, RecordError)
     seen: set[str] = set()
     for header in headers:
         if header and header in seen:
