@@ -106,6 +106,11 @@ def test_a_clipped_output_is_named(shape, side):
     assert f"equal the {side}" in found[0].text
 
 
+def test_so_is_one_that_is_clipped_most_of_the_time():
+    u, y = record("levels")
+    assert "clipped" in kinds(u, np.minimum(y, np.median(y)))
+
+
 @pytest.mark.parametrize("lag", [-4, 2, 5])
 @pytest.mark.parametrize("shape", ["sine", "levels"])
 def test_a_lag_is_named_until_the_model_has_it(shape, lag):

@@ -110,7 +110,7 @@ def clipped(record: RoughRecord) -> Iterator[Finding]:
             continue
         near = ~at & (np.abs(values - extreme) <= 0.05 * record.span)
         others = np.unique(values[near], return_counts=True)[1]
-        if count < 4 * others.max(initial=1) or not _abrupt(record, at, float(extreme)):
+        if count < 3 * others.max(initial=1) or not _abrupt(record, at, float(extreme)):
             continue
         samples = record.places[at]
         yield Finding(
@@ -130,6 +130,7 @@ def _abrupt(record: RoughRecord, at: BoolArray, extreme: float) -> bool:
     if not entries.size or not np.any(u[held] != u[held + 1]):
         return False
     usual = float(np.median(np.abs(np.diff(values[~at])))) if np.count_nonzero(~at) > 1 else 0.0
-    before = np.maximum(entries - 3, 0)
-    slope = np.abs(extreme - values[before]) / np.maximum(entries - before, 1)
+    slope = np.zeros(entries.size)
+    for back in (1, 3):
+        slope = np.maximum(slope, np.abs(extreme - values[np.maximum(entries - back, 0)]) / back)
     return bool(np.median(slope) > 0.15 * usual)
