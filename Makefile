@@ -47,8 +47,10 @@ studies: setup ## the papers on 20 simulated specimens, the design study on 10; 
 test: setup $(BUILT) ## run the tests; those in a browser where there is one
 	$(BIN)/python -m pytest
 
-torture: setup ## go wrong at every line of runs, and kill runs; prints what was left on, lost or twice
+torture: setup $(BUILT) ## go wrong at every line of runs, kill runs, fleets and the console; prints what was left on or lost
 	PYTHONPATH=tests $(BIN)/python -m faults 670
+	PYTHONPATH=tests $(BIN)/python -m fleet_torture 3
+	$(BIN)/python -m benchmarks --only faults
 	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest tests/cli/test_run_verbs.py -k killed
 
 check: setup ## check format, style, types and who imports whom

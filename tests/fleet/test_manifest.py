@@ -1,7 +1,7 @@
 import pytest
 
 from minorloop.errors import RecordError
-from minorloop.fleet.identification import identify_one
+from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.manifest import LARGEST, Specimen, read_manifest
 
 HEADER = "specimen,file,input,output"
@@ -76,7 +76,7 @@ def test_what_a_file_outside_the_folder_holds_is_not_told(how, tmp_path):
     named = {"above": "../secret", "absolute": secret, "link": "link.csv"}[how]
     (folder / "m.csv").write_text(f"{HEADER}\na,{named},u,y\nb,{named},root:x:0:0,password\n")
     for one in read_manifest(folder / "m.csv"):
-        said = identify_one(None, one, {}, tmp_path / "scratch")["error"]
+        said = identify_one(Task(one, one.read(), {}), tmp_path / "scratch")["error"]
         assert "outside the folder of the manifest" in said
         assert "hunter2" not in said
         assert "root:x" not in said or one.name == "b"  # whose row names the columns itself
@@ -86,7 +86,9 @@ def test_what_a_file_inside_the_folder_lacks_is_told(tmp_path):
     (tmp_path / "a.csv").write_text("drive,tip\n1,2\n")
     (tmp_path / "m.csv").write_text(f"{HEADER}\na,a.csv,u,y\n")
     (one,) = read_manifest(tmp_path / "m.csv")
-    assert "'drive', 'tip'" in identify_one(None, one, {}, tmp_path / "scratch")["error"]
+    assert (
+        "'drive', 'tip'" in identify_one(Task(one, one.read(), {}), tmp_path / "scratch")["error"]
+    )
 
 
 def test_a_manifest_that_is_not_there_or_not_text(tmp_path):

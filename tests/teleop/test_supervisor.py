@@ -72,6 +72,27 @@ def test_what_ended_or_stands_still_is_started_anew_and_meets_the_other(watched,
         os.kill(before, 0)
 
 
+def waiting(post):
+    """Begin, and never give a sign of life; for a process of its own."""
+    post.begin().wait()
+
+
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell who is stopped")
+def test_what_is_stopped_before_its_first_sign_of_life_is_started_anew():
+    said = []
+    supervisor = Supervisor([Part(name="a", target=waiting, patience=0.2)], [], said=said.append)
+    supervisor.start()
+    try:
+        before, deadline = supervisor.pid("a"), time.monotonic() + 60
+        os.kill(before, signal.SIGSTOP)
+        while supervisor.pid("a") == before and time.monotonic() < deadline:
+            supervisor.look_after()
+        assert supervisor.pid("a") != before
+        assert said == ["the a process stands still; it is ended and started anew"]
+    finally:
+        supervisor.end()
+
+
 def test_at_the_end_all_of_them_end(watched, tmp_path):
     pids = watched.until("a-*-met-*"), watched.until("b-*-met-*")
     for pid in pids:

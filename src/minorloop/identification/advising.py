@@ -146,7 +146,7 @@ def _distrust(result: Fit) -> Iterator[str]:
     error, score, base = _honest_errors(result)
     if error > WORST:
         yield (
-            f"do not trust this model: its error on {which} data is {error:.3g} of the range of "
+            f"the error on {which} data is {error:.3g} of the range of "
             f"the output, more than {WORST:g}; look at the residual for what it cannot follow"
         )
     if _falls(result):

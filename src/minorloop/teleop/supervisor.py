@@ -121,14 +121,18 @@ class _Running:
         post = Post(part.name, names, theirs, beats, again)
         self.process = _CONTEXT.Process(target=part.target, args=(post, *part.args), name=part.name)
         self.began, self.killed = time.monotonic(), False
+        self._moved = self.began
         with theirs, _held_back():
             self.process.start()
 
     def stands_still(self, now: float) -> bool:
+        """Whether it has given no sign of life for too long, or was stopped before the first."""
         beat = self._beats[self._place]
-        if beat == 0.0:
-            return now - self.began > _BEGINNING
-        return bool(now - beat > self.part.patience)
+        if beat != 0.0:
+            return bool(now - beat > self.part.patience)
+        if not _is_stopped(self.process.pid or 0):
+            self._moved = now
+        return now - self._moved > self.part.patience or now - self.began > _BEGINNING
 
     def give(self, number: int, pipe: Connection) -> None:
         """Hand a pipe over; it is closed here."""
@@ -233,6 +237,15 @@ def hurry() -> None:
     """
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+
+
+def _is_stopped(child: int) -> bool:
+    """Whether a signal stopped a child; False where the system does not tell."""
+    if not hasattr(os, "waitid"):
+        return False
+    with contextlib.suppress(ChildProcessError):
+        return os.waitid(os.P_PID, child, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return False
 
 
 @contextlib.contextmanager
