@@ -19,6 +19,7 @@ EXAMPLE = "minorloop console --folder inspections"
 _Host = Annotated[
     str, typer.Option(help="Where to listen; 0.0.0.0 lets in other machines that have the key.")
 ]
+_WAITING = 128
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
     str,
@@ -123,6 +124,7 @@ def _listen(host: str, port: int) -> socket.socket:
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((host, port))
+        found.listen(_WAITING)  # who comes before the server, or while it starts anew, waits
     except OSError as error:
         found.close()
         other = "--host" if isinstance(error, socket.gaierror) else "--port"
