@@ -112,13 +112,15 @@ def test_a_recording_ends_with_the_server_and_the_loop_goes_on_with_another(runn
     running.pipe = running.give("server")
     assert running.until("hello")["planes"]
     assert running.until("recording")["name"] is None
-    after = running.until("state")
+    first = running.until("state")
+    after = running.until("state", lambda told: told["seq"] > first["seq"])
     assert (after["mode"], after["safe_at"]) == ("HOLD", 0.0)
     path = tmp_path / "sessions" / f"{name}.session"
     told = [json.loads(content) for kind, _, content in entries(path) if kind == TEXT]
     states = [each for each in told if each["type"] == "state"]
     assert told[0]["type"] == "hello"
     assert last["seq"] in [state["seq"] for state in states]
+    assert [state["mode"] for state in states[-2:]] == ["HEAD", "HOLD"]
     assert [content for kind, _, content in entries(path) if kind == PICTURE] == [picture]
     numbers = [state["seq"] for state in states]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

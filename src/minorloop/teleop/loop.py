@@ -150,7 +150,7 @@ class _Loop:
         self._inbox: deque[tuple[float, Any]] = deque(maxlen=256)
         self._outbox = Outbox()
         self._recorder: Recorder | None = None
-        self._lost = False
+        self._lost = self._left = False
         sight.on_picture = self._keep_picture
         self._unwritten: queue.Queue[tuple[int, float, bytes] | None] = queue.Queue()
 
@@ -190,6 +190,9 @@ class _Loop:
         session.events.clear()
         self._keep(TEXT, now, state)
         self._outbox.newest(state)
+        if self._left:  # nobody is there to end it; that it held is the last that is recorded
+            self._record(False)
+            self._left = False
         if session.ticks % _TOLD_EVERY == 0:
             self._tell_recording()
 
@@ -203,8 +206,7 @@ class _Loop:
             self._record(message.on)
         else:
             self._session.hear(message, at)
-            if isinstance(message, messages.Release):
-                self._record(False)  # nobody is there to end it
+            self._left |= isinstance(message, messages.Release)
 
     def _watch_plant(self) -> None:
         """Hold where the plant does not answer, and rest where it was made safe."""
