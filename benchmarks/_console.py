@@ -147,8 +147,9 @@ async def piloted(server: Server):
         await page.until(lambda: page.state)
         await page.send("take")
         await page.until(lambda: page.grant)
+        taken = time.monotonic()
         tasks.append(asyncio.create_task(page.steer()))
-        await page.until(lambda: page.state["heard"] and page.state["heard"]["seq"] > 2)
+        await page.until(lambda: page.state["heard"] and page.state["heard"]["t"] > taken)
         while page.state["mode"] != "HEAD":  # on a machine that is busy, more than once
             await page.send("mode", grant=page.grant, mode="HEAD")
             with contextlib.suppress(TimeoutError):

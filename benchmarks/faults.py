@@ -230,7 +230,7 @@ class _Trial:
         dropped = await asyncio.to_thread(self._ask, "/api/lab?name=run.csv", _table())
         job = f"/api/lab/{dropped['user']}/identify"
         choice = json.dumps({"input": "u [V]", "output": "y [um]", "levels": 40}).encode()
-        busy = _times(self.scene)
+        busy = await _resting(self.scene)
         answer = asyncio.create_task(asyncio.to_thread(self._lines, job, choice))
         await _until(lambda: _busiest(self.scene, busy) > 0, "a worker at work")
         self.pid = _busiest(self.scene, busy)
@@ -325,6 +325,16 @@ def _times(scene: _Scene) -> dict[int, int]:
                 fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
                 found[pid] = int(fields[11]) + int(fields[12])
     return found
+
+
+async def _resting(scene: _Scene) -> dict[int, int]:
+    """Processor time of each worker once all of them have begun and none is at work."""
+    while True:
+        before = _times(scene)
+        await asyncio.sleep(0.5)
+        now = _times(scene)
+        if len(now) == _ALL["console-worker"] and now == before:
+            return now
 
 
 def _busiest(scene: _Scene, before: dict[int, int]) -> int:

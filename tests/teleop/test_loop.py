@@ -188,3 +188,13 @@ def test_a_recording_tells_its_size_and_ends_when_its_pilot_has_left(running):
     assert told["size"] > 1000
     running.order(messages.Release)
     assert running.until("recording", lambda told: told["name"] is None)
+
+
+def test_the_next_pilots_recording_begins_where_the_last_ones_ends(running):
+    running.until("hello")
+    running.order(messages.Record, on=True)
+    first = running.until("recording", lambda told: told["name"])["name"]
+    running.order(messages.Release)
+    running.pipe.send_bytes(msgspec.msgpack.encode(messages.Taken()))
+    running.order(messages.Record, on=True)
+    running.until("recording", lambda told: told["name"] not in (None, first))

@@ -5,6 +5,8 @@ import signal
 import time
 from pathlib import Path
 
+import pytest
+
 from minorloop.teleop import workers
 
 
@@ -43,42 +45,40 @@ def test_what_takes_too_long_is_ended_and_the_next_is_served(tmp_path):
     assert "took over" in second[-1]["error"]
 
 
-def test_a_worker_that_dies_is_replaced(tmp_path):
-    async def ask():
-        pool = workers.Workers(1)
-        await pool.start()
-        try:
-            for worker in pool._all:
-                worker._process.kill()
-                worker._process.join()
-            first = await pool.ask("move", folder=str(tmp_path), memory=None, u=0.5)
-            second = await pool.ask("move", folder=str(tmp_path), memory=None, u=0.5)
-            return first, second
-        finally:
-            await pool.stop()
+async def asked_twice(folder, signum, *, at_work):
+    """What two tasks tell whose worker is hit by a signal, and how that worker ended."""
+    pool = workers.Workers(1)
+    await pool.start()
+    try:
+        (worker,) = pool._all
+        if not at_work:
+            await worker.begun()
+        ask = {"task": "move", "folder": str(folder), "memory": None, "u": 0.5}
+        first = asyncio.create_task(pool.ask(**ask))
+        if at_work:  # it waits for the worker to begin
+            await asyncio.sleep(0)
+        os.kill(worker._process.pid, signum)
+        if not at_work:  # until the signal has done its work
+            os.waitid(os.P_PID, worker._process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+        answers = await first, await pool.ask(**ask)
+        worker._process.join()
+        return *answers, worker._process.exitcode
+    finally:
+        await pool.stop()
 
-    first, second = asyncio.run(ask())
+
+@pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_worker_that_dies_or_is_stopped_at_work_is_said_and_replaced(tmp_path, signum):
+    first, second, status = asyncio.run(asked_twice(tmp_path, signum, at_work=True))
     assert "ended unexpectedly" in first["error"]
     assert "no model yet" in second["error"]
+    assert status == -signal.SIGKILL
 
 
-def test_a_worker_that_is_stopped_is_replaced_and_gone(tmp_path):
-    async def ask():
-        pool = workers.Workers(1)
-        await pool.start()
-        try:
-            (worker,) = pool._all
-            await worker.begun()
-            os.kill(worker._process.pid, signal.SIGSTOP)
-            first = await pool.ask("move", folder=str(tmp_path), memory=None, u=0.5)
-            second = await pool.ask("move", folder=str(tmp_path), memory=None, u=0.5)
-            worker._process.join()
-            return first, second, worker._process.exitcode
-        finally:
-            await pool.stop()
-
-    first, second, status = asyncio.run(ask())
-    assert "ended unexpectedly" in first["error"]
+@pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_worker_that_died_or_was_stopped_at_rest_is_replaced_before_the_task(tmp_path, signum):
+    first, second, status = asyncio.run(asked_twice(tmp_path, signum, at_work=False))
+    assert "no model yet" in first["error"]
     assert "no model yet" in second["error"]
     assert status == -signal.SIGKILL
 

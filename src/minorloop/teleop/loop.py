@@ -150,7 +150,8 @@ class _Loop:
         self._inbox: deque[tuple[float, Any]] = deque(maxlen=256)
         self._outbox = Outbox()
         self._recorder: Recorder | None = None
-        self._lost = self._left = False
+        self._lost = False
+        self._recordings: list[bool] = []  # to begin and to end, in this order, after a tick
         sight.on_picture = self._keep_picture
         self._unwritten: queue.Queue[tuple[int, float, bytes] | None] = queue.Queue()
 
@@ -190,9 +191,9 @@ class _Loop:
         session.events.clear()
         self._keep(TEXT, now, state)
         self._outbox.newest(state)
-        if self._left:  # nobody is there to end it; that it held is the last that is recorded
-            self._record(False)
-            self._left = False
+        for on in self._recordings:
+            self._record(on)
+        self._recordings.clear()
         if session.ticks % _TOLD_EVERY == 0:
             self._tell_recording()
 
@@ -203,10 +204,11 @@ class _Loop:
             if self._session.findings:
                 self._session.tell_findings()
         elif isinstance(message, messages.Record):
-            self._record(message.on)
+            self._recordings.append(message.on)
         else:
             self._session.hear(message, at)
-            self._left |= isinstance(message, messages.Release)
+            if isinstance(message, messages.Release):  # nobody is there to end it
+                self._recordings.append(False)
 
     def _watch_plant(self) -> None:
         """Hold where the plant does not answer, and rest where it was made safe."""
@@ -226,7 +228,7 @@ class _Loop:
         if on == (self._recorder is not None):
             return
         if on:
-            name = datetime.now().strftime("%Y-%m-%d-%H%M%S")
+            name = datetime.now().strftime("%Y-%m-%d-%H%M%S-%f")[:-3]
             try:
                 self._recorder = Recorder(self._folder, name)
             except OSError as error:

@@ -62,6 +62,9 @@ class Workers:
         if self._idle.empty():
             yield {"stage": "waiting for others to finish"}
         worker = await self._idle.get()
+        while worker.ended():  # while it had nothing to do
+            self._replace(worker)
+            worker = await self._idle.get()
         whole = False
         try:
             async with asyncio.timeout(_BEGINNING):
@@ -82,9 +85,7 @@ class Workers:
             if whole:
                 self._idle.put_nowait(worker)
             else:  # it is in the middle of something that nobody waits for
-                worker.end()
-                self._all.discard(worker)
-                self._add()
+                self._replace(worker)
 
     async def ask(self, task: str, **options: Any) -> dict[str, Any]:
         """The last thing that a task tells."""
@@ -92,6 +93,11 @@ class Workers:
         async for told in self.run(task, **options):
             last = told
         return last
+
+    def _replace(self, worker: _Worker) -> None:
+        worker.end()
+        self._all.discard(worker)
+        self._add()
 
     def _add(self) -> None:
         worker = _Worker(*self._work)
@@ -135,6 +141,10 @@ class _Worker:
         with contextlib.suppress(AttributeError, ChildProcessError):
             return os.waitid(os.P_PID, self._process.pid or 0, asked) is not None
         return False
+
+    def ended(self) -> bool:
+        """Whether it is no longer there to work."""
+        return self._stopped() or not self._process.is_alive()
 
     def end(self) -> None:
         with contextlib.suppress(OSError):
