@@ -5,6 +5,7 @@ machine. Printed are the seconds until it was said on stderr, until the command 
 and whether all specimens were there in the end, those done before kept as they were.
 """
 
+import os
 import re
 import signal
 import subprocess
@@ -47,6 +48,8 @@ class Trial:
     status: int
     whole: bool
     orphans: int
+HERE = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+"""The environment of processes that run in other folders and import what tests share."""
 
 
 @dataclass
@@ -62,6 +65,7 @@ class Fleet:
         self.process = subprocess.Popen(
             [sys.executable, "-c", COMMAND, *names],
             cwd=self.folder,
+            env=HERE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -116,6 +120,7 @@ def cluster(folder, workers=2):
             process = subprocess.Popen(
                 [sys.executable, "-m", f"distributed.cli.{module}", *arguments],
                 cwd=folder,
+                env=HERE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
