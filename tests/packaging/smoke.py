@@ -39,8 +39,8 @@ assert len(Record.from_frame(frame, input="voltage", output="tip")) == 2
 """,
     "mesh": """
 import numpy as np
-from minorloop.inspection.mesh import mesh_of
-from minorloop.inspection.unrolled import Patch, WallMap
+from minorloop.head.reconstruction.mesh import mesh_of
+from minorloop.head.reconstruction.depth_map import Patch, WallMap
 patch = Patch(0.0, 0.0, 4, 5, step=0.001)
 flat = np.zeros((patch.rows, patch.columns))
 wall = WallMap(patch, flat, flat + 1e-5, flat.astype(np.uint8) + 1)
@@ -108,9 +108,9 @@ except InstrumentError as error:
 """,
     "console": """
 import cv2
-from minorloop.teleop.doors import Doors
-from minorloop.teleop.loop import LoopSettings
-from minorloop.teleop.server import STATIC, Console
+from minorloop.head.console.auth import Doors
+from minorloop.head.console.loop import LoopSettings
+from minorloop.head.console.server import STATIC, Console
 import uvicorn, websockets
 app = Console(doors=Doors("127.0.0.1"), loop=LoopSettings(address="twin:rig")).app()
 assert app.routes
@@ -126,7 +126,7 @@ SAYS = {
         "dask.distributed",
     ),
     "instruments": (USES["instruments"], "pyvisa"),
-    "console": ("import minorloop.teleop.server", "starlette"),
+    "console": ("import minorloop.head.console.server", "starlette"),
 }
 """What each extra is asked for by, and what is said to be missing without it."""
 
