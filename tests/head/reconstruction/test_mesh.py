@@ -82,5 +82,5 @@ def test_what_cannot_be_written_is_refused(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="cannot write"):
         save_mesh(PIT, tmp_path / "no" / "wall.ply")
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(MissingExtraError, match=r"minorloop\[mesh\]"):
+    with pytest.raises(MissingExtraError, match=r"minorloop\[head\]"):
         mesh_of(PIT)

@@ -6,13 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from minorloop import studies
+from minorloop import studies as core
+from minorloop.head import studies
 from minorloop.head.geometry import Mount
 from minorloop.head.studies import scoring
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.twins.rig import Rig
 
-MODULES = sorted(Path(studies.__file__).parent.glob("*.py"))
+MODULES = sorted(
+    path for package in (core, studies) for path in Path(package.__file__).parent.glob("*.py")
+)
 
 
 def private_reads(path):

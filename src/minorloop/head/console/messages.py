@@ -100,7 +100,7 @@ class Scan(_Order, frozen=True, kw_only=True):
     finding: _Number | None = None
 
 
-class RecordSession(_Order, frozen=True, kw_only=True):
+class RecordSession(_Order, frozen=True, kw_only=True, tag="record"):
     """Begin or end a recording."""
 
     on: bool

@@ -71,7 +71,7 @@ def trace_cracks(
     ----------
     brightest : (rows, columns) array of float32
         Logarithm of the reflectance under whichever light makes it brightest, such as
-        ``WallMap.brightest``; the flank of a scratch is bright under one of them. NaN where
+        ``ReflectanceMap.brightest``; the flank of a scratch is bright under one of them. NaN where
         nothing is seen.
     window : Window
         Where the map lies.

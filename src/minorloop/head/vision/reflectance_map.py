@@ -179,7 +179,7 @@ def lay_flat(looks: Sequence[LitFrame], eye: CalibratedCamera) -> ReflectanceMap
 
     Returns
     -------
-    WallMap or None
+    ReflectanceMap or None
         None where the wall is nowhere seen large enough by all of them.
     """
     middle = looks[len(looks) // 2]
