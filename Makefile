@@ -12,7 +12,7 @@ STAMP := .venv/.installed
 LOCK := requirements.lock
 CORE_LOCK := requirements-core.lock
 
-PAGES := src/minorloop/teleop/static/index.html
+PAGES := src/minorloop/head/console/static/index.html
 # The pages are built where there is a node to build them; without, everything else still works.
 BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 
@@ -34,7 +34,7 @@ console: setup $(BUILT) ## steer a simulated catheter head, and identify models,
 	$(BIN)/minorloop console
 
 screenshots: setup $(PAGES) ## take the pictures of the pages for the README anew; needs chromium
-	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 tests/teleop/test_pages.py
+	MINORLOOP_SCREENSHOTS=docs/figures $(BIN)/python -m pytest -n 0 tests/head/console/test_pages.py
 
 studies: setup ## the papers on 20 simulated specimens, the design study on 10; reports in studies/
 	rm -rf studies
@@ -96,7 +96,7 @@ fuzz: setup ## damaged model files, tables and answers of instruments, CASES=100
 	PYTHONPATH=tests $(BIN)/python -m fuzz $(CASES)
 
 clean: ## remove what was built or cached; .venv stays
-	rm -rf build dist demo studies console web/node_modules src/minorloop/teleop/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist demo studies console web/node_modules src/minorloop/head/console/static .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find src tests $(wildcard benchmarks examples) -name __pycache__ -prune -exec rm -rf {} +
 
 $(PAGES): web/package-lock.json web/vite.config.ts $(wildcard web/*.html) $(wildcard web/src/*)

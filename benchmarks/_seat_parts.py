@@ -89,14 +89,14 @@ async def _hostile(server: Server, k: int, grant: int, rng: np.random.Generator)
 
 def still() -> Row:
     """How far the operator's head moves a tracked target; two runs that differ in it alone."""
-    from minorloop.teleop.eyes import Eyes
-    from minorloop.teleop.messages import Drive, Mode, Pick
-    from minorloop.teleop.plant import head_of, open_plant, open_tip
-    from minorloop.teleop.session import Session
+    from minorloop.head.console.messages import Drive, Mode, Pick
+    from minorloop.head.console.perception import Perception
+    from minorloop.head.console.plant import head_of, open_plant, open_tip
+    from minorloop.head.console.session import Session
 
     control, paths = head_of("twin:pipe", None), []
     for swing in (0.0, np.radians(30.0)):
-        sight = _Beside(Eyes(*open_tip("twin:pipe")))
+        sight = _Beside(Perception(*open_tip("twin:pipe")))
         session = Session(open_plant("twin:pipe"), sight.view, control, sight)
         seen = []
         for k in range(700):

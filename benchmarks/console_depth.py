@@ -56,7 +56,7 @@ def rows(quick: bool = False) -> list[Row]:
 
 def figures(seeds: range) -> dict[str, dict[str, float]]:
     """Bias, deviation and coverage of the bands by console and study, on scenes by seed."""
-    from minorloop.studies.soundings import band_figures, depth_figures, draw_sounding, sound
+    from minorloop.head.studies.scan_trials import band_figures, depth_figures, draw_sounding, sound
 
     scored = {
         "console": [console_depth(draw_sounding(seed), seed) for seed in seeds],
@@ -67,9 +67,9 @@ def figures(seeds: range) -> dict[str, dict[str, float]]:
 
 def console_depth(scene: Any, seed: int) -> Any:
     """A scan of one scene from a session, as the study scores it."""
-    from minorloop.inspection.pits import PitDepth
-    from minorloop.studies.soundings import Scored
-    from minorloop.teleop import depth_work
+    from minorloop.head.console import depth_work
+    from minorloop.head.studies.scan_trials import ScoredScan
+    from minorloop.head.ultrasound.pits import PitDepth
 
     job = scan_job(scene, seed)
     began = time.process_time()
@@ -79,21 +79,21 @@ def console_depth(scene: Any, seed: int) -> Any:
     told = last["told"]
     values = {name: math.nan if told[name] is None else told[name] for name in names}
     pit = PitDepth(told["verdict"], **values, bursts=told["bursts"])
-    return Scored(scene.site, pit, seconds, None, "sonar")
+    return ScoredScan(scene.site, pit, seconds, None, "sonar")
 
 
 def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     """What a session hands to the worker after a scan of the scene."""
-    from minorloop.geometry import Mount
-    from minorloop.teleop import messages
-    from minorloop.teleop.eyes import Eyes
-    from minorloop.teleop.plant import View, head_of
-    from minorloop.teleop.reports import camera_finding
-    from minorloop.teleop.session import Session
-    from minorloop.twins.camera import LENS
-    from minorloop.twins.catheter import Catheter
-    from minorloop.twins.head import Head
-    from minorloop.twins.seeing import Rig, SimulatedTip
+    from minorloop.head.console import messages
+    from minorloop.head.console.perception import Perception
+    from minorloop.head.console.plant import PlantView, head_of
+    from minorloop.head.console.reports import camera_finding
+    from minorloop.head.console.session import Session
+    from minorloop.head.geometry import Mount
+    from minorloop.head.twins.camera import LENS
+    from minorloop.head.twins.catheter import Catheter
+    from minorloop.head.twins.head import Head
+    from minorloop.head.twins.rig import Rig, SimulatedTip
 
     tip = SimulatedTip(
         replace(scene.pipe, water=None),
@@ -104,7 +104,7 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
         flooded=scene.pipe,
         probe=scene.probe,
     )
-    view = View(
+    view = PlantView(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=scene.ear.mount.offset,
@@ -112,7 +112,7 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
         temperature=scene.ear.temperature,
     )
     plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed))
-    sight = Beside(Eyes(tip, view))
+    sight = Beside(Perception(tip, view))
     session = Session(plant, view, head_of("twin:pipe", seed), sight)
     # The study's mount is known badly, and what its camera saw is off by as much.
     place = [seen - off for seen, off in zip(scene.centre, scene.strayed, strict=True)]

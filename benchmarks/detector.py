@@ -1,6 +1,6 @@
 """Fit the evidence of the hole finder on some scenes and score it on others.
 
-    python -m benchmarks.detector fit --first 10000 --count 460 > src/minorloop/vision/_evidence.py
+    python -m benchmarks.detector fit --first 10000 --count 460 > evidence.py
     python -m benchmarks.detector score --first 30000 --count 500
 
 Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minorloop.geometry import wrapped
-from minorloop.twins.view import View, draw_view
-from minorloop.vision.candidates import FEATURES, KINDS, Candidate, candidates
-from minorloop.vision.defects import ALONE, MODES, SEQUENCE, Hole, strongest
-from minorloop.vision.eye import Eye
-from minorloop.vision.wallmap import Look, lay_flat
+from minorloop.head.geometry import wrapped
+from minorloop.head.twins.scene_view import SceneView, draw_view
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.candidates import FEATURES, KINDS, Candidate, candidates
+from minorloop.head.vision.defects import ALONE, MODES, SEQUENCE, Hole, strongest
+from minorloop.head.vision.reflectance_map import LitFrame, lay_flat
 
 PIVOT, ANGLE, DITHER = 0.2e-3, np.deg2rad(0.05), np.deg2rad(2.0)
 NEAR, FAR = 0.3e-3, 0.8e-3
@@ -45,7 +45,7 @@ class Scene:
     seconds: dict[str, float]
 
 
-def shots(view: View, rng: np.random.Generator, mode: str) -> list[Look]:
+def shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
     """An acquisition of a view."""
     turns = np.zeros((len(SEQUENCE), 2))
     lights = SEQUENCE
@@ -61,7 +61,7 @@ def shots(view: View, rng: np.random.Generator, mode: str) -> list[Look]:
         view.camera.switch(on)
         view.camera.expose(0.01 if all(on) else 0.01 * ALONE, view.gain)
         seen = np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)
-        looks.append(Look(view.camera.frame().image, float(seen[0]), float(seen[1]), on))
+        looks.append(LitFrame(view.camera.frame().image, float(seen[0]), float(seen[1]), on))
     return looks
 
 
@@ -70,7 +70,9 @@ def scene(seed: int, hole: bool, modes: tuple[str, ...]) -> Scene:
     view, rng = draw_view(seed, hole=hole), np.random.default_rng([seed, int(hole), 7])
     way = rng.uniform(0, 2 * np.pi)
     off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
-    eye = Eye(view.camera.calibration, replace(view.mount, offset=tuple(off)), view.camera.leds)
+    eye = CalibratedCamera(
+        view.camera.calibration, replace(view.mount, offset=tuple(off)), view.camera.leds
+    )
     place = eye.place(view.camera._pixel(*view.place), view.pan, view.tilt)
     found, seconds = {}, {}
     for mode in modes:
@@ -235,7 +237,7 @@ def source(tables: dict, thresholds: dict, first: int, count: int) -> str:
 
 def score(scenes: list[Scene], mode: str) -> dict:
     """Figures of the finder as it is."""
-    from minorloop.vision._evidence import THRESHOLDS, WEIGHTS
+    from minorloop.head.vision._evidence import THRESHOLDS, WEIGHTS
 
     false, right = judged(scenes, mode, WEIGHTS[mode])
     least = THRESHOLDS[mode]

@@ -19,9 +19,9 @@ FRAME, FINDING, TRACKING = 8e-3, 0.1, 8e-3
 
 
 def rows(quick: bool = False) -> list[Row]:
-    from minorloop.studies.detection import NEAR, search_scene
-    from minorloop.vision.defects import LEAST_EVIDENCE, find_holes
-    from minorloop.vision.tracking import TRACKED, Tracker
+    from minorloop.head.studies.detection import NEAR, search_scene
+    from minorloop.head.vision.defects import LEAST_EVIDENCE, find_holes
+    from minorloop.head.vision.tracking import TRACKED, PatchTracker
 
     rounds, frames, finding, tracking, found = 2 if quick else 8, [], [], [], 0
     searches = [search_scene(FIRST + n, True)[0] for n in range(rounds)]
@@ -34,7 +34,7 @@ def rows(quick: bool = False) -> list[Row]:
         finding.append(min(_processor(lambda s=search: find_holes(s.looks, s.eye)) for _ in "123"))
         best = search.holes[0]
         found += best.evidence >= LEAST_EVIDENCE["switched"] and search.off(best) < NEAR
-        tracker = Tracker(replace(eye))
+        tracker = PatchTracker(replace(eye))
         _, state = tracker.begin(camera.frame().image, eye.pixel(search.place, *aim), *aim)
         for _ in range(2 * rounds):
             image = camera.frame().image

@@ -259,7 +259,7 @@ class _Trial:
 
     def _check_recording(self, began: float) -> list[dict]:
         """The states of the recording, which must reach to the fault without a gap."""
-        from minorloop.teleop.recording import TEXT, entries
+        from minorloop.head.console.recording import TEXT, entries
 
         told = [json.loads(c) for kind, _, c in entries(self._recording) if kind == TEXT]
         states = [each for each in told if each["type"] == "state"]

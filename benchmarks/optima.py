@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks._timing import Row
-from minorloop.identification.areas import Areas, Form
-from minorloop.identification.least_squares import Fit, Problem, neighbours
+from minorloop.identification.areas import DesignMatrix, PlaneSpec
+from minorloop.identification.least_squares import FittedUnknowns, Problem, neighbours
 
 PROBLEMS, QUICK = 600, 40
 CLOSE = 1e-9
@@ -52,7 +52,7 @@ def a_problem(seed: int) -> tuple[Problem, float]:
     bands = int(rng.integers(2, 13))
     even = rng.random() < 0.5
     levels = np.linspace(-1, 1, bands + 1) if even else np.sort(rng.uniform(-1, 1, bands + 1))
-    form = Form(
+    form = PlaneSpec(
         levels,
         relay=rng.choice(["bipolar", "unipolar"]).item(),
         diagonal=rng.choice(["uniform", "reversible"]).item(),
@@ -63,7 +63,7 @@ def a_problem(seed: int) -> tuple[Problem, float]:
     anywhere = rng.uniform(-1, 1, samples)
     kinds = (anywhere, np.round(anywhere, 1), levels[rng.integers(0, bands + 1, samples)])
     u = kinds[rng.integers(3)]
-    areas = Areas(form, u, np.ones(samples, dtype=bool), "negative")
+    areas = DesignMatrix(form, u, np.ones(samples, dtype=bool), "negative")
     y = areas.forward(rng.normal(size=form.unknowns))
     y += float(rng.choice([0.0, 1e-6, 1e-3, 0.1])) * np.ptp(y) * rng.normal(size=samples)
     return Problem(areas, y, signed=True), float(rng.choice([0.0, 0.0, 1e-8, 1e-5, 1e-3]))
@@ -83,7 +83,7 @@ def dense_of(problem: Problem, smoothness: float) -> Dense:
     return Dense(rows, np.append((y - shift) / unit, np.zeros(first.size)), shift, unit)
 
 
-def excess(problem: Problem, smoothness: float, fit: Fit) -> float:
+def excess(problem: Problem, smoothness: float, fit: FittedUnknowns) -> float:
     """By which share the sum of squares of a fit is above the least."""
     dense, form = dense_of(problem, smoothness), problem.areas.form
     z = fit.x.copy()

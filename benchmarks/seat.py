@@ -183,7 +183,7 @@ def _held(name: str, seconds: float, *, stopped: bool = True) -> Row:
 
 def _recorded(folder: Path) -> list[list[dict]]:
     """The states of each recording."""
-    from minorloop.teleop.recording import TEXT, entries, listed
+    from minorloop.head.console.recording import TEXT, entries, listed
 
     found = []
     for name in listed(folder):

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from minorloop.drawing.operators import draw_density
-from minorloop.studies import design, head
+from minorloop.head.studies import head
+from minorloop.head.studies.head_report import draw_steps
+from minorloop.studies import design
 from minorloop.studies.claims import for_each
 from minorloop.studies.design_report import draw_curves
-from minorloop.studies.head_report import draw_steps
 from minorloop.studies.positioning import Positioning, run_positioning
 
 FOLDER = Path(__file__).parent.parent / "docs" / "figures"

@@ -23,15 +23,15 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 # The longest files, the longest first: no worker is left with one of them at the end.
 LONGEST = (
-    "teleop/test_pages.py",
+    "head/console/test_pages.py",
     "test_documents.py",
-    "studies/test_inspection_parts.py",
-    "studies/test_head_study.py",
+    "head/studies/test_inspection_parts.py",
+    "head/studies/test_head_study.py",
     "cli/test_run_verbs.py",
-    "twins/test_ultrasound.py",
-    "teleop/test_eyes.py",
-    "teleop/test_lab.py",
-    "inspection/test_pits.py",
+    "head/twins/test_ultrasound.py",
+    "head/console/test_perception.py",
+    "head/console/test_lab.py",
+    "head/ultrasound/test_pits.py",
     "test_report.py",
     "cli/test_identify.py",
     "identification/test_prior.py",

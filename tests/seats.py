@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 
-from minorloop.geometry import Pinhole
-from minorloop.teleop import messages
-from minorloop.teleop.eyes import Eyes
-from minorloop.teleop.plant import View, head_of, open_plant, open_tip
-from minorloop.teleop.session import Session
-from minorloop.teleop.sight import Seen
+from minorloop.head.console import messages
+from minorloop.head.console.camera_protocol import CameraReport
+from minorloop.head.console.perception import Perception
+from minorloop.head.console.plant import PlantView, head_of, open_plant, open_tip
+from minorloop.head.console.session import Session
+from minorloop.head.geometry import Pinhole
 
 with warnings.catch_warnings():
     # Newer ones warn that the client of another package is preferred to httpx.
@@ -63,7 +63,7 @@ class Open:
 
     def __init__(self):
         real, _ = tip()
-        self.eyes, self._seen = Eyes(real, view()), []
+        self.eyes, self._seen = Perception(real, view()), []
 
     def look(self, look):
         self._seen.append(self.eyes.tick(look))
@@ -89,7 +89,7 @@ class Shut:
             return []
         events, self.events = self.events, []
         number = self.looks[-1].number
-        return [Seen(number=number, target=self.target, spots=self.spots, events=events)]
+        return [CameraReport(number=number, target=self.target, spots=self.spots, events=events)]
 
     @property
     def wishes(self):
@@ -174,7 +174,7 @@ class SilentLoop:
         self.settings, self.said, self.orders = settings, said, []
 
     def start(self):
-        small = View(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+        small = PlantView(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
         self.said(messages.encode("hello", view={}, known=small.told(), cone=28.0, planes=[]))
 
     def order(self, message):

@@ -1,11 +1,13 @@
 import numpy as np
 import pytest
 
-from minorloop.connect import TWINS, connect
+from minorloop.connect import connect
 from minorloop.errors import ParameterError
+from minorloop.head.twins.sensor import Fault
+from minorloop.head.twins.surroundings import Surroundings, convection
 from minorloop.lab.actuator import Actuator
-from minorloop.twins.sensor import Fault
-from minorloop.twins.surroundings import Surroundings, convection
+
+TWINS = ("ipmc", "fibre", "wire", "head", "catheter")
 
 
 @pytest.mark.parametrize("name", TWINS)
@@ -27,15 +29,17 @@ def test_options_reach_the_twin():
 
 @pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "twin:", "visa:", "vsa:x"])
 def test_an_unknown_address_is_told_what_exists(address):
-    with pytest.raises(ParameterError, match="what exists is 'twin:ipmc', 'twin:fibre'"):
+    with pytest.raises(ParameterError, match=r"what exists is .*'twin:ipmc'.* and .*'visa:...'"):
         connect(address)
 
 
 def test_instruments_are_described_by_a_file_and_have_no_specimen(tmp_path):
     with pytest.raises(ParameterError, match="cannot be read"):
         connect(f"visa:{tmp_path / 'bench.json'}")
-    with pytest.raises(ParameterError, match="leave specimen, noise and options out"):
+    with pytest.raises(ParameterError, match="leave specimen, noise and seed out"):
         connect("visa:bench.json", specimen=1)
+    with pytest.raises(ParameterError, match="has no option 'tick'; it takes clock"):
+        connect("visa:bench.json", tick=1.0)
 
 
 @pytest.mark.parametrize("address", [None, 3, ["twin:wire"]])

@@ -1,6 +1,7 @@
-"""What imports what, read from the text of the source."""
+"""Laws of the source as a whole, read from its text: what imports what, and what is called how."""
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 import minorloop
@@ -39,3 +40,13 @@ def reached(start, arrows):
 def test_no_files_import_each_other_in_a_circle():
     arrows = {name: imported(name) for name in FILES}
     assert [name for name in FILES if name in reached(name, arrows)] == []
+
+
+def test_no_class_name_is_used_in_two_modules():
+    names = Counter(
+        node.name
+        for path in FILES.values()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef)
+    )
+    assert {name: count for name, count in names.items() if count > 1} == {}

@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
+from minorloop.head.control.heating import HeatedWire, identify_heating, moving_levels
+from minorloop.head.twins.head import Head
+from minorloop.head.twins.wire import Wire
 from minorloop.identification import excitation
-from minorloop.identification.heating import HeatedWire, identify_heating, moving_levels
 from minorloop.operators.preisach import Preisach
-from minorloop.twins.head import Head
-from minorloop.twins.wire import Wire
 
 TICK = 0.04
 

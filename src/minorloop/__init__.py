@@ -15,9 +15,6 @@ from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.connect import connect
-    from minorloop.control.head import HeadControl, head_control
-    from minorloop.control.limits import WireLimits
-    from minorloop.control.planning import Planner
     from minorloop.dynamics.cascade import Cascade
     from minorloop.dynamics.creep import Creep, fit_creep
     from minorloop.dynamics.linear import Linear
@@ -44,7 +41,6 @@ if TYPE_CHECKING:
     from minorloop.identification.bands import Prediction
     from minorloop.identification.design import NextInput, design, next_input
     from minorloop.identification.frequency import Preamble, describing_function, frequency_response
-    from minorloop.identification.heating import HeatedWire, identify_heating, moving_levels
     from minorloop.identification.rational import fit_response
     from minorloop.identification.recursive import Recursive
     from minorloop.identification.representability import representability
@@ -64,8 +60,6 @@ if TYPE_CHECKING:
     from minorloop.operators.preisach import Preisach
     from minorloop.operators.relays import RelayModel
     from minorloop.operators.tracker import Tracker
-    from minorloop.twins.sensor import Fault
-    from minorloop.twins.surroundings import Course, Surroundings, convection
 
 
 __all__ = [
@@ -73,13 +67,9 @@ __all__ = [
     "Adaptive",
     "Cascade",
     "Channel",
-    "Course",
     "Creep",
-    "Fault",
     "FleetError",
     "GeneralisedPrandtlIshlinskii",
-    "HeadControl",
-    "HeatedWire",
     "Identification",
     "InstrumentError",
     "Inversion",
@@ -95,7 +85,6 @@ __all__ = [
     "OutputError",
     "ParameterError",
     "Plan",
-    "Planner",
     "Polynomial",
     "PrandtlIshlinskii",
     "Preamble",
@@ -110,15 +99,12 @@ __all__ = [
     "SignalError",
     "Store",
     "StoreError",
-    "Surroundings",
     "Tracker",
     "Trajectory",
     "UnreachableError",
-    "WireLimits",
     "__version__",
     "arx",
     "connect",
-    "convection",
     "curvature_from_displacement",
     "densities",
     "describing_function",
@@ -128,11 +114,8 @@ __all__ = [
     "fit_creep",
     "fit_response",
     "frequency_response",
-    "head_control",
     "identify",
-    "identify_heating",
     "load",
-    "moving_levels",
     "next_input",
     "representability",
     "run",
@@ -142,12 +125,8 @@ __all__ = [
 
 _HOMES = {
     "minorloop.lab.actuator": ("Actuator", "Channel"),
-    "minorloop.control.head": ("HeadControl", "head_control"),
-    "minorloop.control.limits": ("WireLimits",),
-    "minorloop.control.planning": ("Planner",),
     "minorloop.identification.adaptive": ("Adaptive",),
     "minorloop.identification.bands": ("Prediction",),
-    "minorloop.identification.heating": ("HeatedWire", "identify_heating", "moving_levels"),
     "minorloop.identification.design": ("NextInput", "design", "next_input"),
     "minorloop.dynamics.cascade": ("Cascade",),
     "minorloop.dynamics.creep": (
@@ -203,8 +182,6 @@ _HOMES = {
     "minorloop.operators.preisach": ("Preisach",),
     "minorloop.operators.relays": ("RelayModel",),
     "minorloop.operators.tracker": ("Tracker",),
-    "minorloop.twins.sensor": ("Fault",),
-    "minorloop.twins.surroundings": ("Course", "Surroundings", "convection"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 _MODULES = {

@@ -1,15 +1,19 @@
-"""From an address to an actuator."""
+"""From an address to an actuator.
+
+An address is ``SCHEME:NAME``. Schemes are the entry points of the group ``minorloop.actuators``,
+simulated actuators those of ``minorloop.twins``; any installed package can add to either.
+"""
 
 from __future__ import annotations
 
 import inspect
-from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Actuator
 
-TWINS = ("ipmc", "fibre", "wire", "head", "catheter")
+SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
 
 
 def connect(
@@ -27,7 +31,8 @@ def connect(
     address : str
         A simulated actuator: ``twin:ipmc``, ``twin:fibre``, ``twin:wire``, ``twin:head`` or
         ``twin:catheter``. Or real instruments: ``visa:FILE``, a file that describes them as
-        `minorloop.lab.drivers.visa` says.
+        `minorloop.lab.drivers.visa` says. Installed packages can add schemes and simulated
+        actuators; a call of an added scheme gets ``NAME`` and the options.
     specimen : int, optional
         Seed of the specimen; nominal parameters without it.
     noise : float
@@ -48,36 +53,78 @@ def connect(
     ParameterError
         If there is nothing at the address, or an option is unknown there or out of its range.
     MissingExtraError
-        If instruments are asked for and PyVISA is not installed.
+        If what is asked for needs an extra that is not installed.
     InstrumentError
         If an instrument does not answer.
     """
-    room, _, name = address.partition(":") if isinstance(address, str) else ("", "", "")
-    if room == "twin" and name in TWINS:
-        kind = getattr(import_module(f"minorloop.twins.{name}"), name.capitalize())
-        _check_options(address, kind, options)
-        twin: Actuator = kind(specimen, noise, seed, **options)
-        return twin
-    if room == "visa" and name:
-        if specimen is not None or noise != 0 or options:
-            raise ParameterError("instruments are real; leave specimen, noise and options out")
-        from minorloop.lab.drivers.visa import open_bench
-
-        return open_bench(name)
-    known = ", ".join(f"'twin:{name}'" for name in TWINS)
-    raise ParameterError(
-        f"there is nothing at address {address!r}; what exists is {known}, and 'visa:FILE' for "
-        "instruments that a file describes"
-    )
+    scheme, _, name = address.partition(":") if isinstance(address, str) else ("", "", "")
+    schemes = _registered(SCHEMES)
+    if scheme not in schemes or not name:
+        raise ParameterError(_nothing_at(address))
+    if scheme == "twin":
+        return open_twin(name, specimen=specimen, noise=noise, seed=seed, **options)
+    if specimen is not None or noise != 0 or seed != 0:
+        raise ParameterError("instruments are real; leave specimen, noise and seed out")
+    opener = _loaded(schemes[scheme], address)
+    _check_options(address, opener, options)
+    opened: Actuator = opener(name, **options)
+    return opened
 
 
-def _check_options(address: str, kind: type, options: dict[str, Any]) -> None:
-    """Refuse options that a twin does not take, naming those that it does."""
-    parameters = inspect.signature(kind).parameters.values()
-    allowed = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY]
+def open_twin(
+    name: str, *, specimen: int | None = None, noise: float = 0.0, seed: int = 0, **options: Any
+) -> Actuator:
+    """Make a simulated actuator.
+
+    Parameters
+    ----------
+    name : str
+        Of an entry point of the group ``minorloop.twins``.
+    specimen, noise, seed, **options
+        As of `connect`.
+
+    Returns
+    -------
+    Actuator
+
+    Raises
+    ------
+    ParameterError
+        If there is no such actuator, or it has no such option.
+    """
+    twins = _registered(TWINS)
+    if name not in twins:
+        raise ParameterError(_nothing_at(f"twin:{name}"))
+    kind = _loaded(twins[name], f"twin:{name}")
+    _check_options(f"twin:{name}", kind, options, ("specimen", "noise", "seed"))
+    twin: Actuator = kind(specimen, noise, seed, **options)
+    return twin
+
+
+def _registered(group: str) -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def _loaded(point: EntryPoint, address: str) -> Any:
+    try:
+        return point.load()
+    except ModuleNotFoundError as error:
+        raise ParameterError(f"{address} needs {error.name}, which is not installed") from None
+
+
+def _nothing_at(address: object) -> str:
+    twins = ", ".join(f"'twin:{name}'" for name in _registered(TWINS))
+    others = ", ".join(f"'{name}:...'" for name in _registered(SCHEMES) if name != "twin")
+    return f"there is nothing at address {address!r}; what exists is {twins}, and {others}"
+
+
+def _check_options(
+    address: str, opener: Any, options: dict[str, Any], always: tuple[str, ...] = ()
+) -> None:
+    """Refuse options that are unknown at an address, naming those that it takes."""
+    parameters = inspect.signature(opener).parameters.values()
+    allowed = [*always, *(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)]
     for name in options:
         if name not in allowed:
-            raise ParameterError(
-                f"{address} has no option {name!r}; it takes specimen, noise, seed, "
-                f"{', '.join(allowed)}"
-            )
+            takes = f"it takes {', '.join(allowed)}" if allowed else "it takes none"
+            raise ParameterError(f"{address} has no option {name!r}; {takes}")

@@ -15,10 +15,10 @@ from fuzz.doors import Door, _expect, cells_of, printable
 from minorloop import Preisach, modelfile
 from minorloop.errors import MinorloopError
 from minorloop.fleet.manifest import read_manifest
-from minorloop.inspection.findings import Finding, finding_table
+from minorloop.head.console import messages
+from minorloop.head.reconstruction.findings import Finding, finding_table
 from minorloop.lab.actuator import Channel
 from minorloop.lab.records import Record
-from minorloop.teleop import messages
 
 PIECES = [
     *(

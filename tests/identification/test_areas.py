@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from minorloop.identification.areas import Areas, Form, pack, unpack
+from minorloop.identification.areas import DesignMatrix, PlaneSpec, pack, unpack
 
 LEVELS = np.array([-1.0, -0.6, -0.1, 0.0, 0.4, 1.0])
 inputs = st.lists(st.floats(-1.3, 1.3), min_size=3, max_size=30).map(np.array)
@@ -14,9 +14,9 @@ KINDS = list(itertools.product(("bipolar", "unipolar"), ("uniform", "reversible"
 
 
 def areas_of(u, relay="bipolar", diagonal="uniform", slope=True, start="negative", seed=0):
-    form = Form(LEVELS, relay, diagonal, offset=True, slope=slope)
+    form = PlaneSpec(LEVELS, relay, diagonal, offset=True, slope=slope)
     measured = np.random.default_rng(seed).uniform(size=u.size) > 0.3
-    return Areas(form, u, measured, start), measured
+    return DesignMatrix(form, u, measured, start), measured
 
 
 @pytest.mark.parametrize(("relay", "diagonal"), KINDS)
@@ -66,9 +66,9 @@ def test_packing_goes_both_ways():
 
 
 def test_excited_cells_are_where_branches_end():
-    form = Form(np.arange(5.0))
+    form = PlaneSpec(np.arange(5.0))
     loop = np.array([0, 0.5, 1.5, 2.5, 3.5, 4, 3.5, 2.5, 1.5, 0.5, 0])
-    excited = Areas(form, loop, np.ones(loop.size, dtype=bool), "negative").excited
+    excited = DesignMatrix(form, loop, np.ones(loop.size, dtype=bool), "negative").excited
     expected = np.zeros((4, 4), dtype=bool)
     expected[:, 0] = expected[3, :] = True
     np.testing.assert_array_equal(excited, expected)

@@ -7,7 +7,7 @@ from minorloop.connect import connect
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.arx import arx, chosen, step_response
-from minorloop.identification.linear_fit import Candidate
+from minorloop.identification.linear_fit import TriedEquation
 from minorloop.identification.output_error import Coefficients, Structure
 from minorloop.lab.records import Record
 
@@ -102,7 +102,7 @@ def test_a_reading_at_the_beginning_is_one_sample_of_dead_time():
 
 def candidate(kind, free_run, bic, na=1):
     found = Coefficients(np.zeros(na), np.ones(1), 1)
-    return Candidate(Structure(na, 1, 1), found, kind, bic, free_run, free_run)
+    return TriedEquation(Structure(na, 1, 1), found, kind, bic, free_run, free_run)
 
 
 @pytest.mark.parametrize(

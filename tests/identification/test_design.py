@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.identification import identify, prior
-from minorloop.identification.areas import Form
+from minorloop.identification.areas import PlaneSpec
 from minorloop.identification.design import budget, design, next_input
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
@@ -25,7 +25,7 @@ def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
 
 
 def test_a_design_leaves_less_unsure_than_random_inputs():
-    form, h = Form(LEVELS, diagonal="reversible"), prior.Hyperparameters()
+    form, h = PlaneSpec(LEVELS, diagonal="reversible"), prior.Hyperparameters()
     rng = np.random.default_rng(0)
     aims = rng.uniform(0, 1, 60)
 

@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear, nnls
 from minorloop import identify
 from minorloop.errors import ParameterError
 from minorloop.identification import active_set, least_squares, refinement
-from minorloop.identification.areas import Areas, Form, unpack
+from minorloop.identification.areas import DesignMatrix, PlaneSpec, unpack
 from minorloop.identification.least_squares import Problem, neighbour_penalty
 
 
@@ -14,7 +14,7 @@ def a_problem(bands=8, samples=200, noise=0.01, seed=0, signed=False, **form):
     rng = np.random.default_rng(seed)
     levels = np.sort(rng.uniform(-1, 1, bands + 1))
     u = rng.uniform(-1, 1, samples)
-    areas = Areas(Form(levels, **form), u, np.ones(samples, dtype=bool), "negative")
+    areas = DesignMatrix(PlaneSpec(levels, **form), u, np.ones(samples, dtype=bool), "negative")
     x = rng.uniform(-0.3, 1, areas.form.unknowns).clip(min=0)
     y = areas.forward(x)
     return Problem(areas, y + noise * np.ptp(y) * rng.normal(size=samples) + 5, signed)
@@ -91,7 +91,7 @@ def test_smoothness_is_the_penalty_that_it_says(strength):
 
 
 def test_the_penalty_compares_neighbours_weight_by_weight():
-    form = Form(np.arange(4.0))
+    form = PlaneSpec(np.arange(4.0))
     rows, columns, values = neighbour_penalty(form)
     x = np.random.default_rng(0).uniform(size=6)
     w = unpack(x) / (1 - 0.5 * np.eye(3))
@@ -187,7 +187,7 @@ def test_a_fit_that_did_not_converge_says_so(monkeypatch):
 
 def test_the_optimality_is_worked_out_from_the_rows(monkeypatch):
     def off(self, found, rows):
-        return active_set.Solution(found.z + 1e-3, 0.0, 1)
+        return active_set.BoundedSolution(found.z + 1e-3, 0.0, 1)
 
     monkeypatch.setattr(active_set._Solver, "refined", off)
     fit = a_problem().fit(1e-4)

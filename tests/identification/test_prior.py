@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from minorloop.connect import connect
 from minorloop.errors import ParameterError
 from minorloop.identification import excitation, identify, prior
-from minorloop.identification.areas import Areas, Form
+from minorloop.identification.areas import DesignMatrix, PlaneSpec
 from minorloop.identification.design import design
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
-from minorloop.studies.bench import hold_each
+from minorloop.studies.holds import hold_each
 
 LEVELS = np.linspace(-1.2, 1.2, 21)
 SEQUENCE = -1.2 + 2.4 * np.array([0, 0.85, 0.3, 0.5, 0.95, 0.55, 0.1, 0.35, 0.65, 0.5, 1, 0.75])
@@ -25,17 +25,17 @@ def measured(u, noise=0.0, specimen=1, seed=0):
 def test_rows_are_those_of_the_tree(seed, diagonal):
     rng = np.random.default_rng(seed)
     relay = ["bipolar", "unipolar"][seed % 2]
-    form = Form(np.sort(rng.uniform(-1, 1, 7)), relay, diagonal, slope=bool(seed % 3))
+    form = PlaneSpec(np.sort(rng.uniform(-1, 1, 7)), relay, diagonal, slope=bool(seed % 3))
     u = rng.choice([rng.uniform(-1.3, 1.3, 30), rng.choice(form.levels, 30)])
     seen = rng.random(30) < 0.6
     start = ["negative", "positive", Memory([form.levels[0], form.levels[4], form.levels[2]])]
     begin = start[seed % 3]
     rows, _ = prior.regressors(form, u, seen, begin)
-    np.testing.assert_allclose(rows, Areas(form, u, seen, begin).matrix(), atol=1e-12)
+    np.testing.assert_allclose(rows, DesignMatrix(form, u, seen, begin).matrix(), atol=1e-12)
 
 
 def test_marks_are_the_input_and_the_last_extrema():
-    form = Form(np.linspace(0, 1, 5))
+    form = PlaneSpec(np.linspace(0, 1, 5))
     u = np.array([0.2, 0.9, 0.4, 0.6])
     _, marks = prior.regressors(form, u, np.ones(4, dtype=bool), "negative")
     np.testing.assert_allclose(marks, [[0.2, 0, 0], [0.9, 0, 0], [0.4, 0.9, 0], [0.6, 0.4, 0.9]])
@@ -43,13 +43,13 @@ def test_marks_are_the_input_and_the_last_extrema():
 
 def test_the_belief_is_that_of_a_gaussian_process():
     """Against the textbook formula, on dense matrices: Rasmussen and Williams, eq. 2.26."""
-    form = Form(np.linspace(0, 1, 5), diagonal="reversible")
+    form = PlaneSpec(np.linspace(0, 1, 5), diagonal="reversible")
     rng = np.random.default_rng(0)
     u, new = rng.uniform(0, 1, 9), rng.uniform(0, 1, 6)
     rows, marks = prior.regressors(form, u, np.ones(9, dtype=bool), "negative")
     h = prior.Hyperparameters()
     belief = prior.believe(form, h, (rows, marks))
-    plane = prior.Plane(form)
+    plane = prior.PlanePrior(form)
     scale = plane.scale(h)
     whole = scale[:, None] * plane.covariance(h) * scale
     gain = whole @ rows.T @ np.linalg.inv(rows @ whole @ rows.T + prior.disturbance(marks, h))
@@ -61,12 +61,12 @@ def test_the_belief_is_that_of_a_gaussian_process():
 
 
 def test_likelihood_is_that_of_the_outputs():
-    form = Form(np.linspace(0, 1, 4), diagonal="reversible")
+    form = PlaneSpec(np.linspace(0, 1, 4), diagonal="reversible")
     rng = np.random.default_rng(1)
     u, y = rng.uniform(0, 1, 8), rng.normal(size=8)
     marked = prior.regressors(form, u, np.ones(8, dtype=bool), "negative")
     h = prior.Hyperparameters(noise=0.02)
-    plane = prior.Plane(form)
+    plane = prior.PlanePrior(form)
     whole = plane.scale(h)[:, None] * plane.covariance(h) * plane.scale(h)
     total = marked[0] @ whole @ marked[0].T + prior.disturbance(marked[1], h)
     expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
@@ -83,9 +83,9 @@ def test_likelihood_is_that_of_the_outputs():
 def test_covariances_are_positive_on_uneven_planes():
     rng = np.random.default_rng(2)
     for _ in range(20):
-        form = Form(np.sort(rng.uniform(0, 1, 9)), slope=True)
+        form = PlaneSpec(np.sort(rng.uniform(0, 1, 9)), slope=True)
         values = np.exp(rng.normal(size=7)) * [0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.003]
-        plane, h = prior.Plane(form), prior.Hyperparameters(*values)
+        plane, h = prior.PlanePrior(form), prior.Hyperparameters(*values)
         assert np.linalg.eigvalsh(plane.covariance(h)).min() > 0
         assert (plane.scale(h) > 0).all()
 

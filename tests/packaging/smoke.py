@@ -37,15 +37,6 @@ from minorloop import Record
 frame = pandas.DataFrame({"voltage [V]": [0.0, 1.0], "tip [mm]": [0.0, 2.0]})
 assert len(Record.from_frame(frame, input="voltage", output="tip")) == 2
 """,
-    "mesh": """
-import numpy as np
-from minorloop.inspection.mesh import mesh_of
-from minorloop.inspection.unrolled import Patch, WallMap
-patch = Patch(0.0, 0.0, 4, 5, step=0.001)
-flat = np.zeros((patch.rows, patch.columns))
-wall = WallMap(patch, flat, flat + 1e-5, flat.astype(np.uint8) + 1)
-assert len(mesh_of(wall).vertices) == flat.size
-""",
     "fmi": MODEL
     + """
 import shutil, sys, tempfile
@@ -106,18 +97,24 @@ try:
 except InstrumentError as error:
     assert "cannot be opened" in str(error)
 """,
-    "console": """
+    "head": """
 import cv2
-from minorloop.teleop.doors import Doors
-from minorloop.teleop.loop import LoopSettings
-from minorloop.teleop.server import STATIC, Console
+import numpy as np
+from minorloop.head.console.auth import Authentication
+from minorloop.head.console.loop import LoopSettings
+from minorloop.head.console.server import STATIC, Console
 import uvicorn, websockets
-app = Console(doors=Doors("127.0.0.1"), loop=LoopSettings(address="twin:rig")).app()
+app = Console(doors=Authentication("127.0.0.1"), loop=LoopSettings(address="twin:rig")).app()
 assert app.routes
+from minorloop.head.reconstruction.mesh import mesh_of
+from minorloop.head.reconstruction.depth_map import DepthMap, Patch
+patch = Patch(0.0, 0.0, 4, 5, step=0.001)
+flat = np.zeros((patch.rows, patch.columns))
+wall = DepthMap(patch, flat, flat + 1e-5, flat.astype(np.uint8) + 1)
+assert len(mesh_of(wall).vertices) == flat.size
 """,
 }
 SAYS = {
-    "mesh": (USES["mesh"], "trimesh"),
     "control": (USES["control"], "python-control"),
     "sklearn": ("import minorloop.export.sklearn", "scikit-learn"),
     "jax": ("import minorloop.export.jax", "jax"),
@@ -126,7 +123,7 @@ SAYS = {
         "dask.distributed",
     ),
     "instruments": (USES["instruments"], "pyvisa"),
-    "console": ("import minorloop.teleop.server", "starlette"),
+    "head": ("import minorloop.head.console.server", "starlette"),
 }
 """What each extra is asked for by, and what is said to be missing without it."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-BUILT_BY_NODE = "minorloop/teleop/static/"
+BUILT_BY_NODE = "minorloop/head/console/static/"
 
 
 def present(*folders):

@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.operators.polynomial import Polynomial
-from minorloop.studies.positioning import Protocol, run_positioning
+from minorloop.studies.positioning import ExperimentProtocol, run_positioning
 from minorloop.studies.positioning_report import positioning_report
 
 
@@ -60,7 +60,7 @@ def test_a_quadratic_that_noise_has_bent_is_said_to_be_so(monkeypatch):
 
 def test_other_figures_than_the_papers_and_what_is_under_way():
     stages = []
-    protocol = Protocol(voltage=1.0, bands=4, hold=20.0, targets=3, reach=2.0)
+    protocol = ExperimentProtocol(voltage=1.0, bands=4, hold=20.0, targets=3, reach=2.0)
     result = run_positioning(0, protocol=protocol, progress=stages.append)
     assert result.summary["measurements"] == 11
     assert result.targets.size == result.preisach.voltages.size == 3

@@ -60,7 +60,7 @@ def run(
     name: _Name = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
-    from minorloop.teleop.plant import check_address
+    from minorloop.head.console.plant import check_address
 
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
@@ -81,17 +81,17 @@ def run(
         _check_pair(certificate, private_key)
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
-    from minorloop.teleop.doors import Doors
-    from minorloop.teleop.processes import Serving, supervised
-    from minorloop.teleop.server import STATIC
-    from minorloop.teleop.settings import LoopSettings
+    from minorloop.head.console.auth import Authentication
+    from minorloop.head.console.processes import Serving, supervised
+    from minorloop.head.console.server import STATIC
+    from minorloop.head.console.settings import LoopSettings
 
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
     )
     listening = _listen(host, port)
     port = listening.getsockname()[1]
-    doors = Doors(host, port=port, name=name)
+    doors = Authentication(host, port=port, name=name)
     scheme = "http" if certificate is None else "https"
     if not (STATIC / "index.html").is_file():
         typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)

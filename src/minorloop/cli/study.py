@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,13 +17,16 @@ from minorloop.threads import one_thread
 
 NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
-STUDIES = ("ipmc", "fibre", "design", "head", "inspection")
+STUDIES = "minorloop.studies"
 _MOST, _MOST_SCENES = 1000, 100_000
 
 
 def run(
     name: Annotated[
-        str, typer.Argument(show_default=False, help=f"Which one: {', '.join(STUDIES)}.")
+        str,
+        typer.Argument(
+            show_default=False, help="Which one: ipmc, fibre, design, head or inspection."
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report; a new or an empty one.")
@@ -51,8 +55,7 @@ def run(
 
     A specimen takes fifteen seconds to a minute, that of inspection two to four minutes.
     """
-    if name not in STUDIES:
-        raise ParameterError(f"there is no study {name!r}; give one of {', '.join(STUDIES)}")
+    module = _module_of(name)
     if not 1 <= specimens <= _MOST:
         raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
     if seed < 0:
@@ -64,18 +67,26 @@ def run(
 
         make_folder(out)
     with _common.working(f"specimen 1 of {specimens}") as now:
-        study = import_module(f"minorloop.studies.{name}")
+        study = import_module(module)
         claims = import_module("minorloop.studies.claims")
         with one_thread():
             first = study.run_study(seed, **options)
-        work = partial(_figures_of, name, options)
+        work = partial(_figures_of, module, options)
         others = claims.for_each(work, specimens - 1, seed + 1, now) if specimens > 1 else []
         runs = [first.figures(), *others]
         figures = getattr(study, "gather", claims.medians)(runs)
     steps: list[Callable[[], None]] = [partial(_show, study, figures, specimens, seed, as_json)]
     if out is not None:
-        steps.insert(0, partial(_report, name, first, figures, runs, out, as_json))
+        steps.insert(0, partial(_report, module, first, figures, runs, out, as_json))
     _common.do_all(steps)
+
+
+def _module_of(name: str) -> str:
+    """The module of a study, which has ``run_study``; reports are in that with ``_report``."""
+    studies = {point.name: point.value for point in entry_points(group=STUDIES)}
+    if name not in studies:
+        raise ParameterError(f"there is no study {name!r}; give one of {', '.join(studies)}")
+    return studies[name]
 
 
 def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> dict[str, int]:
@@ -92,10 +103,9 @@ def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> 
     return shares
 
 
-def _figures_of(name: str, options: Mapping[str, int], seed: int) -> dict[str, Any]:
+def _figures_of(module: str, options: Mapping[str, int], seed: int) -> dict[str, Any]:
     """One specimen, in a process of its own."""
-    study = import_module(f"minorloop.studies.{name}")
-    found: dict[str, Any] = study.run_study(seed, **options).figures()
+    found: dict[str, Any] = import_module(module).run_study(seed, **options).figures()
     return found
 
 
@@ -112,7 +122,7 @@ def _show(study: Any, figures: Mapping[str, Any], specimens: int, seed: int, as_
 
 
 def _report(
-    name: str,
+    module: str,
     first: Any,
     figures: Mapping[str, Any],
     runs: Sequence[Mapping[str, Any]],
@@ -120,7 +130,7 @@ def _report(
     as_json: bool,
 ) -> None:
     path = folder / "report.html"
-    page = import_module(f"minorloop.studies.{name}_report")
+    page = import_module(f"{module}_report")
     with _common.working("drawing the report"):
         _common.write_report(partial(page.study_report, first, figures, runs), path, force=False)
         beside = page.save_beside(first, folder) if hasattr(page, "save_beside") else []

@@ -129,7 +129,7 @@ def as_model(
     return Preisach(model.levels, weights, offset, model.relay, model.diagonal, slope)
 
 
-class _Preisach:
+class _PreisachLoops:
     """Forward loop and transpose of a Preisach operator on given levels."""
 
     names: tuple[str, ...] = ("weights", "offset", "slope")
@@ -184,7 +184,7 @@ class _Preisach:
         return self._plane._replace(nodes=nodes, bow=bow, saturation=off, slope=slope)
 
 
-class _Plays:
+class _PlaysLoops:
     """Forward loop and transpose of weighted plays of given radii."""
 
     names: tuple[str, ...] = ("weights", "offset")
@@ -218,9 +218,9 @@ class _Plays:
 
 def _operator(model: Any, start: Any) -> _Loops:
     if isinstance(model, Preisach):
-        return _Preisach(model, start)
+        return _PreisachLoops(model, start)
     if isinstance(model, PrandtlIshlinskii):
-        return _Plays(model, start)
+        return _PlaysLoops(model, start)
     raise ParameterError(
         f"a {type(model).__name__} is no function here; give a Preisach or a PrandtlIshlinskii"
     )

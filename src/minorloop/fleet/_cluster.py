@@ -129,7 +129,7 @@ class Cluster:
         self._topic = f"minorloop-fleet-{uuid.uuid4().hex}"
         self._client.subscribe_topic(self._topic, lambda event: say(str(event[1])))
         self._watch = ClusterWatch(self._client, address, patience, say)
-        self._sent: dict[str, _Sent] = {}
+        self._sent: dict[str, _SentBatch] = {}
         self._answered: queue.SimpleQueue[tuple[str, Future[list[Found]] | None]] = (
             queue.SimpleQueue()
         )
@@ -199,7 +199,7 @@ class Cluster:
             workers=chosen,
             allow_other_workers=bool(chosen),
         )
-        self._sent[future.key] = _Sent(future, batch)
+        self._sent[future.key] = _SentBatch(future, batch)
         future.add_done_callback(self._fetch)
 
     def _fetch(self, future: Any) -> None:
@@ -251,7 +251,7 @@ class Cluster:
 
 
 @dataclass(frozen=True)
-class _Sent:
+class _SentBatch:
     """A batch on its way, and what stands for it at the scheduler."""
 
     future: Any

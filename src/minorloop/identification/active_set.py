@@ -50,7 +50,7 @@ class Sparse:
 
 
 @dataclass(frozen=True)
-class Solution:
+class BoundedSolution:
     """Unknowns, the optimality they reach, factorisations spent, and whether that is the end.
 
     ``settled`` is false where the sum of squares was still falling.
@@ -84,7 +84,7 @@ def solve(
     penalty: Sparse | None = None,
     guess: FloatArray | None = None,
     rows: Rows | None = None,
-) -> Solution:
+) -> BoundedSolution:
     """Unknowns that meet the optimality conditions.
 
     Parameters
@@ -108,7 +108,7 @@ def solve(
 
     Returns
     -------
-    Solution
+    BoundedSolution
         The best one met, whether or not it has converged.
     """
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
@@ -143,15 +143,15 @@ class _Solver:
         _kernels.descend(self.gram, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
         return z
 
-    def run(self, z: FloatArray) -> Solution:
+    def run(self, z: FloatArray) -> BoundedSolution:
         free = ~self.bounded | (z > 0)
         ridge = _FIRST_RIDGE
-        best = Solution(z, np.inf, 0)
+        best = BoundedSolution(z, np.inf, 0)
         for _ in range(_OUTER):
             gradient = self.gradient(z)
             kkt = optimality(z, gradient, self.bounded, self.scale)
             if kkt < best.kkt:
-                best = Solution(z, kkt, self.factorisations)
+                best = BoundedSolution(z, kkt, self.factorisations)
             if kkt <= TOLERANCE or (kkt > best.kkt and ridge <= _LEAST_RIDGE):
                 break
             trial, settled, pivots = self._pivot(z, gradient, free, ridge)
@@ -163,9 +163,9 @@ class _Solver:
             free = trial[1]
             z = np.where(self.bounded, np.maximum(trial[0], 0.0), trial[0])
             ridge = max(ridge * (0.01 if pivots <= 4 else 0.1), _LEAST_RIDGE)
-        return Solution(best.z, best.kkt, self.factorisations)
+        return BoundedSolution(best.z, best.kkt, self.factorisations)
 
-    def refined(self, found: Solution, rows: Rows) -> Solution:
+    def refined(self, found: BoundedSolution, rows: Rows) -> BoundedSolution:
         """The same solution with its last digits, its optimality worked out anew."""
         picked = np.flatnonzero(~self.bounded | (found.z > 0))
         scaling = self._scaling(picked) if picked.size else None
@@ -176,7 +176,7 @@ class _Solver:
         kkt = optimality(z, self.gradient(z), self.bounded, self.scale)
         if kkt > max(found.kkt, TOLERANCE) and not np.array_equal(z, fine):
             return found  # the way there leads through a bound
-        return Solution(z, kkt, self.factorisations, settled)
+        return BoundedSolution(z, kkt, self.factorisations, settled)
 
     def _scaling(self, picked: IntArray) -> Preconditioner | None:
         """Factor of the free part: the last one wherever it is of the same unknowns."""

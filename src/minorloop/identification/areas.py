@@ -29,7 +29,7 @@ MOST_BANDS = 250
 
 
 @dataclass(frozen=True)
-class Form:
+class PlaneSpec:
     """Which model is fitted: everything about it but its numbers.
 
     ``levels`` (L + 1,); ``relay`` and ``diagonal`` as in `Preisach`; ``offset``, ``slope``:
@@ -77,12 +77,12 @@ class Form:
         )
 
 
-class Areas:
-    """Linear map from the unknowns of a `Form` to the outputs at the measured samples.
+class DesignMatrix:
+    """Linear map from the unknowns of a `PlaneSpec` to the outputs at the measured samples.
 
     Parameters
     ----------
-    form : Form
+    form : PlaneSpec
         What is unknown.
     u : (T,) array
         Inputs applied, in order.
@@ -92,7 +92,7 @@ class Areas:
         Memory before the first input.
     """
 
-    def __init__(self, form: Form, u: FloatArray, measured: BoolArray, start: Start) -> None:
+    def __init__(self, form: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start) -> None:
         self.form, self.u = form, u[measured]
         self._record = (u, measured, start)
         blank = Preisach(form.levels, np.zeros((form.bands, form.bands)), diagonal=form.diagonal)
@@ -182,10 +182,12 @@ class Areas:
             gram[k] = self.adjoint(column * counts)
         return gram
 
-    def coarser(self) -> Areas:
+    def coarser(self) -> DesignMatrix:
         """The same samples on a plane with every other threshold."""
         kept = np.union1d(np.arange(0, self.form.levels.size, 2), [self.form.bands])
-        return Areas(replace(self.form, levels=frozen(self.form.levels[kept])), *self._record)
+        return DesignMatrix(
+            replace(self.form, levels=frozen(self.form.levels[kept])), *self._record
+        )
 
     def matrix(self) -> FloatArray:
         """(M, unknowns) dense columns: only for small problems."""

@@ -11,7 +11,7 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification import output_error
-from minorloop.identification.linear_fit import Candidate, Kind, LinearFit, StepResponse
+from minorloop.identification.linear_fit import Kind, LinearFit, StepResponse, TriedEquation
 from minorloop.identification.output_error import Coefficients, Stretch, Structure
 from minorloop.identification.steps import (
     Arrays,
@@ -185,12 +185,12 @@ def _identified(
     )
 
 
-def chosen(candidates: Sequence[Candidate]) -> Candidate:
+def chosen(candidates: Sequence[TriedEquation]) -> TriedEquation:
     """The candidate that predicts best, with no more coefficients than that needs.
 
     Parameters
     ----------
-    candidates : sequence of Candidate
+    candidates : sequence of TriedEquation
         At least one.
     """
     plain = [one for one in candidates if one.kind == "plain"]
@@ -219,7 +219,7 @@ def free_run_error(stretches: Sequence[Stretch], found: Coefficients) -> float:
 
 def _candidate(
     stretches: Sequence[Stretch], second: Sequence[Stretch], form: Structure
-) -> Candidate | None:
+) -> TriedEquation | None:
     found = output_error.output_error(stretches, form)
     if found is None or found.dc_gain == 0:
         return None
@@ -228,7 +228,7 @@ def _candidate(
     mean_square = output_error.cost(stretches, found) / samples / span**2
     # Below this, errors are rounding and differences between them mean nothing.
     counted = max(mean_square, _PRECISE**2)
-    return Candidate(
+    return TriedEquation(
         structure=form,
         coefficients=found,
         kind=_kind(found),

@@ -22,8 +22,8 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_levels
 from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
-from minorloop.identification.areas import Form
-from minorloop.identification.prior import Belief, Hyperparameters, believe, regressors
+from minorloop.identification.areas import PlaneSpec
+from minorloop.identification.prior import Hyperparameters, Posterior, believe, regressors
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import relay_outputs
 from minorloop.operators.preisach import Diagonal
@@ -155,7 +155,7 @@ def design(
     ParameterError
         If the budget is none, or an option is out of its range.
     """
-    form = Form(as_levels(levels), diagonal=diagonal)
+    form = PlaneSpec(as_levels(levels), diagonal=diagonal)
     count = budget(holds, hours, hold)
     if not 0 <= as_finite("least_gain", least_gain) < 1:
         raise ParameterError(f"least_gain is {least_gain}; give a share from 0 to 1")
@@ -166,7 +166,7 @@ def design(
 
 
 def _sequence(
-    form: Form,
+    form: PlaneSpec,
     h: Hyperparameters,
     inputs: list[float],
     count: int,
@@ -214,14 +214,14 @@ def _whole(holds: int) -> int:
 
 
 def _allowed(
-    of: Identification | Form,
+    of: Identification | PlaneSpec,
     memory: Memory,
     low: float | None,
     high: float | None,
     step: float,
 ) -> FloatArray:
     """Inputs to choose from."""
-    form = of if isinstance(of, Form) else of.areas.form
+    form = of if isinstance(of, PlaneSpec) else of.areas.form
     bottom, top = float(form.levels[0]), float(form.levels[-1])
     least = bottom if low is None else max(as_finite("low", low), bottom)
     most = top if high is None else min(as_finite("high", high), top)
@@ -236,7 +236,7 @@ def _allowed(
     return np.linspace(least, most, CANDIDATES)
 
 
-def _best(belief: Belief, memory: Memory, candidates: FloatArray) -> NextInput:
+def _best(belief: Posterior, memory: Memory, candidates: FloatArray) -> NextInput:
     """The first of the two moves that take most off the variance, by a beam."""
     h, unit = belief.hyperparameters, belief.unit
     own = (h.discrepancy**2 + h.noise**2) * unit**2
@@ -273,7 +273,7 @@ def _gains(aim: FloatArray, moves: FloatArray, own: float) -> FloatArray:
     return np.asarray(shared / (np.einsum("mk,mk->m", moves, moves) + own))
 
 
-def _targets(belief: Belief) -> FloatArray:
+def _targets(belief: Posterior) -> FloatArray:
     """Regressors of what may come, times the factor of the covariance; always the same."""
     form = belief.form
     rng = np.random.default_rng(0)
@@ -284,7 +284,7 @@ def _targets(belief: Belief) -> FloatArray:
     return np.vstack(rows) @ belief.factor
 
 
-def _rows(belief: Belief, memory: Memory, candidates: FloatArray) -> FloatArray:
+def _rows(belief: Posterior, memory: Memory, candidates: FloatArray) -> FloatArray:
     """(m, n) regressors after each candidate."""
     form = belief.form
     shares = np.empty((candidates.size, form.cells))

@@ -6,13 +6,13 @@ import numpy as np
 from scipy import linalg
 
 from minorloop.arrays import FloatArray
-from minorloop.identification.areas import Areas
+from minorloop.identification.areas import DesignMatrix
 
 _DENSE = 40_000_000
 """Numbers in a design matrix up to which its singular values are worked out directly."""
 
 
-def singular_values(areas: Areas) -> FloatArray:
+def singular_values(areas: DesignMatrix) -> FloatArray:
     """Singular values of the design with unit columns, largest first.
 
     Taken from the design itself where it is small. From its Gram matrix otherwise, and then
@@ -31,7 +31,7 @@ def singular_values(areas: Areas) -> FloatArray:
     return np.sqrt(np.maximum(values[::-1], 0.0))
 
 
-def rank_and_condition(areas: Areas) -> tuple[int, float]:
+def rank_and_condition(areas: DesignMatrix) -> tuple[int, float]:
     """Rank of the design with unit columns, and the condition of its determined part."""
     values = singular_values(areas)
     if not values.size or values[0] == 0:

@@ -19,12 +19,12 @@ from minorloop.arrays import (
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.active_set import ACCEPTABLE
-from minorloop.identification.areas import Areas, Form, check_bands
-from minorloop.identification.least_squares import Fit, Problem, reproduces
+from minorloop.identification.areas import DesignMatrix, PlaneSpec, check_bands
+from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
 from minorloop.identification.levels import levels_for
 from minorloop.identification.prior import (
     MOST_CORRELATED,
-    Belief,
+    Posterior,
     PriorFit,
     coarse_rows,
     fit_marked,
@@ -139,7 +139,7 @@ def identify(
     fitted, held_out = _split(outputs, holdout)
     grid = _grid(inputs, np.where(fitted, outputs, np.nan), levels, spacing)
     options: dict[str, Any] = {"relay": relay, "diagonal": diagonal}
-    form = Form(grid, offset=bool(offset), slope=bool(slope), **options)
+    form = PlaneSpec(grid, offset=bool(offset), slope=bool(slope), **options)
     record = (inputs, outputs, fitted, start, bool(signed))
     delay = _best_lag(form, record) if lag == "auto" else _as_lag(lag, inputs.size)
     check_option("prior", prior, ("auto", "gaussian", "none"))
@@ -177,16 +177,16 @@ class _Found:
 
     x: FloatArray
     kkt: float
-    areas: Areas
+    areas: DesignMatrix
     fitted: BoolArray
     smoothness: float = 0.0
-    belief: Belief | None = None
+    belief: Posterior | None = None
     suspects: tuple[int, ...] = ()
     converged: bool = True
 
 
 def _fitted(
-    form: Form,
+    form: PlaneSpec,
     record: _Recorded,
     lag: int,
     smoothness: float | Literal["auto"],
@@ -212,7 +212,7 @@ def _fitted(
     return _Found(fit.x, fit.kkt, areas, fitted, fit.smoothness, converged=fit.converged)
 
 
-def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | None) -> _Found:
+def _fitted_with_prior(form: PlaneSpec, record: _Recorded, lag: int, noise: float | None) -> _Found:
     """Fit, and set aside one after the other what lies far from where the others put it."""
     inputs, outputs, fitted, start, signed = record
     heard = inputs[: inputs.size - lag]
@@ -226,7 +226,7 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
                 f"a lag of {lag} leaves {count} measured samples; give a shorter lag or a longer "
                 "record"
             )
-        areas = Areas(form, heard, measured, start)
+        areas = DesignMatrix(form, heard, measured, start)
         marked = regressors(form, heard, measured, start) if count <= MOST_CORRELATED else None
         y = outputs[lag:][measured]
         coarse = None if marked is None else coarse_rows(areas, heard, measured, start)
@@ -253,7 +253,7 @@ def _fitted_with_prior(form: Form, record: _Recorded, lag: int, noise: float | N
 def _suspect(
     found: PriorFit,
     marked: tuple[FloatArray, FloatArray] | None,
-    coarse: tuple[Form, FloatArray] | None,
+    coarse: tuple[PlaneSpec, FloatArray] | None,
     y: FloatArray,
     signed: bool,
     noise: float | None,
@@ -281,8 +281,8 @@ def _suspect(
 
 
 def _fit(
-    form: Form, record: _Recorded, lag: int, smoothness: float | Literal["auto"]
-) -> tuple[Areas, Fit]:
+    form: PlaneSpec, record: _Recorded, lag: int, smoothness: float | Literal["auto"]
+) -> tuple[DesignMatrix, FittedUnknowns]:
     inputs, outputs, fitted, start, signed = record
     heard = inputs.size - lag
     measured = fitted[lag:]
@@ -291,7 +291,7 @@ def _fit(
             f"a lag of {lag} leaves {np.count_nonzero(measured)} measured samples; give a "
             "shorter lag or a longer record"
         )
-    areas = Areas(form, inputs[:heard], measured, start)
+    areas = DesignMatrix(form, inputs[:heard], measured, start)
     return areas, Problem(areas, outputs[lag:][measured], signed).fit(smoothness)
 
 
@@ -308,11 +308,11 @@ def _as_noise(noise: float | None) -> float | None:
     return number
 
 
-def _best_lag(form: Form, record: _Recorded) -> int:
+def _best_lag(form: PlaneSpec, record: _Recorded) -> int:
     """The lag with the least error of a coarse fit, on the samples that all lags share."""
     inputs, outputs, fitted, start, signed = record
     bands = min(form.bands, _LAG_BANDS)
-    coarse = Form(
+    coarse = PlaneSpec(
         as_levels(
             np.interp(np.linspace(0, form.bands, bands + 1), np.arange(form.bands + 1), form.levels)
         ),

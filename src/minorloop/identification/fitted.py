@@ -9,10 +9,10 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification import diagnosis
-from minorloop.identification.areas import Areas
+from minorloop.identification.areas import DesignMatrix
 from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
-from minorloop.identification.prior import Belief
-from minorloop.identification.rough_model import Finding
+from minorloop.identification.prior import Posterior
+from minorloop.identification.rough_model import RecordFault
 from minorloop.identification.screening import Code, screened
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
@@ -38,9 +38,9 @@ class Fit:
         The record; y is NaN where nothing was measured.
     fitted, held_out : (T,) arrays of bool
         Samples that the model was fitted to, and those that it was not shown.
-    areas : Areas
+    areas : DesignMatrix
         Regressors of the fitted samples.
-    belief : Belief, optional
+    belief : Posterior, optional
         How sure the prior is of the unknowns; None where it was not used.
     suspects : tuple of int
         Samples that lie far outside the band that all others give, and were set aside.
@@ -61,8 +61,8 @@ class Fit:
     y: FloatArray
     fitted: BoolArray
     held_out: BoolArray
-    areas: Areas
-    belief: Belief | None = None
+    areas: DesignMatrix
+    belief: Posterior | None = None
     suspects: tuple[int, ...] = ()
     codes: tuple[Code, ...] = ()
     sought: bool = False
@@ -128,7 +128,7 @@ class Fit:
         return float(np.count_nonzero(self.excited)) / self.areas.form.cells
 
     @cached_property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[RecordFault, ...]:
         """Outliers, stuck and clipped stretches and a lag in the record that are in the model."""
         y = self.y.copy()
         y[list(self.suspects)] = np.nan

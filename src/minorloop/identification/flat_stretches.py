@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.identification.rough_model import Finding, RoughRecord, spread
+from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
 
 _EQUAL = 1e-9
 """Share of the span by which two readings differ that count as equal."""
@@ -18,7 +18,7 @@ _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for usual slopes, and the change in spans that a stuck output misses."""
 
 
-def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Finding]:
+def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
     """The stretch in which the output stays where, at such inputs, it otherwise moves."""
     values = record.values
     found = [
@@ -34,7 +34,7 @@ def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[Finding]:
     if not change:
         return
     samples = record.places[begin:end]
-    yield Finding(
+    yield RecordFault(
         "stuck",
         tuple(map(int, samples)),
         f"the output is stuck at {np.median(values[begin:end]):.6g} from sample {samples[0]} to "
@@ -100,7 +100,7 @@ def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tupl
     return begin, end
 
 
-def clipped(record: RoughRecord) -> Iterator[Finding]:
+def clipped(record: RoughRecord) -> Iterator[RecordFault]:
     """Extremes that many readings equal exactly, and that are reached at full slope."""
     values = record.values
     for word, extreme in (("highest", values.max()), ("lowest", values.min())):
@@ -113,7 +113,7 @@ def clipped(record: RoughRecord) -> Iterator[Finding]:
         if count < 3 * others.max(initial=1) or not _abrupt(record, at, float(extreme)):
             continue
         samples = record.places[at]
-        yield Finding(
+        yield RecordFault(
             "clipped",
             tuple(map(int, samples)),
             f"the output is clipped: {count} readings equal the {word}, {extreme:.6g}, exactly, "

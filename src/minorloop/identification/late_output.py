@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
-from minorloop.identification.rough_model import Finding, RoughRecord, few, least_error
+from minorloop.identification.rough_model import RecordFault, RoughRecord, few, least_error
 
 LONGEST_LAG, _TURNS, _FEWEST_TURNS, _JUST_BEFORE = 10, (6, 4, 3), 4, 2
 _BETTER, _BETTER_BY = 0.72, 0.007
@@ -16,7 +16,7 @@ _OVERSHOOT, _OVERSHOOT_HINTED, _HINT = 0.02, 0.012, 0.85
 """Spans by which an output goes on that tell of a lag, fewer where a shift leaves that share."""
 
 
-def lagging(record: RoughRecord, sound: BoolArray) -> Iterator[Finding]:
+def lagging(record: RoughRecord, sound: BoolArray) -> Iterator[RecordFault]:
     """A shift with which the rough model does far better, or an output that turns late."""
     rows = np.flatnonzero(sound)
     size = record.y.size
@@ -46,7 +46,7 @@ def lagging(record: RoughRecord, sound: BoolArray) -> Iterator[Finding]:
     todo = "it may help to shift one of the two columns"
     if record.lag + shift > 0:
         todo = f'lag="auto" or lag={record.lag + shift} (--lag auto) takes it into account'
-    yield Finding(
+    yield RecordFault(
         "lag",
         (),
         f"the output {way} the input by about {abs(shift)}{more} samples, a lag that the model "

@@ -20,7 +20,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels, active_set
-from minorloop.identification.areas import Areas, Form, pack, unpack
+from minorloop.identification.areas import DesignMatrix, PlaneSpec, pack, unpack
 from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
 
@@ -36,7 +36,7 @@ _LARGE = 2500
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FittedUnknowns:
     """Unknowns of a fitted form, how optimal they are, and the smoothness that was used.
 
     ``converged`` is false where a longer search would fit better.
@@ -55,11 +55,11 @@ class Problem:
     ``signed`` lets weights and slope be negative.
     """
 
-    areas: Areas
+    areas: DesignMatrix
     y: FloatArray
     signed: bool = False
 
-    def fit(self, smoothness: float | Literal["auto"]) -> Fit:
+    def fit(self, smoothness: float | Literal["auto"]) -> FittedUnknowns:
         """Fit with a given smoothness, or with the one that predicts held-out segments best."""
         if smoothness == "auto":
             return self._fit_chosen()
@@ -69,7 +69,7 @@ class Problem:
         """The same samples with every other threshold."""
         return Problem(self.areas.coarser(), self.y, self.signed)
 
-    def _fit_chosen(self) -> Fit:
+    def _fit_chosen(self) -> FittedUnknowns:
         """Hold out contiguous segments, try strengths from weak to strong, then fit it all.
 
         The search ends once two strengths in a row predict worse than the best: weak ones are
@@ -98,7 +98,7 @@ class Problem:
         return whole.solve(best, guess) if best else plain
 
 
-def reproduces(areas: Areas, x: FloatArray, y: FloatArray) -> bool:
+def reproduces(areas: DesignMatrix, x: FloatArray, y: FloatArray) -> bool:
     """Whether samples determine the unknowns, and these give the samples back to rounding."""
     left = np.abs(areas.forward(x) - y).max()
     return bool(y.size >= areas.form.unknowns and left <= _ROUNDING * (float(np.ptp(y)) or 1.0))
@@ -128,7 +128,7 @@ class _System:
         if form.offset:
             self.bounded[form.cells] = False
 
-    def solve(self, strength: float, guess: FloatArray | None = None) -> Fit:
+    def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:
         """Fit with a smoothness, beginning at a guess of the unknowns where there is one."""
         areas, form = self.problem.areas, self.problem.areas.form
         if guess is None and form.cells > _LARGE:
@@ -167,7 +167,7 @@ class _System:
         z = solution.z
         kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, scale)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
-        return Fit(self._unscaled(z), kkt, strength, converged)
+        return FittedUnknowns(self._unscaled(z), kkt, strength, converged)
 
     def _rows(self, factor: float) -> Rows:
         """The problem row by row: samples, then what neighbours differ by where that counts."""
@@ -221,7 +221,7 @@ class _System:
         return z / (self.scale * self.unit)
 
 
-def neighbours(form: Form) -> tuple[IntArray, IntArray, FloatArray]:
+def neighbours(form: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of neighbouring cells, first and second, and the area of each cell."""
     bands = form.bands
     i, j = np.tril_indices(bands)
@@ -234,7 +234,7 @@ def neighbours(form: Form) -> tuple[IntArray, IntArray, FloatArray]:
     return first, second, np.where(i == j, 0.5, 1.0)
 
 
-def neighbour_penalty(form: Form) -> tuple[IntArray, IntArray, FloatArray]:
+def neighbour_penalty(form: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
     """Lower triangle of the matrix of the roughness: rows, columns, values."""
     first, second, area = neighbours(form)
     low, high = np.minimum(first, second), np.maximum(first, second)

@@ -24,7 +24,7 @@ _NOT_AT_REST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class TriedEquation:
     """One difference equation that was tried.
 
     Parameters
@@ -66,9 +66,9 @@ class LinearFit:
         Sampled, with DC gain 1.
     gain : float
         DC gain that the record has.
-    candidate : Candidate
+    candidate : TriedEquation
         The one that was taken.
-    candidates : tuple of Candidate
+    candidates : tuple of TriedEquation
         All that were tried.
     covariance : (na + nb, na + nb) array
         Of the coefficients of A and B, before the gain was made 1.
@@ -78,8 +78,8 @@ class LinearFit:
 
     model: Linear
     gain: float
-    candidate: Candidate
-    candidates: tuple[Candidate, ...]
+    candidate: TriedEquation
+    candidates: tuple[TriedEquation, ...]
     covariance: FloatArray
     stretches: tuple[Stretch, ...]
     second: tuple[Stretch, ...]

@@ -27,7 +27,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification import active_set
-from minorloop.identification.areas import Areas, Form
+from minorloop.identification.areas import DesignMatrix, PlaneSpec
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import cell_areas, relay_outputs, swing
 from minorloop.operators.preisach import Preisach
@@ -96,10 +96,10 @@ class Hyperparameters:
     noise: float = 0.003
 
 
-class Plane:
+class PlanePrior:
     """The prior covariance of the unknowns of a form, for any hyperparameters."""
 
-    def __init__(self, form: Form) -> None:
+    def __init__(self, form: PlaneSpec) -> None:
         self.form = form
         grid = (form.levels - form.levels[0]) / (form.levels[-1] - form.levels[0])
         middle, width = (grid[1:] + grid[:-1]) / 2, np.diff(grid)
@@ -152,7 +152,7 @@ class Evidence:
     otherwise ``gram`` (n, n) and ``slope`` (n,), A'A and A'y. ``y`` (M,).
     """
 
-    form: Form
+    form: PlaneSpec
     y: FloatArray
     rows: FloatArray | None = None
     marks: FloatArray | None = None
@@ -175,12 +175,12 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class Posterior:
     """What is believed of the unknowns after the measurements, in the unit of the output.
 
     Parameters
     ----------
-    form : Form
+    form : PlaneSpec
         The unknowns, (n,): packed weights, offset, slope.
     hyperparameters : Hyperparameters
         Of the prior, in ranges.
@@ -193,7 +193,7 @@ class Belief:
         samples / (samples - 7), at most doubled, for the seven that these took.
     """
 
-    form: Form
+    form: PlaneSpec
     hyperparameters: Hyperparameters
     unit: float
     factor: FloatArray
@@ -222,7 +222,7 @@ class PriorFit:
 
     x: FloatArray
     kkt: float
-    belief: Belief
+    belief: Posterior
     surprises: FloatArray | None
     """(M,) each measurement less what the others predict, in standard deviations."""
     learnt: Hyperparameters
@@ -231,20 +231,20 @@ class PriorFit:
 
 
 def fit_prior(
-    areas: Areas,
+    areas: DesignMatrix,
     y: FloatArray,
     marked: tuple[FloatArray, FloatArray] | None,
     *,
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
-    coarse: tuple[Form, FloatArray] | None = None,
+    coarse: tuple[PlaneSpec, FloatArray] | None = None,
 ) -> PriorFit:
     """Fit with the prior.
 
     Parameters
     ----------
-    areas : Areas
+    areas : DesignMatrix
         Regressors of M measurements.
     y : (M,) array
         Outputs.
@@ -268,7 +268,11 @@ def fit_prior(
 
 
 def _fit_summed(
-    areas: Areas, y: FloatArray, signed: bool, noise: float | None, guess: Hyperparameters | None
+    areas: DesignMatrix,
+    y: FloatArray,
+    signed: bool,
+    noise: float | None,
+    guess: Hyperparameters | None,
 ) -> PriorFit:
     form, (scaled, unit, shift) = areas.form, _scaled(areas.form, y)
     known = _known(noise, unit)
@@ -280,7 +284,7 @@ def _fit_summed(
     h = search(coarse, known, guess)
     # What is a coarse cell's own is the mean of what is its parts' own.
     h = replace(h, own=h.own * form.cells / small.form.cells)
-    plane = Plane(form)
+    plane = PlanePrior(form)
     x, kkt, factor = _solve(plane, found, h, signed)
     if coarse is not found:
         for _ in range(_REFINEMENTS):
@@ -293,19 +297,19 @@ def _fit_summed(
             break
         h = raised
         x, kkt, factor = _solve(plane, found, h, signed)
-    belief = Belief(form, h, unit, factor * unit, y.size)
+    belief = Posterior(form, h, unit, factor * unit, y.size)
     return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, None, learnt)
 
 
 def fit_marked(
-    form: Form,
+    form: PlaneSpec,
     y: FloatArray,
     marked: tuple[FloatArray, FloatArray],
     *,
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
-    coarse: tuple[Form, FloatArray] | None = None,
+    coarse: tuple[PlaneSpec, FloatArray] | None = None,
 ) -> PriorFit:
     """Fit few samples, whose rows (M, n) and marks (M, 3) are at hand; see `fit_prior`.
 
@@ -313,7 +317,7 @@ def fit_marked(
     """
     scaled, unit, shift = _scaled(form, y)
     found = Evidence(form, scaled, *marked)
-    plane = Plane(form)
+    plane = PlanePrior(form)
     with one_thread(form.unknowns):
         if coarse is None:
             learnt = h = search(found, _known(noise, unit), guess)
@@ -329,17 +333,17 @@ def fit_marked(
                 break
             h = raised
             x, kkt, factor = _solve(plane, found, h, signed)
-    belief = Belief(form, h, unit, factor * unit, y.size)
+    belief = Posterior(form, h, unit, factor * unit, y.size)
     return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, surprises, learnt)
 
 
-def _scaled(form: Form, y: FloatArray) -> tuple[FloatArray, float, float]:
+def _scaled(form: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
     unit = float(np.ptp(y)) or 1.0
     shift = float(y.mean()) if form.offset else 0.0
     return (y - shift) / unit, unit, shift
 
 
-def _unscaled(form: Form, x: FloatArray, unit: float, shift: float) -> FloatArray:
+def _unscaled(form: PlaneSpec, x: FloatArray, unit: float, shift: float) -> FloatArray:
     x = x * unit
     if form.offset:
         x[form.cells] += shift
@@ -350,16 +354,18 @@ def _known(noise: float | None, unit: float) -> float | None:
     return None if noise is None else max(noise / unit, _LEAST_NOISE)
 
 
-def believe(form: Form, h: Hyperparameters, marked: tuple[FloatArray, FloatArray]) -> Belief:
+def believe(
+    form: PlaneSpec, h: Hyperparameters, marked: tuple[FloatArray, FloatArray]
+) -> Posterior:
     """What would be believed after measurements with these rows and marks, range one."""
     found = Evidence(form, np.zeros(marked[0].shape[0]), *marked)
-    _, _, factor = _solve(Plane(form), found, h, signed=True)
-    return Belief(form, h, 1.0, factor, MANY)
+    _, _, factor = _solve(PlanePrior(form), found, h, signed=True)
+    return Posterior(form, h, 1.0, factor, MANY)
 
 
 def coarse_rows(
-    areas: Areas, u: FloatArray, measured: BoolArray, start: Start
-) -> tuple[Form, FloatArray] | None:
+    areas: DesignMatrix, u: FloatArray, measured: BoolArray, start: Start
+) -> tuple[PlaneSpec, FloatArray] | None:
     """A plane coarse enough to seek hyperparameters on, and its rows; None if this one is."""
     small = areas
     while small.form.bands > FINEST_OF_FEW:
@@ -368,7 +374,7 @@ def coarse_rows(
 
 
 def regressors(
-    form: Form, u: FloatArray, measured: BoolArray, start: Start
+    form: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start
 ) -> tuple[FloatArray, FloatArray]:
     """Dense regressors (M, n) and marks (M, 3) of a record of inputs (T,)."""
     blank = Preisach(form.levels, np.zeros((form.bands, form.bands)), diagonal=form.diagonal)
@@ -404,7 +410,7 @@ def search(
     centres, spreads = _CENTRES, _SPREADS
     if noise is None:
         centres, spreads = np.append(centres, _NOISE_CENTRE), np.append(spreads, _NOISE_SPREAD)
-    plane = Plane(evidence.form)
+    plane = PlanePrior(evidence.form)
 
     def cost(theta: FloatArray) -> float:
         return _unlikely((theta - centres) / spreads) - likelihood(
@@ -439,7 +445,7 @@ def _unlikely(away: FloatArray) -> float:
     return float(0.5 * np.sum(away[~heavy] ** 2) + np.sum(tails))
 
 
-def likelihood(plane: Plane, evidence: Evidence, h: Hyperparameters) -> float:
+def likelihood(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> float:
     """Logarithm of the marginal likelihood, up to a constant."""
     scale = plane.scale(h)
     if evidence.rows is not None and evidence.marks is not None:
@@ -458,7 +464,7 @@ def likelihood(plane: Plane, evidence: Evidence, h: Hyperparameters) -> float:
 
 
 def _solve(
-    plane: Plane, evidence: Evidence, h: Hyperparameters, signed: bool
+    plane: PlanePrior, evidence: Evidence, h: Hyperparameters, signed: bool
 ) -> tuple[FloatArray, float, FloatArray]:
     """Unknowns with their signs kept, the optimality, and the factor of the covariance."""
     gram, slope, square, _ = evidence.information(h)
@@ -485,7 +491,7 @@ def _solve(
     return solution.z * scale, solution.kkt, factor
 
 
-def _surprises(plane: Plane, evidence: Evidence, h: Hyperparameters) -> FloatArray:
+def _surprises(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> FloatArray:
     """Each measurement less what the others predict, over the standard deviation of that.
 
     Sundararajan and Keerthi, Predictive approaches for choosing hyperparameters in Gaussian
@@ -499,7 +505,7 @@ def _surprises(plane: Plane, evidence: Evidence, h: Hyperparameters) -> FloatArr
     return np.asarray((inverse @ evidence.y) / np.sqrt(inverse.diagonal()))
 
 
-def _summed(areas: Areas, y: FloatArray) -> Evidence:
+def _summed(areas: DesignMatrix, y: FloatArray) -> Evidence:
     """Evidence of many samples."""
     lower = areas.gram()
     gram = np.tril(lower) + np.tril(lower, -1).T
@@ -508,7 +514,7 @@ def _summed(areas: Areas, y: FloatArray) -> Evidence:
 
 def _rescaled(
     evidence: Evidence,
-    areas: Areas,
+    areas: DesignMatrix,
     h: Hyperparameters,
     x: FloatArray,
     factor: FloatArray,

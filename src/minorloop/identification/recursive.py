@@ -17,7 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, Levels, as_finite, as_levels, check_option
 from minorloop.errors import ParameterError
 from minorloop.identification import _recursive_kernels as _kernels
-from minorloop.identification.areas import Form, pack
+from minorloop.identification.areas import PlaneSpec, pack
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import Relay, relay_outputs
 from minorloop.operators.preisach import Diagonal, Preisach
@@ -98,9 +98,9 @@ class Recursive:
             raise ParameterError(f"sweeps is {self.sweeps}; give at least 1")
 
     @property
-    def form(self) -> Form:
+    def form(self) -> PlaneSpec:
         """What is unknown: all weights, and the offset."""
-        return Form(self.levels, self.relay, self.diagonal)
+        return PlaneSpec(self.levels, self.relay, self.diagonal)
 
     def begin(self, start: Start = "negative", model: Preisach | None = None) -> RecursiveState:
         """State before the first sample.

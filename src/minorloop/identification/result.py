@@ -16,7 +16,7 @@ from minorloop.identification import advising
 from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.baseline import delayed
 from minorloop.identification.fitted import Fit
-from minorloop.identification.prior import Belief, regressors
+from minorloop.identification.prior import Posterior, regressors
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
 
@@ -117,7 +117,7 @@ class Identification(Fit):
         return np.hypot(known, belief.hyperparameters.noise * belief.unit)
 
     @property
-    def _belief(self) -> Belief:
+    def _belief(self) -> Posterior:
         if self.belief is None:
             raise ParameterError(
                 'this model has no bands; identify with prior="gaussian" (--prior gaussian)'

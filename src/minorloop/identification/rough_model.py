@@ -29,7 +29,7 @@ def spread(values: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Finding:
+class RecordFault:
     """Something in a record that a model should not be made from.
 
     Parameters

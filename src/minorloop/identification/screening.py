@@ -10,7 +10,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.flat_stretches import clipped, stuck
 from minorloop.identification.late_output import LONGEST_LAG, lagging
-from minorloop.identification.rough_model import Finding, RoughRecord, spread
+from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
 from minorloop.operators.memory import Start
 from minorloop.threads import one_thread
 
@@ -73,7 +73,7 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
 
 def screened(
     u: FloatArray, y: FloatArray, start: Start, lag: int, *, sought: bool = False
-) -> tuple[Finding, ...]:
+) -> tuple[RecordFault, ...]:
     """What is wrong with a record, most important first.
 
     Parameters
@@ -101,7 +101,7 @@ def screened(
 
 def _screened(
     u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int, sought: bool
-) -> tuple[Finding, ...]:
+) -> tuple[RecordFault, ...]:
     record = RoughRecord.of(u, y, known, start, lag)
     far = _far(record)
     sound = known.copy()
@@ -143,12 +143,12 @@ def _if_few(places: IntArray, record: RoughRecord) -> IntArray:
     return places if places.size <= record.places.size // 10 else places[:0]
 
 
-def _outliers(y: FloatArray, places: IntArray, known: BoolArray) -> Iterator[Finding]:
+def _outliers(y: FloatArray, places: IntArray, known: BoolArray) -> Iterator[RecordFault]:
     if not places.size:
         return
     rest = y[np.setdiff1d(np.flatnonzero(known), places)]
     word = "outlier" if places.size == 1 else "outliers"
-    yield Finding(
+    yield RecordFault(
         "outlier",
         tuple(map(int, places)),
         f"{places.size} {word}: {_listed(y, places)} against what the input and the readings "

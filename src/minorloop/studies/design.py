@@ -22,8 +22,8 @@ from minorloop.identification.bands import Prediction
 from minorloop.identification.design import design, next_input
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
-from minorloop.studies.bench import hold_each
 from minorloop.studies.claims import Claim, figure, medians
+from minorloop.studies.holds import hold_each
 
 TITLE = "Fewer holds: prior, bands and the next best input"
 NOISE = 0.0053
@@ -93,7 +93,7 @@ CLAIMS = _claims()
 
 
 @dataclass(frozen=True)
-class Plant:
+class DesignSetup:
     """Something to measure, and how to begin anew: ``begin(noise, seed)`` gives a `Hold`."""
 
     name: str
@@ -122,7 +122,7 @@ class Comparison:
     they gave.
     """
 
-    plant: Plant
+    plant: DesignSetup
     scale: float
     curves: dict[str, list[Score]]
     inputs: FloatArray
@@ -186,7 +186,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def compare(plant: Plant, seed: int) -> Comparison:
+def compare(plant: DesignSetup, seed: int) -> Comparison:
     """Measure a plant in four ways and score every model on the same unseen inputs."""
     trial = _Trial(plant, seed)
     grid = uniform_levels(plant.low, plant.high, BANDS)
@@ -219,7 +219,7 @@ def compare(plant: Plant, seed: int) -> Comparison:
 class _Trial:
     """One plant with its full scale, unseen inputs and targets, which no fit is shown."""
 
-    def __init__(self, plant: Plant, seed: int) -> None:
+    def __init__(self, plant: DesignSetup, seed: int) -> None:
         self.plant, self.seed = plant, seed
         rng = np.random.default_rng([seed, 1])
         self.unseen = rng.uniform(plant.low, plant.high, UNSEEN)
@@ -309,17 +309,17 @@ def _twin_figures(one: Comparison) -> dict[str, Any]:
     }
 
 
-def _twin(name: str, seed: int) -> Plant:
+def _twin(name: str, seed: int) -> DesignSetup:
     low, high, seconds = TWINS[name]
 
     def begin(noise: float, noise_seed: int) -> Hold:
         twin = connect(f"twin:{name}", specimen=seed, noise=noise, seed=noise_seed)
         return lambda u: float(hold_each(twin, [u], seconds, seconds)[1][0])
 
-    return Plant(name, low, high, begin)
+    return DesignSetup(name, low, high, begin)
 
 
-def _rough(seed: int) -> Plant:
+def _rough(seed: int) -> DesignSetup:
     """A Preisach operator of clusters, or of cells that have nothing to do with each other."""
     rng = np.random.default_rng([seed, 3])
     grid = uniform_levels(0.0, 1.0, ROUGH_BANDS)
@@ -340,4 +340,4 @@ def _rough(seed: int) -> Plant:
         sensor = np.random.default_rng([noise_seed, 4])
         return lambda u: float(tracker.push(u) + noise * sensor.standard_normal())
 
-    return Plant("rough", 0.0, 1.0, begin)
+    return DesignSetup("rough", 0.0, 1.0, begin)

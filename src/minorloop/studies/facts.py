@@ -15,7 +15,7 @@ import numpy as np
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.identification import excitation
 from minorloop.lab.actuator import Actuator
-from minorloop.studies.bench import hold_each
+from minorloop.studies.holds import hold_each
 
 
 @dataclass(frozen=True)

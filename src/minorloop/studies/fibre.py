@@ -24,10 +24,10 @@ from minorloop.identification.linear_fit import LinearFit, StepResponse
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.operators.relays import RelayModel
-from minorloop.studies.bench import hold_each
 from minorloop.studies.claims import Claim
 from minorloop.studies.facts import Probes, twin_facts
 from minorloop.studies.fibre_steady import HIGH, HOLD, LOW, VALIDATION, Steady, run_steady
+from minorloop.studies.holds import hold_each
 from minorloop.twins.fibre import Fibre
 
 TITLE = "Hysteresis and step response of a polyaniline fibre"

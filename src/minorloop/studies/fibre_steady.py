@@ -19,7 +19,7 @@ from minorloop.lab.actuator import Actuator
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
-from minorloop.studies.bench import hold_each
+from minorloop.studies.holds import hold_each
 
 LOW, HIGH, BANDS, HOLD = 0.20, 0.65, 9, 300.0
 VALIDATION = (0.45, 0.28, 0.34, 0.20, 0.60, 0.36, 0.54)

@@ -25,11 +25,17 @@ from minorloop.identification.representability import Representability, represen
 from minorloop.lab.records import Record
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
-from minorloop.studies.bench import hold_each
 from minorloop.studies.claims import Claim
 from minorloop.studies.facts import Probes, twin_facts
-from minorloop.studies.positioning import Drive, Positioning, Protocol, drive, run_positioning
-from minorloop.studies.tracking import Tracking, run_tracking, synthetic_figures
+from minorloop.studies.holds import hold_each
+from minorloop.studies.positioning import (
+    AppliedSequence,
+    ExperimentProtocol,
+    Positioning,
+    drive,
+    run_positioning,
+)
+from minorloop.studies.tracking import DriftTracking, run_tracking, synthetic_figures
 from minorloop.twins.ipmc import Ipmc
 
 TITLE = "Quasi-static positioning of an ionic polymer strip"
@@ -162,13 +168,13 @@ class IpmcStudy:
     major: Record
     positioning: Positioning
     plays: GeneralisedPrandtlIshlinskii
-    plays_drive: Drive
+    plays_drive: AppliedSequence
     noisy: Positioning
     fine: Positioning
     response: FrequencyResponse
     dynamics: RationalFit
     sweep: Sweep
-    tracking: Tracking
+    tracking: DriftTracking
     synthetic: dict[str, Any]
     repetition: Repetition
     sensing: Record
@@ -247,7 +253,7 @@ def run_study(seed: int) -> IpmcStudy:
         plays=plays,
         plays_drive=drive(seed, 0.0, setup, inputs, base.targets),
         noisy=run_positioning(seed, NOISE),
-        fine=run_positioning(seed, protocol=Protocol(bands=FINE)),
+        fine=run_positioning(seed, protocol=ExperimentProtocol(bands=FINE)),
         response=response,
         dynamics=dynamics,
         sweep=_sweep(seed, Cascade(model, dynamics.model)),
@@ -280,7 +286,7 @@ def _strip(seed: int) -> Ipmc:
     return strip
 
 
-def _major_loop(seed: int, setup: Protocol) -> Record:
+def _major_loop(seed: int, setup: ExperimentProtocol) -> Record:
     """Fig 4: up and down again, every step held."""
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     u = np.concatenate([grid, grid[-2::-1]])
@@ -316,7 +322,7 @@ def _sweep(seed: int, cascade: Cascade) -> Sweep:
     return Sweep(inversion, records[0], records[1])
 
 
-def _repetition(seed: int, setup: Protocol) -> Repetition:
+def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
     """Two staircases and random levels: memories and branches that come again."""
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     stairs = excitation.decaying_staircase(grid)

@@ -23,11 +23,11 @@ from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.operators.polynomial import Polynomial
-from minorloop.studies.bench import hold_each
+from minorloop.studies.holds import hold_each
 
 
 @dataclass(frozen=True)
-class Protocol:
+class ExperimentProtocol:
     """Figures of the experiment.
 
     Parameters
@@ -58,7 +58,7 @@ class Protocol:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class AppliedSequence:
     """A voltage sequence applied to the strip.
 
     ``voltages`` (n,) in V; ``achieved`` (n,) settled curvatures in 1/m; ``errors`` (n,) achieved
@@ -89,7 +89,7 @@ class Positioning:
     from it at ``voltages`` (n,); ``preisach`` and ``quadratic`` the drives under either inverse.
     """
 
-    protocol: Protocol
+    protocol: ExperimentProtocol
     seed: int
     noise: float
     staircase: Record
@@ -98,8 +98,8 @@ class Positioning:
     identification: Identification
     polynomial: Polynomial
     targets: FloatArray
-    preisach: Drive
-    quadratic: Drive
+    preisach: AppliedSequence
+    quadratic: AppliedSequence
 
     @cached_property
     def bands(self) -> Prediction:
@@ -134,7 +134,7 @@ class Positioning:
 def run_positioning(
     seed: int = 0,
     noise: float = 0.0,
-    protocol: Protocol | None = None,
+    protocol: ExperimentProtocol | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Positioning:
     """Run the experiment on one specimen of the twin.
@@ -145,7 +145,7 @@ def run_positioning(
         Draws the specimen, its noise, and the targets.
     noise : float
         Standard deviation of the curvature sensor, in 1/m.
-    protocol : Protocol, optional
+    protocol : ExperimentProtocol, optional
         Other figures than those of the paper.
     progress : callable
         Told what begins.
@@ -162,7 +162,7 @@ def run_positioning(
     """
     if isinstance(seed, bool) or int(seed) != seed or seed < 0:
         raise ParameterError(f"seed is {seed!r}; give a whole number of at least 0")
-    setup = protocol or Protocol()
+    setup = protocol or ExperimentProtocol()
     if not 0 <= noise <= setup.reach:
         raise ParameterError(f"noise is {noise} 1/m; give 0 to {setup.reach:g}, the largest target")
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
@@ -216,12 +216,12 @@ def _strip(seed: int, noise: float) -> Actuator:
 
 
 def drive(
-    seed: int, noise: float, setup: Protocol, inputs: FloatArray, targets: FloatArray
-) -> Drive:
+    seed: int, noise: float, setup: ExperimentProtocol, inputs: FloatArray, targets: FloatArray
+) -> AppliedSequence:
     """Saturate a specimen, apply inputs (n,) in V, and compare with the targets (n,) in 1/m."""
     strip = _strip(seed, noise)
     strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
     voltages = np.clip(inputs, -setup.voltage, setup.voltage)
     record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval)
     strip.safe()
-    return Drive(voltages, achieved, achieved - targets, record)
+    return AppliedSequence(voltages, achieved, achieved - targets, record)

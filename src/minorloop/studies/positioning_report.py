@@ -11,7 +11,7 @@ from minorloop.report import Picture, Report, Table
 from minorloop.studies.drawing import new_figure
 
 if TYPE_CHECKING:
-    from minorloop.studies.positioning import Drive, Positioning
+    from minorloop.studies.positioning import AppliedSequence, Positioning
 
 _COLOURS = {"Preisach": "C0", "quadratic": "C3"}
 _MINUTE = 60.0
@@ -205,7 +205,7 @@ def draw_errors(result: Positioning) -> Any:
     return figure
 
 
-def _drives(result: Positioning) -> tuple[tuple[str, Drive], tuple[str, Drive]]:
+def _drives(result: Positioning) -> tuple[tuple[str, AppliedSequence], tuple[str, AppliedSequence]]:
     return ("Preisach", result.preisach), ("quadratic", result.quadratic)
 
 

@@ -17,7 +17,7 @@ from minorloop.arrays import FloatArray, Levels, uniform_levels
 from minorloop.identification import excitation, identify
 from minorloop.identification.recursive import Recursive
 from minorloop.operators.preisach import Preisach
-from minorloop.studies.bench import hold_each
+from minorloop.studies.holds import hold_each
 from minorloop.twins.ipmc import Ipmc
 
 VOLTAGE, BANDS, HOLD = 1.2, 10, 200.0
@@ -32,7 +32,7 @@ _DIVERGED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Tracking:
+class DriftTracking:
     """Outputs of the drifting twin with the predictions of the sample before.
 
     ``measured``, ``recursive``, ``batch`` (n,) in 1/m, over the part that is scored; ``fixed``
@@ -87,7 +87,7 @@ def _rms(errors: FloatArray) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def run_tracking(seed: int) -> Tracking:
+def run_tracking(seed: int) -> DriftTracking:
     """Follow a fading strip through three staircases and then random voltages."""
     grid = uniform_levels(-VOLTAGE, VOLTAGE, BANDS)
     stairs = excitation.decaying_staircase(grid)
@@ -100,7 +100,7 @@ def run_tracking(seed: int) -> Tracking:
     once = identify(
         u[: stairs.size], y[: stairs.size], levels=grid, smoothness=0.0, diagonal="reversible"
     )
-    return Tracking(
+    return DriftTracking(
         measured=y[scored],
         recursive=_recursive_predictions(grid, u, y, stairs.size)[scored],
         batch=_batch_predictions(grid, u, y, stairs.size, scored.start),

@@ -12,7 +12,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.lab.actuator import Channel
 from minorloop.twins import _kernels
-from minorloop.twins.bench import SimulatedActuator, prefixed
+from minorloop.twins.simulated_actuator import SimulatedActuator, prefixed
 
 _NOMINAL = {
     "potential": 0.43,  # V

@@ -16,7 +16,7 @@ from minorloop.arrays import FloatArray
 from minorloop.lab.actuator import Channel
 from minorloop.lab.records import Record
 from minorloop.twins import _kernels
-from minorloop.twins.bench import SimulatedActuator, as_waveform, prefixed
+from minorloop.twins.simulated_actuator import SimulatedActuator, as_waveform, prefixed
 
 _NOMINAL = {
     "charging_time": 0.35,  # s

@@ -19,7 +19,7 @@ from minorloop.lab.drivers.link import Link
 from minorloop.lab.records import Quantity, Record, Timing
 from minorloop.lab.signals import Deferred, ended_by_signals
 
-__all__ = ["Bench", "Clock", "Meter", "Source", "Wall"]
+__all__ = ["Bench", "Clock", "Meter", "Source", "WallClock"]
 
 OVERLOAD = 9e37
 """From here on a reading is how instruments say that they are overloaded (IEEE 488.2: 9.9E37)."""
@@ -62,7 +62,7 @@ class Clock(Protocol):
         """Wait."""
 
 
-class Wall:
+class WallClock:
     """The clock of the machine."""
 
     def now(self) -> float:
@@ -158,7 +158,7 @@ class Bench:
         self._rest, self._tick = float(rest), float(tick)
         self._description, self._links = description, tuple(links)
         self._safe_within, self._warnings = float(safe_within), tuple(warnings)
-        self._clock = Wall() if clock is None else clock
+        self._clock = WallClock() if clock is None else clock
         self._began = self._clock.now()
         self._present, self._changed = self._rest, -math.inf
         self._set: _Span | None = None

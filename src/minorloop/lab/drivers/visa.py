@@ -45,11 +45,11 @@ _UNANSWERED = (
 )
 
 
-class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+class _Section(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Part of the file; a key that is not known is refused."""
 
 
-class _Source(_Strict):
+class _Source(_Section):
     resource: str
     safe: list[str]
     set: str = "VOLT {:.9g}"
@@ -63,7 +63,7 @@ class _Source(_Strict):
     baud: int | None = None
 
 
-class _Meter(_Strict):
+class _Meter(_Section):
     resource: str
     read: str = "READ?"
     scale: float = 1.0
@@ -71,12 +71,12 @@ class _Meter(_Strict):
     baud: int | None = None
 
 
-class _Board(_Strict):
+class _Board(_Section):
     resource: str
     baud: int | None = None
 
 
-class _Input(_Strict):
+class _Input(_Section):
     name: str
     low: float
     high: float
@@ -84,14 +84,14 @@ class _Input(_Strict):
     rate: float = float("inf")
 
 
-class _Output(_Strict):
+class _Output(_Section):
     name: str
     unit: str = ""
     low: float = float("-inf")
     high: float = float("inf")
 
 
-class _Bench(_Strict):
+class _Bench(_Section):
     input: _Input
     output: _Output
     source: _Source | None = None

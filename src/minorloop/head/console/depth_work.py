@@ -1,0 +1,73 @@
+"""What a worker does with the echoes of a scan: depth, fused map, mesh."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from minorloop.errors import MissingExtraError
+from minorloop.head.geometry import Mount, Probe
+from minorloop.head.procedures.measure import wall_about
+from minorloop.head.reconstruction.depth_map import DepthMap
+from minorloop.head.reconstruction.mesh import mesh_of
+from minorloop.head.ultrasound.echoes import Burst
+from minorloop.head.ultrasound.field import CalibratedProbe, sound_field
+from minorloop.head.ultrasound.pits import PitDepth, measure_pit
+
+
+def warm_up() -> None:
+    """Prepare what is the same for every scan with the usual probe."""
+    sound_field(CalibratedProbe(Probe(), Mount()))
+
+
+def depth(
+    finding: int,
+    bursts: list[Burst],
+    ear: CalibratedProbe,
+    centre: tuple[float, float],
+    diameter: float,
+) -> Iterator[dict[str, Any]]:
+    """Fit the echoes of a scan; tells stages, and at last what came of it."""
+    yield {"stage": "fitting the echoes"}
+    pit = measure_pit(bursts, ear, centre, diameter)
+    yield {"stage": "drawing the map of depth"}
+    wall = wall_about(pit, bursts, ear, centre, diameter)
+    yield {"told": _told(pit, wall), "meshes": _meshes(wall)}
+
+
+def _told(pit: PitDepth, wall: DepthMap) -> dict[str, Any]:
+    values = {
+        name: _known(getattr(pit, name))
+        for name in ("phi", "z", "diameter", "depth", "place_sd", "diameter_sd", "depth_sd")
+    }
+    depths = 1e3 * wall.depth
+    grid = [[round(d, 4) if math.isfinite(d) else None for d in row] for row in depths.tolist()]
+    patch = wall.patch
+    return {
+        **values,
+        "verdict": pit.verdict,
+        "bursts": pit.bursts,
+        "patch": {
+            "phi": round(math.degrees(patch.phi), 5),
+            "z": round(1e3 * patch.z, 5),
+            "step": 1e3 * patch.step,
+            "depth": grid,
+            "through": np.argwhere(np.isposinf(depths)).tolist(),
+        },
+    }
+
+
+def _meshes(wall: DepthMap) -> dict[str, bytes]:
+    """The map as PLY and glTF; none where trimesh is not installed."""
+    try:
+        mesh = mesh_of(wall)
+    except MissingExtraError:
+        return {}
+    return {kind: bytes(mesh.export(file_type=kind)) for kind in ("ply", "glb")}
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

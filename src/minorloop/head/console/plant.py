@@ -1,0 +1,224 @@
+"""What the seat steers, and what the seat knows of it.
+
+Two doors, since the camera and the probe are read by another process than the wires: `Plant` is a
+head with two wires and a catheter with two motors; `Tip` is the camera with its lights and the
+ultrasonic probe. The seat knows the wires as they were identified through the first door, and
+camera and probe as they were calibrated.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import msgspec
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop.head.control.head import HeadControl, head_control
+from minorloop.head.control.heating import (
+    HeatedWire,
+    identify_coupling,
+    identify_heating,
+    moving_levels,
+)
+from minorloop.head.geometry import Mount, Pinhole, Probe
+from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, STRAIGHT, HeadCalibration
+from minorloop.head.procedures.values import Plant, Reading, Tip
+from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.identification import excitation
+from minorloop.lab.actuator import Actuator
+
+MIDDLE = round(math.degrees(STRAIGHT), 9)
+"""Pan and tilt at which the head looks straight ahead, in degrees."""
+ADDRESSES = ("twin:pipe",)
+Where: TypeAlias = tuple[float, float, float, float]
+"""Pan and tilt about the middle, advance and roll as measured, in degrees and mm."""
+_HOLD = 40.0
+_BANDS = 12
+_HIGHEST = 0.4
+_LENGTH = 0.1024
+_CALIBRATED = 0.05e-3
+# What a gauge, a caliper and a thermometer leave open.
+_RADIUS, _THICKNESS, _TEMPERATURE = 20e-6, 0.03, 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlantView(HeadCalibration):
+    """Camera and probe as calibrated, where the catheter is in mm and degrees."""
+
+    def mount(self, where: Where) -> Mount:
+        """How the head sits in the pipe where the catheter is."""
+        return self.mount_at(reading_of(where).place)
+
+    def eye(self, where: Where) -> CalibratedCamera:
+        """The camera where the catheter is."""
+        return self.eye_at(reading_of(where).place)
+
+    def ear(self, where: Where) -> CalibratedProbe:
+        """The probe where the catheter is."""
+        return self.ear_at(reading_of(where).place)
+
+    def told(self) -> dict[str, Any]:
+        """As plain values, for messages."""
+        names = ("offset", "roll", "lever", "radius", "thickness", "temperature")
+        plain = {name: getattr(self, name) for name in names}
+        lens, probe = (
+            msgspec.to_builtins(part, enc_hook=float) for part in (self.lens, self.probe)
+        )
+        return {"lens": lens, "probe": probe, "leds": self.leds.tolist(), **plain}
+
+    @classmethod
+    def heard(cls, told: dict[str, Any]) -> PlantView:
+        """From plain values."""
+        lens = msgspec.convert(told["lens"], Pinhole)
+        probe = msgspec.convert(told["probe"], Probe)
+        known = {
+            **told,
+            "lens": lens,
+            "probe": probe,
+            "leds": np.array(told["leds"]),
+            "offset": tuple(told["offset"]),
+        }
+        return cls(**known)
+
+
+def angles_of(where: Where) -> tuple[float, float]:
+    """Pan and tilt in radians."""
+    return math.radians(where[0]), math.radians(where[1])
+
+
+def reading_of(where: Where, **known: Any) -> Reading:
+    """What a procedure is told of where the head is, with other values of a `Reading`."""
+    place = np.array([1e-3 * where[2], math.radians(where[3])])
+    return Reading(**{"t": 0.0, **known}, angles=np.array(angles_of(where)), place=place)
+
+
+def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:
+    """The plant at an address.
+
+    Raises
+    ------
+    ParameterError
+        If there is none at the address.
+    """
+    check_address(address)
+    from minorloop.head.twins.catheter import Catheter
+    from minorloop.head.twins.head import Head
+    from minorloop.head.twins.rig import Rig
+
+    return Rig(Head(specimen, 0.05, seed, delay=0.04), Catheter(specimen, 0.02, seed))
+
+
+def open_tip(
+    address: str, *, specimen: int | None = None, seed: int = 0, scale: float = 1.0
+) -> tuple[Tip, PlantView]:
+    """What the plant at an address carries, and what is known of it.
+
+    Parameters
+    ----------
+    address : str
+    specimen, seed : int
+        Of the simulated specimen, and of its noise and its pipe.
+    scale : float
+        Of the image; small ones are drawn faster.
+
+    Raises
+    ------
+    ParameterError
+        If there is none at the address.
+    """
+    check_address(address)
+    from minorloop.head.twins.camera import LENS
+    from minorloop.head.twins.rig import SimulatedTip
+
+    rng = np.random.default_rng([seed, 41])
+    offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
+    known = np.array(offset) + rng.normal(0.0, _CALIBRATED, 2)
+    pipe = _pipe(seed)
+    mount = Mount(offset=offset)
+    tip = SimulatedTip(pipe, mount=mount, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
+    view = PlantView(
+        lens=tip.camera.calibration,
+        leds=tip.camera.leds,
+        offset=(float(known[0]), float(known[1])),
+        radius=pipe.radius + float(rng.normal(0.0, _RADIUS)),
+        thickness=pipe.thickness * float(rng.uniform(1 - _THICKNESS, 1 + _THICKNESS)),
+        temperature=ROOM_TEMPERATURE + float(rng.normal(0.0, _TEMPERATURE)),
+    )
+    return tip, view
+
+
+def _pipe(seed: int) -> Any:
+    """A pipe with dents, dirt and scratches, with pits and holes along it."""
+    from minorloop.head.twins.pipe import Bore, Pipe
+
+    rng = np.random.default_rng([seed, 43])
+    bores = [Bore(0.45, 20e-3, 1e-3, depth=0.5e-3, brightness=0.0, lining=0.08)]
+    for n, z in enumerate((33e-3, 46e-3, 60e-3, 74e-3, 88e-3)):
+        pit = rng.uniform(0.3e-3, 0.8e-3) if n % 2 else math.inf
+        phi, size = float(rng.uniform(-math.pi, math.pi)), float(rng.uniform(0.9e-3, 1.1e-3))
+        bores.append(Bore(phi, z, size, depth=float(pit), brightness=0.0, lining=0.08))
+    return replace(Pipe.draw(seed, length=_LENGTH), bores=tuple(bores))
+
+
+def head_of(address: str, specimen: int | None) -> HeadControl:
+    """Identify the head at an address, one axis after the other, and give its control.
+
+    A loop, reversal curves and a step of each axis: some hours of a real head, a second of a
+    simulated one.
+
+    Raises
+    ------
+    ParameterError
+        If there is none at the address.
+    """
+    check_address(address)
+    from minorloop.head.twins.head import Head
+
+    head = Head(specimen, 0.05, 1)
+    wires, moves = zip(*(_identified(head, axis) for axis in (0, 1)), strict=True)
+    return head_control("observer", wires, coupling=identify_coupling(moves))
+
+
+def _identified(head: Actuator, axis: int) -> tuple[HeatedWire, FloatArray]:
+    loop = _HIGHEST * np.concatenate([np.linspace(0, 1, 17), np.linspace(1, 0, 17)[1:]])
+    angles = _settled(head, axis, loop)
+    levels = moving_levels(loop, angles[axis], _BANDS)
+    _settled(head, axis, np.zeros(1))
+    holds = excitation.reversal_curves(levels)
+    steady = _settled(head, axis, holds)
+    _settled(head, axis, np.zeros(1))
+    t = np.arange(0.0, 40.0, 0.08)
+    current = np.where((t >= 0.16) & (t < 25.0), _HIGHEST, 0.0)
+    y = [0.0, *(float(_moved(head, axis, u, 0.08)[axis]) for u in current[:-1])]
+    found = identify_heating(holds, steady[axis], step=(t, current, np.array(y)), levels=levels)
+    return found.model, angles
+
+
+def _settled(head: Actuator, axis: int, currents: FloatArray) -> FloatArray:
+    """(2, T) angles after each hold of the current of one axis."""
+    return np.array([_moved(head, axis, float(i), _HOLD) for i in currents]).T
+
+
+def _moved(head: Actuator, axis: int, current: float, seconds: float) -> FloatArray:
+    u = np.zeros(2)
+    u[axis] = current
+    last: FloatArray = np.asarray(head.apply(u, seconds, seconds).y)[:, -1]
+    return last
+
+
+def check_address(address: str) -> None:
+    """Refuse an address at which there is nothing to steer.
+
+    Raises
+    ------
+    ParameterError
+        If there is nothing.
+    """
+    if address not in ADDRESSES:
+        known = ", ".join(f"'{name}'" for name in ADDRESSES)
+        raise ParameterError(f"there is nothing to steer at {address!r}; what exists is {known}")

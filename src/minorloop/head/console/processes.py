@@ -1,0 +1,126 @@
+"""The processes of the console: plant, control loop, camera and server, and who supervises them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from minorloop.head.console import camera_process, serving, watchdog
+from minorloop.head.console import loop as control_loop
+from minorloop.head.console.auth import Authentication
+from minorloop.head.console.channel import NewestPipe
+from minorloop.head.console.link import ConsoleLink
+from minorloop.head.console.server import Console
+from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
+
+PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
+"""Which of them talk to each other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Serving:
+    """How the pages are served.
+
+    Parameters
+    ----------
+    doors : Authentication
+    listening : socket
+        Bound; it stays the same when the server is started anew.
+    certificate, private_key : Path, optional
+        Files, for https.
+    """
+
+    doors: Authentication
+    listening: socket.socket
+    certificate: Path | None = None
+    private_key: Path | None = None
+
+
+def supervised(settings: LoopSettings, how: Serving, said: Callable[[str], None]) -> None:
+    """Run the console until a signal ends it.
+
+    Parameters
+    ----------
+    settings : LoopSettings
+    how : Serving
+    said : callable
+        What to do with a sentence on a process that was started anew.
+    """
+    parts = [
+        Part(name="plant", target=watchdog.run, args=(settings,)),
+        Part(name="loop", target=control_loop.run, args=(settings,)),
+        Part(name="camera", target=camera_process.run, args=(settings,), patience=2.0),
+        Part(name="server", target=serve, args=(settings, how), patience=2.0),
+    ]
+    supervisor = Supervisor(parts, PIPES, said=said)
+    try:
+        with _ended_by_signals():
+            supervisor.start()
+            supervisor.run()
+    finally:
+        supervisor.end()
+
+
+def serve(post: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
+    """Serve the pages until the supervisor ends; for a process of its own.
+
+    Parameters
+    ----------
+    post : ProcessHandle
+        Brings pipes to the control loop and to the camera.
+    settings : LoopSettings
+    how : Serving
+    """
+    import uvicorn
+
+    loop, camera = NewestPipe(), NewestPipe()
+    over = post.begin(loop=loop, camera=camera)
+
+    class Supervised(uvicorn.Server):
+        async def on_tick(self, counter: int) -> bool:
+            post.beat()
+            return over.is_set() or await super().on_tick(counter)
+
+        @contextlib.contextmanager
+        def capture_signals(self) -> Iterator[None]:
+            yield  # they are for the supervisor
+
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
+    serving.serve(
+        Console(
+            doors=how.doors, loop=settings, link=partial(ConsoleLink, loop=loop, camera=camera)
+        ),
+        how.listening,
+        certificate=how.certificate,
+        private_key=how.private_key,
+        server=Supervised,
+    )
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """A signal that ends a program ends what is done here; further ones do not disturb the end."""
+    asked = [
+        number
+        for name in ("SIGINT", "SIGTERM", "SIGHUP")
+        if (number := getattr(signal, name, None)) is not None
+        and signal.getsignal(number) != signal.SIG_IGN  # as nohup does
+    ]
+
+    def end(*_: object) -> None:
+        for number in asked:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for number in asked:
+        signal.signal(number, end)
+    with contextlib.suppress(KeyboardInterrupt):
+        yield

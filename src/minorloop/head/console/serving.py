@@ -1,0 +1,205 @@
+"""Running the server of the pages with uvicorn, so that strangers hold up nobody.
+
+uvicorn has no time limit for a request that comes slowly and none for the number of connections
+(its ``limit_concurrency`` refuses the pilot with everybody else). The socket that listens sees to
+both; the protocol below answers what is too long, so that the answer arrives.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import sys
+import time
+from pathlib import Path
+
+from minorloop.errors import MissingExtraError
+from minorloop.head.console.connections import Limits, Listener, Selector, mark
+from minorloop.head.console.server import Console
+
+try:
+    import h11
+    import uvicorn
+    from starlette.types import ASGIApp, Receive, Scope, Send
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+    from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+    from websockets.exceptions import InvalidState
+except ImportError:
+    raise MissingExtraError("uvicorn", "head") from None
+
+LONGEST_HEADER = 8000
+"""Bytes of the address of a request, and of each of its headers; websockets take in no more."""
+_LONGEST_HEAD = 1 << 16
+_MOST_HEADERS = 100
+_LINGER = 2.0
+_LONG = (
+    f"the address of the request or one of its headers is longer than {LONGEST_HEADER} bytes, or "
+    f"there are more than {_MOST_HEADERS} headers; shorten the name of the file, or remove the "
+    "cookies of this host in your browser"
+)
+_UNREADABLE = "this is no HTTP request that can be read; open the address that the console printed"
+
+
+def serve(
+    console: Console,
+    listening: socket.socket,
+    *,
+    certificate: Path | str | None = None,
+    private_key: Path | str | None = None,
+    limits: Limits | None = None,
+    server: type[uvicorn.Server] = uvicorn.Server,
+) -> None:
+    """Serve until a signal ends it.
+
+    It may run again with the same doors: browsers that had the key go on.
+
+    Parameters
+    ----------
+    console : Console
+    listening : socket.socket
+        A bound socket; it is closed at the end.
+    certificate, private_key : path, optional
+        PEM files, for https.
+    limits : Limits, optional
+        What strangers may take.
+    server : type, optional
+        What serves; a subclass may say when it ends.
+    """
+    listener = Listener(listening, limits)
+    config = uvicorn.Config(
+        _Marking(console.app(), listener),
+        http=ConsoleHttp,
+        ws=Sockets,
+        log_level="warning",
+        access_log=False,
+        proxy_headers=False,  # the connection is found by the address of its other end
+        h11_max_incomplete_event_size=_LONGEST_HEAD,
+        ws_max_size=1 << 14,
+        ws_max_queue=64,
+        ws_per_message_deflate=False,
+        ws_ping_interval=10.0,
+        ws_ping_timeout=10.0,
+        ssl_certfile=None if certificate is None else str(certificate),
+        ssl_keyfile=None if private_key is None else str(private_key),
+        timeout_graceful_shutdown=2,
+        server_header=False,
+    )
+    for name in ("uvicorn.error", "asyncio"):
+        logging.getLogger(name).addFilter(RateLimitedLog())
+
+    def events() -> asyncio.AbstractEventLoop:
+        return asyncio.SelectorEventLoop(Selector(listener))
+
+    with asyncio.Runner(loop_factory=events) as runner:
+        runner.run(_served(server(config), listener))
+
+
+async def _served(server: uvicorn.Server, listener: Listener) -> None:
+    sweeping = asyncio.create_task(listener.sweeping())
+    try:
+        await server.serve(sockets=[listener])
+    finally:
+        sweeping.cancel()
+
+
+class _Marking:
+    """Writes the connection of each request into its scope."""
+
+    def __init__(self, app: ASGIApp, listener: Listener) -> None:
+        self._app, self._listener = app, listener
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "lifespan":
+            mark(scope, self._listener)
+        await self._app(scope, receive, send)
+
+
+class ConsoleHttp(H11Protocol):
+    """HTTP that says what is wrong with a request before it closes the connection."""
+
+    _refused = False
+
+    def data_received(self, data: bytes) -> None:
+        """Take in what came; what comes after a refusal is read for the answer to arrive."""
+        if not self._refused:
+            super().data_received(data)
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        """Refuse what the websocket would break off without an answer."""
+        if self._too_long(event):
+            self._refuse(431, _LONG)
+        else:
+            super().handle_websocket_upgrade(event)
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer a request that cannot be read."""
+        hint = getattr(sys.exc_info()[1], "error_status_hint", 400)
+        self._refuse(hint, _LONG if hint == 431 else _UNREADABLE)
+
+    def shutdown(self) -> None:
+        """End the connection; a refusal has ended the conversation already."""
+        if self._refused:
+            self.transport.close()
+        else:
+            super().shutdown()
+
+    def _too_long(self, event: h11.Request) -> bool:
+        headers = event.headers.raw_items()
+        longest = max([len(event.target), *(len(name) + len(value) for name, value in headers)])
+        return longest > LONGEST_HEADER or len(headers) > _MOST_HEADERS
+
+    def _refuse(self, status: int, sentence: str) -> None:
+        self._refused = True
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+            if self.cycle.response_started:
+                self.transport.close()
+                return
+        body = (sentence + "\n").encode()
+        head = (
+            f"HTTP/1.1 {status} Refused\r\nContent-Type: text/plain; charset=utf-8\r\n"
+            f"Content-Length: {len(body)}\r\nConnection: close\r\n"
+            "X-Content-Type-Options: nosniff\r\n\r\n"
+        )
+        self.transport.write(head.encode() + body)
+        self.flow.resume_reading()
+        self.loop.call_later(_LINGER, self.transport.abort)
+
+
+class Sockets(WebSocketsSansIOProtocol):
+    """Websockets that may be closing already when the server ends."""
+
+    def shutdown(self) -> None:
+        """End the connection."""
+        try:
+            super().shutdown()
+        except InvalidState:
+            self.transport.close()
+
+
+class RateLimitedLog(logging.Filter):
+    """Lets few messages through in a time, whoever causes them.
+
+    Parameters
+    ----------
+    most : int
+    seconds : float
+    """
+
+    def __init__(self, most: int = 5, seconds: float = 10.0) -> None:
+        super().__init__()
+        self._most, self._seconds = most, seconds
+        self._began, self._count = -seconds, 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a message may pass; the first after a pause says how many did not."""
+        now = time.monotonic()
+        if now - self._began >= self._seconds:
+            missing, self._began, self._count = self._count - self._most, now, 0
+            if missing > 0:
+                record.msg = f"{record.getMessage()} ({missing} more messages were left out)"
+                record.args = ()
+        self._count += 1
+        return self._count <= self._most

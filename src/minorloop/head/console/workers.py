@@ -1,0 +1,184 @@
+"""Processes that compute for pages, so that the server goes on answering.
+
+Each worker does one task at a time and may tell stages of it. One that takes too long, that is
+stopped, or whose page has gone away, is ended and replaced. All end with the server.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import AsyncIterator
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from minorloop.errors import MinorloopError
+from minorloop.head.console.supervisor import tie
+
+TASKS = "minorloop.head.console.lab_work"
+_POLL = 0.01
+_BEGINNING = 180.0
+"""Seconds within which a process has to begin, on a machine that is busy with others."""
+
+
+class Workers:
+    """Some processes.
+
+    Parameters
+    ----------
+    count : int
+    longest : float
+        Seconds that a task may take.
+    tasks : str
+        Module of the tasks; it has ``warm_up``.
+    nice : int
+        How far a computation stands back behind who steers.
+    """
+
+    def __init__(
+        self, count: int, *, longest: float = 180.0, tasks: str = TASKS, nice: int = 10
+    ) -> None:
+        self._count, self._longest, self._work = count, longest, (tasks, nice)
+        self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
+        self._all: set[_Worker] = set()
+
+    async def start(self) -> None:
+        """Start them; they import what they need before they are first asked."""
+        for _ in range(self._count):
+            self._add()
+
+    async def stop(self) -> None:
+        """End them."""
+        for worker in self._all:
+            worker.end()
+
+    async def run(self, task: str, **options: Any) -> AsyncIterator[dict[str, Any]]:
+        """What a task tells, one after the other; a refusal is ``{"error": sentence}``."""
+        if self._idle.empty():
+            yield {"stage": "waiting for others to finish"}
+        worker = await self._idle.get()
+        while worker.ended():  # while it had nothing to do
+            self._replace(worker)
+            worker = await self._idle.get()
+        whole = False
+        try:
+            async with asyncio.timeout(_BEGINNING):
+                await worker.begun()
+            worker.pipe.send((task, options))
+            async with asyncio.timeout(self._longest):
+                async for told in worker.told():
+                    yield told
+            whole = True
+        except TimeoutError:
+            yield {
+                "error": f"this took over {self._longest:g} s; use fewer rows or levels, or try "
+                "again when the machine has less to do"
+            }
+        except (EOFError, OSError):
+            yield {"error": "the computation ended unexpectedly; use fewer levels or fewer rows"}
+        finally:
+            if whole:
+                self._idle.put_nowait(worker)
+            else:  # it is in the middle of something that nobody waits for
+                self._replace(worker)
+
+    async def ask(self, task: str, **options: Any) -> dict[str, Any]:
+        """The last thing that a task tells."""
+        last: dict[str, Any] = {}
+        async for told in self.run(task, **options):
+            last = told
+        return last
+
+    def _replace(self, worker: _Worker) -> None:
+        worker.end()
+        self._all.discard(worker)
+        self._add()
+
+    def _add(self) -> None:
+        worker = _Worker(*self._work)
+        self._all.add(worker)
+        self._idle.put_nowait(worker)
+
+
+class _Worker:
+    def __init__(self, tasks: str, nice: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self._process = context.Process(target=serve, args=(theirs, tasks, nice), daemon=True)
+        self._process.start()
+        self._begun = False
+        theirs.close()
+
+    async def begun(self) -> None:
+        """Wait until it has imported what it needs, which is not what a task takes."""
+        if not self._begun:
+            await self._next()
+            self._begun = True
+
+    async def told(self) -> AsyncIterator[dict[str, Any]]:
+        """What comes until the task is done."""
+        while True:
+            told = await self._next()
+            if told is None:
+                return
+            yield told
+
+    async def _next(self) -> Any:
+        while not self.pipe.poll():
+            if self._stopped():
+                raise EOFError
+            await asyncio.sleep(_POLL)
+        return self.pipe.recv()
+
+    def _stopped(self) -> bool:
+        """Whether a signal has stopped it, so that it would never answer."""
+        asked = getattr(os, "WSTOPPED", 0) | os.WNOHANG | getattr(os, "WNOWAIT", 0)
+        with contextlib.suppress(AttributeError, ChildProcessError):
+            return os.waitid(os.P_PID, self._process.pid or 0, asked) is not None
+        return False
+
+    def ended(self) -> bool:
+        """Whether it is no longer there to work."""
+        return self._stopped() or not self._process.is_alive()
+
+    def end(self) -> None:
+        with contextlib.suppress(OSError):
+            self.pipe.close()
+        self._process.kill()  # one that is stopped hears nothing else
+
+
+def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
+    """Do tasks until the other end goes away; for a process of its own."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(nice)
+    tie("console-worker", signal.SIGKILL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    tasks = importlib.import_module(module)
+    tasks.warm_up()
+    with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
+        pipe.send(None)  # it has begun
+        while True:
+            task, options = pipe.recv()
+            try:
+                for told in getattr(tasks, task)(**options):
+                    pipe.send(told)
+            except MinorloopError as error:
+                pipe.send({"error": str(error)})
+            except MemoryError:
+                pipe.send({"error": "there is not enough memory for this; use fewer levels"})
+            except (OSError, ValueError) as error:
+                pipe.send({"error": f"this cannot be done: {error}"})
+            pipe.send(None)
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of who started this process; for a thread of its own."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

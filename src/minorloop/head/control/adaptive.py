@@ -1,0 +1,255 @@
+"""Certainty equivalence: control with the model as it is believed to be now.
+
+Ambient and convection are the business of the observer's bias, which is quick. What a bias does
+not explain, because it differs from target to target, is learnt into the weights of the
+operator, from settled samples alone, a little at a time, and undone if it does not help.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from minorloop.head.control.controller import width, within
+from minorloop.head.control.heating import HeatedState, HeatedWire
+from minorloop.head.control.observer import Estimate, ObserverControl, ObserverState
+from minorloop.identification.recursive import Recursive, RecursiveState
+from minorloop.operators.preisach import Preisach
+
+_STILL_DEGREES = 0.4
+_STILL_POWER = 0.01
+_MOVED = 0.02
+_BIAS_SHARE = 0.2
+_SCORE_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveEstimate:
+    """What has been learnt.
+
+    Parameters
+    ----------
+    control : ObserverControl
+        The law with the operator as it is believed to be now.
+    recursion : RecursiveState
+        Of its weights.
+    free : HeatedState
+        The believed wire, run on the current and the slow bias alone.
+    identified : HeatedState
+        The wire as it was identified, run likewise.
+    ambient : float
+        Slow bias in A^2: what the settled samples have in common.
+    score, identified_score : float
+        Smoothed size of the errors at settled samples, of the wire as it is believed to be and
+        as it was identified, in degrees.
+    updates, rollbacks : int
+        How often weights were learnt, and given up again.
+    """
+
+    control: ObserverControl
+    recursion: RecursiveState
+    free: HeatedState
+    identified: HeatedState
+    ambient: float
+    score: float = 0.0
+    identified_score: float = 0.0
+    updates: int = 0
+    rollbacks: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveState:
+    """What the loop remembers.
+
+    Parameters
+    ----------
+    observer : ObserverState
+        Of the law.
+    belief : AdaptiveEstimate
+        Of the model.
+    still : float
+        For how long the wire has been settled at its target, in seconds.
+    anchor : float
+        Effective power when it began to be, in A^2.
+    learnt : float
+        Effective power of the last sample that was learnt from, in A^2.
+    applied : float
+        Current in A that is on.
+    """
+
+    observer: ObserverState
+    belief: AdaptiveEstimate
+    still: float
+    anchor: float
+    learnt: float
+    applied: float
+
+    @property
+    def estimate(self) -> Estimate:
+        """What the observer believes."""
+        return self.observer.estimate
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AdaptiveControl:
+    """Observer control whose operator is learnt while it works.
+
+    Parameters
+    ----------
+    control : ObserverControl
+        The law, with the wire as it was identified.
+    settling : float
+        For how many seconds the wire must have been still at its target before it is learnt
+        from.
+    forgetting : float
+        Weight that a sample keeps per update.
+    prior : float
+        Strength of the leak towards the present weights, in samples.
+    largest_update : float
+        Most that one update may change the weights in sum, as a share of the range.
+    tolerance : float
+        By how many degrees the believed wire may predict worse than the identified one before
+        what was learnt is given up.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    References
+    ----------
+    Tan and Baras, Automatica 40, 2004: adaptive inverse control with a recursive density.
+    """
+
+    control: ObserverControl
+    settling: float = 2.0
+    forgetting: float = 0.98
+    prior: float = 1.0
+    largest_update: float = 0.02
+    tolerance: float = 0.3
+    _recursive: Recursive = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        within("settling", self.settling, self.control.interval, 600.0, "s")
+        within("largest_update", self.largest_update, 0.0, 1.0)
+        within("tolerance", self.tolerance, 0.0, 180.0, "degrees")
+        operator = self.control.wire.operator
+        recursive = Recursive(
+            operator.levels,
+            forgetting=self.forgetting,
+            prior=self.prior,
+            relay=operator.relay,
+            diagonal=operator.diagonal,
+        )
+        object.__setattr__(self, "_recursive", recursive)
+
+    @property
+    def interval(self) -> float:
+        """Time between two steps in seconds."""
+        return self.control.interval
+
+    def begin(self, measurement: float = 0.0, current: float = 0.0) -> AdaptiveState:
+        """State of a wire that is found settled at an angle under a current."""
+        observer = self.control.begin(measurement, current)
+        wire = observer.estimate.wire
+        belief = AdaptiveEstimate(
+            control=self.control,
+            recursion=self._recursive.begin(model=self.control.wire.operator),
+            free=wire,
+            identified=wire,
+            ambient=observer.estimate.ambient,
+        )
+        return AdaptiveState(observer, belief, 0.0, wire.power, wire.power, current)
+
+    def step(
+        self, state: AdaptiveState, reference: float, measurement: float
+    ) -> tuple[float, AdaptiveState]:
+        """Current for the next interval, and the state after it."""
+        belief = self._followed(state.belief, state.applied)
+        before = replace(state.observer, applied=state.applied)
+        current, observer = belief.control.step(before, reference, measurement)
+        power = observer.estimate.wire.power
+        near = abs(reference - measurement) < _STILL_DEGREES
+        span = width(self.control.wire)
+        if not (near and abs(power - state.anchor) < _STILL_POWER * span):
+            return current, AdaptiveState(observer, belief, 0.0, power, state.learnt, current)
+        still = state.still + self.interval
+        new = AdaptiveState(observer, belief, still, state.anchor, state.learnt, current)
+        if still < self.settling or abs(power - state.learnt) < _MOVED * span:
+            return current, new
+        return current, self._learnt(new, reference)
+
+    def _followed(self, belief: AdaptiveEstimate, current: float) -> AdaptiveEstimate:
+        """The two free wires after an interval."""
+        options = {"ambient": belief.ambient}
+        power = current**2
+        return replace(
+            belief,
+            free=belief.control.wire.step(belief.free, power, self.interval, **options),
+            identified=self.control.wire.step(belief.identified, power, self.interval, **options),
+        )
+
+    def _learnt(self, state: AdaptiveState, angle: float) -> AdaptiveState:
+        """The state after a settled sample at an angle."""
+        belief, estimate = state.belief, state.observer.estimate
+        ambient = belief.ambient + _BIAS_SHARE * (estimate.ambient - belief.ambient)
+        belief = self._scored(replace(belief, ambient=ambient), angle)
+        if belief.score > belief.identified_score + self.tolerance:
+            belief = replace(
+                self._with(belief, self.control.wire.operator),
+                recursion=self._recursive.begin(model=self.control.wire.operator),
+                score=belief.identified_score,
+                rollbacks=belief.rollbacks + 1,
+            )
+        else:
+            belief = self._updated(belief, angle)
+        observer = replace(state.observer, estimate=_carried(estimate, belief.control.wire))
+        return replace(state, observer=observer, belief=belief, learnt=estimate.wire.power)
+
+    def _scored(self, belief: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
+        """Smoothed errors of the two free wires, before anything is learnt from the sample."""
+        own, first = abs(belief.free.angle - angle), abs(belief.identified.angle - angle)
+        return replace(
+            belief,
+            score=belief.score + _SCORE_SHARE * (own - belief.score),
+            identified_score=belief.identified_score
+            + _SCORE_SHARE * (first - belief.identified_score),
+        )
+
+    def _updated(self, belief: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
+        """Weights that explain the sample better, as far as one update may go."""
+        memory = belief.free.tracker.memory
+        before = replace(belief.recursion, memory=memory, updates=0)
+        after = self._recursive.update(before, memory.u, angle)
+        change = after.theta - before.theta
+        size = float(np.abs(change).sum())
+        if not np.isfinite(size) or size == 0.0:
+            return belief
+        theta = before.theta + min(1.0, self._most / size) * change
+        updates = belief.updates + 1
+        recursion = replace(after, theta=theta, updates=updates)
+        learnt = replace(belief, recursion=recursion, updates=updates)
+        return self._with(learnt, self._recursive.model(recursion))
+
+    def _with(self, belief: AdaptiveEstimate, operator: Preisach) -> AdaptiveEstimate:
+        """The belief with another operator, its free wire at the same effective power."""
+        wire = replace(self.control.wire, operator=operator)
+        control = replace(belief.control, wire=wire)
+        return replace(belief, control=control, free=_moved_to(belief.free, wire))
+
+    @cached_property
+    def _most(self) -> float:
+        low, high = self.control.wire.operator.range
+        return self.largest_update * (high - low)
+
+
+def _moved_to(state: HeatedState, wire: HeatedWire) -> HeatedState:
+    """A state with the same memory and effective power in another operator."""
+    return wire.moved(wire.begin(state.power, state.tracker.memory), state.power)
+
+
+def _carried(estimate: Estimate, wire: HeatedWire) -> Estimate:
+    """An estimate carried to another operator: same power, same angles of the past."""
+    return replace(estimate, wire=_moved_to(estimate.wire, wire))

@@ -1,0 +1,63 @@
+"""Open loop: the inverse of the operator after the inverse of the heating lag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from minorloop.head.control.controller import Loop, heating, within
+from minorloop.head.control.heating import HeatedState, HeatedWire
+
+
+@dataclass(frozen=True, eq=False)
+class FeedforwardState:
+    """What open loop remembers: the simulated wire, and the current that is on."""
+
+    wire: HeatedState
+    applied: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Feedforward(Loop):
+    """Control that believes its model and reads no sensor.
+
+    Parameters
+    ----------
+    wire : HeatedWire
+        The model.
+    response : float
+        Time constant in seconds with which the angle is to follow, as far as the current
+        allows.
+    interval, delay, highest
+        As in `Loop`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    References
+    ----------
+    Boudjabi, Ferreira and Krupa, Proc. IEEE IROS 2003, Fig. 7; the order of lag and operator is
+    that of the physics, and the model follows the current that was achieved.
+    """
+
+    wire: HeatedWire
+    response: float = 0.4
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within("response", self.response, self.interval, 60.0, "s")
+
+    def begin(self, measurement: float = 0.0, current: float = 0.0) -> FeedforwardState:
+        """State of a wire that is found settled at an angle under a current."""
+        return FeedforwardState(self.wire.found(current**2, measurement), current)
+
+    def step(
+        self, state: FeedforwardState, reference: float, measurement: float = math.nan
+    ) -> tuple[float, FeedforwardState]:
+        """Current for the next interval; the measurement is not read."""
+        wire = self.wire.step(state.wire, state.applied**2, self.interval)
+        power = heating(self.wire, wire, reference, response=self.response)
+        current = self.current(power)
+        return current, replace(state, wire=wire, applied=current)

@@ -1,0 +1,260 @@
+"""Control of several wires at once, with the coupling of their sensors undone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, check_option, frozen
+from minorloop.errors import ParameterError
+from minorloop.head.control.controller import Controller
+from minorloop.head.control.feedforward import Feedforward
+from minorloop.head.control.guard import Event, Guard, GuardState
+from minorloop.head.control.heating import HeatedWire
+from minorloop.head.control.internal_model import InternalModel
+from minorloop.head.control.limits import WireLimits
+from minorloop.head.control.observer import ObserverControl, PowerObserver
+from minorloop.head.control.pi import ProportionalIntegral
+from minorloop.head.control.sensing import SensorWatch, as_number
+
+CONTROLLERS = ("observer", "feedforward", "pi", "internal_model", "adaptive")
+"""Names that `head_control` knows; the first is what it takes without a name."""
+
+
+_LARGEST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class HeadState:
+    """What the control of a head remembers: a state for each axis."""
+
+    axes: tuple[GuardState, ...]
+
+    @property
+    def log(self) -> tuple[tuple[int, Event], ...]:
+        """Axis and event, in the order of the steps."""
+        events = [(axis, event) for axis, state in enumerate(self.axes) for event in state.log]
+        return tuple(sorted(events, key=lambda pair: pair[1].step))
+
+
+@dataclass(frozen=True, eq=False)
+class HeadControl:
+    """A guarded controller for each axis of a head.
+
+    Parameters
+    ----------
+    axes : tuple of Guard
+        One for each wire.
+    coupling : (axes, axes) array_like, optional
+        ``coupling[i, j]``: what the sensor of axis i sees of a degree of axis j, 1 on the
+        diagonal. Without it, the axes are taken to be independent.
+
+    Raises
+    ------
+    ParameterError
+        If the coupling has another shape, is not finite, or mixes the axes so much that they
+        cannot be told apart.
+    """
+
+    axes: tuple[Guard, ...]
+    coupling: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.axes)
+        try:
+            matrix = np.eye(count) if self.coupling is None else np.asarray(self.coupling, float)
+        except (TypeError, ValueError):
+            raise ParameterError(
+                f"the coupling is {self.coupling!r}; give numbers, ({count}, {count})"
+            ) from None
+        if count == 0 or matrix.shape != (count, count):
+            raise ParameterError(
+                f"the coupling has shape {matrix.shape}; give ({count}, {count}), one row an axis"
+            )
+        if not np.isfinite(matrix).all():
+            raise ParameterError("the coupling has entries that are not finite; give numbers")
+        if not (np.abs(matrix - np.eye(count)).sum(axis=1) < 0.5).all():
+            raise ParameterError(
+                "the coupling has rows that differ from the unit matrix by 0.5 or more; such "
+                "axes cannot be told apart"
+            )
+        object.__setattr__(self, "coupling", frozen(matrix))
+
+    def begin(
+        self, measurement: npt.ArrayLike | None = None, current: npt.ArrayLike | None = None
+    ) -> HeadState:
+        """State of a head that is found settled at angles (axes,) under currents (axes,).
+
+        Parameters
+        ----------
+        measurement : (axes,) array_like, optional
+            Angles read, in degrees.
+        current : (axes,) array_like, optional
+            Currents that hold them, in A.
+        """
+        count = len(self.axes)
+        angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
+        currents = np.zeros(count) if current is None else _numbers(current, count)
+        own = self._undo @ np.where(np.abs(angles) < _LARGEST, angles, 0.0)
+        pairs = zip(self.axes, own.tolist(), currents.tolist(), strict=True)
+        return HeadState(tuple(axis.begin(angle, on) for axis, angle, on in pairs))
+
+    def step(
+        self,
+        state: HeadState,
+        reference: npt.ArrayLike,
+        measurement: npt.ArrayLike,
+        *,
+        t: float | None = None,
+    ) -> tuple[FloatArray, HeadState]:
+        """Currents for the next interval, within the limits; nothing is raised.
+
+        Parameters
+        ----------
+        state : HeadState
+        reference : (axes,) array_like
+            Angles wanted, in degrees as the sensors give them.
+        measurement : (axes,) array_like
+            Newest readings in degrees; NaN where there is none.
+        t : float, optional
+            Time of the readings in seconds.
+
+        Returns
+        -------
+        current : (axes,) array
+            In A.
+        state : HeadState
+        """
+        count = len(self.axes)
+        wanted, seen = _numbers(reference, count), _numbers(measurement, count)
+        believed = np.array([axis.estimate.wire.angle for axis in state.axes])
+        standing = np.array([axis.reference for axis in state.axes])
+        sound = np.array([not axis.fault for axis in state.axes])
+        readings = self._own(seen, believed, sound)
+        targets = self._own_targets(wanted, standing)
+        current, states = np.empty(count), []
+        for k, axis in enumerate(self.axes):
+            pair = float(targets[k]), float(readings[k])
+            current[k], after = axis.step(state.axes[k], *pair, t=t, raw=float(seen[k]))
+            states.append(after)
+        return current, HeadState(tuple(states))
+
+    def _own(self, seen: FloatArray, instead: FloatArray, sound: BoolArray) -> FloatArray:
+        """Angles (axes,) of the wires themselves; NaN where the sensor gives none.
+
+        ``instead`` are the wires' angles that stand in, in what the other axes see of them,
+        for those that are not sound or not numbers.
+        """
+        known = np.abs(seen) < _LARGEST
+        filled = np.where(known & sound, seen, instead + self._mixing @ instead)
+        return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
+
+    def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
+        """Angles (axes,) that the wires are to take; NaN where none is wanted.
+
+        A wire that the other axes would have beyond its stroke stops at its end, and the others
+        make up for that.
+        """
+        known = np.abs(wanted) < _LARGEST
+        filled = np.where(known, wanted, instead + self._mixing @ instead)
+        ends = np.array([axis.observer.wire.operator.range for axis in self.axes])
+        own = np.clip(self._undo @ filled, ends[:, 0], ends[:, 1])
+        return np.where(known, wanted - self._mixing @ own, np.nan)
+
+    @cached_property
+    def _mixing(self) -> FloatArray:
+        """What the sensors see of other axes."""
+        return np.asarray(self.coupling) - np.eye(len(self.axes))
+
+    @cached_property
+    def _undo(self) -> FloatArray:
+        return np.asarray(np.linalg.inv(np.asarray(self.coupling)))
+
+
+def head_control(
+    name: str,
+    wires: tuple[HeatedWire, ...],
+    *,
+    coupling: FloatArray | None = None,
+    limits: WireLimits | None = None,
+    sensor: SensorWatch | None = None,
+    **options: Any,
+) -> HeadControl:
+    """Control of a head by the name of its controller.
+
+    Parameters
+    ----------
+    name : {"observer", "feedforward", "pi", "internal_model", "adaptive"}
+        Which controller.
+    wires : tuple of HeatedWire
+        Model of each axis.
+    coupling : (axes, axes) array_like, optional
+        As in `HeadControl`.
+    limits, sensor
+        As in `Guard`, of every axis; the defaults of the head without them.
+    **options
+        Of the controller, of every axis: `interval`, `delay` and `highest` of any; `response`
+        of feedforward, internal_model, observer and adaptive; and what `ObserverControl`,
+        `ProportionalIntegral` and `InternalModel` list beside that.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such controller, or an option is out of its range.
+    """
+    axes = tuple(
+        Guard(
+            controller=controller(name, wire, **options),
+            observer=PowerObserver(wire=wire, **_clock(options)),
+            limits=WireLimits() if limits is None else limits,
+            sensor=SensorWatch() if sensor is None else sensor,
+        )
+        for wire in wires
+    )
+    return HeadControl(axes, coupling)
+
+
+def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
+    """A controller by its name, for one wire, without its guard.
+
+    Raises
+    ------
+    ParameterError
+        If there is none of that name, or an option is unknown or out of its range.
+    """
+    check_option("controller", name, CONTROLLERS)
+    try:
+        if name == "pi":
+            return ProportionalIntegral(**options)
+        if name == "adaptive":
+            from minorloop.head.control.adaptive import AdaptiveControl
+
+            return AdaptiveControl(control=ObserverControl(wire=wire, **options))
+        kinds: dict[str, Any] = {
+            "observer": ObserverControl,
+            "feedforward": Feedforward,
+            "internal_model": InternalModel,
+        }
+        law: Controller = kinds[name](wire=wire, **options)
+    except TypeError as error:
+        raise ParameterError(f"options of controller {name!r}: {error}") from None
+    return law
+
+
+def _clock(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: options[name] for name in ("interval", "delay", "highest") if name in options}
+
+
+def _numbers(values: npt.ArrayLike, count: int) -> FloatArray:
+    """(count,) numbers, NaN where something else was given."""
+    try:
+        each = list(np.ravel(np.asarray(values, dtype=object)))
+    except ValueError:
+        each = []
+    if len(each) != count:
+        return np.full(count, np.nan)
+    return np.array([as_number(value) for value in each])

@@ -1,0 +1,112 @@
+"""What a wire may bear, and how hot it may be at most, as the controller can know it.
+
+Nothing measures the wire's temperature. It follows from the heating power and the lag that was
+identified, on two ways: from the power alone, and from the effective power that explains the
+angle. The hotter one counts, with a margin for what differs between wires.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from minorloop.head.control.controller import within
+from minorloop.head.control.heating import HeatedWire
+
+
+@dataclass(frozen=True, kw_only=True)
+class WireLimits:
+    """Limits of a wire, and the numbers of its data sheet that they need.
+
+    Parameters
+    ----------
+    hottest : float
+        Temperature of the wire that is never exceeded, in degrees Celsius.
+    ambient : float
+        At which the wire was identified, in degrees Celsius.
+    rise : float
+        Steady rise of the temperature for a heating power, in K per A^2: resistance over
+        convection, both per metre.
+    margin : float
+        By which the rise of a wire may differ from that, as a factor of at least 1.
+    preload, spring, pulley, diameter : float
+        Of the spring in N and N/m, the radius of the pulley and the diameter of the wire in m.
+    stress : float
+        What the maker advises not to exceed for long life, in Pa; it is reported, not held.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    Notes
+    -----
+    The rise is that of a wire of 0.2 mm and 1.0e-6 ohm m in still air, 75 W/(m^2 K): 108 K at
+    0.4 A.
+    """
+
+    hottest: float = 150.0
+    ambient: float = 20.0
+    rise: float = 676.0
+    margin: float = 1.15
+    preload: float = 2.2
+    spring: float = 2500.0
+    pulley: float = 2.87e-3
+    diameter: float = 0.2e-3
+    stress: float = 172e6
+
+    def __post_init__(self) -> None:
+        within("hottest", self.hottest, -50.0, 150.0, "degrees Celsius")
+        within("ambient", self.ambient, -50.0, self.hottest, "degrees Celsius")
+        within("rise", self.rise, 1e-3, 1e6, "K/A^2")
+        within("margin", self.margin, 1.0, 10.0)
+        within("preload", self.preload, 0.0, 1e3, "N")
+        within("spring", self.spring, 0.0, 1e6, "N/m")
+        within("pulley", self.pulley, 1e-6, 1.0, "m")
+        within("diameter", self.diameter, 1e-6, 0.1, "m")
+        within("stress", self.stress, 0.0, 1e12, "Pa")
+
+    @property
+    def highest_power(self) -> float:
+        """Effective power of a wire that may be as hot as is allowed, in A^2."""
+        return (self.hottest - self.ambient) / (self.margin * self.rise)
+
+    def temperature(self, effective: float) -> float:
+        """Highest temperature that a wire of an effective power may have, degrees Celsius.
+
+        Parameters
+        ----------
+        effective : float
+            Effective power, in A^2.
+        """
+        return self.ambient + self.margin * self.rise * max(effective, 0.0)
+
+    def allowed(self, wire: HeatedWire, effective: float, bias: float, interval: float) -> float:
+        """Power in A^2 after an interval of which a wire is as hot as is allowed at most.
+
+        Latent heat is left out: it would make the wire colder still.
+
+        Parameters
+        ----------
+        wire : HeatedWire
+        effective : float
+            Its effective power now, in A^2.
+        bias : float
+            Power that the surroundings add, in A^2.
+        interval : float
+            In seconds.
+        """
+        room = (self.highest_power - effective) * (wire.lag + interval) / interval
+        return max(effective + room - bias, 0.0)
+
+    def stressed(self, angle: float) -> bool:
+        """Whether the spring pulls the wire beyond the stress that its maker advises.
+
+        Parameters
+        ----------
+        angle : float
+            In degrees.
+        """
+        compression = self.pulley * math.radians(max(angle, 0.0))
+        area = 0.25 * math.pi * self.diameter**2
+        return self.preload + self.spring * compression > self.stress * area

@@ -1,0 +1,251 @@
+"""Whether a target can be reached in the surroundings of the moment, and if not, why.
+
+While a wire is heated towards a target, a bank of hypotheses about ambient and convection is
+simulated beside it. Those that do not explain the readings lose weight. A target is unreachable
+when nearly all of the weight is on hypotheses under which full current ends short of it; a
+wire that is merely slow leaves weight on those under which it arrives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.control.controller import Loop, within
+from minorloop.head.control.heating import HeatedWire
+from minorloop.head.control.hypotheses import Bank, Hypotheses
+from minorloop.head.control.observer import Estimate
+
+Reason: TypeAlias = Literal[
+    "beyond the stroke", "convection too high", "ambient too cold", "no motion", "load or ageing"
+]
+
+_STILL_DEGREES = 0.3
+_STILL_SECONDS = 3.0
+_PATIENCE = 2.3
+_DEADLINE = 9.5
+_CLEAR = 0.9
+_UNSURE = 0.2
+_WORSE = 12.0
+_POOR = 6.0
+_CORRECTED, _FAR = 20.0, 10.0
+STROKE_SHARE = 0.97
+"""Share of the stroke beyond which a wire is not heated: at its end the angle tells nothing of
+the temperature any more."""
+
+
+@dataclass(frozen=True)
+class Unreachable:
+    """A target that cannot be reached.
+
+    Parameters
+    ----------
+    reason : str
+        Why.
+    reference : float
+        Target in degrees.
+    reach : float
+        How far the wire is expected to come, in degrees.
+    after : float
+        How long it was tried, in seconds.
+    """
+
+    reason: Reason
+    reference: float
+    reach: float
+    after: float
+
+    def __str__(self) -> str:
+        return (
+            f"target {self.reference:.3g} degrees is unreachable: {self.reason}; the wire would "
+            f"come to {self.reach:.3g} degrees at most"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A heating that is being watched.
+
+    Parameters
+    ----------
+    bank : Bank
+        What the hypotheses say.
+    began, mark : float
+        Angle when it began, and when it last had moved, in degrees.
+    seconds : float
+        Since it began.
+    full : float
+        For how long full current has been on without a break, in seconds.
+    still : float
+        For how long it has not moved, in seconds.
+    """
+
+    bank: Bank
+    began: float
+    mark: float
+    seconds: float = 0.0
+    full: float = 0.0
+    still: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ReachState:
+    """What is known of the present target: a trial, or a verdict and its age in seconds."""
+
+    trial: Trial | None = None
+    verdict: Unreachable | None = None
+    age: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReachWatch(Loop):
+    """Watches whether targets can be reached.
+
+    Parameters
+    ----------
+    wire : HeatedWire
+        The model.
+    rise : float
+        Steady rise of the temperature of a hot wire for a heating power, in K per A^2.
+    cold_resistance : float
+        Resistance of a cold wire over that of a hot one.
+    tolerance : float
+        By how many degrees a target must be out of reach to be called so.
+    certainty : float
+        Weight of the hypotheses under which it is.
+    retry : float
+        After how many seconds a verdict is tried again.
+    interval, delay, highest
+        As in `Loop`.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+    """
+
+    wire: HeatedWire
+    rise: float = 676.0
+    cold_resistance: float = 0.8
+    tolerance: float = 1.0
+    certainty: float = 0.97
+    retry: float = 60.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within("rise", self.rise, 1e-3, 1e6, "K/A^2")
+        within("cold_resistance", self.cold_resistance, 0.1, 10.0)
+        within("tolerance", self.tolerance, 1e-3, 180.0, "degrees")
+        within("certainty", self.certainty, 0.5, 1.0)
+        within("retry", self.retry, 1.0, 1e9, "s")
+
+    def step(
+        self,
+        state: ReachState,
+        reference: float,
+        measurement: float,
+        current: float,
+        estimate: Estimate,
+    ) -> ReachState:
+        """What is known an interval later.
+
+        Parameters
+        ----------
+        state : ReachState
+        reference : float
+            Target in degrees.
+        measurement : float
+            Reading in degrees; NaN where there is none.
+        current : float
+            In A, that was on.
+        estimate : Estimate
+            Of the wire now.
+        """
+        if state.verdict is not None:
+            state = self._kept(state, state.verdict, reference, measurement)
+            if state.verdict is not None:
+                return state
+        low, top = self.wire.operator.range
+        end = STROKE_SHARE * top
+        if reference > end + self.tolerance:
+            return ReachState(verdict=Unreachable("beyond the stroke", reference, end, 0.0))
+        reference = min(reference, end)
+        angle = measurement if np.isfinite(measurement) else estimate.wire.angle
+        if reference - angle <= 0.5 * self.tolerance:
+            return ReachState()
+        trial = state.trial
+        if trial is None:
+            moving = angle > low + self.tolerance
+            bank = self._hypotheses.begin(angle, estimate, moving=moving)
+            trial = Trial(bank, angle, angle)
+        trial = self._followed(trial, measurement, angle, current)
+        return ReachState(trial, self._judged(trial, reference, angle))
+
+    def _kept(
+        self, state: ReachState, verdict: Unreachable, reference: float, measurement: float
+    ) -> ReachState:
+        """A verdict stands until the target comes within reach, or is changed, or it is old.
+
+        What was foretold to be within reach and is not is corrected.
+        """
+        if state.age > _CORRECTED and measurement < verdict.reach - _FAR:
+            verdict = replace(verdict, reach=measurement)
+            state = replace(state, verdict=verdict)
+        same = abs(reference - verdict.reference) <= 0.5 * self.tolerance
+        within_reach = reference <= verdict.reach - self.tolerance
+        beyond = verdict.reason != "beyond the stroke" and reference > verdict.reach
+        if within_reach or state.age > self.retry or not (same or beyond):
+            return ReachState()
+        return replace(state, age=state.age + self.interval)
+
+    def _followed(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
+        """The trial after one interval."""
+        moved = abs(angle - trial.mark) > _STILL_DEGREES
+        return Trial(
+            bank=self._hypotheses.step(trial.bank, current, measurement, self.interval),
+            began=trial.began,
+            mark=angle if moved else trial.mark,
+            seconds=trial.seconds + self.interval,
+            full=trial.full + self.interval if current >= 0.95 * self.highest else 0.0,
+            still=0.0 if moved else trial.still + self.interval,
+        )
+
+    def _judged(self, trial: Trial, reference: float, angle: float) -> Unreachable | None:
+        """A verdict once it is certain, and its reason clear or time short."""
+        if trial.full < self.wire.lag or reference - angle <= self.tolerance:
+            return None
+        stands = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
+        weight = self._hypotheses.weights(trial.bank)
+        final = self._hypotheses.final(trial.bank, angle, self.highest)
+        # What is foretold of the way that is left may be wrong by a share of it.
+        short = final + _UNSURE * np.maximum(final - angle, 0.0) < reference - self.tolerance
+        if not stands and float(weight[short].sum()) < self.certainty:
+            return None
+        reason, clear = self._reason(trial, np.where(short, weight, 0.0), angle)
+        if not (stands or clear or trial.seconds > _DEADLINE):
+            return None
+        reach = angle if stands else max(float(weight @ final), angle)
+        return Unreachable(reason, reference, reach, trial.seconds)
+
+    def _reason(self, trial: Trial, weight: FloatArray, angle: float) -> tuple[Reason, bool]:
+        """What takes most away from the reach, by the weight of those that fall short."""
+        cost, total = trial.bank.cost, float(weight.sum())
+        best, independent = float(cost.min()), self._hypotheses.independent(trial.seconds)
+        likely = cost[weight > 0]
+        lost = likely.size == 0 or float(likely.min()) > best + max(_WORSE, independent)
+        if lost or best > _POOR * independent:
+            still = angle - trial.began < 0.5 * self.tolerance
+            return ("no motion" if still else "load or ageing"), True
+        most, bank = self.highest**2, self._hypotheses
+        colder = -bank.ambient > most * (1.0 - 1.0 / bank.cooling)
+        share = float(weight[colder].sum()) / total
+        clear = max(share, 1.0 - share) > _CLEAR
+        return ("ambient too cold" if share > 0.5 else "convection too high"), clear
+
+    @cached_property
+    def _hypotheses(self) -> Hypotheses:
+        return Hypotheses(wire=self.wire, rise=self.rise, cold_resistance=self.cold_resistance)

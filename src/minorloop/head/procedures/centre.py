@@ -1,0 +1,226 @@
+"""Bring a point of the wall to the middle of the image, and hold it there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import SignalError
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.meter import LIMITS
+from minorloop.head.procedures.values import NOTHING, Reading, Request, passed
+from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.hold import HoldState, PointHold
+from minorloop.head.vision.jacobian import wall_depth
+from minorloop.head.vision.servo import Cone, Servo, ServoState, ServoStep
+from minorloop.head.vision.sighting import sighted_angles
+from minorloop.head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
+
+CONE = Cone(half=math.radians(30.0))
+"""Where the head may look; beyond, the lens touches the wall."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CentreState:
+    """What centring remembers.
+
+    ``place`` (2,) is phi and z of the point, as the first frame shows it once there is one;
+    ``pixel`` (2,) where it is in the first frame, if that is known; ``shown`` (2,) the pixel where
+    it was tracked last; ``sighted`` (2,) the angles of a head without sensors by the last frame.
+    ``verdict`` is that of the tracker, or ``not in view`` where the first frame does not show the
+    point whole; ``error`` in pixels from the middle, NaN where it is not tracked. ``near_since``:
+    from when on it has been in the middle without a break.
+    """
+
+    place: FloatArray
+    pixel: FloatArray | None = None
+    track: TrackState | None = None
+    servo: ServoState | None = None
+    hold: HoldState | None = None
+    shown: FloatArray | None = None
+    sighted: FloatArray | None = None
+    verdict: str = ""
+    error: float = math.nan
+    began: float | None = None
+    near_since: float | None = None
+    done: bool = False
+
+
+NOT_IN_VIEW = "not in view"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Centring:
+    """Tracker and servo in one loop.
+
+    Parameters
+    ----------
+    calibration : HeadCalibration
+    gain : float
+        Of the servo, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
+        overshoots, and takes 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image.
+    delay : float
+        From a change of the wanted angles to its effect in the image, in seconds: that of the
+        sensors, and most of that of the wires.
+    soft : float
+        Error in pixels below which the gain falls: closer, the noise of the joints is most of it.
+    rate_limit : float
+        Fastest change of the wanted direction, in rad/s; wires do not follow a faster one.
+    cone : Cone
+        Where the head may look.
+    in_middle : float
+        How near the middle the point is there, in pixels.
+    still : float
+        For how many seconds it is to stay there.
+    patience : float
+        Seconds that centring may take.
+    interval : float
+        Time between frames, in seconds.
+    hold_after : float
+        Seconds from the beginning after which the point is held against sway: the head is sent
+        where its joints would have to be, instead of integrating rates. Infinite without sway.
+    by_image : bool
+        Whether the point tells the angles of the head, as its joints have no sensors.
+    """
+
+    calibration: HeadCalibration
+    gain: float = 0.5
+    delay: float = 0.2
+    soft: float = 6.0
+    rate_limit: float = math.radians(20.0)
+    cone: Cone = CONE
+    in_middle: float = 2.0
+    still: float = 0.44
+    patience: float = 15.0
+    interval: float = 0.04
+    hold_after: float = math.inf
+    by_image: bool = False
+
+    def begin(self, place: npt.ArrayLike, pixel: npt.ArrayLike | None = None) -> CentreState:
+        """State of a head that is to centre phi and z (2,) of the wall, or what is at a pixel."""
+        shown = None if pixel is None else np.asarray(pixel, dtype=np.float64)
+        return CentreState(place=np.asarray(place, dtype=np.float64), pixel=shown)
+
+    def step(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
+        """The next state, and the angles that are asked for."""
+        if state.done:
+            return state, NOTHING
+        state = replace(state, began=reading.t if state.began is None else state.began)
+        if reading.image is None:
+            return state, Request(frame=True)
+        if state.track is None:
+            state = self._picked(state, reading, reading.image)
+            return state, Request(focus=self._distance(state, reading), frame=not state.done)
+        near = reading if state.sighted is None else replace(reading, angles=state.sighted)
+        track, tracked = self.follow(state.track, near, reading.image)
+        seen = track.pixel if track.verdict == TRACKED else None
+        shown = state.shown if seen is None else seen
+        angles, sighted = self._angles(state.place, seen, reading)
+        state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
+        move, state = self._steer(state, seen, angles, reading)
+        state = self._judged(state, move, reading.t)
+        return state, Request(angles=move.angles, sighted=sighted, frame=True)
+
+    def pick(
+        self, image: Image, pixel: npt.ArrayLike, reading: Reading
+    ) -> tuple[Track, TrackState]:
+        """Begin to follow what is at a pixel.
+
+        Raises
+        ------
+        SignalError
+            If the image does not show it whole, or shows nothing that could be found again.
+        """
+        pan, tilt = reading.angles.tolist()
+        return self._tracker(reading).begin(image, pixel, pan, tilt)
+
+    def follow(self, track: TrackState, reading: Reading, image: Any) -> tuple[Track, TrackState]:
+        """Where what is followed is in a frame."""
+        pan, tilt = reading.angles.tolist()
+        return self._tracker(reading).step(track, image, pan, tilt)
+
+    def turn(
+        self, commanded: npt.ArrayLike, pixel: npt.ArrayLike | None, reading: Reading
+    ) -> ServoStep:
+        """Where a head that is commanded to (2,) angles is to turn for what is at a pixel."""
+        servo = self._servo(reading)
+        step, _ = servo.step(servo.begin(commanded), pixel, reading.angles)
+        return step
+
+    def _tracker(self, reading: Reading) -> PatchTracker:
+        return PatchTracker(self.calibration.eye_at(reading.place))
+
+    def _servo(self, reading: Reading) -> Servo:
+        return Servo(
+            self.calibration.eye_at(reading.place),
+            gain=self.gain,
+            delay=self.delay,
+            interval=self.interval,
+            cone=self.cone,
+            rate_limit=self.rate_limit,
+            soft=self.soft,
+        )
+
+    def _picked(self, state: CentreState, reading: Reading, image: Image) -> CentreState:
+        """The state with the piece about the point, as the first frame shows it."""
+        eye = self.calibration.eye_at(reading.place)
+        pixel = state.pixel
+        if pixel is None:
+            pixel = np.asarray(eye.pixel(state.place, *reading.angles.tolist()))
+        try:
+            picked, track = self.pick(image, pixel, reading)
+        except SignalError:
+            return replace(state, verdict=NOT_IN_VIEW, done=True)
+        servo = self._servo(reading)
+        return replace(
+            state,
+            place=picked.place,
+            track=track,
+            shown=pixel,
+            servo=servo.begin(reading.angles),
+            hold=PointHold(servo=servo).begin(reading.angles),
+        )
+
+    def _distance(self, state: CentreState, reading: Reading) -> float | None:
+        """Distance of the point that was picked, within the limits of the focus."""
+        if state.shown is None:
+            return None
+        eye = self.calibration.eye_at(reading.place)
+        point = eye.lens.normalised(state.shown)
+        return LIMITS.focus(wall_depth(eye, point, *reading.angles.tolist()))
+
+    def _angles(
+        self, place: FloatArray, seen: FloatArray | None, reading: Reading
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Angles of the head, and what the image tells of them."""
+        if not self.by_image or seen is None:
+            return reading.angles, None
+        eye = self.calibration.eye_at(reading.place)
+        sighted = sighted_angles(eye, place, seen, reading.angles)
+        return (reading.angles, None) if sighted is None else (sighted, sighted)
+
+    def _steer(
+        self, state: CentreState, seen: FloatArray | None, angles: FloatArray, reading: Reading
+    ) -> tuple[ServoStep, CentreState]:
+        assert state.servo is not None
+        assert state.hold is not None
+        now = replace(reading, angles=angles)
+        hold = PointHold(servo=self._servo(now))
+        if passed(state.began or 0.0, reading.t, self.hold_after):
+            move, held = hold.step(state.hold, seen, angles)
+            return move, replace(state, hold=held)
+        move, servo = hold.servo.step(state.servo, seen, angles)
+        return move, replace(state, servo=servo, hold=hold.begin(move.angles))
+
+    def _judged(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
+        """The state with the error, and whether it is small for long enough."""
+        near = move.error < self.in_middle
+        since = (t if state.near_since is None else state.near_since) if near else None
+        still = since is not None and passed(since, t, self.still)
+        late = passed(state.began or 0.0, t, self.patience)
+        return replace(state, error=move.error, near_since=since, done=still or late)

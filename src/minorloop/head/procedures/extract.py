@@ -1,0 +1,95 @@
+"""Take the frames under switched lights in which defects are looked for, and outline one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.head.geometry import wall_distance
+from minorloop.head.procedures.meter import LIMITS, LightLimits
+from minorloop.head.procedures.values import NOTHING, LitCamera, Reading, Request
+from minorloop.head.vision.defects import ALONE, SEQUENCE, Hole
+from minorloop.head.vision.reflectance_map import LitFrame
+
+SAME = 1.5e-3
+"""Farthest from where it was picked that a defect is the same one when it is seen again, in metres:
+what the looks from two places may differ by, and less than the distance of two defects."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AcquisitionState:
+    """Gain under all lights, the looks so far, and whether the next frame was asked for."""
+
+    gain: float
+    looks: tuple[LitFrame, ...] = ()
+    asked: bool = False
+    done: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acquisition:
+    """A frame under each light alone, one under none, and one under all.
+
+    Parameters
+    ----------
+    limits : LightLimits
+    """
+
+    limits: LightLimits = LIMITS
+
+    def begin(self, gain: float) -> AcquisitionState:
+        """State of a camera whose gain under all lights is known."""
+        return AcquisitionState(gain=gain)
+
+    def step(self, state: AcquisitionState, reading: Reading) -> tuple[AcquisitionState, Request]:
+        """The next state, and the lights, exposure and frame that are asked for."""
+        if state.done:
+            return state, NOTHING
+        if state.asked and reading.image is not None:
+            pan, tilt = reading.angles.tolist()
+            look = LitFrame(reading.image, pan, tilt, SEQUENCE[len(state.looks)])
+            state = replace(state, looks=(*state.looks, look))
+        if len(state.looks) == len(SEQUENCE):
+            return replace(state, done=True), Request(exposure=self._exposure(True, state.gain))
+        lights = SEQUENCE[len(state.looks)]
+        exposure = self._exposure(all(lights), state.gain)
+        return replace(state, asked=True), Request(lights=lights, exposure=exposure, frame=True)
+
+    def _exposure(self, all_lit: bool, gain: float) -> tuple[float, float]:
+        return self.limits.exposure * (1.0 if all_lit else ALONE), gain
+
+
+def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[LitFrame, ...]:
+    """Frames of an acquisition by a camera that stands still.
+
+    Parameters
+    ----------
+    camera : LitCamera
+        Its lights are all on afterwards.
+    angles : (2,) array_like
+        Pan and tilt as measured, in radians.
+    gain : float
+        Under all lights.
+    """
+    acquisition, request = Acquisition(), NOTHING
+    state, still = acquisition.begin(gain), np.asarray(angles, dtype=np.float64)
+    while not state.done:
+        image = camera.frame().image if request.frame else None
+        state, request = acquisition.step(state, Reading(t=0.0, angles=still, image=image))
+        if request.lights is not None:
+            camera.switch(request.lights)
+        if request.exposure is not None:
+            camera.expose(*request.exposure)
+    return state.looks
+
+
+def nearest(
+    holes: Sequence[Hole], place: npt.ArrayLike, radius: float, reach: float = SAME
+) -> Hole | None:
+    """The hole nearest to phi and z (2,) in a pipe of a radius, if it is within some metres."""
+    off = [float(wall_distance(hole.place, place, radius)) for hole in holes]
+    best = min(range(len(holes)), key=off.__getitem__, default=None)
+    return None if best is None or off[best] > reach else holes[best]

@@ -1,0 +1,145 @@
+"""A loop without an operator: it drives procedures to their end on a plant and a tip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.control.head import HeadControl
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop.head.procedures.values import (
+    Plant,
+    Procedure,
+    Reading,
+    Request,
+    State,
+    Tip,
+    apply_to_tip,
+)
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """A line of a log: when something was done, in seconds, what, and what came of it."""
+
+    t: float
+    what: str
+    outcome: str
+
+
+class InspectionRig:
+    """Plant, tip, control and calibration, with a clock and a log.
+
+    Parameters
+    ----------
+    plant : Plant
+    tip : Tip
+    control : HeadControl
+        Of the plant's head.
+    calibration : HeadCalibration
+    gyroscope : callable, optional
+        Gives the pan and tilt (2,), in radians, by which the base of the head is turned.
+    sensors : bool
+        Whether the joints have sensors. Without them the model of the wires tells the angles,
+        and control uses what a procedure sights.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        tip: Tip,
+        control: HeadControl,
+        calibration: HeadCalibration,
+        *,
+        gyroscope: Callable[[], FloatArray] | None = None,
+        sensors: bool = True,
+    ) -> None:
+        self.plant, self.tip, self.control = plant, tip, control
+        self.calibration = calibration
+        self.log: list[LogEntry] = []
+        self.gain = 1.0
+        self._gyroscope, self._sensors = gyroscope, sensors
+        self._ticks = 0
+        self._state = control.begin()
+        self._commanded = np.full(2, -STRAIGHT)
+        self._read = self._known = np.zeros(4)
+        tip.stand(plant.stance())
+
+    @property
+    def t(self) -> float:
+        """Seconds since the rig was made."""
+        return self._ticks * self.plant.tick
+
+    @property
+    def place(self) -> FloatArray:
+        """(2,) advance in metres and roll in radians as measured."""
+        return np.array([1e-3 * self._known[2], np.radians(self._known[3])])
+
+    @property
+    def angles(self) -> FloatArray:
+        """(2,) pan and tilt in radians as the joints, or the model of the wires, tell them."""
+        if self._sensors:
+            return np.asarray(np.radians(self._known[:2]) - STRAIGHT)
+        own = np.array([axis.estimate.wire.angle for axis in self._state.axes])
+        return np.asarray(np.radians(np.asarray(self.control.coupling) @ own) - STRAIGHT)
+
+    def reading(self, request: Request | None = None) -> Reading:
+        """What is known now, with the frame and the burst of a request."""
+        asked = request or Request()
+        apply_to_tip(self.tip, asked)
+        return Reading(
+            t=self.t,
+            angles=self.angles,
+            place=self.place,
+            base=np.zeros(2) if self._gyroscope is None else self._gyroscope(),
+            image=self.tip.frame().image if asked.frame else None,
+            shots=tuple(self.tip.shots(asked.shots)) if asked.shots else (),
+            heard=asked.shots > 0,
+        )
+
+    def run(
+        self, procedure: Procedure[State], state: State, each: Callable[[State], None] | None = None
+    ) -> State:
+        """Drive a procedure to its end.
+
+        Parameters
+        ----------
+        procedure : Procedure
+        state : State
+            As its ``begin`` gives it.
+        each : callable, optional
+            Called with the state after every tick.
+        """
+        request = Request()
+        while True:
+            state, request = procedure.step(state, self.reading(request))
+            if state.done:
+                apply_to_tip(self.tip, request)
+                return state
+            self._tick(request)
+            if each is not None:
+                each(state)
+
+    def say(self, what: str, outcome: str) -> None:
+        """Write a line of the log."""
+        self.log.append(LogEntry(self.t, what, outcome))
+
+    def _tick(self, request: Request) -> None:
+        """Send the head towards its angles, and the catheter on, for one tick."""
+        if request.angles is not None:
+            self._commanded = request.angles
+        read = self._read[:2]
+        if not self._sensors:
+            sighted = request.sighted
+            read = np.full(2, np.nan) if sighted is None else np.degrees(sighted + STRAIGHT)
+        wanted = np.degrees(self._commanded + STRAIGHT)
+        currents, self._state = self.control.step(self._state, wanted, read)
+        advance, roll = request.rates.tolist()
+        self._read = self.plant.exchange(np.array([*currents, 1e3 * advance, math.degrees(roll)]))
+        self._known = np.where(np.isnan(self._read), self._known, self._read)
+        self._ticks += 1
+        self.tip.stand(self.plant.stance())

@@ -1,0 +1,1 @@
+"""The wall as it was found: maps, fusion, meshes and findings."""

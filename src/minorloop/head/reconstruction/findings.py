@@ -1,0 +1,130 @@
+"""Findings as a table: where, how wide, how long, how deep, and how sure."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from minorloop.errors import OutputError
+from minorloop.files import table_text
+from minorloop.head.ultrasound.pits import PitDepth
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One defect of the wall; lengths in metres, angles in radians, NaN where not known.
+
+    Parameters
+    ----------
+    kind : str
+        ``pit``, ``hole``, ``crack`` or ``mark``; ``hole or pit`` where echoes have not decided.
+    verdict : str
+        Of the echoes, as in ``PitDepth``, with what was heard of an interrupted scan.
+    phi, z, width, length, depth : float
+        Centre, extents around and along the pipe, and depth under the wall.
+    phi_sd, z_sd, width_sd, length_sd, depth_sd : float
+        Standard deviations.
+    """
+
+    kind: str
+    verdict: str
+    phi: float
+    phi_sd: float
+    z: float
+    z_sd: float
+    width: float
+    width_sd: float
+    length: float
+    length_sd: float
+    depth: float
+    depth_sd: float
+
+
+_UNITS = {"phi": "deg", "z": "mm", "width": "mm", "length": "mm", "depth": "mm"}
+UNDECIDED = "hole or pit"
+_KINDS = {
+    "measured": "pit",
+    "uneven floor": "pit",
+    "disturbed": "pit",
+    "ambiguous depth": "pit",
+    "through-hole": "hole",
+    "no pit": "mark",
+}
+
+
+def kind_of(verdict: str) -> str:
+    """What a round thing is by the verdict of its echoes; ``hole or pit`` where they leave it open.
+
+    Parameters
+    ----------
+    verdict : str
+        As in ``PitDepth``; any other, such as of a scan that never was, decides nothing.
+    """
+    return _KINDS.get(verdict, UNDECIDED)
+
+
+def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
+    """A pit that was heard, or not, as a finding.
+
+    Parameters
+    ----------
+    pit : PitDepth
+        As measured.
+    radius : float
+        Of the pipe, in metres.
+    """
+    verdict = pit.verdict
+    if pit.bursts < pit.planned:
+        verdict += f" ({pit.bursts} of {pit.planned} places)"
+    return Finding(
+        kind_of(pit.verdict),
+        verdict,
+        pit.phi,
+        pit.place_sd / radius,
+        pit.z,
+        pit.place_sd,
+        pit.diameter,
+        pit.diameter_sd,
+        pit.diameter,
+        pit.diameter_sd,
+        pit.depth,
+        pit.depth_sd,
+    )
+
+
+def finding_table(findings: Sequence[Finding]) -> str:
+    """Findings as CSV, degrees and millimetres named in the header; empty where not known."""
+    names = [field.name for field in fields(Finding)]
+    units = [_UNITS.get(name.removesuffix("_sd"), "") for name in names]
+    header = [f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True)]
+    values = (zip(astuple(finding), units, strict=True) for finding in findings)
+    rows = ((_told(value, unit) for value, unit in row) for row in values)
+    numbered = ([number, *row] for number, row in enumerate(rows, start=1))
+    return table_text(["number", *header], numbered)
+
+
+def save_findings(findings: Sequence[Finding], path: str | os.PathLike[str]) -> Path:
+    """Write the table of findings.
+
+    Raises
+    ------
+    OutputError
+        If the place cannot be written.
+    """
+    place = Path(path)
+    try:
+        place.write_text(finding_table(findings), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write {place}: {error.strerror or error}") from None
+    return place
+
+
+def _told(value: float | str, unit: str) -> str:
+    if isinstance(value, str):
+        return value
+    scaled = np.degrees(value) if unit == "deg" else value * 1e3
+    return f"{scaled:.4f}" if np.isfinite(value) else ""

@@ -1,0 +1,365 @@
+"""One map of depth from the image and the echoes: outline from the picture, floor from sound."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import ndtr
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.errors import SignalError
+from minorloop.head.geometry import wall_point
+from minorloop.head.reconstruction.depth_map import CAMERA, SONAR, UNSEEN, DepthMap, Patch
+from minorloop.head.ultrasound.burst_checks import covered, usable
+from minorloop.head.ultrasound.echoes import Burst
+from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.joint_fit import JointFit
+from minorloop.head.ultrasound.pit_model import PitModel
+from minorloop.head.ultrasound.pit_search import DEPTHS
+from minorloop.head.ultrasound.pits import PitDepth
+from minorloop.head.ultrasound.spectra import spectra_of
+from minorloop.threads import one_thread
+
+SHARE_ERROR = 0.08
+"""Standard deviation of what a two-echo share misses of the waves in a pit, as a share of depth."""
+STIFFNESS = 1 / 0.05e-3**2
+"""Weight of a squared difference of neighbours inside an outline without edges, in 1/m^2."""
+EDGE = 0.15
+"""Step of the logarithm of the image from neighbour to neighbour that counts as an edge."""
+_UNKNOWN = 0.6e-3
+_LEAST_RIM = 0.03e-3
+_WALL = 0.05e-3
+"""How far off its cylinder a wall that was only seen may be; a picture tells no depth."""
+_RIM = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeanDepths:
+    """Depth averaged over the footprint of each averaged trace.
+
+    Parameters
+    ----------
+    values, sds : (K,) arrays
+        In metres.
+    footprints : (K, P) array
+        Weights of the texels of a patch, which sum to about 1.
+    """
+
+    values: FloatArray
+    sds: FloatArray
+    footprints: FloatArray
+
+
+@one_thread()
+def mean_depths(
+    bursts: Sequence[Burst], ear: CalibratedProbe, patch: Patch, pit: PitDepth
+) -> MeanDepths | None:
+    """What each trace says of the depth under its footprint; None where no wall was heard.
+
+    Notes
+    -----
+    A trace is split into an echo of the wall and one as late as the floor. The share of the
+    second times its depth is, to first order, the mean of the depth over the footprint, which is
+    the square of the pressure.
+    """
+    good = usable(bursts)
+    enough = len(good) >= 5 and covered(good, ear)
+    spectra = spectra_of(good, ear, (pit.phi, pit.z)) if enough else None
+    if spectra is None:
+        return None
+    mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
+    model = PitModel(ear, spectra.angles, (pit.phi, pit.z), mouth / 2)
+    fit = JointFit(model, spectra)
+    k = model.sound.wavenumbers
+    expected = fit.pulse * model.plain
+    power = np.abs(expected) ** 2
+    depth = pit.depth if np.isfinite(pit.depth) else _common_depth(spectra.heard, expected, k)
+    values, sds = _shares(spectra.heard, expected, k, depth, spectra.noise)
+    return MeanDepths(values, sds, footprints_of(model, patch, power))
+
+
+def footprints_of(model: PitModel, patch: Patch, power: FloatArray | None = None) -> FloatArray:
+    """Share (K, P) of the echo of a plain wall that each texel sends back to each beam.
+
+    Parameters
+    ----------
+    model : PitModel
+        Of the beams.
+    patch : Patch
+        Where.
+    power : (K, F) array, optional
+        Weights of the frequencies; without it, as the middle third of them has it.
+    """
+    ear, k = model.ear, model.sound.wavenumbers
+    if power is None:
+        third = len(k) // 3
+        middle = np.abs(np.arange(len(k)) - len(k) / 2) < third / 2
+        power = np.tile(middle.astype(np.float64), (len(model.angles), 1))
+    origins, axes = ear.beams(model.angles)
+    places = patch.places.reshape(-1, 2)
+    points = wall_point(places[:, 0], places[:, 1], ear.radius)
+    pressure = model.sound.at(origins, axes, model.spots[:, 2].copy(), points)
+    square = 2j * k[:, None] * pressure**2 * patch.step**2
+    ratio = square / model.plain[:, :, None]
+    weight = power / power.sum(axis=1, keepdims=True)
+    footprints: FloatArray = (ratio.real * weight[:, :, None]).sum(axis=1)
+    return footprints
+
+
+def _shares(
+    heard: npt.NDArray[np.complex128],
+    expected: npt.NDArray[np.complex128],
+    k: FloatArray,
+    depth: float,
+    noise: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Mean depths (K,) and their standard deviations for a floor at one depth."""
+    late = expected * np.exp(2j * k * depth)
+    a, b = (np.abs(expected) ** 2).sum(axis=1), (np.conj(expected) * late).real.sum(axis=1)
+    p = (np.conj(expected) * heard).real.sum(axis=1)
+    q = (np.conj(late) * heard).real.sum(axis=1)
+    determinant = np.maximum(a * a - b * b, 1e-12 * a * a)
+    front, floor = (a * p - b * q) / determinant, (a * q - b * p) / determinant
+    total = np.maximum(front + floor, 0.2)
+    share = np.clip(floor / total, -0.2, 1.2)
+    spread = noise * np.sqrt(a / determinant) / total
+    return depth * share, depth * np.hypot(spread, SHARE_ERROR)
+
+
+def _common_depth(
+    heard: npt.NDArray[np.complex128], expected: npt.NDArray[np.complex128], k: FloatArray
+) -> float:
+    """The depth at which two echoes explain most of all traces."""
+    kept = []
+    for depth in DEPTHS:
+        late = expected * np.exp(2j * k * depth)
+        basis = np.stack([expected, late], axis=-1)
+        gram = np.einsum("kfi,kfj->kij", np.conj(basis), basis).real
+        right = np.einsum("kfi,kf->ki", np.conj(basis), heard).real
+        solved = np.linalg.solve(gram + 1e-9 * np.eye(2) * gram[:, :1, :1], right[..., None])
+        kept.append(float((right * solved[..., 0]).sum()))
+    return float(DEPTHS[int(np.argmax(kept))])
+
+
+def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | None) -> FloatArray:
+    """Probability (rows, columns) that a texel is in the mouth of a pit.
+
+    Parameters
+    ----------
+    patch : Patch
+        Where.
+    pit : PitDepth
+        Place and size with their standard deviations.
+    outline : (rows, columns) array_like, optional
+        Probability of a defect by the image; the mean of the logits of both counts then.
+    """
+    off = np.linalg.norm(patch.off(pit.phi, pit.z), axis=-1)
+    rim = np.sqrt(
+        np.nan_to_num(pit.place_sd) ** 2 + (np.nan_to_num(pit.diameter_sd) / 2) ** 2 + _LEAST_RIM**2
+    )
+    mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
+    disc: FloatArray = ndtr((mouth / 2 - off) / rim)
+    if outline is None:
+        return disc
+    seen = np.clip(np.asarray(outline, dtype=np.float64), 0.01, 0.99)
+    if seen.shape != disc.shape:
+        raise SignalError(f"the outline has shape {seen.shape}; the patch has {disc.shape}")
+    sure = np.clip(disc, 1e-4, 1 - 1e-4)
+    seen = np.where(np.isfinite(seen), seen, sure)
+    logit = 0.5 * (np.log(seen / (1 - seen)) + np.log(sure / (1 - sure)))
+    both: FloatArray = 1 / (1 + np.exp(-logit))
+    return both
+
+
+def outline_of(
+    image: npt.ArrayLike, patch: Patch, place: tuple[float, float], diameter: float
+) -> FloatArray:
+    """Probability (rows, columns) by the image that a texel is in a mouth; NaN where not seen.
+
+    Parameters
+    ----------
+    image : (rows, columns) array_like
+        Logarithm of the image laid flat; NaN where nothing is seen.
+    patch : Patch
+        Where.
+    place : (float, float)
+        Phi and z of the mouth as the camera saw it.
+    diameter : float
+        In metres.
+
+    Notes
+    -----
+    The level half way between the median inside and that of a ring around, with the scatter of
+    both; texels farther than a third of the diameter from the outline follow the outline alone.
+    """
+    shade = np.asarray(image, dtype=np.float64)
+    off = np.linalg.norm(patch.off(*place), axis=-1)
+    if shade.shape != off.shape:
+        raise SignalError(f"the image has shape {shade.shape}; the patch has {off.shape}")
+    seen = np.isfinite(shade)
+    inner = seen & (off < 0.35 * diameter)
+    outer = seen & (off > 0.65 * diameter) & (off < 1.1 * diameter)
+    disc: FloatArray = ndtr((diameter / 2 - off) / (0.08 * diameter))
+    if inner.sum() < 4 or outer.sum() < 8:
+        return np.where(seen, disc, np.nan)
+    inside, around = float(np.median(shade[inner])), float(np.median(shade[outer]))
+    scatter = float(np.median(np.abs(shade[outer] - around))) * 1.4826
+    contrast = inside - around
+    if abs(contrast) <= 3 * scatter:
+        return np.where(seen, disc, np.nan)
+    share = (np.nan_to_num(shade, nan=around) - (inside + around) / 2) / contrast
+    width = max(scatter / abs(contrast), 0.12)
+    by_level = 1 / (1 + np.exp(np.clip(-share / width, -30.0, 30.0)))
+    near = np.abs(off - diameter / 2) < diameter / 3
+    return np.where(seen, np.where(near, by_level, disc), np.nan)
+
+
+@one_thread()
+def fuse(
+    pit: PitDepth,
+    heard: MeanDepths | None,
+    patch: Patch,
+    *,
+    image: npt.ArrayLike | None = None,
+    outline: npt.ArrayLike | None = None,
+) -> DepthMap:
+    """The map of depth about a finding.
+
+    Parameters
+    ----------
+    pit : PitDepth
+        Of the joint fit.
+    heard : MeanDepths, optional
+        Of the same bursts on the same patch.
+    patch : Patch
+        Where.
+    image : (rows, columns) array_like, optional
+        Logarithm of the image laid flat, NaN where nothing is seen; neighbours across its edges
+        are not tied together. Without it the camera counts as having seen all of the patch.
+    outline : (rows, columns) array_like, optional
+        Probability of a defect by the image, NaN where nothing is seen.
+
+    Returns
+    -------
+    DepthMap
+        Infinitely deep inside a through-hole. Where there was no echo, the wall outside the
+        outline is that of the camera and inside it nothing is known; where neither has been,
+        nothing is.
+
+    Notes
+    -----
+    The least of
+    ``sum (a - H d)^2 / sd^2 + stiffness * sum g |grad d|^2 + sum (d - m)^2 / s^2``:
+    the mean m and deviation s of a texel are those of a mixture of wall and floor by the
+    probability that it is inside. The posterior is Gaussian about it; its deviations are the
+    roots of the diagonal of the inverse.
+    """
+    inside = inside_probability(patch, pit, outline)
+    seen = np.ones(inside.shape, bool)
+    if image is not None:
+        seen = np.isfinite(np.asarray(image, dtype=np.float64))
+        if seen.shape != inside.shape:
+            raise SignalError(f"the image has shape {seen.shape}; the patch has {inside.shape}")
+    source = np.where(seen, CAMERA, UNSEEN)
+    if heard is not None:
+        source = source | np.where(_reached(heard, patch), SONAR, UNSEEN)
+    if pit.verdict == "through-hole":
+        depth, sd = (
+            np.where(inside >= 0.5, np.inf, 0.0),
+            np.where(inside >= 0.5, np.nan, _WALL),
+        )
+    elif heard is None:
+        depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, _WALL, np.inf)
+    else:
+        depth, sd = _fused(pit, heard, patch, inside, image)
+    known = source != UNSEEN
+    return DepthMap(
+        patch,
+        np.where(known, depth, np.nan),
+        np.where(known, sd, np.inf),
+        source.astype(np.uint8),
+    )
+
+
+def _reached(heard: MeanDepths, patch: Patch) -> BoolArray:
+    """Where the footprint of any trace is more than a twentieth of its highest."""
+    height = np.abs(heard.footprints).max(axis=0, initial=0.0).reshape(patch.rows, patch.columns)
+    reached: BoolArray = height > 0.05 * max(float(height.max()), 1e-12)
+    return reached
+
+
+def _fused(
+    pit: PitDepth,
+    heard: MeanDepths,
+    patch: Patch,
+    inside: FloatArray,
+    image: npt.ArrayLike | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Depth and its deviation where there were echoes."""
+    mean, spread, rim = _before(patch, pit, inside)
+    mask = ((inside > 0.003) | _reached(heard, patch)).ravel()
+    depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
+    if mask.any():
+        ties = _ties(patch, inside, image, mask)
+        depth[mask], sd[mask] = _solve(heard, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
+    # No footprint is fine enough to tell on which side of the rim a single texel lies.
+    sd = np.hypot(sd, _RIM * rim.ravel())
+    return depth.reshape(inside.shape), sd.reshape(inside.shape)
+
+
+def _before(
+    patch: Patch, pit: PitDepth, inside: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean and deviation of each texel before the traces are asked, and that of its side."""
+    side = np.sqrt(inside * (1 - inside))
+    if not np.isfinite(pit.depth):
+        spread = np.hypot(_UNKNOWN * inside, (1 - inside) * _WALL)
+        return 0.5 * _UNKNOWN * inside, spread, 0.5 * _UNKNOWN * side
+    off = patch.off(pit.phi, pit.z)
+    mouth = max(pit.diameter / 2, patch.step)
+    share = np.minimum((off**2).sum(axis=-1) / mouth**2, 1.0)
+    dish = float(np.nan_to_num(pit.dish))
+    floor = pit.depth + off @ np.array(pit.tilt) + dish * (1 - 2 * share)
+    own = np.hypot(pit.depth_sd, 0.01 * mouth)
+    spread = np.sqrt((side * floor) ** 2 + inside * own**2 + (1 - inside) * _WALL**2)
+    return inside * floor, spread, side * floor
+
+
+def _ties(
+    patch: Patch, inside: FloatArray, image: npt.ArrayLike | None, mask: BoolArray
+) -> FloatArray:
+    """(M, M) matrix of the squared differences of neighbours inside, weak across edges."""
+    shade = np.zeros(inside.shape) if image is None else np.asarray(image, dtype=np.float64)
+    shade = np.nan_to_num(shade)
+    flat = np.full(mask.size, -1)
+    flat[mask] = np.arange(mask.sum())
+    number = flat.reshape(inside.shape)
+    ties = np.zeros((int(mask.sum()), int(mask.sum())))
+    for axis in (0, 1):
+        a, b = np.moveaxis(number, axis, 0)[:-1], np.moveaxis(number, axis, 0)[1:]
+        step = np.diff(shade, axis=axis)
+        rim = np.diff(inside, axis=axis)
+        weight = np.moveaxis(1 / (1 + (step / EDGE) ** 2 + (rim / 0.1) ** 2), axis, 0)
+        both = (a >= 0) & (b >= 0)
+        i, j, w = a[both], b[both], STIFFNESS * weight[both]
+        np.add.at(ties, (i, i), w)
+        np.add.at(ties, (j, j), w)
+        np.add.at(ties, (i, j), -w)
+        np.add.at(ties, (j, i), -w)
+    return ties
+
+
+def _solve(
+    heard: MeanDepths, mask: BoolArray, ties: FloatArray, mean: FloatArray, spread: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and deviation of the texels inside."""
+    weighted = heard.footprints[:, mask] / heard.sds[:, None]
+    normal = weighted.T @ weighted + ties + np.diag(1 / spread**2)
+    right = weighted.T @ (heard.values / heard.sds) + ties @ mean + mean / spread**2
+    factor = cho_factor(normal)
+    covariance = cho_solve(factor, np.eye(len(normal)))
+    return cho_solve(factor, right), np.sqrt(np.diag(covariance))

@@ -1,0 +1,125 @@
+"""The wall with its findings as a mesh, for viewers of PLY and glTF."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import MissingExtraError, OutputError, ParameterError
+from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, SONAR, UNSEEN, DepthMap
+
+SUFFIXES = (".ply", ".glb", ".gltf")
+_COLOURS = {
+    UNSEEN: (60, 60, 60),
+    CAMERA: (180, 180, 180),
+    SONAR: (110, 160, 200),
+    BOTH: (200, 200, 190),
+}
+_DEEP = (200, 60, 30)
+
+
+def vertices_of(wall: DepthMap, *, exaggeration: float = 1.0) -> FloatArray:
+    """(rows, columns, 3) points of the wall in the pipe, in metres.
+
+    Parameters
+    ----------
+    wall : DepthMap
+        What is unknown lies on the cylinder; it and holes are cut out by ``faces_of``.
+    exaggeration : float
+        Of the depth.
+    """
+    places = wall.patch.places
+    depth = np.where(np.isfinite(wall.depth), wall.depth, 0.0)
+    r = wall.patch.radius + exaggeration * depth
+    return np.stack(
+        [r * np.cos(places[..., 0]), r * np.sin(places[..., 0]), places[..., 1]], axis=-1
+    )
+
+
+def faces_of(wall: DepthMap) -> npt.NDArray[np.int64]:
+    """(N, 3) triangles between neighbours that face the axis, none over holes or the unknown."""
+    rows, columns = wall.depth.shape
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b = index[:-1, :-1], index[:-1, 1:]
+    c, d = index[1:, :-1], index[1:, 1:]
+    through = ~np.isfinite(wall.depth)
+    solid = ~(through[:-1, :-1] | through[:-1, 1:] | through[1:, :-1] | through[1:, 1:])
+    first = np.stack([a[solid], c[solid], b[solid]], axis=1)
+    second = np.stack([b[solid], c[solid], d[solid]], axis=1)
+    return np.concatenate([first, second]).astype(np.int64)
+
+
+def colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
+    """(rows, columns, 4) colours: grey by who saw it, red with depth, dark where unseen."""
+    table = np.array([_COLOURS[n] for n in range(4)], dtype=np.float64)
+    base = table[wall.source]
+    depth = np.where(np.isfinite(wall.depth), np.maximum(wall.depth, 0.0), 0.0)
+    share = np.minimum(depth / max(float(depth.max()), 0.1e-3), 1.0)[..., None]
+    mixed = (1 - share) * base + share * np.array(_DEEP)
+    opaque = np.full((*depth.shape, 1), 255.0)
+    return np.concatenate([mixed, opaque], axis=-1).astype(np.uint8)
+
+
+def mesh_of(wall: DepthMap, *, exaggeration: float = 1.0) -> Any:
+    """The wall as a ``trimesh.Trimesh`` with colours.
+
+    Raises
+    ------
+    MissingExtraError
+        If trimesh is not installed.
+    """
+    try:
+        trimesh = importlib.import_module("trimesh")
+    except ImportError:
+        raise MissingExtraError("trimesh", "head") from None
+    return trimesh.Trimesh(
+        vertices=vertices_of(wall, exaggeration=exaggeration).reshape(-1, 3),
+        faces=faces_of(wall),
+        vertex_colors=colours_of(wall).reshape(-1, 4),
+        process=False,
+    )
+
+
+def save_mesh(wall: DepthMap, path: str | os.PathLike[str], *, exaggeration: float = 1.0) -> Path:
+    """Write the wall as PLY or glTF, by the suffix of the path; units are metres.
+
+    Parameters
+    ----------
+    wall : DepthMap
+        What to write.
+    path : path
+        Ends in ``.ply``, ``.glb``, or ``.gltf`` (which carries its data inside).
+    exaggeration : float
+        Of the depth.
+
+    Raises
+    ------
+    ParameterError
+        If the suffix is another.
+    MissingExtraError
+        If trimesh is not installed.
+    OutputError
+        If the place cannot be written.
+    """
+    place = Path(path)
+    suffix = place.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ParameterError(f"cannot write {place.name}; give one of {', '.join(SUFFIXES)}")
+    mesh = mesh_of(wall, exaggeration=exaggeration)
+    options = {"embed_buffers": True} if suffix == ".gltf" else {}
+    written = mesh.export(file_type=suffix[1:], **options)
+    data = written["model.gltf"] if isinstance(written, dict) else written
+    data = data if isinstance(data, bytes) else data.encode()
+    if suffix == ".ply":
+        data = data.replace(b"\nelement", b"\ncomment units: metres\nelement", 1)
+    try:
+        place.write_bytes(data)
+    except OSError as error:
+        raise OutputError(f"cannot write {place}: {error.strerror or error}") from None
+    return place

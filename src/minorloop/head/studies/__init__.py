@@ -1,0 +1,1 @@
+"""The third paper, reproduced on simulated heads."""

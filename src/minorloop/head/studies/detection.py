@@ -1,0 +1,262 @@
+"""How well holes are found, on scenes that the weights of the evidence were not fitted on.
+
+Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
+0.3 mm of the hole is it; one farther than 0.8 mm off, or where there is no hole, is false. Places
+are compared on the map of the eye, which knows the pivot to 0.2 mm and the angles to 0.05
+degrees, so that the pose is not scored again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from minorloop.arrays import FloatArray
+from minorloop.head.geometry import wrapped
+from minorloop.head.procedures.meter import LIMITS
+from minorloop.head.studies import scoring
+from minorloop.head.twins.scene_view import SceneView, draw_view
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.defects import (
+    ALONE,
+    DITHER,
+    LEAST_EVIDENCE,
+    MODES,
+    SEQUENCE,
+    SINGLE,
+    SWITCHED,
+    Hole,
+    find_holes,
+)
+from minorloop.head.vision.reflectance_map import LitFrame
+
+PIVOT, ANGLE, TURN = 0.2e-3, math.radians(0.05), math.radians(2.0)
+NEAR, FAR, RADIUS = 0.3e-3, 0.8e-3, 10e-3
+SIZE = 0.15
+_RIM = 720
+
+
+@dataclass(frozen=True)
+class SceneOutcome:
+    """What was found in one scene by one way to acquire.
+
+    Parameters
+    ----------
+    mode : str
+        One of ``MODES``.
+    hole : bool
+        Whether there was one.
+    found : bool
+        Whether it was found.
+    off, size : float
+        How far off it was found in metres, and the relative error of its diameter; NaN if not.
+    false : int
+        How many findings were none.
+    seed : int
+        Of the scene.
+    inside : str
+        What is seen in the hole; empty without one.
+    evidence : float
+        Of the hole, however weak; minus infinity where nothing was at its place.
+    alarms : tuple of float
+        Evidence of all that is no hole, however weak.
+    """
+
+    mode: str
+    hole: bool
+    found: bool
+    off: float
+    size: float
+    false: int
+    seed: int = 0
+    inside: str = ""
+    evidence: float = -math.inf
+    alarms: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """A scene that was photographed and searched.
+
+    Parameters
+    ----------
+    view : SceneView
+        The scene and its truth.
+    eye : CalibratedCamera
+        The camera as far as it is known.
+    looks : tuple of LitFrame
+        The acquisition.
+    holes : tuple of Hole
+        All that was found, however weak, strongest first.
+    place : (2,) array
+        phi and z in the middle of the question, on the map of the eye.
+    """
+
+    view: SceneView
+    eye: CalibratedCamera
+    looks: tuple[LitFrame, ...]
+    holes: tuple[Hole, ...]
+    place: FloatArray
+
+    def off(self, hole: Hole) -> float:
+        """How far a finding is from the middle of the question, in metres."""
+        around = RADIUS * float(wrapped(hole.place[0] - self.place[0]))
+        return float(np.hypot(around, hole.place[1] - self.place[1]))
+
+    def true_rim(self) -> FloatArray:
+        """(N, 2) pixels of the edge of the hole; without one, of a circle of 1 mm."""
+        angle = np.linspace(0, 2 * np.pi, _RIM, endpoint=False)
+        radius = self.view.hole.diameter / 2 if self.view.hole else 0.5e-3
+        phi, z = self.view.place
+        around, along = radius * np.cos(angle) / RADIUS, radius * np.sin(angle)
+        return scoring.true_pixel(self.view.camera, phi + around, z + along)
+
+    def rim(self, hole: Hole) -> FloatArray:
+        """(N, 2) pixels of the outline of a finding."""
+        return self.eye.pixel(hole.rim, self.view.pan, self.view.tilt)
+
+
+def search_scene(
+    seed: int, hole: bool, modes: Sequence[str] = (SWITCHED,), *, plain: bool = False
+) -> list[Search]:
+    """Photograph and search one scene by every mode."""
+    view, rng = draw_view(seed, hole=hole, plain=plain), np.random.default_rng([seed, int(hole), 7])
+    way = rng.uniform(0, 2 * np.pi)
+    off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
+    mount = replace(view.mount, offset=(float(off[0]), float(off[1])))
+    eye = CalibratedCamera(view.camera.calibration, mount, view.camera.leds)
+    truth = eye.place(scoring.true_pixel(view.camera, *view.place), view.pan, view.tilt)
+    searches = []
+    for mode in modes:
+        looks = tuple(_shots(view, rng, mode))
+        holes = find_holes(looks, eye, mode=mode, least=-math.inf).holes
+        searches.append(Search(view, eye, looks, holes, truth))
+    return searches
+
+
+def score_scene(
+    seed: int, hole: bool, modes: Sequence[str] = (SWITCHED, SINGLE, DITHER)
+) -> list[SceneOutcome]:
+    """Photograph and search one scene by every mode, and compare with the truth."""
+    searches = search_scene(seed, hole, modes)
+    return [_outcome(seed, mode, one) for mode, one in zip(modes, searches, strict=True)]
+
+
+def plain_edges(seed: int) -> FloatArray:
+    """Distances of the outline of a hole from its true edge, where nothing disturbs it.
+
+    The scene has a dark hole without a chamfer and, within 3 mm, no glint, dent, bead, scratch
+    or dirt: what the requirements call a plain dark edge. Pivot and angles are known as badly as
+    elsewhere, and blur, gain, noise and calibration are those of every scene.
+
+    Returns
+    -------
+    (N,) array
+        From each point of the outline to the nearest of the true edge, in pixels of a 320 by 240
+        image; infinite where the hole was not found.
+    """
+    (search,) = search_scene(seed, True, plain=True)
+    for hole in search.holes:
+        if hole.evidence >= LEAST_EVIDENCE[SWITCHED] and search.off(hole) < NEAR:
+            return np.asarray(cdist(search.rim(hole), search.true_rim()).min(axis=1) / 2)
+    return np.full(48, np.inf)
+
+
+def detection_figures(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
+    """Recall, false findings an acquisition, and how exact what was found is."""
+    found: dict[str, Any] = {}
+    for mode in MODES:
+        own = [each for each in outcomes if each.mode == mode]
+        holes = [each for each in own if each.hole]
+        if not holes:
+            continue
+        hits = [each for each in holes if each.found]
+        false = sum(each.false for each in own) / len(own)
+        recall = len(hits) / len(holes)
+        if mode != SWITCHED:
+            found[f"{mode}_recall"], found[f"{mode}_false_per_acquisition"] = recall, false
+            continue
+        found |= {
+            "recall": recall,
+            "recall_interval": wilson(len(hits), len(holes)),
+            "false_per_acquisition": false,
+            "scenes": len(holes),
+            "centre_mm_p90": 1e3 * float(np.quantile([h.off for h in hits], 0.9)) if hits else 1e9,
+            "size_within_15pct": float(np.mean([abs(h.size) < SIZE for h in hits]))
+            if hits
+            else 0.0,
+        }
+    return found
+
+
+def recall_curve(outcomes: Sequence[SceneOutcome]) -> tuple[FloatArray, FloatArray]:
+    """False findings an acquisition (N,) and recall (N,), as less and less evidence is asked for.
+
+    Parameters
+    ----------
+    outcomes : sequence of SceneOutcome
+        Of one mode.
+    """
+    right = np.array([each.evidence for each in outcomes if each.hole])
+    wrong = np.array([value for each in outcomes for value in each.alarms])
+    least = np.unique(np.concatenate([right[np.isfinite(right)], wrong]))[::-1]
+    false = (wrong >= least[:, None]).sum(axis=1) / max(len(outcomes), 1)
+    recall = (right >= least[:, None]).mean(axis=1) if right.size else np.zeros(least.size)
+    return false, recall
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """95 % interval of a share (Wilson, JASA 22, 1927)."""
+    z, p = 1.959964, hits / count
+    middle = (p + z * z / (2 * count)) / (1 + z * z / count)
+    half = z / (1 + z * z / count) * math.sqrt(p * (1 - p) / count + z * z / (4 * count**2))
+    return middle - half, middle + half
+
+
+def _outcome(seed: int, mode: str, search: Search) -> SceneOutcome:
+    bore, least = search.view.hole, LEAST_EVIDENCE[mode]
+    right, alarms = None, []
+    for hole in search.holes:
+        off = search.off(hole)
+        if bore is not None and off < NEAR:
+            right = right or hole
+        elif bore is None or off > FAR:
+            alarms.append(hole.evidence)
+    found = right is not None and right.evidence >= least
+    return SceneOutcome(
+        mode=mode,
+        hole=bore is not None,
+        found=found,
+        off=search.off(right) if right and found else math.nan,
+        size=right.diameter / bore.diameter - 1 if right and bore and found else math.nan,
+        false=sum(value >= least for value in alarms),
+        seed=seed,
+        inside=bore.inside if bore else "",
+        evidence=right.evidence if right else -math.inf,
+        alarms=tuple(alarms),
+    )
+
+
+def _shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
+    """An acquisition of a view."""
+    turns: FloatArray = np.zeros((len(SEQUENCE), 2))
+    lights: Sequence[tuple[bool, ...]] = SEQUENCE
+    if mode == SINGLE:
+        lights, turns = SEQUENCE[-1:], turns[:1]
+    elif mode == DITHER:
+        lights = (SEQUENCE[-1],) * 5
+        turns = TURN * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)], dtype=np.float64)
+    looks = []
+    for on, turn in zip(lights, turns, strict=True):
+        pan, tilt = view.pan + float(turn[0]), view.tilt + float(turn[1])
+        view.camera.look(pan, tilt)
+        view.camera.switch(on)
+        view.camera.expose(LIMITS.exposure * (1.0 if all(on) else ALONE), view.gain)
+        seen = np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)
+        looks.append(LitFrame(view.camera.frame().image, float(seen[0]), float(seen[1]), tuple(on)))
+    return looks

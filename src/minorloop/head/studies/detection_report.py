@@ -1,0 +1,161 @@
+"""What the report of the inspection study shows of the finding of holes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from minorloop.head.studies.detection import SceneOutcome, Search, recall_curve, search_scene
+from minorloop.head.vision.defects import DITHER, LEAST_EVIDENCE, SINGLE, SWITCHED, Hole
+from minorloop.report import Picture, Table
+from minorloop.studies.drawing import new_figure
+
+_WORDS = {
+    SWITCHED: "three lights and none",
+    SINGLE: "one frame",
+    DITHER: "five turns of 2 degrees",
+}
+_ASKED = (0.05, 0.98)
+_FEW = 3e-3
+_SHOWN = 6
+_HALF = 75
+_LIGHTS = ("first light", "second light", "third light", "all lights")
+_FRAMES = (0, 1, 2, 4)
+
+
+def detection_table(found: Mapping[str, Any]) -> Table:
+    """Recall and false findings of every way to acquire."""
+    low, high = found["recall_interval"]
+    rows = [
+        (
+            _WORDS[SWITCHED],
+            f"{found['recall']:.1%} ({low:.1%} to {high:.1%})",
+            f"{found['false_per_acquisition']:.3f}",
+        )
+    ]
+    for mode in (SINGLE, DITHER):
+        share, false = found[f"{mode}_recall"], found[f"{mode}_false_per_acquisition"]
+        rows.append((_WORDS[mode], f"{share:.1%}", f"{false:.3f}"))
+    return Table(("acquisition", f"found of {found['scenes']}", "false, an acquisition"), rows)
+
+
+def limits(outcomes: Sequence[SceneOutcome]) -> str:
+    """What keeps the finder from more, in a sentence or two."""
+    own = [each for each in outcomes if each.mode == SWITCHED]
+    missed = [each for each in own if each.hole and not each.found]
+    dark = sum(each.inside == "dark" for each in missed)
+    unseen = sum(not np.isfinite(each.evidence) for each in missed)
+    false = sum(each.false for each in own)
+    holes = sum(each.hole for each in own)
+    words = f"None of {holes} holes was missed. "
+    if missed:
+        words = (
+            f"Missed were {len(missed)} of {holes} holes, {dark} of them dark and {unseen} without "
+            "any outline at their place. What limits it is a dark hole in the shadow of a dent, "
+            "where noise hides an edge that part of the lights do not reach, and a white one "
+            "hardly brighter than the wall. "
+        )
+    words += f"The finder stood at {false} false findings in {len(own)} acquisitions"
+    if false:
+        words += (
+            "; such are round spots of dirt, which images alone cannot tell from a hole, and "
+            "beads, whose foot is a circle under every light"
+        )
+    return f"{words}."
+
+
+def detection_pictures(outcomes: Sequence[SceneOutcome]) -> list[Picture]:
+    """The curve, and what was missed or was none."""
+    pictures = [
+        Picture(
+            draw_curve(outcomes),
+            "Holes found against false findings, as less and less evidence is asked for; dots "
+            "where the finder stands, the corner what is asked for.",
+        )
+    ]
+    own = [each for each in outcomes if each.mode == SWITCHED]
+    missed = [each for each in own if each.hole and not each.found][:_SHOWN]
+    if missed:
+        pictures.append(
+            Picture(
+                draw_scenes([_missed(each) for each in missed]),
+                "Holes that were missed: the true edge (blue), and the outline with the most "
+                "evidence at its place (orange), which was too little.",
+            )
+        )
+    false = [each for each in own if each.false][:_SHOWN]
+    if false:
+        pictures.append(
+            Picture(
+                draw_scenes([_false(each) for each in false]),
+                "Findings that were none (orange), and the true edge (blue) where a hole is near.",
+            )
+        )
+    return pictures
+
+
+def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
+    """Recall against false findings of every way to acquire."""
+    figure, axes = new_figure(height=3.8)
+    styles = dict(zip(_WORDS, (("-", 2.6), ("--", 1.8), (":", 1.8)), strict=True))
+    for mode, words in _WORDS.items():
+        own = [each for each in outcomes if each.mode == mode]
+        if not any(each.hole for each in own):
+            continue
+        false, recall = recall_curve(own)
+        (line,) = axes.step(
+            np.maximum(false, _FEW),
+            recall,
+            where="post",
+            label=words,
+            ls=styles[mode][0],
+            lw=styles[mode][1],
+        )
+        at = sum(each.false for each in own) / len(own)
+        hits = float(np.mean([each.found for each in own if each.hole]))
+        axes.plot(max(at, _FEW), hits, "o", color=line.get_color())
+    axes.plot([_FEW, _ASKED[0], _ASKED[0]], [_ASKED[1], _ASKED[1], 1.0], color="0.3", lw=1, ls="--")
+    axes.set(xscale="log", xlim=(_FEW, 2.0), ylim=(0.5, 1.03))
+    axes.set(xlabel=f"false findings an acquisition ({_FEW:g} or fewer at the left)")
+    axes.set(ylabel="share of the holes that are found")
+    axes.legend(frameon=False, loc="lower right")
+    return figure
+
+
+def draw_scenes(shown: Sequence[tuple[str, Search, Hole | None]]) -> Any:
+    """A row for each scene, a column for each light, about what is in question."""
+    figure, axes = new_figure(len(shown), len(_FRAMES), 2.35 * len(shown), squeeze=False)
+    for row, (words, search, hole) in zip(axes, shown, strict=True):
+        rim = None if hole is None else search.rim(hole)
+        true = search.true_rim() if search.view.hole is not None else None
+        about = true if rim is None else rim
+        middle = np.zeros(2) if about is None else about.mean(axis=0)
+        for one, frame, light in zip(row, _FRAMES, _LIGHTS, strict=True):
+            root = np.sqrt(search.looks[frame].image, dtype=np.float32)  # shadows are seen so
+            one.imshow(root, cmap="gray", vmin=0, vmax=16)
+            for line, colour in ((true, "C0"), (rim, "C1")):
+                if line is not None:
+                    one.plot(*np.vstack([line, line[:1]]).T, color=colour, lw=0.8)
+            one.set(xlim=(middle[0] - _HALF, middle[0] + _HALF), xticks=[], yticks=[])
+            one.set(ylim=(middle[1] + _HALF, middle[1] - _HALF))
+            one.grid(False)
+            one.set_title(light, fontsize=8)
+        row[0].set_ylabel(words, fontsize=8)
+    return figure
+
+
+def _missed(outcome: SceneOutcome) -> tuple[str, Search, Hole | None]:
+    """A scene, and the outline that comes nearest to its hole."""
+    (search,) = search_scene(outcome.seed, True)
+    near = [hole for hole in search.holes if hole.evidence == outcome.evidence]
+    return f"scene {outcome.seed}\n{outcome.inside}", search, near[0] if near else None
+
+
+def _false(outcome: SceneOutcome) -> tuple[str, Search, Hole | None]:
+    """A scene, and the strongest of its findings that are none."""
+    (search,) = search_scene(outcome.seed, outcome.hole)
+    most = max(value for value in outcome.alarms if value >= LEAST_EVIDENCE[SWITCHED])
+    hole = next((hole for hole in search.holes if hole.evidence == most), None)
+    return f"scene {outcome.seed}\nevidence {most:+.1f}", search, hole

@@ -1,0 +1,417 @@
+"""The catheter head paper, end to end, on the twin.
+
+Boudjabi, Ferreira and Krupa (Modeling and vision-based control of a micro catheter head for
+teleoperated in-pipe inspection, 2003) identify a Preisach model of a shape-memory wire from
+reversal curves, invert it by stepping, and control the head by an internal model around that
+inverse. They find that it drifts in open loop, and leave changing surroundings open. Here the
+head is identified, driven open and closed loop by five controllers, disturbed, and asked for
+what it cannot do.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.control.head import CONTROLLERS, HeadControl, head_control
+from minorloop.head.control.planning import PlannedPowers, Planner
+from minorloop.head.studies.head_loop import (
+    TICK,
+    HeadRun,
+    circle,
+    constant,
+    ramps,
+    run_loop,
+    stairs,
+)
+from minorloop.head.studies.head_static import CURRENT, HOLD, Static, run_static
+from minorloop.head.studies.scoring import truth
+from minorloop.head.twins.head import Head
+from minorloop.head.twins.sensor import Fault
+from minorloop.head.twins.surroundings import Course, Surroundings
+from minorloop.head.twins.wire import Wire
+from minorloop.studies.claims import Claim, medians
+
+TITLE = "A catheter head on shape-memory wires"
+DEFAULT = CONTROLLERS[0]
+TARGETS = (20.0, 30.0, 40.0)
+"""Steps in degrees, those of the paper."""
+STEP_SECONDS = 30.0
+DISTURBED = {
+    "ambient 10 C": Surroundings(ambient=10.0),
+    "ambient 30 C": Surroundings(ambient=30.0),
+    "convection 65": Surroundings(convection=65.0),
+    "convection 90": Surroundings(convection=90.0),
+}
+WARMER = Surroundings(ambient=30.0)
+WARMING = Surroundings(ambient=Course(20.0, 26.0, at=30.0, duration=120.0))
+"""For the ramps in open loop: 6 K in two minutes, as a bench in a warming room."""
+RAMP_AT, RAMP_SECONDS = 40.0, 90.0
+RAMP = Surroundings(ambient=Course(20.0, 30.0, at=RAMP_AT, duration=10.0))
+RAMP_TARGET = 30.0
+PERIODS = (60.0, 30.0)
+FASTER = (20.0, 15.0, 10.0)
+CIRCLE_WAIT = 20.0
+OPEN_HOLD, OPEN_TARGETS, OPEN_RANGE = 25.0, 14, (5.0, 50.0)
+IMPOSSIBLE = {
+    "flooded, no sleeve": (Surroundings(convection=1000.0), "convection too high"),
+    "ambient -10 C": (Surroundings(ambient=-10.0), "ambient too cold"),
+}
+STROKE_SHARE, CLEARLY, IMPOSSIBLE_SECONDS = 0.95, 5.0, 20.0
+"""What is asked for then, as a share of the identified stroke. Some specimens get there in the
+cold after all: whether it is out of reach, by so many degrees, is judged by the truth."""
+HOT = {
+    "little cooling": Surroundings(convection=30.0, ambient=30.0),
+    "hot": Surroundings(ambient=60.0),
+}
+HOT_SECONDS = 15.0
+FAULT_AT, FAULT_SECONDS = 12.0, 25.0
+OLD_HOLD, OLD_TARGETS, OLD_RANGE, OLD_WAIT = 12.0, 20, (10.0, 45.0), 4.0
+"""Targets for a head whose wires have aged since it was identified: s, how many, degrees, s."""
+OLD = (DEFAULT, "adaptive")
+PLAN_INTERVAL = 0.5
+PLANNED = (40.0, 40.0, 40.0, 10.0, 10.0, 35.0, 5.0, 5.0, 25.0, 0.0)
+"""Targets in degrees of the planner, four seconds each: faster down than a wire cools."""
+PLAN_HOLD = 4.0
+
+CLAIMS = (
+    Claim("angle at 400 mA [deg]", "twin.angle_at_400mA_deg", "about 60", least=57, most=63),
+    Claim("heating, 63 % of the way [s]", "twin.heat_t63_s", "not given", least=5, most=9),
+    Claim("cooling, 63 % of the way [s]", "twin.cool_t63_s", "not given", least=3.5, most=6.5),
+    Claim(
+        "random holds, operator on power: rms [deg]",
+        "static.rms_deg",
+        "agrees (Fig 5)",
+        most=1.5,
+    ),
+    Claim("the same, mesh of 0.1 V: rms [deg]", "static.mesh_rms_deg", "agrees (Fig 5)"),
+    Claim("the same, dots of that mesh: rms [deg]", "static.dots_rms_deg", "not studied"),
+    Claim(
+        "stepping inverse on its model, rms [% of range]",
+        "stepping_inverse.rms_pct",
+        "used (Fig 6)",
+    ),
+    Claim(
+        "exact inverse, times better",
+        "exact_inverse.times_better",
+        "not studied",
+        least=100,
+    ),
+    Claim(
+        "open loop, settled holds: rms [deg]",
+        "open_loop.rms_deg",
+        "later ramps off (Fig 8)",
+        most=3.5,
+    ),
+    Claim("the same, ambient 10 K warmer [deg]", "open_loop_plus_10K.rms_deg", "not studied"),
+    Claim("steps of 20, 30, 40: settling [s]", "steps.settle_s", "plotted (Fig 10)", most=8),
+    Claim("the same: overshoot [%]", "steps.overshoot_pct", "plotted (Fig 10)", most=3),
+    Claim("the same: steady rms [deg]", "steps.steady_rms_deg", "plotted (Fig 10)", most=0.15),
+    Claim("disturbed: settling [s]", "steps_disturbed.settle_s", "left open", most=14),
+    Claim("disturbed: overshoot [%]", "steps_disturbed.overshoot_pct", "left open", most=6),
+    Claim("ambient +10 K in 10 s: worst [deg]", "ambient_ramp.max_deg", "left open", most=1.2),
+    Claim("circle in 60 s: rms [deg]", "circle_60s.rms_deg", "plotted (Fig 11)", most=0.7),
+    Claim("circle in 30 s: rms [deg]", "circle_30s.rms_deg", "plotted (Fig 11)", most=1.8),
+    Claim("internal model: settling [s]", "imc.settle_s", "plotted (Fig 10)"),
+    Claim("PI: settling [s]", "pi.settle_s", "not studied"),
+    Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
+    Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
+    Claim("out of reach: always found", "unreachable.detected", "left open", least=1),
+    Claim("the same: after [s]", "unreachable.after_s", "left open", most=10),
+    Claim("false alarms in all other runs", "unreachable.false_alarms", "left open", most=0),
+    Claim("limits exceeded, all runs", "limits.violations", "not studied", most=0),
+    Claim("planned over inverse: cost", "planning.cost_ratio", "not studied", most=0.9),
+    Claim("one step of both axes, median [ms]", "realtime.step_ms_median", "-", most=1.0),
+    Claim("the same, 99.9th percentile [ms]", "realtime.step_ms_p999", "-", most=5.0),
+    Claim("seconds for a specimen", "seconds", "-"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class HeadStudy:
+    """Everything that one specimen gave.
+
+    ``facts`` are of the nominal twin; ``runs`` every closed or open loop by the name of what
+    was tried and the controller; ``reach`` how far full current really comes, in degrees, where
+    it is not far enough; ``plan`` the planned sequence and the inverse one for the same
+    targets, with ``planned`` (2, N) the true angles to which they took the wire.
+    """
+
+    seed: int
+    facts: dict[str, float]
+    static: Static
+    runs: dict[tuple[str, str], HeadRun]
+    reach: dict[str, float]
+    plan: tuple[PlannedPowers, PlannedPowers]
+    planned: FloatArray
+    seconds: float
+
+    def figures(self) -> dict[str, Any]:
+        """Every number by the name under which it is printed."""
+        found: dict[str, Any] = {"twin": self.facts, **self.static.figures()}
+        for key, controller in (("steps", DEFAULT), ("imc", "internal_model"), ("pi", "pi")):
+            found[key] = _worst([self.runs[f"step {x:g}", controller] for x in TARGETS])
+        for controller in ("feedforward", "adaptive"):
+            found[controller] = _worst([self.runs[f"step {x:g}", controller] for x in TARGETS])
+        disturbed = [f"{where}, step {x:g}" for where in DISTURBED for x in TARGETS]
+        found["steps_disturbed"] = _worst([self.runs[each, DEFAULT] for each in disturbed])
+        for key, what in (("open_loop", "stairs"), ("open_loop_plus_10K", "stairs, warmer")):
+            found[key] = {"rms_deg": _settled_rms(self.runs[what, "feedforward"])}
+        found["ambient_ramp"] = {
+            "max_deg": _ramp_worst(self.runs["ambient ramp", DEFAULT]),
+            "pi_max_deg": _ramp_worst(self.runs["ambient ramp", "pi"]),
+            "imc_max_deg": _ramp_worst(self.runs["ambient ramp", "internal_model"]),
+        }
+        for period in (*PERIODS, *FASTER):
+            found[f"circle_{period:g}s"] = _round(self.runs[f"circle {period:g} s", DEFAULT])
+        found["aged"] = {f"{name}_rms_deg": _late_rms(self.runs["aged", name]) for name in OLD}
+        found["unreachable"] = self._unreachable()
+        found["limits"] = {
+            "violations": sum(run.violations for run in self.runs.values()),
+            "hottest_C": max(float(run.truth.hottest.max()) for run in self.runs.values()),
+            "stress_MPa": max(float(run.truth.stress.max()) for run in self.runs.values()) / 1e6,
+        }
+        found["planning"] = self._planning()
+        took = np.concatenate([run.step_seconds[1:] for run in self._of(DEFAULT)]) * 1e3
+        found["realtime"] = {
+            "step_ms_median": float(np.median(took)),
+            "step_ms_p999": float(np.quantile(took, 0.999)),
+        }
+        return {**found, "seconds": self.seconds}
+
+    def _of(self, controller: str) -> Iterator[HeadRun]:
+        return (run for (_, name), run in self.runs.items() if name == controller)
+
+    def _unreachable(self) -> dict[str, Any]:
+        found, causes, false = [], [], 0
+        for (what, _), run in self.runs.items():
+            short = run.wanted[-1, 0] - self.reach[what] if what in IMPOSSIBLE else 0.0
+            alarms = [alarm for alarm in run.alarms if alarm.axis == 0]
+            if short > CLEARLY:
+                found.append(alarms[0].t if alarms else np.inf)
+                causes += [alarm.verdict.reason == IMPOSSIBLE[what][1] for alarm in alarms[:1]]
+            elif short <= 0.0:
+                false += len(alarms)
+            false += len(run.alarms) - len(alarms)
+        return {
+            "cases": len(found),
+            "detected": bool(np.isfinite(found).all()),
+            "after_s": max(found),
+            "cause_right": float(np.mean(causes)),
+            "false_alarms": false,
+        }
+
+    def _planning(self) -> dict[str, float]:
+        planned, inverse = self.plan
+        errors = [float(np.sum((y - planned.targets) ** 2)) for y in self.planned]
+        return {
+            "cost_ratio": planned.cost / inverse.cost,
+            "driven_cost_ratio": errors[0] / errors[1],
+            "rms_deg": planned.rms,
+            "inverse_rms_deg": inverse.rms,
+        }
+
+
+def run_study(seed: int) -> HeadStudy:
+    """Carry the whole study out on one specimen.
+
+    Parameters
+    ----------
+    seed : int
+        Draws specimen, noise and targets.
+    """
+    began = time.perf_counter()
+    static = run_static(seed)
+    wires = (static.wires[0].model, static.wires[1].model)
+    controls = {name: head_control(name, wires, coupling=static.coupling) for name in CONTROLLERS}
+    runs = {**_steps(seed, controls), **_others(seed, controls), **_hard(seed, controls)}
+    plan, inverse = _plans(static)
+    driven = [_driven(seed, each) for each in (plan, inverse)]
+    return HeadStudy(
+        seed=seed,
+        facts=head_facts(),
+        static=static,
+        runs=runs,
+        reach={what: _reach(seed, around) for what, (around, _) in IMPOSSIBLE.items()},
+        plan=(plan, inverse),
+        planned=np.array(driven),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Medians over specimens; what must never happen is added up, what must always, required."""
+    found = medians(runs)
+    found["unreachable"]["detected"] = all(run["unreachable"]["detected"] for run in runs)
+    found["unreachable"]["after_max_s"] = max(run["unreachable"]["after_s"] for run in runs)
+    for part, key in (("unreachable", "false_alarms"), ("limits", "violations")):
+        found[part][key] = sum(run[part][key] for run in runs)
+    found["limits"]["hottest_C"] = max(run["limits"]["hottest_C"] for run in runs)
+    return found
+
+
+def head_facts() -> dict[str, float]:
+    """What the nominal wire does at 0.4 A: angle, and times to 63 % of the way."""
+    wire = Wire(log_truth=True)
+    interval = 0.05
+    up = wire.apply(CURRENT, 2 * HOLD, interval)
+    down = wire.apply(0.0, 2 * HOLD, interval)
+    full = float(up.y[-1])
+    return {
+        "angle_at_400mA_deg": full,
+        "heat_t63_s": float(np.argmax(up.y >= 0.63 * full) + 1) * interval,
+        "cool_t63_s": float(np.argmax(down.y <= 0.37 * full) + 1) * interval,
+        "hottest_C": float(truth(wire).hottest[0]),
+        "stress_MPa": float(truth(wire).stress[0]) / 1e6,
+    }
+
+
+def _steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
+    """Fig 10 by every controller, and by the default one in other surroundings."""
+    runs = {}
+    for target in TARGETS:
+        for name, control in controls.items():
+            runs[f"step {target:g}", name] = run_loop(
+                name, control, constant(target), STEP_SECONDS, specimen=seed, seed=seed
+            )
+        for where, surroundings in DISTURBED.items():
+            runs[f"{where}, step {target:g}", DEFAULT] = run_loop(
+                DEFAULT,
+                controls[DEFAULT],
+                constant(target),
+                STEP_SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=surroundings,
+            )
+    return runs
+
+
+def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
+    """Open loop, an ambient that rises, and circles."""
+    rng = np.random.default_rng([seed, 8])
+    targets = rng.uniform(*OPEN_RANGE, OPEN_TARGETS).tolist()
+    way, span = stairs(targets, OPEN_HOLD), OPEN_HOLD * OPEN_TARGETS
+    runs = {}
+    tried = [
+        ("stairs", "feedforward", way, span, None),
+        ("stairs, warmer", "feedforward", way, span, WARMER),
+        ("ramps", "feedforward", ramps(5.0, 45.0, 60.0), 180.0, WARMING),
+        ("ramps", DEFAULT, ramps(5.0, 45.0, 60.0), 180.0, WARMING),
+    ]
+    tried += [
+        ("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP)
+        for name in (DEFAULT, "internal_model", "pi")
+    ]
+    for period in (*PERIODS, *FASTER):
+        way = circle(period, before=CIRCLE_WAIT)
+        tried.append((f"circle {period:g} s", DEFAULT, way, CIRCLE_WAIT + 2 * period, None))
+    old = stairs(rng.uniform(*OLD_RANGE, OLD_TARGETS).tolist(), OLD_HOLD)
+    for name in OLD:
+        span, control = OLD_HOLD * OLD_TARGETS, controls[name]
+        runs["aged", name] = run_loop(
+            name, control, old, span, specimen=seed, seed=seed, ageing=1.0
+        )
+    for what, name, way, seconds, surroundings in tried:
+        runs[what, name] = run_loop(
+            name, controls[name], way, seconds, specimen=seed, seed=seed, surroundings=surroundings
+        )
+    return runs
+
+
+def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
+    """Little cooling, sensors that fail, and what cannot be done, by every controller."""
+    runs = {}
+    for name, control in controls.items():
+        for kind in ("stuck", "lost"):
+            runs[f"sensor {kind}", name] = run_loop(
+                name,
+                control,
+                constant(40.0, 40.0),
+                FAULT_SECONDS,
+                specimen=seed,
+                seed=seed,
+                faults=[Fault("pan", kind, FAULT_AT), Fault("tilt", kind, 2.0)],
+            )
+        nearly_all = [STROKE_SHARE * axis.observer.wire.operator.range[1] for axis in control.axes]
+        for what, surroundings in HOT.items():
+            runs[what, name] = run_loop(
+                name,
+                control,
+                constant(*nearly_all),
+                HOT_SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=surroundings,
+            )
+        if name == "feedforward":
+            continue
+        for what, (surroundings, _) in IMPOSSIBLE.items():
+            runs[what, name] = run_loop(
+                name,
+                control,
+                constant(nearly_all[0]),
+                IMPOSSIBLE_SECONDS,
+                specimen=seed,
+                seed=seed,
+                surroundings=surroundings,
+            )
+    return runs
+
+
+def _reach(seed: int, surroundings: Surroundings) -> float:
+    """How far full current really takes the first axis, in degrees."""
+    head = Head(seed, surroundings=surroundings, log_truth=True)
+    head.apply(np.array([CURRENT, 0.0]), 4 * HOLD, HOLD)
+    return float(truth(head).angle[-1, 0])
+
+
+def _plans(static: Static) -> tuple[PlannedPowers, PlannedPowers]:
+    """A planned sequence and the inverse one, for targets that fall faster than a wire cools."""
+    planner = Planner(wire=static.wires[0].model, interval=PLAN_INTERVAL)
+    targets = np.repeat(PLANNED, round(PLAN_HOLD / PLAN_INTERVAL))
+    return planner.plan(targets), planner.feedforward(targets)
+
+
+def _driven(seed: int, plan: PlannedPowers) -> FloatArray:
+    """(N,) true angles of a wire that gets the currents of a plan."""
+    head = Head(seed, tick=plan.interval, log_truth=True)
+    for current in plan.current:
+        head.exchange(np.array([min(float(current), CURRENT), 0.0]))
+    return np.asarray(truth(head).angle[:, 0])
+
+
+def _worst(runs: Sequence[HeadRun]) -> dict[str, float]:
+    """The worst of several steps."""
+    return {
+        "settle_s": max(run.settle for run in runs),
+        "overshoot_pct": max(run.overshoot for run in runs),
+        "steady_rms_deg": max(run.steady for run in runs),
+    }
+
+
+def _settled_rms(run: HeadRun) -> float:
+    """Error at the ends of the holds of a staircase, in degrees."""
+    hold = round(OPEN_HOLD / TICK)
+    return float(np.sqrt(np.mean(run.error[hold - 1 :: hold, 0] ** 2)))
+
+
+def _late_rms(run: HeadRun) -> float:
+    """Error of the second half of a staircase, from 4 s after each new target on, in degrees."""
+    late = (run.t % OLD_HOLD > OLD_WAIT) & (run.t > run.t[-1] / 2)
+    return float(np.sqrt(np.mean(run.error[late, 0] ** 2)))
+
+
+def _ramp_worst(run: HeadRun) -> float:
+    return float(np.abs(run.error[run.t > RAMP_AT, 0]).max())
+
+
+def _round(run: HeadRun) -> dict[str, float]:
+    """Error of a circle, both axes together, while it is being drawn."""
+    distance = np.linalg.norm(run.error[run.t > CIRCLE_WAIT], axis=1)
+    return {"rms_deg": float(np.sqrt(np.mean(distance**2))), "max_deg": float(distance.max())}

@@ -1,0 +1,267 @@
+"""Inspection of a pipe by the catheter head: servo, finding, tracking, depth, and a whole mission.
+
+Boudjabi, Ferreira and Krupa (2003) centre a point by visual servo, see a hole beside a reflection
+that is none, and announce ultrasonic measurement and fusion. All of it is done here on twins of
+head, camera, pipe and probe, every number scored on scenes that nothing was tuned on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.studies import scan_trials
+from minorloop.head.studies.detection import (
+    SceneOutcome,
+    detection_figures,
+    plain_edges,
+    score_scene,
+)
+from minorloop.head.studies.inspection_servo import Scene, ServoRun, servo_figures
+from minorloop.head.studies.mission import Mission, run_mission
+from minorloop.head.studies.scan_trials import ScoredScan
+from minorloop.head.twins.pipe import Bore
+from minorloop.studies.claims import Claim, medians
+
+TITLE = "In-pipe inspection with a catheter head"
+FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
+FIRST_SCENE, SCENES, FIRST_PLAIN = 50_000, 4, 2_000_000
+FIRST_SOUNDING, SOUNDINGS = 60_000, 6
+"""Seeds of what is scored; scenes with and without a hole, and flat pits, for each specimen."""
+_PLAIN_SHARE = 4
+_SCORED = ("outcomes", "edges", "scored")
+
+CLAIMS = (
+    Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
+    Claim("servo, camera only: to 2 px [s]", "servo.settle_s_camera_only", "shown", most=12),
+    Claim("servo: steady rms [px]", "servo.steady_rms_px", "shown", most=0.5),
+    Claim("sway of 1 degree: held over still", "sway.ratio", "not studied", most=0.65),
+    Claim("the same in pictures shifted by what is tracked", "sway.stabilised_ratio", "-"),
+    Claim("holes found", "detection.recall", "one image (Fig 14)", least=0.98, percent=True),
+    Claim(
+        "false findings an acquisition",
+        "detection.false_per_acquisition",
+        "a reflection told apart",
+        most=0.05,
+    ),
+    Claim("single frames: holes found", "detection.single_recall", "-", percent=True),
+    Claim("dithered frames: holes found", "detection.dither_recall", "-", percent=True),
+    Claim("centre, 90th percentile [mm]", "detection.centre_mm_p90", "-", most=0.07),
+    Claim(
+        "sizes within 15 %", "detection.size_within_15pct", "not studied", least=0.95, percent=True
+    ),
+    Claim(
+        "plain edges, 90th percentile [px]", "detection.plain_edge_px_p90", "not studied", most=1.0
+    ),
+    Claim("frames lost under motion", "tracking.lost_fraction", "tracked", most=0.01),
+    Claim("longest loss [s]", "tracking.reacquire_s", "tracked", most=1.0),
+    Claim("depth: bias [um]", "depth.bias_um", "announced", least=-10, most=10),
+    Claim(
+        "depth: deviation [um]",
+        "depth.sd_um",
+        "announced",
+        most=20,
+        count="depth.measured",
+        enough=2,
+    ),
+    Claim(
+        "pits measured",
+        "depth.measured_fraction",
+        "announced",
+        least=0.95,
+        percent=True,
+        count="depth.scans",
+    ),
+    Claim(
+        "unfocused probe: deviation [um]",
+        "depth.unfocused_sd_um",
+        "-",
+        count="depth.unfocused_measured",
+        enough=2,
+    ),
+    Claim(
+        "unfocused probe: pits measured",
+        "depth.unfocused_measured_fraction",
+        "-",
+        percent=True,
+        count="depth.unfocused_scans",
+    ),
+    Claim("dished floors: worst error [mm]", "depth.dished_error_mm", "-", most=0.1),
+    Claim("slowest scan of any kind [s, one core]", "depth.seconds_worst", "-", most=5),
+    Claim("finding: position [mm]", "fusion.position_mm", "announced", most=0.3),
+    Claim("finding: diameter [%]", "fusion.diameter_error_pct", "announced", most=15),
+    Claim("finding: depth [mm]", "fusion.depth_error_mm", "announced", most=0.1),
+    Claim(
+        "bands of 90 % cover",
+        "fusion.coverage",
+        "-",
+        least=0.85,
+        most=0.95,
+        percent=True,
+        count="fusion.scans",
+        enough=100,
+    ),
+    Claim("scans that the bands were scored on", "fusion.scans", "-"),
+    Claim("half the 90 % band of a depth, median [mm]", "fusion.band_mm", "-"),
+    Claim("wrong modality or depth made up", "modality.wrong", "-", most=0),
+    Claim("scans that this was tried on", "modality.scans", "-"),
+    Claim(
+        "missions that measured their pit", "mission.measured", "announced", least=0.9, percent=True
+    ),
+    Claim("of those, depth error, median [mm]", "mission.depth_error_mm", "announced"),
+    Claim("of those, water line, median error [mm]", "mission.water_error_mm", "-"),
+    Claim("missions that found their crack", "mission.crack_found", "announced", percent=True),
+    Claim("cracks reported where none is, in all", "mission.false_cracks", "-"),
+    Claim("cracks found: off their course, median [mm]", "mission.crack_off_mm", "-"),
+    Claim("cracks found: length error, median [%]", "mission.crack_length_error_pct", "-"),
+    Claim("cracks found: width error, median [%]", "mission.crack_width_error_pct", "-"),
+    Claim("cracks found that have a depth", "mission.crack_measured", "announced", percent=True),
+    Claim("of those, depth error, median [mm]", "mission.crack_depth_error_mm", "-"),
+    Claim("mission: seconds of the head", "mission.seconds", "-"),
+    Claim("processor time of a specimen [s]", "seconds", "-"),
+)
+
+
+_OF_CRACKS = ("crack_length_error_pct", "crack_width_error_pct", "crack_off_mm")
+_OF_MISSIONS = (
+    "touch_mm",
+    "position_mm",
+    "diameter_error_pct",
+    "depth_error_mm",
+    "water_error_mm",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class InspectionStudy:
+    """Everything that one specimen gave."""
+
+    seed: int
+    servo: dict[str, Any]
+    runs: dict[str, ServoRun]
+    outcomes: tuple[SceneOutcome, ...]
+    edges: FloatArray
+    scored: dict[str, tuple[ScoredScan, ...]]
+    mission: Mission
+    seconds: float
+
+    def figures(self) -> dict[str, Any]:
+        """What `gather` needs; outcomes and soundings by the names under which they are kept."""
+        return {
+            **self.servo,
+            "outcomes": self.outcomes,
+            "edges": self.edges,
+            "scored": self.scored,
+            "mission": self.mission.figures(),
+            "seconds": self.seconds,
+        }
+
+
+def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> InspectionStudy:
+    """Carry everything out for one specimen.
+
+    Parameters
+    ----------
+    seed : int
+        Draws head, pipe, camera, probe and noise.
+    scenes : int
+        Scenes with a hole, and as many without, that the finder is scored on; plain edges on a
+        quarter as many.
+    soundings : int
+        Pits with a flat floor that depths and their bands are scored on; the last is of the size
+        that fusion is scored on.
+    """
+    began = time.process_time()
+    servo, runs = servo_figures(Scene(seed))
+    plain = -(-scenes // _PLAIN_SHARE)
+    outcomes = [
+        outcome
+        for k in range(scenes)
+        for hole in (True, False)
+        for outcome in score_scene(FIRST_SCENE + seed * scenes + k, hole)
+    ]
+    return InspectionStudy(
+        seed=seed,
+        servo=servo,
+        runs=runs,
+        outcomes=tuple(outcomes),
+        edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
+        scored=_soundings(FIRST_SOUNDING + (soundings + 4) * seed, soundings),
+        mission=run_mission(seed),
+        seconds=time.process_time() - began,
+    )
+
+
+def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Medians over specimens; what is a share or a spread, over all that was scored."""
+    plain = [{k: v for k, v in run.items() if k not in _SCORED} for run in runs]
+    found = medians([{k: v for k, v in run.items() if k != "mission"} for run in plain])
+    every = [outcome for run in runs for outcome in run["outcomes"]]
+    edges = np.concatenate([run["edges"] for run in runs])
+    kinds = {
+        kind: [one for run in runs for one in run["scored"][kind]] for kind in runs[0]["scored"]
+    }
+    depth = scan_trials.depth_figures(kinds["pit"])
+    unfocused = scan_trials.depth_figures(kinds["unfocused"])
+    found |= {
+        "detection": {
+            **detection_figures(every),
+            "plain_edge_px_p90": float(np.quantile(edges, 0.9, method="higher")),
+        },
+        "depth": {
+            **depth,
+            **{f"unfocused_{key}": value for key, value in unfocused.items()},
+            "dished_error_mm": scan_trials.dished_figure(kinds["dished"]),
+            "seconds_worst": max(one.seconds for each in kinds.values() for one in each),
+        },
+        "fusion": {
+            **scan_trials.fusion_figures(kinds["fused"]),
+            **scan_trials.band_figures([*kinds["pit"], *kinds["fused"]]),
+        },
+        "modality": {
+            "wrong": sum(bool(np.isfinite(one.found.depth)) for one in kinds["hole"])
+            + scan_trials.modality_wrong(kinds["dry"]),
+            "scans": len(kinds["hole"]) + len(kinds["dry"]),
+        },
+        "mission": _of_missions([run["mission"] for run in runs]),
+    }
+    return found
+
+
+def _of_missions(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Shares of all missions, and medians over those that have something to tell."""
+    measured = [mission for mission in missions if mission["measured"]]
+    cracks = [mission for mission in missions if mission["crack_found"]]
+    deep = [mission for mission in cracks if mission["crack_measured"]]
+    return {
+        "of": len(missions),
+        "measured": float(np.mean([mission["measured"] for mission in missions])),
+        "seconds": float(np.median([mission["seconds"] for mission in missions])),
+        **{key: _median(measured, key) for key in _OF_MISSIONS},
+        "crack_found": len(cracks) / len(missions),
+        "false_cracks": sum(mission["false_cracks"] for mission in missions),
+        **{key: _median(cracks, key) for key in _OF_CRACKS},
+        "crack_measured": len(deep) / len(cracks) if cracks else np.nan,
+        "crack_depth_error_mm": _median(deep, "crack_depth_error_mm"),
+    }
+
+
+def _median(missions: Sequence[Mapping[str, Any]], key: str) -> float:
+    return float(np.median([mission[key] for mission in missions])) if missions else np.nan
+
+
+def _soundings(seed: int, pits: int) -> dict[str, tuple[ScoredScan, ...]]:
+    drawn = {
+        "pit": [scan_trials.draw_sounding(seed + 4 + k) for k in range(max(pits - 1, 1))],
+        "fused": [scan_trials.draw_sounding(seed, bore=FUSED)],
+        "unfocused": [scan_trials.draw_sounding(seed + 4, lens=False)],
+        "dished": [scan_trials.draw_sounding(seed + 1, kind="dished")],
+        "hole": [scan_trials.draw_sounding(seed + 2, kind="hole")],
+        "dry": [scan_trials.draw_sounding(seed + 3, kind="dry")],
+    }
+    return {kind: tuple(scan_trials.sound(one) for one in each) for kind, each in drawn.items()}

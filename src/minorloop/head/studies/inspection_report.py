@@ -1,0 +1,240 @@
+"""The report of the inspection study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minorloop.head.reconstruction.findings import finding_of
+from minorloop.head.studies.detection_report import detection_pictures, detection_table, limits
+from minorloop.head.studies.inspection import CLAIMS, TITLE
+from minorloop.head.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
+from minorloop.head.studies.mission import Mission
+from minorloop.head.studies.mission_report import (
+    draw_crack,
+    draw_finding,
+    draw_images,
+    draw_ring,
+    draw_soundings,
+    finding_rows,
+    save_mission,
+)
+from minorloop.identification.bands import PER_DEVIATION
+from minorloop.report import Picture, Report, Table
+from minorloop.studies.claims import claim_table, specimens
+from minorloop.studies.drawing import new_figure
+
+_LOOKED = "A camera looks into a defect as onto the wall, but tells no depth there."
+
+if TYPE_CHECKING:
+    from minorloop.head.studies.inspection import InspectionStudy
+
+
+def study_report(
+    study: InspectionStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
+) -> Report:
+    """The page.
+
+    Parameters
+    ----------
+    study : InspectionStudy
+        The first specimen, which is drawn.
+    figures : mapping
+        Over all specimens.
+    runs : sequence of mapping
+        The figures of each specimen.
+    """
+    mission = study.mission
+    outcomes = [outcome for run in runs for outcome in run["outcomes"]]
+    report = Report(
+        TITLE,
+        f"Servo, finding, tracking, depth and fusion on {specimens(runs)} "
+        f"with {'pipes of their own' if len(runs) > 1 else 'a pipe of its own'}; figures are drawn "
+        f"for {'that of ' if len(runs) > 1 else ''}seed {study.seed}. "
+        f"{figures['detection']['recall']:.1%} of the holes were found with "
+        f"{figures['detection']['false_per_acquisition']:.2f} false findings an "
+        f"acquisition, depths were off by {figures['depth']['bias_um']:.1f} um on average, and "
+        f"{_missions(figures)}.",
+    )
+    report.add(
+        "What was found",
+        text="Head, camera, pipe and probe are twins: wires of phase, heat and springs, rays that "
+        "meet a brushed cylinder between three lights that turn with the head, and pulses through "
+        "a lens onto a concave wall. Whatever makes an estimate knows them as calibrated, a little "
+        "off. Pixels are those of a 320 by 240 image.",
+        table=claim_table(CLAIMS, figures),
+    )
+    report.add(
+        "Bringing a point to the middle, and holding it",
+        text="The paper's law takes the image Jacobian of a camera at rest; a head that pans turns "
+        "about its own axis too, and its lens is carried along in front of the pivot, so that both "
+        "columns are added, and the integral has the sign of the proportional term. Against sway "
+        "the head is told where its joints should read for the point to be in the middle, foretold "
+        "by as much as the wires are late. What the wires are too slow for, a picture shifted by "
+        "where the point is tracked does not show: "
+        f"{figures['sway'].get('stabilised_ratio', np.nan):.2f} of the sway of a still head is "
+        f"left in it, {figures['sway']['ratio']:.2f} without the shift. By the camera alone, no "
+        "reading of a joint is used: the wires are brought near by their model, and then told the "
+        "angles at which the picked piece of wall would be seen where it is.",
+        pictures=[
+            Picture(draw_servo(study), "Distance of the true point from the middle of the image.")
+        ],
+    )
+    report.add(
+        "Finding holes beside reflections (Fig 14)",
+        text=(
+            "Three lights, one after the other, and one frame without any: a reflection moves with "
+            "its light, the edge of a hole does not, and light from behind is there without any. "
+            "Where nothing is near, nine tenths of the outline of a dark hole are within "
+            f"{figures['detection']['plain_edge_px_p90']:.2f} pixels of its edge.",
+            limits(outcomes),
+        ),
+        table=detection_table(figures["detection"]),
+        pictures=[
+            *detection_pictures(outcomes),
+            *(
+                [
+                    Picture(
+                        draw_images(mission),
+                        "Fig 14 redrawn: the picked point as first seen, and with the axis sent "
+                        "to it.",
+                    )
+                ]
+                if mission.first is not None
+                else []
+            ),
+        ],
+    )
+    report.add(
+        "Depths by echoes",
+        text="A lens of 8 mm focus, a raster of 36 places, 16 shots at each while the head sways "
+        "by a degree, and one fit of all waveforms. Without the lens the beam is as wide as the "
+        "disc: where another depth explains the echoes nearly as well, none is given.",
+        table=_depth_table(study),
+        pictures=[Picture(draw_soundings(runs), "Depths of all specimens, less the true ones.")],
+    )
+    rows = [(f"{step.t:.0f} s", step.what, step.outcome) for step in mission.log]
+    report.add(
+        "A mission without a hand",
+        text="The six steps of the paper's section 5.2, with the two that it announces; then the "
+        "lines that were seen on the way are gone to as well.",
+        table=Table(("time", "step", "outcome"), rows),
+    )
+    if mission.wall is None or mission.pit is None:
+        report.add("No pit", text=nothing_found(mission))
+    else:
+        report.add(
+            "The pit",
+            text="The outline is that of the image and of the echoes together, the depth that of "
+            "the joint fit spread by the footprints of the beams; the rim is the least sure.",
+            table=finding_rows(finding_of(mission.pit)),
+            pictures=[
+                Picture(draw_finding(mission.wall), f"The pit, unrolled and in 3-D. {_LOOKED}")
+            ],
+        )
+    _add_cracks(report, mission)
+    if mission.ring is not None:
+        report.add(
+            "Once round the pipe",
+            text="What is under water has a profile by echoes, and what the camera saw in the "
+            "drained pipe lies on its cylinder. The dashed line is the water, as found.",
+            pictures=[
+                Picture(draw_ring(mission), "The pit is circled; a crack is drawn as traced.")
+            ],
+        )
+    return report
+
+
+def _add_cracks(report: Report, mission: Mission) -> None:
+    """A section for each crack, or what there was instead."""
+    if not mission.cracks:
+        words = "No line was seen again from nearer, so that no crack is reported."
+        report.add("No crack", text=words)
+    for crack in mission.cracks:
+        words = (
+            "Dark under every light, thin, and seen again from nearer. The echoes were asked for "
+            f"its depth where it is widest, and what they told is: {crack.finding.verdict}. A "
+            "narrow one takes too little of a beam for its floor to be heard."
+        )
+        report.add(
+            "A crack",
+            text=words,
+            table=finding_rows(crack.finding),
+            pictures=[
+                Picture(
+                    draw_crack(crack),
+                    "The crack and its course (orange), drawn where the head was read to look: "
+                    "what the readings were off, from look to look, is between the two.",
+                ),
+                Picture(
+                    draw_finding(crack.wall), f"The wall about it, unrolled and in 3-D. {_LOOKED}"
+                ),
+            ],
+        )
+
+
+def save_beside(study: InspectionStudy, folder: Path) -> list[Path]:
+    """Write what the first specimen's mission found beside the report: a table, PLY and glTF."""
+    return save_mission(study.mission, folder)
+
+
+def nothing_found(mission: Mission) -> str:
+    """Why a mission has no pit to show, in a sentence."""
+    why = (
+        "nothing round was seen"
+        if mission.pit is None
+        else f"the echoes said: {mission.pit.verdict}"
+    )
+    return (
+        f"The mission of seed {mission.seed} ended without the depth of a pit ({why}); no mesh of "
+        "one is written."
+    )
+
+
+def _missions(figures: Mapping[str, Any]) -> str:
+    found = figures["mission"]
+    many = f"mission{'s' if found['of'] > 1 else ''}"
+    measured, cracks = (round(found[key] * found["of"]) for key in ("measured", "crack_found"))
+    return (
+        f"in {measured} of {found['of']} {many} the pit was measured, in {cracks} the crack found"
+    )
+
+
+def draw_servo(study: InspectionStudy) -> Any:
+    """Distances against time: centring, and holding against sway."""
+    figure, (left, right) = new_figure(1, 2, height=3.6)
+    for name, words in (("sensor", "with angle sensor"), ("camera", "camera only")):
+        run = study.runs[name]
+        left.plot(run.t, run.off, label=words)
+    left.axhline(SETTLED_PX, color="0.3", lw=0.8, ls="--")
+    left.set(xlabel="time [s]", ylabel="off the middle [px]", yscale="log")
+    still, swayed = study.runs["still"], study.runs["swayed"]
+    late = swayed.t > SWAY_WAIT
+    right.plot(still.t, still.off, label="angles held, not looking")
+    right.plot(swayed.t[late] - SWAY_WAIT, swayed.off[late], label="tracked and held")
+    if swayed.left is not None:
+        right.plot(swayed.t[late] - SWAY_WAIT, swayed.left[late], label="and the picture shifted")
+    right.set(xlabel="time [s]", ylabel="off the middle [px]", title="sway of 1 degree")
+    right.set_ylim(0.0, 1.5 * float(max(still.off.max(), swayed.off[late].max(initial=0.0))))
+    left.legend(frameon=False)
+    right.legend(frameon=False, loc="upper right")
+    return figure
+
+
+def _depth_table(study: InspectionStudy) -> Table:
+    rows = []
+    for kind, scored in [(kind, one) for kind, each in study.scored.items() for one in each]:
+        pit, truth = scored.found, scored.sounding.depth
+        rows.append(
+            (
+                kind,
+                "through" if np.isinf(truth) else f"{1e3 * truth:.3f}",
+                pit.verdict,
+                f"{1e3 * pit.depth:.3f}" if np.isfinite(pit.depth) else "-",
+                f"{1e6 * PER_DEVIATION * pit.depth_sd:.1f}" if np.isfinite(pit.depth_sd) else "-",
+            )
+        )
+    return Table(("scene", "true depth, mm", "verdict", "depth, mm", "90 % band, um"), rows)

@@ -1,0 +1,289 @@
+"""A point of the wall is brought to the middle of the image and held there by two wires.
+
+Camera, tracker, servo and the wires' controller form one loop at 25 Hz, with the angle sensors
+and without: then no reading of a joint goes anywhere. The head is brought near by the model of its
+wires, and from there on the wires' controller gets what the picked piece of wall tells of the
+head's angles. All pixel figures are at the scale of a 320 by 240 image.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.control.head import HeadControl, head_control
+from minorloop.head.control.sensing import SensorWatch
+from minorloop.head.geometry import Mount, meet_wall
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.centre import CONE, CentreState, Centring
+from minorloop.head.procedures.go import Go
+from minorloop.head.procedures.meter import Metering
+from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.values import Reading, Request, apply_to_tip
+from minorloop.head.studies import scoring
+from minorloop.head.studies.head_static import identify_head
+from minorloop.head.twins.catheter import Catheter
+from minorloop.head.twins.head import Head
+from minorloop.head.twins.pipe import Bore, Pipe
+from minorloop.head.twins.rig import STRAIGHT, Rig, SimulatedTip, Sway
+from minorloop.head.vision.tracking import TRACKED
+
+TICK = 0.04
+APPROACH = 14.0
+"""Seconds in which the head is brought to where the servo takes over, and the light metered."""
+SERVO, STEADY = 25.0, 8.0
+"""Seconds of a run, and its steady part at the end."""
+START_PX, SETTLED_PX = 43.0, 2.0
+SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
+MOTION, MOTION_SECONDS = 10.0, 20.0
+"""Fastest commanded motion that the tracker is tried under, in degrees a second; how long."""
+STROKE_SHARE = 0.93
+"""Of a wire's identified stroke, what a scene asks for at most: no hole is where no wire gets."""
+BLIND = SensorWatch(patience=10_000)
+"""Of a control that goes by its model for as long as no angles come."""
+
+wires_of = lru_cache(maxsize=4)(identify_head)
+
+
+@dataclass(frozen=True, eq=False)
+class ServoRun:
+    """One run of the loop.
+
+    ``t`` (T,) in seconds since the servo took over; ``off`` (T,) how far the true point is from
+    the middle of the image, in pixels; ``verdicts`` (T,) of the tracker; ``angles`` (T, 2) true
+    lines of sight in degrees; ``left`` (T,) how far it is from where the tracker has it, in
+    pixels: what is left to see of a motion when each picture is shifted by that.
+    """
+
+    name: str
+    t: FloatArray
+    off: FloatArray
+    verdicts: tuple[str, ...]
+    angles: FloatArray
+    left: FloatArray | None = None
+
+    @property
+    def settle(self) -> float:
+        """After how long the point stays within 2 pixels of the middle, in seconds."""
+        out = np.flatnonzero(self.off > SETTLED_PX)
+        return float(self.t[out[-1]]) if out.size else 0.0
+
+    def rms(self, after: float) -> float:
+        """Root-mean-square distance from a time on, in pixels."""
+        return float(np.sqrt(np.mean(self.off[self.t > after] ** 2)))
+
+    def stabilised_rms(self, after: float) -> float:
+        """The same in pictures shifted by what was tracked; NaN where nothing was."""
+        if self.left is None:
+            return np.nan
+        return float(np.sqrt(np.mean(self.left[self.t > after] ** 2)))
+
+    @property
+    def lost(self) -> float:
+        """Share of frames in which the point was not tracked."""
+        return float(np.mean([verdict != TRACKED for verdict in self.verdicts]))
+
+    @property
+    def reacquire(self) -> float:
+        """Longest time without the point, in seconds."""
+        longest = now = 0
+        for verdict in self.verdicts:
+            now = 0 if verdict == TRACKED else now + 1
+            longest = max(longest, now)
+        return longest * TICK
+
+
+class Scene:
+    """A pipe with one hole, a head before it, and the control of its wires."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        rng = np.random.default_rng([seed, 11])
+        wires, coupling = wires_of(seed)
+        self.control: HeadControl = head_control("observer", wires, coupling=coupling)
+        self.blind = head_control("observer", wires, coupling=coupling, sensor=BLIND)
+        aim, way = self._within_stroke(rng)
+        self.mount = Mount(
+            offset=tuple(rng.uniform(-0.4e-3, 0.4e-3, 2)), roll=rng.uniform(-np.pi, np.pi)
+        )
+        pose = self.mount.pose(*aim)
+        phi, z, _ = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
+        self.hole = Bore(float(phi), float(z), 1e-3)
+        self.pipe = replace(Pipe.draw(seed), bores=(self.hole,))
+        self.aim = aim
+        off = START_PX / 260.0
+        side = way + np.pi / 2 * rng.choice([-1, 1]) + rng.uniform(-0.6, 0.6)
+        start = aim + off * np.array([np.cos(side), np.sin(side)])
+        self.start = CONE.clip(start)
+
+    def _within_stroke(self, rng: np.random.Generator) -> tuple[FloatArray, float]:
+        """A line of sight (2,) that the wires as identified come to, and its direction."""
+        top = [axis.observer.wire.operator.range[1] for axis in self.control.axes]
+        while True:
+            away, way = np.radians(rng.uniform(19, 27)), float(rng.uniform(0, 2 * np.pi))
+            aim = away * np.array([np.cos(way), np.sin(way)])
+            own = np.linalg.solve(np.asarray(self.control.coupling), np.degrees(aim) + STRAIGHT)
+            if (own < STROKE_SHARE * np.array(top)).all():
+                return aim, way
+
+    def rig(self, sway: Sway | None = None, *, sensor: bool = True) -> InspectionRig:
+        """A cold head with its camera; it is taken to sit in the middle of the pipe."""
+        plant = Rig(Head(self.seed, 0.05, self.seed, delay=TICK), Catheter(self.seed), sway=sway)
+        tip = SimulatedTip(self.pipe, mount=self.mount, specimen=self.seed, seed=self.seed)
+        calibration = HeadCalibration(
+            lens=tip.camera.calibration, leds=tip.camera.leds, roll=self.mount.roll
+        )
+        control = self.control if sensor else self.blind
+        return InspectionRig(plant, tip, control, calibration, sensors=sensor)
+
+
+class Watch:
+    """What is true of a run, tick by tick. For scoring only."""
+
+    def __init__(self, scene: Scene, rig: InspectionRig) -> None:
+        assert isinstance(rig.plant, Rig)
+        self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
+        self.off: list[float] = []
+        self.left: list[float] = []
+        self.sight: list[FloatArray] = []
+        self.verdicts: list[str] = []
+        self.pixel = self._pixel()
+
+    def __call__(self, state: Any) -> None:
+        """Keep what is true after a tick; what comes before the first tracked frame is left out."""
+        before, self.pixel = self.pixel, self._pixel()
+        verdict = getattr(state, "verdict", TRACKED)
+        if not verdict:
+            return
+        shown = getattr(state, "shown", None)
+        x, y, z = self._point()
+        self.off.append(float(260.0 * np.hypot(x / z, y / z)))
+        self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
+        self.sight.append(np.degrees(scoring.line_of_sight(self._plant)))
+        self.verdicts.append(verdict)
+
+    def run(self, name: str, after: int = 0) -> ServoRun:
+        """The run, from a tick on."""
+        off, left = np.array(self.off[after:]), np.array(self.left[after:])
+        t = TICK * np.arange(1.0, len(off) + 1.0)
+        verdicts, sight = tuple(self.verdicts[after:]), np.array(self.sight[after:])
+        return ServoRun(name, t, off, verdicts, sight, left)
+
+    def _point(self) -> FloatArray:
+        """(3,) the hole as the camera has it."""
+        hole, radius = self._scene.hole, self._scene.pipe.radius
+        return scoring.middle_of(self._scene.mount, self._plant, (hole.phi, hole.z), radius)
+
+    def _pixel(self) -> FloatArray:
+        """(2,) where the hole is in the image, by the lens as calibrated."""
+        return np.asarray(self._lens.project(self._point()))
+
+
+def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: float) -> ServoRun:
+    """Bring the hole to the middle of the image, from where the head was left.
+
+    Against sway it is held by what the joints should read, once it is near. Without a sensor, no
+    reading of a joint is used, neither on the way there nor later.
+    """
+    rig = scene.rig(sway, sensor=sensor)
+    centring = Centring(
+        calibration=rig.calibration,
+        still=math.inf,
+        patience=seconds + TICK,  # a tick passes before the first frame is tracked
+        hold_after=math.inf if sway is None else HOLD_AFTER,
+        by_image=not sensor,
+    )
+    return _watched(scene, rig, centring).run("sensor" if sensor else "camera only")
+
+
+def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
+    """Hold the angles at which the hole is in the middle, without looking."""
+    rig = scene.rig(sway)
+    watch = Watch(scene, rig)
+    go = Go(still=math.inf, turning=APPROACH + seconds)
+    rig.run(go, go.begin(angles=scene.aim), watch)
+    return watch.run("still", round(APPROACH / TICK))
+
+
+@dataclass(frozen=True, eq=False)
+class Swinging:
+    """Track a point while the head is swung about it.
+
+    Parameters
+    ----------
+    centring : Centring
+        What tracks.
+    aim : (2,) array
+        Middle of the swing, in radians.
+    """
+
+    centring: Centring
+    aim: FloatArray
+
+    def step(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
+        """The next state, and the swing."""
+        state, request = self.centring.step(state, reading)
+        phase = MOTION / 7.0 * (reading.t - (state.began or 0.0))
+        swing = np.radians(7.0 * np.sin(phase) * np.array([1.0, 0.6]))
+        return state, replace(request, angles=CONE.clip(self.aim + swing))
+
+
+def run_motion(scene: Scene) -> ServoRun:
+    """Track the hole while the head is swung about it as fast as 10 degrees a second."""
+    rig = scene.rig()
+    patience = MOTION_SECONDS + TICK
+    centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
+    return _watched(scene, rig, centring, Swinging(centring, scene.aim)).run("motion")
+
+
+def _watched(
+    scene: Scene, rig: InspectionRig, centring: Centring, procedure: Swinging | None = None
+) -> Watch:
+    """Bring the head to where the servo takes over, and follow what is picked there."""
+    metering = Metering(calibration=rig.calibration)
+    go = Go(still=math.inf, turning=APPROACH - metering.seconds)
+    rig.run(go, go.begin(angles=scene.start))
+    rig.run(metering, metering.begin())
+    watch = Watch(scene, rig)
+    state = centring.begin((scene.hole.phi, scene.hole.z), watch.pixel)
+    picked, request = centring.step(state, rig.reading(Request(frame=True)))
+    apply_to_tip(rig.tip, request)
+    rig.run(procedure or centring, picked, watch)
+    return watch
+
+
+def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
+    """All runs of one scene, and their numbers."""
+    sway = Sway()
+    runs = {
+        "sensor": run_servo(scene, sensor=True, seconds=SERVO),
+        "camera": run_servo(scene, sensor=False, seconds=SERVO),
+        "swayed": run_servo(scene, sensor=True, sway=sway, seconds=SWAY_SECONDS),
+        "still": run_still(scene, sway, SWAY_SECONDS - SWAY_WAIT),
+        "motion": run_motion(scene),
+    }
+    held, still = runs["swayed"].rms(SWAY_WAIT), runs["still"].rms(0.0)
+    figures = {
+        "servo": {
+            "settle_s_with_sensor": runs["sensor"].settle,
+            "settle_s_camera_only": runs["camera"].settle,
+            "steady_rms_px_camera_only": runs["camera"].rms(SERVO - STEADY),
+            "steady_rms_px": runs["sensor"].rms(SERVO - STEADY),
+        },
+        "sway": {
+            "ratio": held / still,
+            "stabilised_ratio": runs["swayed"].stabilised_rms(SWAY_WAIT) / still,
+            "held_px": held,
+            "still_px": still,
+        },
+        "tracking": {
+            "lost_fraction": runs["motion"].lost,
+            "reacquire_s": runs["motion"].reacquire,
+        },
+    }
+    return figures, runs

@@ -1,0 +1,279 @@
+"""The inspection of section 5.2 of the catheter head paper, as one automatic mission on the twin.
+
+Look around, pick, centre, focus, extract, touch, measure, reconstruct; then trace the cracks that
+were seen on the way, and measure them too. Head, catheter, camera and probe are twins; everything
+between them is what a real inspection would run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.head.procedures.rig import InspectionRig, LogEntry
+from minorloop.head.procedures.trace import likely, traces_of
+from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
+from minorloop.head.reconstruction.findings import Finding, finding_of, kind_of
+from minorloop.head.studies import mission_cracks, scoring
+from minorloop.head.studies.mission_cracks import SeenCrack
+from minorloop.head.studies.mission_scene import RADIUS, MissionTruth, distance, draw_mission
+from minorloop.head.studies.mission_steps import (
+    centre,
+    extract,
+    focus,
+    look,
+    meter,
+    pick,
+    touch,
+    travel,
+    turn,
+)
+from minorloop.head.studies.ultrasonic_scan import drain, rebuilt, ring_of, scan, sweep
+from minorloop.head.twins.pipe import Bore, Crack
+from minorloop.head.ultrasound.pits import PitDepth, measure_pit
+from minorloop.head.ultrasound.profile import Profile
+from minorloop.head.vision.cracks import TracedCrack
+from minorloop.head.vision.defects import Findings, Hole, strongest
+from minorloop.head.vision.reflectance_map import ReflectanceMap
+
+RING, LOOKS = 25.0, 8
+"""Deflection of the looks around in degrees, and how many there are from one place."""
+ADVANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0)
+"""Positions of the catheter from which is looked around, in mm, until echoes confirm something;
+so near one another that a hole of 0.85 mm is 9 pixels of a 320 by 240 image across in two looks."""
+MOST_PICKS = 8
+"""Things that are gone to in all, one after the other."""
+SAME = 1.0e-3
+"""Things on the wall nearer than that are one."""
+AGAIN = "disturbed"
+"""Verdict after which a raster is scanned once more, half a pitch beside the first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """What a mission gave.
+
+    Parameters
+    ----------
+    seed : int
+        Of pipe and rig.
+    truth : Bore
+        The pit. For scoring only, as the next two.
+    truth_crack : Crack
+        The crack.
+    truth_water : float
+        Height of the water, in m.
+    log : tuple of LogEntry
+        What was done, and when.
+    looks : Findings, optional
+        Of the look from nearer at what was gone to.
+    first, centred : (H, W) arrays, optional
+        Images of the finding as it was picked, and with the axis sent to it.
+    pixel : (2,) array, optional
+        Of the finding in the first.
+    found : Hole, optional
+        By the camera.
+    pit : PitDepth, optional
+        By the echoes.
+    wall, ring : DepthMap, optional
+        About the pit, and once round the pipe.
+    profile : Profile, optional
+        Of the sweep round the pipe.
+    water : WaterLine, optional
+        Of the same sweep.
+    cracks : tuple of SeenCrack
+        That were seen again from nearer.
+    touch : float
+        How far the tool's point came to lie from the true centre, in m.
+    """
+
+    seed: int
+    truth: Bore
+    truth_crack: Crack
+    truth_water: float
+    log: tuple[LogEntry, ...] = ()
+    looks: Findings | None = None
+    first: npt.NDArray[np.uint8] | None = None
+    pixel: FloatArray | None = None
+    centred: npt.NDArray[np.uint8] | None = None
+    found: Hole | None = None
+    pit: PitDepth | None = None
+    wall: DepthMap | None = None
+    ring: DepthMap | None = None
+    profile: Profile | None = None
+    water: WaterLine | None = None
+    cracks: tuple[SeenCrack, ...] = ()
+    touch: float = np.nan
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the table lists: the pit, or what may be one, and cracks."""
+        pits = () if self.pit is None else (finding_of(self.pit),)
+        return (
+            *(one for one in pits if one.kind != "mark"),
+            *(crack.finding for crack in self.cracks),
+        )
+
+    def figures(self) -> dict[str, Any]:
+        """How far from the truth it came; NaN where nothing was found."""
+        place = width = depth = np.nan
+        if self.pit is not None:
+            place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)
+            width = 100 * abs(self.pit.diameter / self.truth.diameter - 1)
+            depth = 1e3 * abs(self.pit.depth - self.truth.depth)
+        return {
+            "found": self.found is not None,
+            "measured": self.pit is not None and self.pit.measured,
+            "seconds": self.log[-1].t,
+            "touch_mm": 1e3 * self.touch,
+            "position_mm": place,
+            "diameter_error_pct": width,
+            "depth_error_mm": depth,
+            "water_error_mm": np.nan
+            if self.water is None
+            else 1e3 * abs(self.water.height - self.truth_water),
+            **mission_cracks.crack_figures(self.cracks, self.truth_crack),
+        }
+
+
+@dataclass
+class Overview:
+    """What the looks around showed so far: views, lines in them, and from where it was looked."""
+
+    views: list[ReflectanceMap] = field(default_factory=list)
+    traces: list[TracedCrack] = field(default_factory=list)
+    places: list[float] = field(default_factory=list)
+
+
+def run_mission(seed: int) -> Mission:
+    """Inspect one pipe with a pit and a crack in it, without a hand."""
+    (rig, truth), seen = draw_mission(seed), Overview()
+    mission = Mission(seed, truth.bore, truth.crack, float(truth.wet.water or 0.0))
+    best = _examined(rig, truth, mission, seen)
+    if best.pit is None:
+        rig.say("end of pits", "nothing that echoes confirm was found; no depth is given")
+    best = replace(best, cracks=_cracks(rig, seen))
+    if best.profile is not None and best.wall is not None:
+        parts = [best.wall, *(crack.wall for crack in best.cracks)]
+        best = replace(best, ring=ring_of(best.profile, seen.views, parts))
+    return replace(best, log=tuple(rig.log))
+
+
+def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: Overview) -> Mission:
+    """Look from place after place, and go to what is seen, until echoes confirm a pit.
+
+    What is not seen again from nearer is gone to after all that is; where nothing is confirmed,
+    what came nearest to it is kept.
+    """
+    tried: list[Hole] = []
+    doubted: list[Hole] = []
+    best = mission
+    for advance in (*ADVANCES, None):
+        holes = doubted if advance is None else _look_around(rig, advance, seen)
+        for hole in holes:
+            known = any(distance(hole.place, other.place) < SAME for other in tried)
+            if len(tried) >= MOST_PICKS or (known and advance is not None):
+                continue
+            tried += [] if known else [hole]
+            one, again, view = _approached(rig, mission, hole)
+            if not again and advance is not None:
+                doubted.append(hole)
+                continue
+            one = _sounded(rig, truth, one, view)
+            best = one if best.pit is None or _better(one, best) else best
+            if best.pit is not None and best.pit.measured:
+                return best
+    return best
+
+
+def _better(one: Mission, other: Mission) -> bool:
+    """Whether the echoes told more of it: measured, or a depth at all."""
+    ranks = [
+        (pit.measured, bool(np.isfinite(pit.depth))) if pit is not None else (False, False)
+        for pit in (one.pit, other.pit)
+    ]
+    return ranks[0] > ranks[1]
+
+
+def _approached(
+    rig: InspectionRig, mission: Mission, hole: Hole
+) -> tuple[Mission, bool, ReflectanceMap | None]:
+    """Pick, centre, focus, extract; whether it is seen again, and the view of it."""
+    first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
+    centre(rig, hole.place)
+    focus(rig)
+    looks, found, again = extract(rig, hole)
+    return replace(mission, looks=looks, first=first, pixel=pixel, found=found), again, looks.wall
+
+
+def _sounded(
+    rig: InspectionRig, truth: MissionTruth, one: Mission, view: ReflectanceMap | None
+) -> Mission:
+    """Touch and measure; where echoes tell a depth, sweep round and reconstruct."""
+    hole = one.found
+    if hole is None:
+        return one
+    centred_image = touch(rig, hole)
+    off = scoring.off_bore(truth.plant, truth.offset, truth.bore, RADIUS)
+    place = (float(hole.place[0]), float(hole.place[1]))
+    ear, bursts = scan(rig, place)
+    pit = measure_pit(bursts, ear, place, hole.diameter)
+    rig.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
+    if pit.verdict == AGAIN:
+        ear, others = scan(rig, place, shift=0.5)
+        other = measure_pit(others, ear, place, hole.diameter)
+        rig.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
+        pit, bursts = (other, others) if other.measured else (pit, bursts)
+    one = replace(one, centred=centred_image, touch=off, pit=pit)
+    if np.isfinite(pit.depth):
+        wall = rebuilt(bursts, ear, pit, hole, view)
+        profile, water = sweep(rig, place)
+        size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
+        rig.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")
+        one = replace(one, wall=wall, profile=profile, water=water)
+    drain(rig)
+    return one
+
+
+def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
+    """Go to what looks like cracks, and on to further places until one is confirmed."""
+    found: list[SeenCrack] = []
+    tried: list[TracedCrack] = []
+    for advance in (None, *(place for place in ADVANCES if place not in seen.places)):
+        if advance is not None:
+            _look_around(rig, advance, seen)
+        for trace, looks in likely(seen.traces, tried, RADIUS):
+            if len(tried) < mission_cracks.MOST:
+                tried.append(trace)
+                crack = mission_cracks.examined(rig, trace, looks)
+                found += [] if crack is None else [crack]
+        if found:
+            break
+    return tuple(found)
+
+
+def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hole]:
+    """What is seen from one place, the likeliest first; views and lines are added to those seen."""
+    travel(rig, 1e-3 * advance, 0.0)
+    seen.places.append(advance)
+    holes: list[Hole] = []
+    lines = 0
+    for k in range(LOOKS):
+        way = 2 * np.pi * k / LOOKS
+        turn(rig, np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
+        meter(rig)
+        found = look(rig)
+        holes += found.holes
+        traces = traces_of(found, RADIUS)
+        lines += len(traces)
+        seen.traces += traces
+        seen.views += [found.wall] if found.wall is not None else []
+    each = strongest(holes, RADIUS, -np.inf)
+    words = f"{len(each)} thing{'s' if len(each) > 1 else ''}" if each else "nothing"
+    words += f"; {lines} line{'s' if lines > 1 else ''}" if lines else ""
+    rig.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
+    return list(each)

@@ -1,0 +1,158 @@
+"""Cracks in a mission: traced in the looks around, seen again from nearer, and scanned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.head.geometry import wall_lengths
+from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.trace import (
+    between,
+    one_course,
+    patch_about,
+    traced_again,
+    whole_course,
+    widest,
+)
+from minorloop.head.reconstruction.depth_map import DepthMap
+from minorloop.head.reconstruction.findings import Finding
+from minorloop.head.studies.mission_scene import RADIUS
+from minorloop.head.studies.mission_steps import Photo, centre, focus, look_nearer, pick
+from minorloop.head.studies.ultrasonic_scan import drain, scan
+from minorloop.head.twins.pipe import Crack
+from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth, crack_finding, crack_map
+from minorloop.head.vision.cracks import TracedCrack
+
+CLOSER = (6e-3, 10e-3)
+"""How much nearer a course is looked at, in metres, until it is seen."""
+MOST = 3
+"""Things like cracks that are gone to in all."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenCrack:
+    """A crack that a mission reports.
+
+    Parameters
+    ----------
+    traced : TracedCrack
+        By the nearer look.
+    course : TracedCrack
+        By whichever look shows it longest.
+    widest : (2,) array
+        Phi and z where it was scanned.
+    width : float
+        There, in metres.
+    found : CrackDepth
+        What the echoes told.
+    photo : Photo
+        In which it is seen from nearer.
+    wall : DepthMap
+        The wall about it.
+    """
+
+    traced: TracedCrack
+    course: TracedCrack
+    widest: FloatArray
+    width: float
+    found: CrackDepth
+    photo: Photo
+    wall: DepthMap
+
+    @property
+    def finding(self) -> Finding:
+        """Its line in the table."""
+        return crack_finding(self.course.places, self.width, self.found, RADIUS)
+
+
+def examined(rig: InspectionRig, trace: TracedCrack, looks: int) -> SeenCrack | None:
+    """Go to a course, trace it from nearer, and scan across it; None where it is not seen again."""
+    middle = trace.places[len(trace.places) // 2]
+    many = f"{looks} look{'s' if looks > 1 else ''}"
+    pick(rig, middle, f"a line of {1e3 * trace.length:.1f} mm in {many}")
+    centre(rig, middle)
+    focus(rig)
+    again, photo = _again(rig, trace, middle)
+    if not again or photo is None:
+        rig.say("trace", "not seen again from nearer; not counted as a crack")
+        return None
+    best = max(again, key=lambda other: other.length)
+    course = whole_course(best, trace)
+    where, width = widest(best)
+    words = f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
+    rig.say("trace", f"a crack, {words}")
+    ear, bursts = scan(rig, (float(where[0]), float(where[1])))
+    drain(rig)
+    found = crack_depth(bursts, ear, best.places, width)
+    deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
+    rig.say("measure", f"{found.verdict}{deep}")
+    patch = patch_about(course.places, rig.calibration.radius)
+    wall = crack_map(course.places, width, found, tuple(where.tolist()), patch)
+    return SeenCrack(best, course, where, width, found, photo, wall)
+
+
+def _again(
+    rig: InspectionRig, trace: TracedCrack, middle: FloatArray
+) -> tuple[tuple[TracedCrack, ...], Photo | None]:
+    """What is seen of a course from nearer, and the photo of it."""
+    for by in CLOSER:
+        near, photo = look_nearer(rig, middle, by)
+        again = traced_again(near, trace.places, rig.calibration.radius)
+        if again:
+            return again, photo
+    return (), None
+
+
+def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
+    """How far from the truth cracks are; NaN where none is it.
+
+    Parameters
+    ----------
+    cracks : sequence of SeenCrack
+        As reported; one that lies on the true one is it, any other is false.
+    truth : Crack
+        For scoring only.
+    """
+    course, widths = _true(truth)
+    right = [one for one in cracks if one_course(one.course.places, course, RADIUS)]
+    figures: dict[str, Any] = {
+        "crack_found": bool(right),
+        "false_cracks": len(cracks) - len(right),
+        "crack_measured": any(np.isfinite(one.found.depth) for one in right),
+    }
+    names = (
+        "crack_length_error_pct",
+        "crack_width_error_pct",
+        "crack_off_mm",
+        "crack_depth_error_mm",
+    )
+    if not right:
+        return figures | dict.fromkeys(names, np.nan)
+    best = max(right, key=lambda one: one.course.length)
+    off = between(best.course.places, course, RADIUS)
+    length = float(wall_lengths(course, RADIUS)[-1])
+    there = widths[int(np.argmin(between(best.widest[None], course, RADIUS)[0]))]
+    values = (
+        100 * abs(best.course.length / length - 1),
+        100 * abs(best.width / there - 1),
+        1e3 * float(np.median(off.min(axis=1))),
+        1e3 * abs(best.found.depth - truth.depth),
+    )
+    return figures | dict(zip(names, map(float, values), strict=True))
+
+
+def _true(crack: Crack) -> tuple[FloatArray, FloatArray]:
+    """Course (N, 2) and widths (N,) of a true crack, in steps of 50 um."""
+    corners = np.array(crack.points)
+    along = wall_lengths(corners, RADIUS)
+    fine = np.arange(0.0, along[-1], 0.05e-3)
+    course = [
+        np.interp(fine, along, np.unwrap(corners[:, 0])),
+        np.interp(fine, along, corners[:, 1]),
+    ]
+    return np.stack(course, axis=1), np.interp(fine, along, np.array(crack.widths))

@@ -1,0 +1,124 @@
+"""The scene of a mission: a pipe with a pit and a crack, and a rig of twins in it, by one seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.head.control.head import head_control
+from minorloop.head.geometry import Mount, Probe, wall_distance
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.studies.inspection_servo import wires_of
+from minorloop.head.twins.catheter import Catheter
+from minorloop.head.twins.head import Head
+from minorloop.head.twins.pipe import Bore, Crack, Pipe, draw_crack
+from minorloop.head.twins.rig import Rig, SimulatedTip, Sway
+
+RADIUS = 10e-3
+SWAY = Sway()
+"""How the flow of the water that is let in turns the base of the head."""
+OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
+"""Standard deviations of what is known of the wall, as a share, and of the water, in degrees."""
+CRACKED, CLEAR = (18e-3, 31e-3), 3e-3
+"""Where along the pipe a crack may lie, and how far from the pit, in metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class MissionTruth:
+    """What is true of a scene. For scoring only.
+
+    Parameters
+    ----------
+    bore : Bore
+        The pit.
+    crack : Crack
+    wet : Pipe
+        With the water in it.
+    temperature : float
+        Of the water, in degrees Celsius.
+    plant : Rig
+        Head and catheter.
+    offset : (float, float)
+        Of the pivot of the head off the axis of the pipe, in metres.
+    """
+
+    bore: Bore
+    crack: Crack
+    wet: Pipe
+    temperature: float
+    plant: Rig
+    offset: tuple[float, float]
+
+
+def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
+    """A rig in a pipe with a pit and a crack, and what is true of both."""
+    rng = np.random.default_rng([seed, 31])
+    bore = Bore(
+        float(rng.uniform(-np.pi, np.pi)),
+        float(rng.uniform(19e-3, 30e-3)),
+        float(rng.uniform(0.9e-3, 1.1e-3)),
+        depth=float(rng.uniform(0.3e-3, 0.8e-3)),
+        brightness=0.0,
+        lining=0.08,
+    )
+    crack = crack_beside(bore, np.random.default_rng([seed, 35]))
+    dry = replace(Pipe.draw(seed), bores=(bore,), cracks=(crack,))
+    wet = [bore.phi, *(phi for phi, _ in crack.points)]
+    flooded = replace(dry, water=_level(wet, np.random.default_rng([seed, 32])))
+    off = rng.uniform(-0.2e-3, 0.2e-3, 2)
+    known_off = off + rng.normal(0, 0.05e-3, 2)
+    about = np.random.default_rng([seed, 33])
+    warm = float(about.uniform(12, 30))
+    plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed), seed=seed)
+    tip = SimulatedTip(
+        dry,
+        mount=Mount(offset=_pair(off)),
+        specimen=seed,
+        seed=seed,
+        flooded=flooded,
+        probe={"temperature": warm},
+        flow=lambda on: setattr(plant, "sway", SWAY if on else None),
+    )
+    calibration = HeadCalibration(
+        lens=tip.camera.calibration,
+        leds=tip.camera.leds,
+        offset=_pair(known_off),
+        thickness=flooded.thickness * float(1 + OFF_THICKNESS * about.normal()),
+        temperature=warm + OFF_TEMPERATURE * float(about.normal()),
+    )
+    wires, coupling = wires_of(seed)
+    control = head_control("observer", wires, coupling=coupling)
+    rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
+    return rig, MissionTruth(bore, crack, flooded, warm, plant, _pair(off))
+
+
+def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:
+    """A crack that is within reach of the looks and clear of the bore."""
+    low, high = CRACKED
+    while True:
+        crack = draw_crack(rng, float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(low, high)))
+        z = [along for _, along in crack.points]
+        off = min(distance(corner, (bore.phi, bore.z)) for corner in crack.points)
+        if low < min(z) and max(z) < high and off > CLEAR:
+            return crack
+
+
+def _level(angles: Sequence[float], rng: np.random.Generator) -> float:
+    """Height of the water, y pointing down: all these, and the probe before them, are under it."""
+    up = float(np.sin(angles).min())
+    highest = min(min(RADIUS, Probe().face) * up - 1e-3, RADIUS * up - 2.5e-3)
+    return float(rng.uniform(-0.98 * RADIUS, highest)) if highest > -0.98 * RADIUS else -0.9999e-2
+
+
+def _pair(values: FloatArray) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
+    """Metres along the wall between two places, each phi and z first."""
+    return float(wall_distance(one, other, RADIUS))

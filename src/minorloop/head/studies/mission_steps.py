@@ -1,0 +1,142 @@
+"""What a mission does with one thing on the wall: go to it, centre, focus, extract and touch it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.head.procedures.centre import NOT_IN_VIEW, CentreState, Centring
+from minorloop.head.procedures.extract import Acquisition, nearest
+from minorloop.head.procedures.focus import Focusing
+from minorloop.head.procedures.go import Go
+from minorloop.head.procedures.mark import APPROACH, Marking, aim_at
+from minorloop.head.procedures.meter import Metering
+from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.values import Request
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
+from minorloop.head.vision.defects import Findings, Hole, find_holes
+
+CENTRED = np.radians(23.0)
+"""Deflection at which a thing is brought to the middle, in radians."""
+NEAR, FIRST = 6e-3, 1e-3
+"""How much nearer than where it was centred a thing is looked at to extract it, and how near to its
+stop the catheter is sent, in metres: drawn back further, its tip sticks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """An image, the camera as calibrated, and where the head looked, in radians."""
+
+    image: npt.NDArray[np.uint8]
+    eye: CalibratedCamera
+    angles: tuple[float, float]
+
+    def pixels(self, places: npt.ArrayLike) -> FloatArray:
+        """(..., 2) columns and rows of places (..., 2) on the wall."""
+        return np.asarray(self.eye.pixel(np.asarray(places), *self.angles))
+
+
+def travel(rig: InspectionRig, advance: float, roll: float) -> None:
+    """Bring the catheter to metres and radians, the head as it is."""
+    go = Go()
+    rig.run(go, go.begin(place=(advance, roll)))
+
+
+def turn(rig: InspectionRig, angles: npt.ArrayLike) -> None:
+    """Turn the head to a line of sight (2,)."""
+    go = Go()
+    rig.run(go, go.begin(angles=angles))
+
+
+def meter(rig: InspectionRig) -> None:
+    """Focus on what is ahead, and expose for a middle grey."""
+    metering = Metering(calibration=rig.calibration)
+    rig.gain = rig.run(metering, metering.begin(rig.gain)).gain
+
+
+def look(rig: InspectionRig) -> Findings:
+    """Five frames and what is in them."""
+    acquisition = Acquisition()
+    looks = rig.run(acquisition, acquisition.begin(rig.gain)).looks
+    return find_holes(looks, rig.calibration.eye_at(rig.place))
+
+
+def photo(rig: InspectionRig) -> Photo:
+    """What is seen now."""
+    now = rig.reading(Request(frame=True))
+    assert now.image is not None
+    pan, tilt = now.angles.tolist()
+    return Photo(now.image, rig.calibration.eye_at(now.place), (pan, tilt))
+
+
+def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
+    """Go to where a thing is well in the cone, turn towards it, and say where it is seen."""
+    ahead = rig.calibration.radius / np.tan(CENTRED)
+    travel(rig, max(float(place[1]) - ahead, FIRST), 0.0)
+    turn(rig, aim_at(rig.calibration, place, rig.place, APPROACH))
+    meter(rig)
+    where = f"phi {np.degrees(place[0]):.0f} deg, z {1e3 * place[1]:.1f} mm"
+    rig.say("pick", f"{where}, {words}")
+    seen = photo(rig)
+    return seen.image, seen.pixels(place)
+
+
+def centre(rig: InspectionRig, place: FloatArray) -> None:
+    """Bring a place on the wall to the middle of the image."""
+    centring = Centring(calibration=rig.calibration)
+    _centred(rig, rig.run(centring, centring.begin(place)), "centre")
+
+
+def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
+    """Say how near the middle a place came; without a view of it, turn there."""
+    if state.verdict == NOT_IN_VIEW:
+        turn(rig, aim_at(rig.calibration, state.place, rig.place))
+        rig.say(step, "not whole in view; turned there by the joints alone")
+    else:
+        rig.say(step, f"{state.error / 2:.2f} px from the middle of a 320 by 240 image")
+
+
+def focus(rig: InspectionRig) -> None:
+    """Sweep the focus on the middle of the image."""
+    lens, now = rig.calibration.lens, rig.reading()
+    focusing = Focusing(lens=lens)
+    guess = Metering(calibration=rig.calibration).ahead(now)
+    found = rig.run(focusing, focusing.begin((lens.width / 2, lens.height / 2), guess)).found
+    assert found is not None
+    rig.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
+
+
+def look_nearer(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
+    """Come nearer by metres to what is in the middle, take five frames and a photo, and go back."""
+    advance, roll = rig.place.tolist()
+    travel(rig, advance + by, roll)
+    turn(rig, aim_at(rig.calibration, place, rig.place))
+    meter(rig)
+    looks, seen = look(rig), photo(rig)
+    travel(rig, advance, roll)
+    return looks, seen
+
+
+def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
+    """The outline of a thing from nearer; whether it is there."""
+    looks, _ = look_nearer(rig, picked.place)
+    again = nearest(looks.holes, picked.place, rig.calibration.radius)
+    hole = again or picked
+    words = "seen again from nearer" if again else "not seen again; the first look counts"
+    rig.say("extract", f"{1e3 * hole.diameter:.2f} mm across, {words}")
+    return looks, hole, again is not None
+
+
+def touch(rig: InspectionRig, hole: Hole) -> Image:
+    """Send the axis, along which the tool's point goes, to a thing; the image then."""
+    marking = Marking(calibration=rig.calibration)
+    state = rig.run(marking, marking.begin(hole.place, rig.gain))
+    rig.gain = state.gain
+    assert state.centre is not None
+    _centred(rig, state.centre, "return")
+    phi, z = np.degrees(hole.place[0]), 1e3 * hole.place[1]
+    rig.say("touch", f"the tool's point is sent to phi {phi:.1f} deg, z {z:.2f} mm")
+    return photo(rig).image

@@ -1,0 +1,136 @@
+"""Ultrasonic scans of a mission: rasters in flowing water, a sweep round the pipe, and maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from minorloop.arrays import FloatArray
+from minorloop.head.geometry import Probe, wrapped
+from minorloop.head.procedures.measure import NO_COUPLING, wall_about
+from minorloop.head.procedures.rig import InspectionRig
+from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.values import Request
+from minorloop.head.reconstruction.depth_map import (
+    STEP,
+    DepthMap,
+    Patch,
+    WaterLine,
+    blend,
+    camera_map,
+    find_water,
+    paste,
+    sonar_map,
+)
+from minorloop.head.studies.mission_scene import RADIUS
+from minorloop.head.studies.mission_steps import travel, turn
+from minorloop.head.ultrasound.echoes import Burst, average
+from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.pits import PitDepth, raster
+from minorloop.head.ultrasound.profile import Profile, centred, joined, wall_profile
+from minorloop.head.vision.defects import Hole
+from minorloop.head.vision.reflectance_map import ReflectanceMap
+from minorloop.identification.bands import PER_DEVIATION
+
+TURNS, RING_SHOTS = 48, 4
+"""Places of the sweep round the pipe for the water line and the profile, and shots at each."""
+RING, MARGIN = 9.6e-3, 1e-3
+"""Least length of the map once round the pipe, and what it shows beside a finding, in metres."""
+
+
+def scan(
+    rig: InspectionRig, place: tuple[float, float], *, shift: float = 0.0
+) -> tuple[CalibratedProbe, list[Burst]]:
+    """Bring the probe square to a place, let water in, and scan a raster in its flow.
+
+    Parameters
+    ----------
+    rig : InspectionRig
+        Where it is; the water flows on afterwards, until `drain`.
+    place : (float, float)
+        Phi and z in the middle of the raster.
+    shift : float
+        By how much of its pitch the raster is moved, both ways.
+    """
+    scanning = RasterScan(calibration=rig.calibration)
+    bursts = rig.run(scanning, scanning.begin(place, shift=shift)).bursts
+    heard = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    rig.say("modality", "the wall is heard" if heard else "no echo: camera only")
+    return rig.calibration.ear_at(rig.place), list(bursts)
+
+
+def drain(rig: InspectionRig) -> None:
+    """Let the water out."""
+    rig.reading(Request(water=False))
+
+
+def rebuilt(
+    bursts: Sequence[Burst],
+    ear: CalibratedProbe,
+    pit: PitDepth,
+    hole: Hole,
+    view: ReflectanceMap | None,
+) -> DepthMap:
+    """Echoes and the nearest view fused to a map about a pit."""
+    centre = (float(hole.place[0]), float(hole.place[1]))
+    seen = None if view is None else lambda patch: laid(view, patch)
+    return wall_about(pit, bursts, ear, centre, hole.diameter, seen=seen)
+
+
+def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
+    """Roll the catheter once round: where the wall answers, and how far it is."""
+    ear = rig.calibration.ear_at(rig.place)
+    turn(rig, raster(ear, place, points=1)[0])
+    profiles = []
+    for k in range(TURNS):
+        travel(rig, float(rig.place[0]), np.radians(-180.0 + 360.0 * k / TURNS))
+        now = rig.reading(Request(shots=RING_SHOTS))
+        angles = np.tile(now.line_of_sight, (RING_SHOTS, 1))
+        burst = average(now.shots, angles, np.zeros(RING_SHOTS))
+        profiles.append(wall_profile([burst], rig.calibration.ear_at(now.place)))
+    profile = joined(profiles)
+    water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)
+    band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
+    words = f"{1e3 * water.height:+.1f} {band} from the axis"
+    rig.say("water line", f"{words}; {profile.heard.sum()} of {TURNS} places heard")
+    return centred(profile), water
+
+
+def ring_of(
+    profile: Profile, views: Sequence[ReflectanceMap], parts: Sequence[DepthMap]
+) -> DepthMap:
+    """Once round the pipe: what the camera saw, the profile, and the findings in one map."""
+    low, high = _span(parts)
+    rows, columns = int((high - low) / STEP) + 1, int(2 * np.pi * RADIUS / STEP)
+    patch = Patch(-np.pi, low, rows, columns)
+    seen = np.zeros((rows, columns), dtype=bool)
+    for view in views:
+        seen |= np.isfinite(laid(view, patch))
+    spoken = sonar_map(patch, profile.spots, profile.depths, profile.sds, footprint=0.35e-3)
+    ring = blend(camera_map(patch, seen, np.zeros(seen.shape)), spoken)
+    for part in parts:
+        ring = paste(ring, part)
+    return ring
+
+
+def _span(parts: Sequence[DepthMap]) -> tuple[float, float]:
+    """From where to where along the pipe a ring with these parts goes, in metres."""
+    ends = [(part.patch.z, part.patch.z + part.patch.rows * part.patch.step) for part in parts]
+    middle = 0.5 * sum(ends[0])
+    low, high = min(low for low, _ in ends), max(high for _, high in ends)
+    return min(low - MARGIN, middle - 0.5 * RING), max(high + MARGIN, middle + 0.5 * RING)
+
+
+def laid(view: ReflectanceMap, patch: Patch) -> FloatArray:
+    """What a view of the camera shows on a patch (rows, columns); NaN where it saw nothing."""
+    window, places = view.window, patch.places
+    half = 0.5 * (window.columns - 1)
+    middle = window.phi + half * window.step / patch.radius
+    x = wrapped(places[..., 0] - middle) * patch.radius / window.step + half
+    y = (places[..., 1] - window.z) / window.step
+    laid: FloatArray = map_coordinates(
+        np.asarray(view.whole, dtype=np.float64), [y, x], order=1, mode="constant", cval=np.nan
+    )
+    return laid

@@ -1,0 +1,1 @@
+"""Simulated wires, heads, cameras, probes and pipes."""

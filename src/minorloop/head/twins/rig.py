@@ -1,0 +1,240 @@
+"""A head in a pipe that sees and hears: wires, joints, catheter, lens and probe.
+
+Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, for a wire pulls
+one way only. Flow may sway the base of the head; camera and probe feel that, the sensors of the
+joints do not. A `Rig` and its `SimulatedTip` may be in processes of their own, for all that passes
+between them is a `Stance`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop.head.geometry import Mount, Pinhole
+from minorloop.head.twins.camera import LENS, Camera
+from minorloop.head.twins.catheter import Catheter
+from minorloop.head.twins.head import Head
+from minorloop.head.twins.pipe import Pipe
+from minorloop.head.twins.ultrasound import Ultrasound
+from minorloop.lab.actuator import Channel, Frame, Shot
+
+STRAIGHT = 30.0
+"""Pan and tilt of the joints of a head that looks along the pipe, in degrees."""
+MOST_SWAY = 10.0
+GYROSCOPE_NOISE = 0.05
+"""Standard deviation of a reading of the gyroscope in the base, in degrees."""
+_BRIM = 0.9999  # of the radius, as the height of the water in a pipe that is full
+
+Stance: TypeAlias = tuple[float, float, float, float, float, float]
+"""True pan and tilt in radians, their rates, advance in metres and roll in radians."""
+
+
+@dataclass(frozen=True)
+class Sway:
+    """How flow turns the base of the head, one sine for each axis.
+
+    Parameters
+    ----------
+    amplitude : float
+        In degrees, 0 to 10.
+    pan, tilt : float
+        Frequencies in Hz.
+
+    Raises
+    ------
+    ParameterError
+        If the amplitude is out of its range.
+    """
+
+    amplitude: float = 1.0
+    pan: float = 0.3
+    tilt: float = 0.23
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.amplitude <= MOST_SWAY:
+            raise ParameterError(f"a sway of {self.amplitude} degrees; give 0 to {MOST_SWAY:g}")
+
+    def at(self, t: float) -> FloatArray:
+        """(2,) degrees at a time in seconds."""
+        phases = 2 * math.pi * t * np.array([self.pan, self.tilt])
+        return np.asarray(self.amplitude * np.sin(phases))
+
+
+class Rig:
+    """A head and the catheter that carries it, on one clock.
+
+    Channels, in this order: ``pan current``, ``tilt current``, ``advance rate`` and ``roll rate``
+    in; ``pan``, ``tilt``, ``advance`` and ``roll`` out.
+
+    Parameters
+    ----------
+    head : Head, optional
+        Nominal, with 0.05 degrees of noise and a delay of one tick, without it.
+    catheter : Catheter, optional
+        Nominal, with a noise of 0.02 mm and degrees, without it.
+    sway : Sway, optional
+        Of the base of the head; none without it.
+    seed : int
+        Of the noise of the gyroscope.
+    """
+
+    kind = "rig"
+    inputs: tuple[Channel, ...] = (*Head.inputs, *Catheter.inputs)
+    outputs: tuple[Channel, ...] = (*Head.outputs, *Catheter.outputs)
+
+    def __init__(
+        self,
+        head: Head | None = None,
+        catheter: Catheter | None = None,
+        *,
+        sway: Sway | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.head, self.sway = head or Head(noise=0.05, delay=0.04), sway
+        self.catheter = catheter or Catheter(noise=0.02)
+        self.tick = self.head.tick
+        self._gyro = np.random.default_rng([seed, 34])
+        self._before = self._line_of_sight()
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold the four inputs for one tick and give the four outputs at its end.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond its limits.
+        """
+        self._before = self._line_of_sight()
+        angles = np.asarray(self.head.exchange(np.asarray(u[:2])), dtype=np.float64)
+        place = np.asarray(self.catheter.exchange(np.asarray(u[2:])), dtype=np.float64)
+        return np.concatenate([angles, place])
+
+    def safe(self) -> None:
+        """Let the wires cool and stop the catheter."""
+        self.head.safe()
+        self.catheter.safe()
+
+    def gyroscope(self) -> FloatArray:
+        """(2,) radians by which the base of the head is turned, with noise; no sway, no noise."""
+        if self.sway is None:
+            return np.zeros(2)
+        noise = GYROSCOPE_NOISE * self._gyro.standard_normal(2)
+        return np.radians(self.sway.at(self.head.clock) + noise)
+
+    def stance(self) -> Stance:
+        """Where it truly is, for the twins of what it carries and for scoring after a run."""
+        now = self._line_of_sight()
+        pan_rate, tilt_rate = ((now - self._before) / self.tick).tolist()
+        advance, roll = self.catheter._output_now().tolist()
+        pan, tilt = now.tolist()
+        return pan, tilt, pan_rate, tilt_rate, 1e-3 * advance, math.radians(roll)
+
+    def _line_of_sight(self) -> FloatArray:
+        """(2,) pan and tilt of the camera in radians."""
+        swayed = np.zeros(2) if self.sway is None else self.sway.at(self.head.clock)
+        return np.asarray(np.radians(self.head._output_now() - STRAIGHT + swayed))
+
+
+class SimulatedTip:
+    """What a rig carries: a camera with its lights, and a probe that hears in water.
+
+    Parameters
+    ----------
+    pipe : Pipe
+        Dry; the picture stays that of the dry pipe.
+    mount : Mount, optional
+        How the head sits in the pipe where the catheter is at 0; on the axis without it.
+    specimen : int, optional
+        Of camera and probe; nominal without it.
+    seed : int
+        Of their noise.
+    optics : Pinhole, optional
+        Of the camera; its own without it.
+    flooded : Pipe, optional
+        What ``flood`` makes of the pipe for the probe; the same one full of water without it.
+    probe : mapping, optional
+        Further options of `Ultrasound`.
+    flow : callable, optional
+        Called with whether the water is let in, such as for the sway that its flow makes.
+    """
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        *,
+        mount: Mount | None = None,
+        specimen: int | None = None,
+        seed: int = 0,
+        optics: Pinhole = LENS,
+        flooded: Pipe | None = None,
+        probe: Mapping[str, Any] | None = None,
+        flow: Callable[[bool], None] | None = None,
+    ) -> None:
+        self._mount, self._flow = mount or Mount(), flow
+        self.pipe = pipe
+        self.camera = Camera(pipe, self._mount, optics, specimen=specimen, seed=seed)
+        full = flooded or replace(pipe, water=-_BRIM * pipe.radius)
+        self._probe_of = {
+            wet: partial(
+                Ultrasound, filled, self._mount, specimen=specimen, seed=seed, **(probe or {})
+            )
+            for wet, filled in ((False, pipe), (True, full))
+        }
+        self._probes = {True: self._probe_of[True]()}
+        self._wet, self._framed = False, True
+        self._stance: tuple[float, ...] = (0.0,) * 6
+
+    def stand(self, stance: tuple[float, ...]) -> None:
+        """Say where the rig stands, by its `Stance`; a camera without a frame since waited one."""
+        if not self._framed:
+            self.camera._pass(self.camera.sensor.interval)
+        self._stance, self._framed = stance, False
+        pan, tilt, pan_rate, tilt_rate, *_ = stance
+        self.camera.move(self._mount_now())
+        self.camera.look(pan, tilt, rates=(pan_rate, tilt_rate))
+
+    def frame(self) -> Frame:
+        """The image that begins now."""
+        self._framed = True
+        return self.camera.frame()
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Say which lights are on from the next frame."""
+        self.camera.switch(lights)
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set how long the shutter is open, in seconds, and the gain."""
+        self.camera.expose(exposure, gain)
+
+    def focus_at(self, distance: float) -> None:
+        """Send the focus to a distance in metres."""
+        self.camera.focus_at(distance)
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water, or let it out."""
+        self._wet = on
+        if self._flow is not None:
+            self._flow(on)
+
+    def shots(self, count: int) -> list[Shot]:
+        """Fire pulses, one after the other."""
+        if self._wet not in self._probes:
+            self._probes[self._wet] = self._probe_of[self._wet]()
+        probe = self._probes[self._wet]
+        pan, tilt, pan_rate, tilt_rate, *_ = self._stance
+        probe.move(self._mount_now())
+        probe.look(pan, tilt, rates=(pan_rate, tilt_rate))
+        return [probe.shot() for _ in range(count)]
+
+    def _mount_now(self) -> Mount:
+        advance, roll = self._stance[4:]
+        mount = self._mount
+        return replace(mount, advance=mount.advance + advance, roll=mount.roll + roll)

@@ -1,0 +1,234 @@
+"""Views drawn by seed for finding a hole beside a glint, or nothing beside a glint.
+
+A view is a camera that looks at a wall with a place in the middle of the question. Around it lie
+dents, beads, scratches and dirt, and at least one LED is mirrored to saturation within 3 mm of
+the place and not within 0.2 mm of the rim, whether there is a hole or not. A plain view has
+none of these: a dark hole with a sharp edge in a brushed wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop.head.geometry import Mount, Pose, meet_wall, wall_point, wrapped
+from minorloop.head.twins import pipe as drawing
+from minorloop.head.twins.camera import LENS, Camera, led_positions
+from minorloop.head.twins.pipe import Bore, Dent, Pipe
+
+LEAST_AXIS = 9.0
+"""Least minor axis of a hole in the image, in pixels of a 320 by 240 image."""
+_MARGIN = 70
+_CLEAR, _REACH = 0.2e-3, 3e-3
+_METERED = 70.0
+_TRIES = 60
+
+
+@dataclass(frozen=True, eq=False)
+class SceneView:
+    """A camera in place, and what is true of what it sees.
+
+    Parameters
+    ----------
+    camera : Camera
+        Exposed for all LEDs on, looking where the head is.
+    mount : Mount
+        Where the head truly is.
+    pan, tilt : float
+        Of the head, in radians.
+    gain : float
+        Of the exposure with all LEDs on.
+    place : (float, float)
+        phi and z in the middle of the question.
+    hole : Bore, optional
+        The hole at that place, None when there is none.
+    """
+
+    camera: Camera
+    mount: Mount
+    pan: float
+    tilt: float
+    gain: float
+    place: tuple[float, float]
+    hole: Bore | None
+
+
+def draw_view(
+    seed: int, *, hole: bool, inside: str | None = None, plain: bool = False
+) -> SceneView:
+    """Draw a view.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything drawn. The head turns 18 to 30 degrees from the axis, its pivot is up to
+        1 mm off it, and the gain spreads over 4 to 1 about the metered one.
+    hole : bool
+        Whether there is a hole. Its diameter is 0.85 to 1.15 mm, its minor axis at least 9
+        pixels of a 320 by 240 image.
+    inside : {"dark", "backlit", "white"}, optional
+        What is seen in the hole; drawn when it is not given.
+    plain : bool
+        Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
+        saturated pixel within 3 mm of the place; the hole is dark.
+
+    Raises
+    ------
+    ParameterError
+        If no view could be drawn, which a seed in a hundred thousand may do.
+    """
+    rng = np.random.default_rng([seed, int(hole)])
+    for _ in range(_TRIES):
+        view = _try_view(rng, hole, "dark" if plain else inside, plain)
+        if view is not None:
+            return view
+    raise ParameterError(f"no view came of seed {seed} in {_TRIES} tries; give another seed")
+
+
+def _try_view(
+    rng: np.random.Generator, hole: bool, inside: str | None, plain: bool
+) -> SceneView | None:
+    mount, pan, tilt = _head(rng)
+    place = _place(rng, mount.pose(pan, tilt))
+    bore = drawing.draw_hole(rng, *place)
+    if inside is not None:
+        bore = replace(bore, inside=inside, brightness={"dark": 0.0, "white": 2.0}.get(inside, 1.0))
+    if plain:
+        bore = replace(bore, chamfer=0.0)
+    if _minor_axis(mount.pose(pan, tilt), bore) < LEAST_AXIS:
+        return None
+    wall = _wall(rng, bore, mount.pose(pan, tilt), hole)
+    if plain:
+        wall = replace(wall, dents=(), scratches=(), dirt=())
+    camera = Camera(wall, mount, seed=int(rng.integers(2**31)), specimen=int(rng.integers(2**31)))
+    camera.look(pan, tilt)
+    _focus(rng, camera, mount.pose(pan, tilt))
+    gain = _meter(camera) * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
+    if not 0.1 <= gain <= 20:
+        return None
+    camera.expose(0.01, gain)
+    view = SceneView(camera, mount, pan, tilt, gain, place, bore if hole else None)
+    if plain:
+        return view if not (_saturated(view, bore) < _REACH).any() else None
+    return view if _has_a_glint(view, bore) else None
+
+
+def _head(rng: np.random.Generator) -> tuple[Mount, float, float]:
+    away, way = np.deg2rad(rng.uniform(18, 30)), rng.uniform(0, 2 * np.pi)
+    off, side = rng.uniform(0, 1e-3), rng.uniform(0, 2 * np.pi)
+    mount = Mount(
+        offset=(off * np.cos(side), off * np.sin(side)),
+        roll=rng.uniform(-np.pi, np.pi),
+        advance=rng.uniform(0, 4e-3),
+    )
+    return mount, float(away * np.cos(way)), float(away * np.sin(way))
+
+
+def _place(rng: np.random.Generator, pose: Pose) -> tuple[float, float]:
+    """Where a pixel away from the edges meets the wall."""
+    pixel = rng.uniform([_MARGIN, _MARGIN], [LENS.width - _MARGIN, LENS.height - _MARGIN])
+    phi, z, _ = meet_wall(pose.position, pose.rotation @ LENS.rays(pixel), 10e-3)
+    return float(phi), float(np.clip(z, 0.0, 50e-3))
+
+
+def _minor_axis(pose: Pose, bore: Bore) -> float:
+    """Of the image of the mouth, in pixels of a 320 by 240 image; 0 when it is not seen whole."""
+    angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    edge = bore.diameter / 2 / 10e-3
+    rim = wall_point(
+        bore.phi + edge * np.cos(angles), bore.z + bore.diameter / 2 * np.sin(angles), 10e-3
+    )
+    pixels = LENS.project(pose.to_camera(rim))
+    inside = (pixels > 20) & (pixels < [LENS.width - 20, LENS.height - 20])
+    if not inside.all():
+        return 0.0
+    spread = np.linalg.svd(pixels - pixels.mean(axis=0), compute_uv=False)
+    return float(2 * spread[1] / np.sqrt(8) / 2)
+
+
+def _wall(rng: np.random.Generator, bore: Bore, pose: Pose, hole: bool) -> Pipe:
+    """A wall with clutter over the view, and a bead that mirrors an LED beside the place."""
+    low, high = bore.z - 10e-3, bore.z + 10e-3
+
+    def somewhere() -> tuple[float, float]:
+        return bore.phi + rng.uniform(-1.0, 1.0), float(np.clip(rng.uniform(low, high), 0, 51e-3))
+
+    return Pipe(
+        finish=drawing.draw_finish(rng),
+        bores=(bore,) if hole else (),
+        dents=(
+            *(drawing.draw_dent(rng, *somewhere()) for _ in range(rng.integers(3, 10))),
+            *(_mirror(rng, bore, pose) for _ in range(rng.integers(1, 3))),
+        ),
+        scratches=tuple(
+            drawing.draw_scratch(rng, *somewhere()) for _ in range(rng.integers(2, 10))
+        ),
+        dirt=tuple(drawing.draw_dirt(rng, *somewhere()) for _ in range(rng.integers(2, 10))),
+    )
+
+
+def _mirror(rng: np.random.Generator, bore: Bore, pose: Pose) -> Dent:
+    """A bead or dent whose flank mirrors one LED into the lens, beside the rim."""
+    way, far = rng.uniform(0, 2 * np.pi), rng.uniform(bore.diameter / 2 + _CLEAR + 1e-4, 2.5e-3)
+    phi, z = bore.phi + far * np.cos(way) / 10e-3, bore.z + far * np.sin(way)
+    point = wall_point(phi, z, 10e-3)
+    led = pose.to_pipe(led_positions()[rng.integers(3)])
+    slopes = -_half_slopes(point, led, pose.position)
+    steep = float(np.hypot(*slopes))
+    raised = bool(rng.random() < 0.6)
+    size = rng.uniform(0.12e-3, 0.35e-3) if raised else rng.uniform(0.3e-3, 0.9e-3)
+    # A Gaussian of this height is steepest, 0.607 height / size, at one size from its middle.
+    height = size * steep / 0.607 * rng.uniform(1.05, 2.0)
+    ratio = steep * size / height
+    offsets = np.linspace(0, 1, 200)
+    offset = size * float(offsets[np.argmin(np.abs(offsets * np.exp(-(offsets**2) / 2) - ratio))])
+    uphill = slopes / max(steep, 1e-9)
+    middle = offset * uphill if raised else -offset * uphill
+    return Dent(
+        float(phi + middle[0] / 10e-3), float(z + middle[1]), size, height if raised else -height
+    )
+
+
+def _half_slopes(point: FloatArray, led: FloatArray, lens: FloatArray) -> FloatArray:
+    """Slopes (2,) around and along of the direction half way between an LED and the lens."""
+    to_led, to_lens = led - point, lens - point
+    half = to_led / np.linalg.norm(to_led) + to_lens / np.linalg.norm(to_lens)
+    normal = -np.array([point[0], point[1], 0.0]) / np.hypot(point[0], point[1])
+    around = np.array([normal[1], -normal[0], 0.0])
+    up = max(float(half @ normal), 0.05)
+    return np.array([float(half @ around), float(half[2])]) / up
+
+
+def _focus(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
+    """Focus on the middle of the image, within 15 %, and wait until it is there."""
+    _, _, length = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
+    camera.focus_at(float(np.clip(length * rng.uniform(0.85, 1.15), 4e-3, 60e-3)))
+    while abs(camera.focus * camera._focus_wanted - 1) > 1e-9:
+        camera._pass(camera.sensor.interval)
+
+
+def _meter(camera: Camera) -> float:
+    """Gain at which the brighter parts of the image are of middle grey."""
+    camera.expose(0.01, 1.0)
+    level = float(np.percentile(camera.frame().image, 60))
+    return _METERED / max(level, 2.0)
+
+
+def _has_a_glint(view: SceneView, bore: Bore) -> bool:
+    """Whether pixels saturate within 3 mm of the place, and none within 0.2 mm of the rim."""
+    off, rim = _saturated(view, bore), bore.diameter / 2 + bore.chamfer
+    return bool((off > rim + _CLEAR).all() and (off < _REACH).sum() >= 4)
+
+
+def _saturated(view: SceneView, bore: Bore) -> FloatArray:
+    """How far off the place, outside the rim, the saturated pixels of an image are."""
+    v, u = np.nonzero(view.camera.frame().image == 255)
+    pose = view.mount.pose(view.pan, view.tilt)
+    rays = view.camera._optics.rays(np.stack([u, v], axis=1)) @ pose.rotation.T
+    phi, z, _ = np.moveaxis(meet_wall(pose.position, rays, 10e-3), -1, 0)
+    off = np.hypot(10e-3 * wrapped(phi - bore.phi), z - bore.z)
+    rim = bore.diameter / 2 + bore.chamfer
+    return np.asarray(off[off > rim])

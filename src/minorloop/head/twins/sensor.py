@@ -1,0 +1,127 @@
+"""The sensors of the simulated axes: noise, and faults to try a loop on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, as_finite, check_kind, check_option
+from minorloop.errors import ParameterError
+from minorloop.lab.actuator import Channel
+from minorloop.twins.simulated_actuator import gaussian
+
+_BLOCK = 1024
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A sensor that fails for a while.
+
+    Parameters
+    ----------
+    channel : str
+        Name of the output channel, such as ``pan``.
+    kind : str
+        ``stuck`` repeats the last reading before the fault, noise and all (the first reading
+        of the fault where there is none before); ``lost`` reads NaN.
+    at, until : float
+        From when to when, on the clock of the twin in seconds; for good without ``until``.
+
+    Raises
+    ------
+    ParameterError
+        If the kind is unknown, or the times are not in order.
+    """
+
+    channel: str
+    kind: str
+    at: float
+    until: float = math.inf
+
+    def __post_init__(self) -> None:
+        check_option("kind", self.kind, ("stuck", "lost"))
+        for name in ("at", "until"):
+            value = getattr(self, name)
+            if name == "at" or value != math.inf:
+                object.__setattr__(self, name, as_finite(name, value))
+        if not self.until > self.at:
+            raise ParameterError(f"the fault is from {self.at} to {self.until} s; give at < until")
+
+
+class Sensor:
+    """Turns true outputs into readings; the noise depends on the seed and the sample number.
+
+    Parameters
+    ----------
+    outputs : tuple of Channel
+        What is read.
+    noise : float
+        Standard deviation, in the unit of each channel.
+    seed : int
+        Seed of the noise.
+    faults : sequence of Fault
+        When readings fail.
+
+    Raises
+    ------
+    ParameterError
+        If the noise is negative, what is given is no fault, or a fault names no channel.
+    """
+
+    def __init__(
+        self, outputs: tuple[Channel, ...], noise: float, seed: int, faults: Sequence[Fault]
+    ) -> None:
+        self.noise, self.seed = as_finite("noise", noise), seed
+        if self.noise < 0:
+            raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
+        if not isinstance(faults, Iterable):
+            raise ParameterError(f"faults is {faults!r}; give a list of Fault, empty for none")
+        self.faults = tuple(faults)
+        names = [channel.name for channel in outputs]
+        for fault in self.faults:
+            check_kind("a fault", fault, Fault)
+            check_option("channel of the fault", fault.channel, names)
+        self._columns = [names.index(fault.channel) for fault in self.faults]
+        self._count = len(names)
+        self._block = (-1, np.empty(0))
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin the noise anew and forget the last reading."""
+        self.samples = 0
+        self.last: FloatArray = np.full(self._count, math.nan)
+
+    def read(self, t: FloatArray, y: FloatArray) -> FloatArray:
+        """Readings (T, channels) of the true outputs y (T, channels) at times t (T,)."""
+        if self.noise > 0:
+            y = y + self.noise * self._numbers(self.samples * self._count, y.size).reshape(y.shape)
+        self.samples += len(y)
+        for fault, column in zip(self.faults, self._columns, strict=True):
+            failed = np.flatnonzero((t >= fault.at) & (t < fault.until))
+            if failed.size:
+                y[failed, column] = self._failed(fault, column, y, int(failed[0]))
+        self.last = y[-1].copy()
+        return y
+
+    def _failed(self, fault: Fault, column: int, y: FloatArray, first: int) -> float:
+        if fault.kind == "lost":
+            return math.nan
+        before = self.last[column] if first == 0 else y[first - 1, column]
+        return float(y[first, column] if np.isnan(before) else before)
+
+    def _numbers(self, first: int, count: int) -> FloatArray:
+        """Standard normal numbers (count,), by blocks: drawing them singly costs more than a step.
+
+        Number n is the same whichever block brings it.
+        """
+        number, block = self._block
+        begin = first - number * _BLOCK
+        if number < 0 or begin < 0 or begin + count > block.size:
+            number = first // _BLOCK
+            begin = first - number * _BLOCK
+            block = gaussian(self.seed, number * _BLOCK, max(2 * _BLOCK, begin + count))
+            self._block = number, block
+        return block[begin : begin + count]

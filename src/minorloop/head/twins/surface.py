@@ -1,0 +1,121 @@
+"""The wall of a pipe laid out flat: albedo, slopes and gloss, fine to coarse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from minorloop.head.twins import _surface_kernels as kernels
+from minorloop.head.twins.pipe import Dirt, Pipe
+
+COLUMNS = 1280
+LEVELS = 4
+TEXEL = 0.05e-3
+_STREAK = 1.2e-3
+_STAIN = 2.5e-3
+
+Map32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The wall at several resolutions, each half as fine as the one before.
+
+    Parameters
+    ----------
+    texels : (N, 4) array of float32
+        Albedo, slope around, slope along, share of the specular reflection; all levels one
+        after the other, row by row. Each has one row and one column more than its shape says,
+        which repeat the last row and the first column.
+    shapes : (L, 3) array of int64
+        First texel, rows and columns of each level.
+    size : (float, float)
+        Of a texel of the finest level, around and along, in metres.
+    """
+
+    texels: Map32
+    shapes: npt.NDArray[np.int64]
+    size: tuple[float, float]
+
+
+def lay_out(pipe: Pipe) -> Surface:
+    """Draw the wall of a pipe, without its bores and cracks."""
+    step = 2 ** (LEVELS - 1)
+    rows = max(step * round(pipe.length / TEXEL / step), step)
+    size = (2 * np.pi * pipe.radius / COLUMNS, pipe.length / rows)
+    surface = _metal(pipe, rows, size)
+    texel = np.array(size)
+    for dent in pipe.dents:
+        kernels.add_dent(surface, texel, pipe.radius * dent.phi, dent.z, dent.size, dent.height)
+    for mark in pipe.scratches:
+        x = pipe.radius * mark.phi
+        kernels.add_scratch(
+            surface, texel, x, mark.z, mark.angle, mark.length, mark.width, mark.slope, mark.albedo
+        )
+    for patch in pipe.dirt:
+        x, lobes = pipe.radius * patch.phi, _lobes(patch)
+        kernels.add_dirt(
+            surface, texel, x, patch.z, patch.size, patch.albedo, patch.softness, lobes
+        )
+    return _with_coarser(surface, size)
+
+
+def _metal(pipe: Pipe, rows: int, size: tuple[float, float]) -> Map32:
+    """The finish alone."""
+    finish = pipe.finish
+    rng = np.random.default_rng(finish.seed)
+    marks = _streaks(rng, rows, size[1])
+    tone = finish.streak * _streaks(rng, rows, size[1]) + finish.stain * _stains(rng, rows, size)
+    surface = np.empty((rows, COLUMNS, 4), dtype=np.float32)
+    surface[..., 0] = np.exp(tone)
+    surface[..., 1] = finish.brush * marks
+    surface[..., 2] = 0.3 * finish.brush * np.roll(marks, COLUMNS // 3, axis=1)
+    surface[..., 3] = 1.0
+    return surface
+
+
+def _streaks(rng: np.random.Generator, rows: int, along: float) -> Map32:
+    """Noise of unit variance that is white around the pipe and long along it."""
+    noise = rng.standard_normal((rows, COLUMNS), dtype=np.float32)
+    length = max(int(_STREAK / along), 1)
+    for _ in range(2):
+        noise = ndimage.uniform_filter1d(noise, length, axis=0, mode="wrap")
+    scaled: Map32 = noise / noise.std()
+    return scaled
+
+
+def _stains(rng: np.random.Generator, rows: int, size: tuple[float, float]) -> Map32:
+    """Smooth noise of unit variance in patches."""
+    coarse_rows = max(round(rows * size[1] / _STAIN), 2)
+    coarse_columns = round(COLUMNS * size[0] / _STAIN)
+    coarse = rng.standard_normal((coarse_rows, coarse_columns)).astype(np.float32)
+    zoom = (rows / coarse_rows, COLUMNS / coarse_columns)
+    smooth: Map32 = ndimage.zoom(coarse, zoom, order=3, mode="grid-wrap", grid_mode=True)
+    return smooth[:rows, :COLUMNS]
+
+
+def _lobes(patch: Dirt) -> npt.NDArray[np.float64]:
+    """(4, 2) amplitudes and phases of the outline of dirt."""
+    rng = np.random.default_rng(patch.seed)
+    sizes = patch.raggedness * rng.uniform(0.2, 1.0, 4) / np.arange(2, 6)
+    return np.stack([sizes, rng.uniform(0, 2 * np.pi, 4)], axis=1)
+
+
+def _with_coarser(finest: Map32, size: tuple[float, float]) -> Surface:
+    levels = [finest]
+    for _ in range(LEVELS - 1):
+        rows, columns = levels[-1].shape[:2]
+        coarse = np.empty((rows // 2, columns // 2, 4), dtype=np.float32)
+        kernels.halve(levels[-1], coarse)
+        levels.append(coarse)
+    padded = [np.pad(level, ((0, 1), (0, 0), (0, 0)), mode="edge") for level in levels]
+    padded = [np.concatenate([level, level[:, :1]], axis=1) for level in padded]
+    shapes, first = [], 0
+    for level, kept in zip(levels, padded, strict=True):
+        shapes.append((first, level.shape[0], level.shape[1]))
+        first += kept.shape[0] * kept.shape[1]
+    texels = np.concatenate([kept.reshape(-1, 4) for kept in padded])
+    return Surface(texels, np.array(shapes, dtype=np.int64), size)

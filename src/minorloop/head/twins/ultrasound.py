@@ -1,0 +1,421 @@
+"""An ultrasonic probe on the head in a flooded pipe: what comes back after each pulse.
+
+The disc, with a fixed lens or without, is 5 mm wide and less than 10 mm from the wall: it works
+in its near field, where nothing but the integral over the wall tells what it hears. A loop is::
+
+    sonar = Ultrasound(Pipe.draw(3, pits=1, water=-9.9e-3))
+    sonar.look(0.44, 0.0)      # radians; where the head is now
+    shot = sonar.shot()        # 2048 samples at 100 MHz, then 1 ms has passed
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import LimitError, ParameterError
+from minorloop.head.geometry import Mount, Probe, meet_wall, wall_point, wrapped
+from minorloop.head.twins import _echo_kernels as kernels
+from minorloop.head.twins.beam_field import Beam, beam_of
+from minorloop.head.twins.crack_echo import CrackBasis, basis_of_crack
+from minorloop.head.twins.pipe import Bore, Crack, Pipe
+from minorloop.head.twins.pit_echo import PitBasis, basis_of
+from minorloop.head.twins.sensor import Fault
+from minorloop.lab.actuator import Shot
+
+SAMPLE_INTERVAL = 10e-9
+SAMPLES = 2048
+INTERVAL = 1e-3
+WATER_TO_STEEL = 0.938
+FULL_SCALE = 1.0
+_RESOLUTION = 0.125e6  # of the spectrum, in Hz: echoes of one shot are heard for 8 us
+_LOWEST, _HIGHEST = 2e6, 18e6
+_LEAD = 1e-6  # s before the first echo
+_FACET = 0.03e-3
+_CELL = 0.12e-3
+_STEEL = 5900.0
+_STEPS = 4096  # of the converter, from -FULL_SCALE to FULL_SCALE
+_SETTINGS = {"frequency": 10e6, "bandwidth": 0.6, "skew": 0.0, "steel": _STEEL, "loss": 0.75}
+
+Spectrum = npt.NDArray[np.complex128]
+Features = tuple[FloatArray, FloatArray]
+
+
+class Ultrasound:
+    """Pulse and echo of a disc in water between metal walls.
+
+    Parameters
+    ----------
+    pipe : Pipe
+        What there is to hear; only what is under water is heard, and only with the face of the
+        probe under water too.
+    mount : Mount
+        How the head sits in the pipe.
+    probe : Probe
+        The disc, its lens, and how it sits on the head.
+    specimen : int, optional
+        Seed of a specimen: frequency, bandwidth, phase of the pulse, focal length, direction of
+        the beam, sound speed of the steel and loss in it are drawn about nominal. Without it,
+        the nominal probe.
+    seed : int
+        Of the noise, the roughness and the grains.
+    noise : float
+        Standard deviation of a sample, as a share of the peak of the echo of a plain wall.
+    temperature : float
+        Of the water, in degrees Celsius.
+    gain : float
+        As `amplify` sets it.
+    roughness : float
+        Standard deviation of the height of the wall, in metres.
+    grain : float
+        Amplitude of what grains under the wall send back, as a share of the echo of the wall.
+    faults : sequence of Fault
+        When traces are ``lost`` (flat) or ``stuck`` (the one before), on channel ``echo``.
+    settle : float
+        Spectra are computed again where the face or the spot has moved farther than this, in
+        metres; 0 computes each.
+
+    Raises
+    ------
+    ParameterError
+        If an option is out of its range.
+
+    Notes
+    -----
+    The echo is the integral of 2 p dp/dn over the wall by reciprocity, p from the angular
+    spectrum of the disc. Pits are waves between rigid walls down to a floor of any shape and up
+    again, and so are cracks between flat ones. Behind every surface the steel
+    rings with the reflection of its outer face in air. Through-holes end in water.
+    """
+
+    kind = "ultrasound"
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        mount: Mount | None = None,
+        probe: Probe | None = None,
+        *,
+        specimen: int | None = None,
+        seed: int = 0,
+        noise: float = 0.1,
+        temperature: float = 20.0,
+        gain: float = 0.5,
+        roughness: float = 0.5e-6,
+        grain: float = 0.01,
+        faults: Sequence[Fault] = (),
+        settle: float = 4e-6,
+    ) -> None:
+        for name, value in (("noise", noise), ("roughness", roughness), ("grain", grain)):
+            if not as_finite(name, value) >= 0:
+                raise ParameterError(f"{name} of the probe is {value}; give a number >= 0")
+        self.probe = probe or Probe()
+        self._pipe, self._mount = pipe, mount or Mount()
+        self._speed = _speed_of_sound(temperature)
+        self._noise, self._faults, self._settle = noise, tuple(faults), float(settle)
+        self._rng = np.random.default_rng([seed, 2])
+        self._settings, self._true_probe, self._boresight = _specimen(self.probe, specimen)
+        self._surface = _surface(np.random.default_rng([seed, 3]), roughness, grain)
+        self._clock, self._pan, self._tilt, self._rates = 0.0, 0.0, 0.0, (0.0, 0.0)
+        self.amplify(gain)
+        self._kept: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self._before: FloatArray | None = None
+        self._prepare()
+
+    @property
+    def clock(self) -> float:
+        """Time at which the next pulse is fired, in seconds."""
+        return self._clock
+
+    def look(self, pan: float, tilt: float, *, rates: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Say where the head is when the next pulse is fired, and how fast it turns.
+
+        Parameters
+        ----------
+        pan, tilt : float
+            In radians.
+        rates : (float, float)
+            Of pan and tilt, in radians per second.
+        """
+        self._pan, self._tilt = as_finite("pan", pan), as_finite("tilt", tilt)
+        self._rates = (as_finite("rate of pan", rates[0]), as_finite("rate of tilt", rates[1]))
+
+    def move(self, mount: Mount) -> None:
+        """Put the head elsewhere in the pipe."""
+        self._mount = mount
+
+    def wait(self, seconds: float) -> None:
+        """Let time go by without a pulse; the head turns on.
+
+        Raises
+        ------
+        ParameterError
+            If the time is negative.
+        """
+        if not as_finite("a wait", seconds) >= 0:
+            raise ParameterError(f"a wait of {seconds} s; give a time >= 0")
+        self._clock += seconds
+        self._pan += seconds * self._rates[0]
+        self._tilt += seconds * self._rates[1]
+
+    def amplify(self, gain: float) -> None:
+        """Set the peak of the echo of a plain wall as a share of full scale.
+
+        Raises
+        ------
+        LimitError
+            If the gain is not from 0.001 to 100.
+        """
+        if not 1e-3 <= gain <= 100:
+            raise LimitError(f"gain {gain} is beyond the limits [0.001, 100]; nothing was changed")
+        self._gain = float(gain)
+
+    def shot(self) -> Shot:
+        """Fire one pulse and listen for 20 us."""
+        clean = self._ring_down + self._echo()
+        noisy = clean + self._noise * self._rng.standard_normal(SAMPLES)
+        half = _STEPS // 2
+        counts = np.round(np.clip(self._gain * noisy / FULL_SCALE, -1.0, 1.0) * half)
+        trace: FloatArray = np.clip(counts, -half, half - 1) * (FULL_SCALE / half)
+        trace = self._failed(trace)
+        shot = Shot(self._clock, trace, SAMPLE_INTERVAL)
+        self._before = trace
+        self.wait(INTERVAL)
+        return shot
+
+    def _failed(self, trace: FloatArray) -> FloatArray:
+        for fault in self._faults:
+            if fault.channel == "echo" and fault.at <= self._clock < fault.until:
+                if fault.kind == "lost":
+                    return np.zeros_like(trace)
+                return trace if self._before is None else self._before
+        return trace
+
+    def _prepare(self) -> None:
+        """What does not change from shot to shot."""
+        self._frequencies = np.arange(_LOWEST, _HIGHEST + 1.0, _RESOLUTION)
+        self._k = 2 * np.pi * self._frequencies / self._speed
+        radius, probe = self._pipe.radius, self._true_probe
+        self._reach = 1.6e-3 if np.isfinite(probe.focus) else 0.5 * probe.aperture + 1.4e-3
+        stand = radius - probe.face
+        self._beam: Beam = beam_of(
+            probe.aperture, probe.focus, self._k,
+            near=stand - 2e-3, far=stand + 1.6e-3, off=self._reach + 0.8e-3,
+        )  # fmt: skip
+        pits = [bore for bore in self._pipe.bores if not bore.through]
+        self._bases: list[PitBasis] = [basis_of(pit, radius, self._k[-1]) for pit in pits]
+        self._pits: list[Bore] = pits
+        self._courses = [basis_of_crack(crack, radius) for crack in self._pipe.cracks]
+        self._features = _features(self._pipe)
+        self._ring_down = _ring_down(self._settings["frequency"])
+        self._scale = 1.0
+        plain = Pipe(radius=radius, thickness=self._pipe.thickness)
+        squarely = np.array([radius - stand, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
+        quiet = (self._surface[0], 0.0 * self._surface[1], 0.0)
+        spectrum = self._pulse() * self._wall(*squarely, _features(plain), quiet, -np.inf)[0]
+        self._scale = 1 / np.abs(self._to_time(spectrum, 2 * stand / self._speed)).max()
+
+    def _pulse(self) -> Spectrum:
+        """Spectrum of the pulse there and back, with the reflection of steel in water."""
+        set_ = self._settings
+        width = set_["bandwidth"] * set_["frequency"] / 2 / np.sqrt(2 * np.log(2))
+        off = (self._frequencies - set_["frequency"]) / width
+        pulse: Spectrum = WATER_TO_STEEL * np.exp(-0.5 * off**2 + 1j * set_["skew"] * off**2)
+        water = 10 ** (-0.022e3 * (self._frequencies / 10e6) ** 2 / 20)
+        return pulse * water ** (2 * (self._pipe.radius - self.probe.face))
+
+    def _steel(self, thickness: float) -> Spectrum:
+        """Share of an echo that the ringing of the steel behind a surface adds, times it."""
+        if thickness <= 0:
+            return np.zeros(len(self._frequencies), dtype=np.complex128)
+        loss = self._settings["loss"] * 10 ** (-0.1e3 * 2 * thickness / 20)
+        turn = np.exp(4j * np.pi * self._frequencies * thickness / self._settings["steel"])
+        first = -(1 - WATER_TO_STEEL**2) / WATER_TO_STEEL
+        ringing: Spectrum = first * loss * turn / (1 - WATER_TO_STEEL * loss * turn)
+        return ringing
+
+    def _wall(
+        self,
+        origin: FloatArray,
+        axis: FloatArray,
+        features: Features,
+        surface: tuple[FloatArray, FloatArray, float],
+        water: float,
+    ) -> tuple[Spectrum, Spectrum]:
+        """Integral (F,) over the wall, and what the grains under it add."""
+        texture, grains, rough = surface
+        bores, dents = features
+        out = np.zeros(len(self._k), dtype=np.complex128)
+        extra = np.zeros_like(out)
+        kernels.echo_of_wall(
+            self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
+            self._pipe.radius, self._reach, _FACET, water, bores, dents, texture,
+            grains, _CELL, rough, self._stand, out, extra,
+        )  # fmt: skip
+        return out, extra
+
+    @property
+    def _stand(self) -> float:
+        """From the face to the wall along a square beam, in metres."""
+        return self._pipe.radius - self.probe.face
+
+    def _echo(self) -> FloatArray:
+        """The trace without noise, computed again when the head has moved."""
+        origin, axis = self._true_probe.beam(
+            self._mount, self._pan + self._boresight[0], self._tilt + self._boresight[1]
+        )
+        water = -np.inf if self._pipe.water is None else self._pipe.water
+        if self._pipe.water is None or origin[1] < water:
+            return np.zeros(SAMPLES)
+        if self._kept is not None:
+            old_origin, old_axis, trace = self._kept
+            moved = np.linalg.norm(origin - old_origin)
+            turned = self._stand * np.linalg.norm(axis - old_axis)
+            if max(moved, turned) < self._settle:
+                return trace
+        spectrum = self._spectrum(origin, axis, water)
+        trace = self._to_time(spectrum, 2 * self._stand / self._speed)
+        self._kept = (origin, axis, trace)
+        return trace
+
+    def _spectrum(self, origin: FloatArray, axis: FloatArray, water: float) -> Spectrum:
+        wall, grain = self._wall(origin, axis, self._features, self._surface, water)
+        heard = wall * (1 + self._steel(self._pipe.thickness)) + grain
+        for pit, basis in zip(self._pits, self._bases, strict=True):
+            heard += self._floor(pit, basis, origin, axis, water)
+        for crack, course in zip(self._pipe.cracks, self._courses, strict=True):
+            heard += self._crack(crack, course, origin, axis, water)
+        spectrum: Spectrum = heard * self._pulse()
+        return spectrum
+
+    def _crack(
+        self, crack: Crack, course: CrackBasis, origin: FloatArray, axis: FloatArray, water: float
+    ) -> Spectrum:
+        """What comes from the floor of a crack, less the wall that is not there over it."""
+        spot_phi, spot_z, _ = meet_wall(origin, axis, self._pipe.radius)
+        part = course.near(spot_phi, spot_z, self._pipe.radius, self._reach)
+        part = part[course.points[part][..., 1].max(axis=1, initial=-np.inf) >= water]
+        if part.size == 0:
+            return np.zeros(len(self._k), dtype=np.complex128)
+        points = np.ascontiguousarray(course.points[part].reshape(-1, 3))
+        pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
+        kernels.pressure_at(
+            self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
+            self._stand, points, pressure,
+        )  # fmt: skip
+        mouth = pressure.reshape(len(self._k), part.size, -1)
+        thickness = self._pipe.thickness
+        change = -course.echo(mouth, part, self._k, 0.0) * (1 + self._steel(thickness))
+        if crack.depth < thickness:
+            floor = course.echo(mouth, part, self._k, crack.depth)
+            change += floor * (1 + self._steel(thickness - crack.depth))
+        return change
+
+    def _floor(
+        self, pit: Bore, basis: PitBasis, origin: FloatArray, axis: FloatArray, water: float
+    ) -> Spectrum:
+        """What comes from the floor of a pit, if the beam is near."""
+        radius = self._pipe.radius
+        spot_phi, spot_z, _ = meet_wall(origin, axis, radius)
+        far = np.hypot(radius * float(wrapped(spot_phi - pit.phi)), spot_z - pit.z)
+        if far > self._reach + pit.diameter / 2 or radius * np.sin(pit.phi) < water:
+            return np.zeros(len(self._k), dtype=np.complex128)
+        normal = np.array([np.cos(pit.phi), np.sin(pit.phi), 0.0])
+        around = np.array([-normal[1], normal[0], 0.0])
+        centre = wall_point(pit.phi, pit.z, radius)
+        x, y = basis.places.T
+        points = centre + x[:, None] * around + y[:, None] * np.array([0.0, 0.0, 1.0])
+        pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
+        kernels.pressure_at(
+            self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
+            self._stand, points, pressure,
+        )  # fmt: skip
+        under = self._steel(self._pipe.thickness - pit.depth)
+        floor: Spectrum = basis.echo(pressure, self._k) * (1 + under)
+        return floor
+
+    def _to_time(self, spectrum: Spectrum, at: float) -> FloatArray:
+        """The trace (T,) of a spectrum whose phase is counted from time ``at``."""
+        count = round(1 / (_RESOLUTION * SAMPLE_INTERVAL))
+        first = int((at - _LEAD) / SAMPLE_INTERVAL)
+        early = first * SAMPLE_INTERVAL - at
+        bins = np.zeros(count // 2 + 1, dtype=np.complex128)
+        start = round(_LOWEST / _RESOLUTION)
+        turned = spectrum * np.exp(-2j * np.pi * self._frequencies * early)
+        bins[start : start + len(spectrum)] = np.conj(turned)
+        piece = np.fft.irfft(bins, count)
+        trace = np.zeros(SAMPLES)
+        stop = min(first + count, SAMPLES)
+        trace[first:stop] = self._scale * piece[: stop - first]
+        return trace
+
+    def _floor_level(self, pit: int = 0) -> float:
+        """Peak of the floor echo of a pit heard squarely, re a plain wall. For scoring only."""
+        bore, basis = self._pits[pit], self._bases[pit]
+        axis = np.array([np.cos(bore.phi), np.sin(bore.phi), 0.0])
+        origin = axis * self.probe.face + np.array([0.0, 0.0, bore.z])
+        spectrum = self._floor(bore, basis, origin, axis, -np.inf) * self._pulse()
+        return float(np.abs(self._to_time(spectrum, 2 * self._stand / self._speed)).max())
+
+
+def _speed_of_sound(temperature: float) -> float:
+    """Of pure water, in m/s (Bilaniuk and Wong, J. Acoust. Soc. Am. 93, 1609, 1993)."""
+    if not 0 <= as_finite("temperature of the water", temperature) <= 95:
+        raise ParameterError(
+            f"water at {temperature} degrees; give a temperature from 0 to 95 degrees Celsius"
+        )
+    terms = (
+        3.16585020e-9, -1.48259672e-6, 3.34638117e-4, -5.81172916e-2, 5.03836171, 1402.38744,
+    )  # fmt: skip
+    return float(np.polyval(terms, temperature))
+
+
+def _specimen(
+    probe: Probe, specimen: int | None
+) -> tuple[dict[str, float], Probe, tuple[float, float]]:
+    """Settings of the pulse, the probe as it is, and how far its beam points off."""
+    settings = dict(_SETTINGS)
+    if specimen is None:
+        return settings, probe, (0.0, 0.0)
+    rng = np.random.default_rng(specimen)
+    settings["frequency"] *= rng.uniform(0.95, 1.05)
+    settings["bandwidth"] *= rng.uniform(0.9, 1.1)
+    settings["skew"] = rng.uniform(-0.3, 0.3)
+    settings["steel"] *= rng.uniform(0.99, 1.01)
+    settings["loss"] = rng.uniform(0.5, 1.0)
+    true = Probe(probe.squint, probe.face, probe.aperture, probe.focus * rng.uniform(0.98, 1.02))
+    off = np.radians(rng.normal(0.0, 0.1, 2))
+    return settings, true, (float(off[0]), float(off[1]))
+
+
+def _surface(
+    rng: np.random.Generator, roughness: float, grain: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Heights of unit variance, grains (amplitude and delay in metres of water), roughness."""
+    texture = rng.standard_normal((256, 256))
+    grains = np.zeros((128, 128, 2))
+    grains[..., 0] = rng.standard_normal((128, 128)) * (rng.random((128, 128)) < 0.2)
+    grains[..., 1] = rng.uniform(0.05e-3, 2e-3, (128, 128))
+    # A fifth of the facets hold a grain; some two hundred of them share the spot.
+    grains[..., 0] *= grain * 10.0 * np.exp(-grains[..., 1] / 1e-3)
+    return texture, grains, roughness
+
+
+def _features(pipe: Pipe) -> Features:
+    """What is on the wall, as arrays for the kernels."""
+    bores = [(b.phi, b.z, b.diameter / 2, b.chamfer, b.chamfer_slope) for b in pipe.bores]
+    dents = [(d.phi, d.z, d.size, d.height) for d in pipe.dents]
+    return (
+        np.array(bores, dtype=np.float64).reshape(-1, 5),
+        np.array(dents, dtype=np.float64).reshape(-1, 4),
+    )
+
+
+def _ring_down(frequency: float) -> FloatArray:
+    """What the disc itself rings after the pulse: 1 us of it is louder than any echo."""
+    t = SAMPLE_INTERVAL * np.arange(SAMPLES)
+    ring: FloatArray = 20.0 * np.exp(-t / 0.13e-6) * np.sin(2 * np.pi * frequency * t)
+    return ring

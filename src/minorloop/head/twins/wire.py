@@ -1,0 +1,297 @@
+"""A nickel-titanium wire against a spring, heated by a current: the muscle of the head.
+
+A current heats the wire; hot, it turns from martensite to austenite, shortens and winds up a
+pulley against a spring; cold, the spring pulls it out again. Stress shifts the temperatures of
+the transformation, and heating and cooling go different ways, which is where the hysteresis
+comes from. There is no Preisach operator in it.
+
+Channels: ``current`` in A, 0 to 0.4, in; ``angle`` in degrees, 0 when cold, about 60 at 0.4 A,
+out. A command u of the catheter paper, 0 to 1.2 V, is the current u * 0.4 / 1.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, as_finite, check_kind
+from minorloop.errors import ParameterError
+from minorloop.head.twins import _wire_kernels as _kernels
+from minorloop.head.twins.sensor import Fault
+from minorloop.head.twins.simulated_axes import SimulatedAxes
+from minorloop.head.twins.surroundings import MOST_LOAD, Surroundings
+from minorloop.lab.actuator import Channel
+from minorloop.twins.checkpoints import check_within, damaged
+
+HIGHEST_CURRENT = 0.4
+_AGREE = 1e-3
+"""How near the temperatures of a state must agree, in K."""
+_STRONGEST = 1e10
+"""In Pa: no wire bears it."""
+_MARGIN = 100.0
+"""How far latent heat and hysteresis carry a wire beyond the temperatures it settles at, in K."""
+DIAMETER = 0.2e-3
+"""In m. It does not vary between specimens: a die draws wire to a hundredth, and the
+resistance and the surface would follow it."""
+
+WIRE = {
+    "density": 6450.0,  # kg/m^3
+    "heat_capacity": 837.0,  # J/(kg K)
+    "latent_heat": 24.2e3,  # J/kg
+    "resistivity_martensite": 0.8e-6,  # ohm m
+    "resistivity_austenite": 1.0e-6,
+    "length": 0.070,  # m
+    "recoverable_strain": 0.045,
+    "modulus_austenite": 67.0e9,  # Pa
+    "modulus_martensite": 26.3e9,
+    "stress_influence": 8.0e6,  # Pa/K
+    "austenite_start": 45.0,  # degrees Celsius, without stress
+    "austenite_finish": 75.0,
+    "martensite_start": 58.0,
+    "martensite_finish": 30.0,
+    "preload": 2.2,  # N
+    "spring": 2500.0,  # N/m
+    "pulley": 2.87e-3,  # m
+}
+
+
+class HeatedWires(SimulatedAxes):
+    """Wires that are heated, each by its own current, in the same surroundings."""
+
+    _longest_step = 0.01
+    _farthest = 180.0
+    _truth_names = ("angle", "temperature", "stress", "martensite")
+
+    def __init__(
+        self,
+        parameters: dict[str, float],
+        *,
+        surroundings: Surroundings | None,
+        ageing: float,
+        drift: float,
+        **options: Any,
+    ) -> None:
+        self.surroundings = Surroundings() if surroundings is None else surroundings
+        check_kind("surroundings", self.surroundings, Surroundings)
+        self.ageing, self.drift = as_finite("ageing", ageing), as_finite("drift", drift)
+        for name, value in (("ageing", self.ageing), ("drift", self.drift)):
+            if not 0 <= value <= 1:
+                raise ParameterError(f"{name} is {value}; give 0 to 1, a share of a wire's life")
+        self._around = self.surroundings.courses()
+        self._loads = self.surroundings.loads(len(self.outputs))
+        self._age = np.array([self.ageing, self.drift / 3600.0])
+        super().__init__(parameters, **options)
+
+    def reset(self) -> None:
+        """Go back to the start: cold wires, clock at 0, the noise from its beginning."""
+        self._cross = self._coupling()
+        offset = -float(self._cross[3] * self._cross[4])
+        self._axes = np.array([wire_numbers(each, offset) for each in self._wires()])
+        super().reset()
+
+    def _wires(self) -> list[dict[str, float]]:
+        """Parameters of each wire."""
+        raise NotImplementedError
+
+    def _coupling(self) -> FloatArray:
+        """How the axes act on each other, (5,); see ``_wire_kernels.head_run``."""
+        raise NotImplementedError
+
+    def _at_rest(self) -> FloatArray:
+        state: FloatArray = _kernels.heads_at_rest(
+            self._axes, self._cross, self._around, self._loads, self.ageing
+        )
+        return state
+
+    def _check_state(self, state: FloatArray, clock: float) -> None:
+        """Refuse temperatures out of reach, and what contradicts the equations of ``Wire``."""
+        temperature, fraction, effective, compression, hottest, highest = state.T
+        (coldest, warmest), (film, _) = self.surroundings.reach
+        wire = self._axes.T
+        heat = HIGHEST_CURRENT**2 * wire[2:4].max(axis=0) / (film * wire[4])
+        low = np.full(len(state), coldest - _MARGIN)
+        high = warmest + heat + _MARGIN
+        check_within(temperature, low, high, "temperature of wire")
+        check_within(hottest, temperature, high, "hottest temperature of wire")
+        check_within(fraction, np.zeros_like(low), np.ones_like(low), "martensite of wire")
+        age = min(self._age[0] + self._age[1] * clock, 1.0)
+        modulus = wire[8] + fraction * (wire[9] - wire[8])
+        slack = wire[7] * (1.0 - 0.1 * age) * (1.0 - fraction) + wire[18]
+        stress = modulus * (slack - compression / wire[5])
+        off = temperature - effective - stress / wire[10] - 5.0 * age
+        pull = stress * wire[6] - wire[15] - wire[16] * compression
+        most = MOST_LOAD / wire[17] + abs(self._cross[3]) * (wire[5] * (wire[7] + wire[18])).sum()
+        check_within(pull, -most, most, "force on wire")
+        check_within(highest, stress, np.full_like(stress, _STRONGEST), "highest stress of wire")
+        if np.abs(off).max() > _AGREE:
+            raise damaged("temperature, stress and compression of a wire contradict each other")
+
+    def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
+        out: FloatArray = _kernels.head_run(
+            self._state,
+            self._axes,
+            self._cross,
+            self._around,
+            self._loads,
+            self._age,
+            self._clock,
+            ends,
+            first,
+            u,
+            self._pace,
+            self.delay,
+            self._past,
+            self._mark,
+        )
+        return out
+
+    def _output_now(self) -> FloatArray:
+        out = np.empty(len(self.outputs))
+        _kernels.head_angles(self._state, self._axes, self._cross, out)
+        return out
+
+    def _truth_now(self) -> FloatArray:
+        temperature, martensite, effective = self._state[:, :3].T
+        age = min(self._age[0] + self._age[1] * self._clock, 1.0)
+        stress = self._axes[:, 10] * (temperature - effective - 5.0 * age)
+        return np.array([self._output_now(), temperature, stress, martensite])
+
+    def _peaks(self) -> tuple[FloatArray, FloatArray]:
+        """Highest temperature and stress of each wire since the start. For scoring only."""
+        return self._state[:, 4].copy(), self._state[:, 5].copy()
+
+    def _identity(self) -> dict[str, Any]:
+        return {
+            **super()._identity(),
+            "surroundings": repr(self.surroundings),
+            "ageing": self.ageing,
+            "drift": self.drift,
+        }
+
+
+class Wire(HeatedWires):
+    """One wire of 0.2 x 70 mm, its spring and its pulley: current in, angle out.
+
+    Parameters
+    ----------
+    specimen : int, optional
+        Seed of a specimen: all seventeen parameters of the material, the spring and the
+        pulley are drawn within +-10 % of nominal. Without it, the nominal wire.
+    noise : float
+        Standard deviation of the measured angle, in degrees.
+    seed : int
+        Seed of the noise.
+    tick : float
+        How long one ``exchange`` takes, in seconds.
+    delay : float
+        How old a reading of the angle is when it is given, in seconds.
+    surroundings : Surroundings, optional
+        Ambient, convection and load over time; still air at 20 degrees without it.
+    ageing : float
+        Share of its life that the wire has lived. At 1 it has lost 10 % of its stroke, for
+        good and at the hot end, and all its transformations need 5 K more.
+    drift : float
+        Ageing gained per hour.
+    faults : sequence of Fault
+        When readings are stuck or lost.
+    substeps : int
+        Divides every time step of the integration, 10 ms at most.
+    log_truth : bool
+        Whether to keep the hidden state at the end of every call, for scoring after the run.
+
+    Raises
+    ------
+    ParameterError
+        If an option is out of its range.
+
+    Notes
+    -----
+    Per metre of wire, with temperature T, martensite fraction xi, stress s and current i:
+
+    m c dT/dt = i^2 R(xi) - h P (T - T_amb) + m dH dxi/dt,
+    T_e = T - s / C,
+    dxi = -xi a tan(a (T_e - A_s) / 2) dT_e on heating between A_s and A_f, a = pi / (A_f - A_s),
+    dxi = -(1 - xi) b cot(b (T_e - M_f) / 2) dT_e on cooling between M_s and M_f,
+    s = (F + k L (e_0 - e_L xi)) / (A + k L / E(xi)),
+    x = L (e_0 - e_L xi - s / E(xi)), angle = x / r.
+
+    The third and fourth are the cosine laws of Liang and Rogers (1990) in differential form,
+    which gives smooth minor loops. Implicit Euler for the heat; the kinetics are integrated
+    exactly, and the feedback of the stress is solved for in every step. The constants of the
+    material are those of Brinson (1993) and of a maker's data sheet; those of the mechanism
+    are a choice that gives the 60 degrees at 400 mA of Boudjabi, Ferreira and Krupa (2003).
+    """
+
+    kind = "wire"
+    inputs = (Channel("current", "A", 0.0, HIGHEST_CURRENT),)
+    outputs = (Channel("angle", "deg"),)
+    _rest_input = (0.0,)
+
+    def __init__(
+        self,
+        specimen: int | None = None,
+        noise: float = 0.0,
+        seed: int = 0,
+        *,
+        tick: float = 0.04,
+        delay: float = 0.0,
+        surroundings: Surroundings | None = None,
+        ageing: float = 0.0,
+        drift: float = 0.0,
+        faults: Sequence[Fault] = (),
+        substeps: int = 1,
+        log_truth: bool = False,
+    ) -> None:
+        super().__init__(
+            WIRE,
+            specimen=specimen,
+            noise=noise,
+            seed=seed,
+            tick=tick,
+            delay=delay,
+            surroundings=surroundings,
+            ageing=ageing,
+            drift=drift,
+            faults=faults,
+            substeps=substeps,
+            log_truth=log_truth,
+        )
+
+    def _wires(self) -> list[dict[str, float]]:
+        return [self._parameters]
+
+    def _coupling(self) -> FloatArray:
+        return np.zeros(5)
+
+
+def wire_numbers(wire: dict[str, float], offset: float = 0.0) -> FloatArray:
+    """The parameters of a wire per metre, as the compiled loops read them (19,).
+
+    Parameters
+    ----------
+    wire : dict of str to float
+        The parameters by the names of ``WIRE``.
+    offset : float
+        Force on the cold wire beside its spring's preload, in N; its length is trimmed so that
+        the angle is 0 then.
+    """
+    area = 0.25 * math.pi * DIAMETER**2
+    mass = wire["density"] * area
+    rest = (wire["preload"] + offset) / area / wire["modulus_martensite"]
+    names = tuple(wire)
+    return np.array(
+        [
+            mass * wire["heat_capacity"],
+            mass * wire["latent_heat"],
+            wire["resistivity_martensite"] / area,
+            wire["resistivity_austenite"] / area,
+            math.pi * DIAMETER,
+            wire["length"],
+            area,
+            *(wire[name] for name in names[names.index("recoverable_strain") :]),
+            rest,
+        ]
+    )

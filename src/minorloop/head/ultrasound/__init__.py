@@ -1,0 +1,1 @@
+"""What echoes say of a wall."""

@@ -1,0 +1,229 @@
+"""How deep a crack is, as far as the beam can tell: most are too narrow for its footprint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import SignalError
+from minorloop.head.geometry import wall_distance, wall_lengths
+from minorloop.head.reconstruction.depth_map import BOTH, DepthMap, Patch, camera_map
+from minorloop.head.reconstruction.findings import Finding
+from minorloop.head.reconstruction.fusion import footprints_of
+from minorloop.head.ultrasound.burst_checks import covered, usable
+from minorloop.head.ultrasound.echoes import Burst
+from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.joint_fit import JointFit
+from minorloop.head.ultrasound.pit_model import PitModel
+from minorloop.head.ultrasound.pits import DEEPER, DEEPEST
+from minorloop.head.ultrasound.spectra import FAR, spectra_of
+from minorloop.threads import one_thread
+
+MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
+_FEWEST, _REACH = 12, 2.4e-3
+_TEXEL = 0.04e-3
+_CROSSED = 1e-3  # m, half the side of a raster
+_ENOUGH = 60.0
+"""Half the energy over the noise that the floor must return for a depth to be tried."""
+_SURE = 20.0
+"""How much the cost must gain by a floor, and how much by the best depth over any other."""
+_APART = 0.03e-3
+_UNMODELLED = 12e-6
+"""What waves between the flanks do to a depth, as scans of the twin show."""
+_DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
+
+
+@dataclass(frozen=True)
+class CrackDepth:
+    """What the echoes tell of a crack.
+
+    Parameters
+    ----------
+    verdict : str
+        ``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor heard``
+        (wide enough, but nothing comes back from its floor, or not from one depth);
+        ``too few echoes``; ``too short`` (traces end before a floor would be heard);
+        ``no coupling``.
+    depth, depth_sd : float
+        Mean over what the beams crossed, in metres; NaN where not measured.
+    least_width : float
+        Width from which on these echoes would tell a depth, in metres; NaN where none were heard.
+    """
+
+    verdict: str
+    depth: float = np.nan
+    depth_sd: float = np.nan
+    least_width: float = np.nan
+
+
+@one_thread()
+def crack_depth(
+    bursts: Sequence[Burst], ear: CalibratedProbe, places: npt.ArrayLike, width: float
+) -> CrackDepth:
+    """The depth of a crack from the bursts of a raster across it, or why there is none.
+
+    Parameters
+    ----------
+    bursts : sequence of Burst
+        As ``average`` made them.
+    ear : CalibratedProbe
+        The probe and what is known of the pipe.
+    places : (N, 2) array_like
+        Phi and z along the crack as the camera traced it.
+    width : float
+        Of the crack as the camera saw it, in metres.
+
+    Raises
+    ------
+    SignalError
+        If there are fewer than two places, or the width is not positive.
+
+    Notes
+    -----
+    The share of each footprint that falls on the crack is known from the image; that share comes
+    late by the depth, for which alone there is a search. Waves between the flanks are left out.
+    """
+    course = np.asarray(places, dtype=np.float64)
+    if course.ndim != 2 or course.shape[1:] != (2,) or len(course) < 2 or not width > 0:
+        raise SignalError(f"a crack of shape {course.shape}, {width} m wide; give (N, 2) places")
+    good = usable(bursts)
+    if len(good) < _FEWEST:
+        return CrackDepth("too few echoes")
+    if not covered(good, ear):
+        return CrackDepth("too short")
+    middle = _middle(good, ear, _dense(course, ear.radius))
+    spectra = spectra_of(good, ear, middle)
+    if spectra is None:
+        return CrackDepth("no coupling")
+    model = PitModel(ear, spectra.angles, middle, 0.5e-3)
+    patch = Patch.around(*middle, size=_REACH, radius=ear.radius, step=_TEXEL)
+    share = footprints_of(model, patch) @ _cover(patch, course, width).ravel()
+    fit = JointFit(model, spectra, far=np.argsort(np.abs(share))[:FAR])
+    return _told(fit, share, width)
+
+
+def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius: float) -> Finding:
+    """A traced crack as a finding; its width and length are extents along its course.
+
+    Parameters
+    ----------
+    places : (N, 2) array_like
+        Phi and z along it.
+    width : float
+        In metres.
+    found : CrackDepth
+        By the echoes.
+    radius : float
+        Of the pipe, in metres.
+    """
+    course = np.asarray(places, dtype=np.float64)
+    length = float(wall_lengths(course, radius)[-1])
+    phi, z = course[len(course) // 2].tolist()
+    verdict = found.verdict
+    if verdict == NARROW and np.isfinite(found.least_width):
+        verdict += f" (under {1e3 * found.least_width:.2f} mm)"
+    place_sd, width_sd = 0.05e-3, max(0.5 * width, 0.05e-3)
+    return Finding(
+        "crack", verdict, phi, place_sd / radius, z, place_sd, width, width_sd, length,
+        max(0.05 * length, 0.1e-3), found.depth, found.depth_sd,
+    )  # fmt: skip
+
+
+def crack_map(
+    places: npt.ArrayLike,
+    width: float,
+    found: CrackDepth,
+    middle: tuple[float, float],
+    patch: Patch,
+) -> DepthMap:
+    """The wall with a crack in it, as deep as it was measured, where it was.
+
+    Parameters
+    ----------
+    places : (N, 2) array_like
+        Phi and z along it.
+    width : float
+        In metres.
+    found : CrackDepth
+        By the echoes.
+    middle : (float, float)
+        Phi and z in the middle of the raster; farther than half its side from there, and where
+        no depth was measured, that of the crack is unknown.
+    patch : Patch
+        Where.
+    """
+    course = _dense(np.asarray(places, dtype=np.float64), patch.radius)
+    inside = _cover(patch, course, width) >= 0.5
+    wall = camera_map(patch, np.ones(inside.shape, dtype=bool), inside)
+    crossed = inside & (np.abs(patch.off(*middle)).max(axis=-1) < _CROSSED)
+    if not np.isfinite(found.depth):
+        return wall
+    return DepthMap(
+        patch,
+        np.where(crossed, found.depth, wall.depth),
+        np.where(crossed, found.depth_sd, wall.sd),
+        np.where(crossed, BOTH, wall.source).astype(np.uint8),
+    )
+
+
+def _dense(course: FloatArray, radius: float) -> FloatArray:
+    """The course in steps of 0.1 mm."""
+    around = np.unwrap(course[:, 0])
+    along = wall_lengths(course, radius)
+    fine = np.linspace(0.0, along[-1], max(int(along[-1] / 0.1e-3), 1) + 1)
+    return np.stack([np.interp(fine, along, around), np.interp(fine, along, course[:, 1])], axis=1)
+
+
+def _middle(
+    bursts: Sequence[Burst], ear: CalibratedProbe, course: FloatArray
+) -> tuple[float, float]:
+    """The place of a dense course nearest to the middle of the raster."""
+    spots = ear.spots(np.array([burst.angles for burst in bursts]))[:, :2]
+    phi, z = np.angle(np.exp(1j * spots[:, 0]).mean()), spots[:, 1].mean()
+    near = course[int(np.argmin(wall_distance(course, (phi, z), ear.radius)))]
+    return float(near[0]), float(near[1])
+
+
+def _cover(patch: Patch, course: FloatArray, width: float) -> FloatArray:
+    """Share (rows, columns) of each texel that is on the crack."""
+    off = np.full((patch.rows, patch.columns), np.inf)
+    for start, stop in pairwise(course):
+        first, last = -patch.off(*start), -patch.off(*stop)
+        way = last - first
+        square = np.maximum((way**2).sum(axis=-1), 1e-18)
+        along = np.clip(-(first * way).sum(axis=-1) / square, 0.0, 1.0)
+        off = np.minimum(off, np.linalg.norm(first + along[..., None] * way, axis=-1))
+    covered: FloatArray = np.clip((width / 2 - off) / patch.step + 0.5, 0.0, 1.0)
+    return covered
+
+
+def _told(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
+    """The depth at which the late share explains the traces, if one stands out."""
+    expected = np.abs(fit.pulse * fit.model.plain) ** 2
+    energy = float((share**2 * expected.sum(axis=1) / fit.spectra.noise**2).sum() / 2)
+    least = width * float(np.sqrt(_ENOUGH / max(energy, 1e-12)))
+    if energy < _ENOUGH:
+        return CrackDepth(NARROW, least_width=least)
+    k, plain = fit.model.sound.wavenumbers, fit.model.plain
+    costs = np.array(
+        [fit.cost_of(plain * (1 + share[:, None] * (np.exp(2j * k * d) - 1))) for d in _DEPTHS]
+    )
+    best = int(np.argmin(costs))
+    others = costs[np.abs(_DEPTHS - _DEPTHS[best]) > _APART]
+    without = min(fit.cost_of(plain), fit.cost_of(plain * (1 - share[:, None])))
+    if min(without, float(others.min())) - costs[best] < _SURE or best in (0, len(_DEPTHS) - 1):
+        return CrackDepth(SILENT, least_width=least)
+    if _DEPTHS[best] > DEEPEST:
+        return CrackDepth(DEEPER, least_width=least)
+    before, here, after = costs[best - 1 : best + 2]
+    step = float(_DEPTHS[1] - _DEPTHS[0])
+    bend = max(before - 2 * here + after, 1e-9)
+    depth = float(_DEPTHS[best] + 0.5 * step * (before - after) / bend)
+    return CrackDepth(
+        MEASURED, depth, float(np.hypot(2 * step / np.sqrt(bend), _UNMODELLED)), least
+    )

@@ -1,0 +1,180 @@
+"""What an estimate knows of its probe, and the sound field of that probe on the wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+from minorloop.head.geometry import Mount, Probe, meet_wall
+from minorloop.head.ultrasound import _field_kernels as kernels
+from minorloop.head.ultrasound.water import sound_speed
+
+LOWEST, HIGHEST = 5e6, 15e6
+RESOLUTION = 0.3125e6
+"""Of the spectra that are compared, in Hz: one over the window of 3.2 us."""
+FACET = 0.06e-3
+
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class CalibratedProbe:
+    """A calibrated probe in a pipe of known radius.
+
+    Parameters
+    ----------
+    probe : Probe
+        As calibrated.
+    mount : Mount
+        How the head sits in the pipe, as far as is known.
+    radius, thickness : float
+        Of the pipe and its wall, in metres.
+    temperature : float
+        Of the water, as measured, in degrees Celsius.
+    steel : float
+        Speed of longitudinal waves in the wall, in m/s.
+
+    Raises
+    ------
+    ParameterError
+        If a size is not positive, the face of the probe is not inside the pipe, or the
+        temperature is out of range.
+    """
+
+    probe: Probe
+    mount: Mount
+    radius: float = 10e-3
+    thickness: float = 2e-3
+    temperature: float = 20.0
+    steel: float = 5900.0
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "thickness", "steel"):
+            if not as_finite(name, getattr(self, name)) > 0:
+                raise ParameterError(f"{name} is {getattr(self, name)}; give a positive number")
+        if not self.probe.face < self.radius:
+            raise ParameterError(
+                f"a face {self.probe.face:.4g} m from the pivot is not inside a pipe of radius "
+                f"{self.radius:.4g} m"
+            )
+        sound_speed(self.temperature)
+
+    @property
+    def speed(self) -> float:
+        """Of sound in the water, in m/s."""
+        return sound_speed(self.temperature)
+
+    def beams(self, angles: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Centres (K, 3) of the face and directions (K, 3) of the beam at (K, 2) pan, tilt."""
+        pairs = [
+            self.probe.beam(self.mount, float(pan), float(tilt))
+            for pan, tilt in np.reshape(np.asarray(angles, dtype=np.float64), (-1, 2))
+        ]
+        return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
+
+    def spots(self, angles: npt.ArrayLike) -> FloatArray:
+        """(K, 3) phi, z and distance of the wall along the beam at (K, 2) pan and tilt."""
+        origins, axes = self.beams(angles)
+        return np.array(
+            [
+                meet_wall(origin, axis, self.radius)
+                for origin, axis in zip(origins, axes, strict=True)
+            ]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SoundField:
+    """Pressure of a probe, over distance off its axis, along it, and frequency.
+
+    Parameters
+    ----------
+    table : (N, M, F) array of complex
+        Without the carrier exp(i k along).
+    steps : (3,) array
+        Step off the axis, first distance along it, and step along it, in metres.
+    wavenumbers : (F,) array
+        In rad/m.
+    reach : float
+        How far off its axis the probe hears the wall, in metres.
+    """
+
+    table: ComplexArray
+    steps: FloatArray
+    wavenumbers: FloatArray
+    reach: float
+
+    @property
+    def first(self) -> float:
+        """First wavenumber."""
+        return float(self.wavenumbers[0])
+
+    @property
+    def step(self) -> float:
+        """Step of the wavenumbers."""
+        return float(self.wavenumbers[1] - self.wavenumbers[0])
+
+    def at(
+        self, origins: FloatArray, axes: FloatArray, starts: FloatArray, points: FloatArray
+    ) -> ComplexArray:
+        """Pressure (K, F, N) of K beams at points (N, 3), phases counted from starts (K,)."""
+        out = np.empty((len(origins), len(self.wavenumbers), len(points)), dtype=np.complex128)
+        kernels.field_at(
+            self.table, self.steps, origins, axes, starts, points, self.first, self.step, out
+        )
+        return out
+
+    def wall(
+        self,
+        origins: FloatArray,
+        axes: FloatArray,
+        starts: FloatArray,
+        spots: FloatArray,
+        radius: float,
+    ) -> ComplexArray:
+        """Echo (K, F) of a plain wall, 2 i k times the integral of p^2 over it."""
+        out = np.zeros((len(origins), len(self.wavenumbers)), dtype=np.complex128)
+        kernels.wall_sum(
+            self.table, self.steps, origins, axes, starts, spots, radius, self.reach, FACET,
+            self.first, self.step, out,
+        )  # fmt: skip
+        return 2j * self.wavenumbers * out
+
+
+def sound_field(ear: CalibratedProbe) -> SoundField:
+    """The field of a probe near the wall, by the integral of Rayleigh over the disc.
+
+    Notes
+    -----
+    The integral of exp(i k r) / (2 pi r) over rings and angles (O'Neil, Theory of focusing
+    radiators, J. Acoust. Soc. Am. 21, 516, 1949), the lens as a delay of each ring.
+    """
+    return _sound_field(
+        ear.probe.aperture, ear.probe.focus, round(ear.speed, 2), ear.radius - ear.probe.face
+    )
+
+
+@lru_cache(maxsize=8)
+def _sound_field(aperture: float, focus: float, speed: float, stand: float) -> SoundField:
+    frequencies = np.arange(LOWEST, HIGHEST + 1.0, RESOLUTION)
+    k = 2 * np.pi * frequencies / speed
+    lens = np.isfinite(focus)
+    reach = 1.4e-3 if lens else 0.5 * aperture + 1.2e-3
+    off = np.arange(0.0, reach + 0.9e-3, 0.016e-3 if lens else 0.03e-3)
+    along = np.arange(stand - 0.8e-3, stand + 0.5e-3, 0.06e-3)
+    nodes, weights = np.polynomial.legendre.leggauss(36 if lens else 48)
+    rings = 0.25 * aperture * (nodes + 1)
+    areas = 2 * np.pi * rings * 0.25 * aperture * weights
+    lags = np.hypot(focus, rings) - focus if lens else np.zeros_like(rings)
+    count = 24 + int(k[-1] * off[-1] * aperture / 2 / stand / 2)
+    cosines = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    table = kernels.rayleigh(
+        off, along, rings, areas, lags, cosines, float(k[0]), float(k[1] - k[0]), len(k)
+    )
+    steps = np.array([off[1], along[0], along[1] - along[0]])
+    return SoundField(table, steps, k, reach)

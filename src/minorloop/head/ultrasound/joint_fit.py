@@ -1,0 +1,237 @@
+"""One pit fitted to all traces of a raster at once.
+
+Each trace holds the rim of the pit and its floor in shares that depend on where the beam was, and
+the beam moves as the head sways. The pulse comes from the traces far from the pit, the distance
+of each trace is free, and one pit explains them all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.head.ultrasound.field import ComplexArray
+from minorloop.head.ultrasound.pit_model import PitModel
+from minorloop.head.ultrasound.spectra import FAR, Spectra
+
+CENTRE = np.array([0.0, 0.0, 0.0, 0.6e-3, 1.0, 0.0, 0.0, 0.0])
+PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.04e-3])
+"""Means and standard deviations of the unknowns before the scan, as in ``pitmodel.NAMES``."""
+_LOW = np.array([-4e-4, -4e-4, -0.4, 0.03e-3, 0.0, -0.2, -0.2, -1.5e-4])
+_HIGH = np.array([4e-4, 4e-4, 0.4, 1.4e-3, 2.0, 0.2, 0.2, 1.5e-4])
+_STEPS = np.array([2e-6, 2e-6, 2e-3, 0.5e-6, 0.01, 1e-3, 1e-3, 0.5e-6])
+_LEAPS = np.array([6e-5, 6e-5, 0.08, 3e-5, 0.5, 0.05, 0.05, 3e-5])
+_SLIP = 12e-6  # m, of the range of a trace off the smooth fit
+_ROUNDS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class JointSolution:
+    """Where a fit ended.
+
+    Parameters
+    ----------
+    unknowns : (8,) array
+        In the order of ``pitmodel.NAMES``.
+    cost : float
+        Half the sum of squares over the noise, traces that do not fit counted less, and the
+        prior.
+    """
+
+    unknowns: FloatArray
+    cost: float
+
+
+@dataclass(eq=False)
+class JointFit:
+    """One pit and the traces of a raster.
+
+    Parameters
+    ----------
+    model : PitModel
+        What they should be.
+    spectra : Spectra
+        What they are.
+    scale : float
+        Misfit of a trace from which on it counts less, in units of its noise.
+    far : array of int, optional
+        Traces of plain wall, which tell the pulse; without it, the farthest from the pit.
+    """
+
+    model: PitModel
+    spectra: Spectra
+    scale: float = 1.0
+    far: npt.NDArray[np.intp] | None = None
+    pulse: ComplexArray = field(init=False)
+    shift: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        far = self.far
+        if far is None:
+            far = np.argsort(-np.linalg.norm(self.model.off(), axis=1))[:FAR]
+        self._k = self.model.sound.wavenumbers
+        self.shift = np.zeros(len(self.spectra.heard))
+        plain, heard = self.model.plain[far], self.spectra.heard[far]
+        for _ in range(4):
+            self.pulse = _pulse(plain, heard, self._turn()[far])
+            self.shift[far] = self._shifts(self.pulse * plain, far)
+        self._far = far
+        self._weights = np.ones(len(self.spectra.heard))
+
+    @property
+    def usual_cost(self) -> float:
+        """Cost where nothing but noise is left."""
+        count = self.spectra.heard.size
+        return float(4 * self.scale * np.log1p(1 / (4 * self.scale)) * count)
+
+    @property
+    def strayed(self) -> float:
+        """How far the wall is off the smooth fit in the traces that tell the pulse, in metres.
+
+        The root mean square without the worst quarter, so that another pit near by counts
+        little, and without what noise adds.
+        """
+        far = self._far
+        slope = 2 * self._k * np.abs(self.pulse * self.model.plain[far])
+        told = (slope**2).sum(axis=1) / self.spectra.noise[far] ** 2
+        square = np.sort(self._shifts(self.pulse * self.model.plain[far], far) ** 2 - 1 / told)
+        return float(np.sqrt(max(square[: -(-3 * far.size // 4)].mean(), 0.0)))
+
+    def sweep(self, unknowns: FloatArray, depths: FloatArray) -> FloatArray:
+        """Costs (D,) over evenly spaced depths, the other unknowns as they are."""
+        x, y, size, _, gain, u, v, dish = unknowns
+        pressure = self.model.mouth(x, y, size)
+        missing = self.model.missing(pressure, size)
+        squares = self.model.squares(pressure, size, (u, v), dish)
+        floors = self.model.floors(squares, size, depths)
+        return np.array(
+            [self.cost_of(self.model.with_pit(missing, gain * floor)) for floor in floors]
+        )
+
+    def cost_of(self, model: ComplexArray) -> float:
+        """Cost of echoes (K, F) with the best shifts, without the prior."""
+        self.shift = self._shifts(self.pulse * model, slice(None))
+        relative = self._misfit(model) / (4 * self.scale)
+        self._weights = 1 / (1 + relative)
+        return float(4 * self.scale * np.log1p(relative).sum() * len(self._k))
+
+    def solve(
+        self,
+        start: FloatArray,
+        *,
+        centre: FloatArray = CENTRE,
+        prior: FloatArray = PRIOR,
+        rounds: int = _ROUNDS,
+    ) -> JointSolution:
+        """Go down from a start by Gauss and Newton with Cauchy weights.
+
+        Parameters
+        ----------
+        start : (8,) array
+            Unknowns in the order of ``pitmodel.NAMES``.
+        centre, prior : (8,) arrays
+            Means and standard deviations before the scan.
+        rounds : int
+            Most steps.
+        """
+        theta, damping = start.copy(), 1e-3
+        model = self.model.echo(theta)
+        cost = self.cost_of(model) + _penalty(theta, centre, prior)
+        for _ in range(rounds):
+            normal, slope = self._normal(theta, model, centre, prior)
+            moved = False
+            for _ in range(4):
+                step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
+                trial = np.clip(theta + np.clip(step, -_LEAPS, _LEAPS), _LOW, _HIGH)
+                candidate = self.model.echo(trial)
+                new = self.cost_of(candidate) + _penalty(trial, centre, prior)
+                if new < cost:
+                    moved = True
+                    break
+                damping *= 8
+            if not moved:
+                break
+            gained, damping = cost - new, damping / 5
+            theta, model, cost = trial, candidate, new
+            if gained < 1e-3 + 1e-5 * cost:
+                break
+        return JointSolution(theta, cost)
+
+    def deviations(self, unknowns: FloatArray) -> FloatArray:
+        """Standard deviations (8,) by the curvature of the misfit and the noise of the traces."""
+        model = self.model.echo(unknowns)
+        self.cost_of(model)
+        normal, _ = self._normal(unknowns, model, CENTRE, PRIOR)
+        deviations: FloatArray = np.sqrt(np.diag(np.linalg.inv(normal)))
+        return deviations
+
+    def refine_pulse(self, unknowns: FloatArray) -> None:
+        """Estimate the pulse again from all traces, as the fit explains them."""
+        model = self.model.echo(unknowns)
+        self.cost_of(model)
+        root = (np.sqrt(self._weights) / self.spectra.noise)[:, None]
+        self.pulse = _pulse(model * root, self.spectra.heard * root, self._turn())
+
+    def _turn(self) -> ComplexArray:
+        turn: ComplexArray = np.exp(2j * self._k * self.shift[:, None])
+        return turn
+
+    def _shifts(self, model: ComplexArray, which: npt.NDArray[np.intp] | slice) -> FloatArray:
+        """Best distances (K,) of the traces, near the smooth fit."""
+        product = np.conj(model) * self.spectra.heard[which]
+        product = product / self.spectra.noise[which][:, None] ** 2
+        trial = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
+        score = (product @ np.exp(-2j * self._k[:, None] * trial)).real
+        shift: FloatArray = trial[np.argmax(score - 0.5 * (trial / _SLIP) ** 2, axis=1)]
+        for _ in range(4):
+            turned = product * np.exp(-2j * self._k * shift[:, None])
+            slope = (2 * self._k * turned.imag).sum(axis=1) - shift / _SLIP**2
+            bend = (4 * self._k**2 * turned.real).sum(axis=1) + 1 / _SLIP**2
+            step = np.where(bend > 0, slope / np.where(bend > 0, bend, 1.0), 0.0)
+            shift += np.clip(step, -_SLIP / 2, _SLIP / 2)
+        return shift
+
+    def left(self, model: ComplexArray) -> ComplexArray:
+        """What echoes (K, F) leave of the spectra; shifts as they are."""
+        left: ComplexArray = self.spectra.heard - self.pulse * model * self._turn()
+        return left
+
+    def _misfit(self, model: ComplexArray) -> FloatArray:
+        """Mean square (K,) of what is left of each trace over its noise; shifts as they are."""
+        power = (np.abs(self.left(model)) ** 2).mean(axis=1)
+        misfit: FloatArray = power / (2 * self.spectra.noise**2)
+        return misfit
+
+    def _normal(
+        self, theta: FloatArray, model: ComplexArray, centre: FloatArray, prior: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Normal matrix and right side, the shift of each trace eliminated."""
+        near = self.model.near
+        scale = (np.sqrt(self._weights) / self.spectra.noise)[near, None]
+        turned = self.pulse * self._turn()[near] * scale
+        left = self.spectra.heard[near] * scale - model[near] * turned
+        slopes = self.model.slopes(theta, _STEPS) * turned  # (P, N, F)
+        shifting = 2j * self._k * model[near] * turned
+        power = (np.abs(shifting) ** 2).sum(axis=1) + 1 / _SLIP**2
+        along = (np.conj(shifting) * slopes).real.sum(axis=2)  # (P, N)
+        rest = (np.conj(shifting) * left).real.sum(axis=1)
+        flat = np.concatenate([slopes.real, slopes.imag], axis=2).reshape(len(_STEPS), -1)
+        normal = flat @ flat.T - (along / power) @ along.T
+        right = (np.conj(slopes) * left).real.sum(axis=(1, 2)) - (along / power) @ rest
+        right -= (theta - centre) / prior**2
+        normal[np.diag_indices(len(theta))] += 1 / prior**2
+        return normal, right
+
+
+def _penalty(theta: FloatArray, centre: FloatArray, prior: FloatArray) -> float:
+    return float(0.5 * (((theta - centre) / prior) ** 2).sum())
+
+
+def _pulse(model: ComplexArray, heard: ComplexArray, turn: ComplexArray) -> ComplexArray:
+    expected = model * turn
+    power = (np.abs(expected) ** 2).sum(axis=0)
+    pulse: ComplexArray = (np.conj(expected) * heard).sum(axis=0) / power
+    return pulse

@@ -1,0 +1,230 @@
+"""What a wall with a round pit should send back, for the fit of its depth.
+
+Spectra are without the pulse; their phases count from the place where each beam meets the wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import jn_zeros, jnp_zeros, jv
+
+from minorloop.arrays import FloatArray
+from minorloop.head.geometry import wrapped
+from minorloop.head.ultrasound import _field_kernels as kernels
+from minorloop.head.ultrasound.field import CalibratedProbe, ComplexArray, SoundField, sound_field
+
+NAMES = ("around", "along", "size", "depth", "gain", "tilt around", "tilt along", "dish")
+"""Of the unknowns: metres off the first guess, ln(radius / guess), metres, 1, slopes, metres."""
+_RADII, _ANGLES = 9, 28
+_STEEPEST = 0.44
+_BACK = 0.12 * 0.7
+"""Echo of the outer face of the wall over that of the wall: transmission both ways, and loss."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitDisc:
+    """Modes of a rigid cylinder on quadrature points of the unit disc.
+
+    Parameters
+    ----------
+    places : (Q, 2) array
+        Points, ring by ring.
+    weights : (Q,) array
+        Areas.
+    waves : (angles, W) array of float32
+        Cosines and sines around a ring.
+    radial : (M, rings) array
+        The modes along a radius times the areas, orthonormal.
+    wave : (M,) array of int
+        Which wave a mode has around.
+    across : (M,) array
+        Zeros of the derivative of the Bessel functions.
+    """
+
+    places: FloatArray
+    weights: FloatArray
+    waves: npt.NDArray[np.float32]
+    radial: FloatArray
+    wave: npt.NDArray[np.int64]
+    across: FloatArray
+
+
+@lru_cache(maxsize=4)
+def unit_disc(limit: float) -> UnitDisc:
+    """Modes up to a limit of chi."""
+    nodes, share = np.polynomial.legendre.leggauss(_RADII)
+    radii = 0.5 * (nodes + 1)
+    turn = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
+    areas = 0.5 * share * radii * 2 * np.pi / _ANGLES
+    waves: list[FloatArray] = []
+    radial, wave, across = [], [], []
+    for order in range(min(int(limit), _ANGLES // 2 - 1) + 1):
+        count = int(limit / np.pi) + 2
+        zeros = [0.0, *jn_zeros(1, count)] if order == 0 else jnp_zeros(order, count)
+        for shape in (np.cos, np.sin)[: 1 if order == 0 else 2]:
+            waves.append(shape(order * turn))
+            for chi in [chi for chi in zeros if chi <= limit]:
+                mode = jv(order, chi * radii)
+                power = (areas @ mode**2) * (waves[-1] @ waves[-1])
+                radial.append(areas * mode / np.sqrt(power))
+                wave.append(len(waves) - 1)
+                across.append(chi)
+    r, a = (g.ravel() for g in np.meshgrid(radii, turn, indexing="ij"))
+    return UnitDisc(
+        np.stack([r * np.cos(a), r * np.sin(a)], axis=1),
+        np.repeat(areas, _ANGLES),
+        np.stack(waves, axis=1).astype(np.float32),
+        np.array(radial),
+        np.array(wave),
+        np.array(across),
+    )
+
+
+@dataclass(eq=False)
+class PitModel:
+    """Echoes of K beams from a wall with a pit.
+
+    Parameters
+    ----------
+    ear : CalibratedProbe
+        What is known of the probe.
+    angles : (K, 2) array
+        Pan and tilt of the beams, in radians.
+    centre : (float, float)
+        First guess of the centre of the pit, phi and z.
+    radius : float
+        First guess of the radius of its mouth, in metres.
+    """
+
+    ear: CalibratedProbe
+    angles: FloatArray
+    centre: tuple[float, float]
+    radius: float
+    sound: SoundField = field(init=False)
+    plain: ComplexArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.sound = sound_field(self.ear)
+        self._origins, self._axes = self.ear.beams(self.angles)
+        self.spots = self.ear.spots(self.angles)
+        self._starts = self.spots[:, 2].copy()
+        self.plain = self.sound.wall(
+            self._origins, self._axes, self._starts, self.spots[:, :2].copy(), self.ear.radius
+        )
+        k = self.sound.wavenumbers
+        # Farther traces hear nothing of the pit.
+        hears = self.radius * 1.15 + self.sound.reach / 2
+        self.near = np.flatnonzero(np.linalg.norm(self.off(), axis=1) < hears)
+        self._disc = unit_disc(round(_STEEPEST * float(k[-1]) * self.radius * 1.15, 0))
+
+    def off(self) -> FloatArray:
+        """(K, 2) spots off the first guess of the centre, around and along, in metres."""
+        around = wrapped(self.spots[:, 0] - self.centre[0])
+        return np.stack([self.ear.radius * around, self.spots[:, 1] - self.centre[1]], axis=1)
+
+    def mouth(self, around: float, along: float, size: float) -> ComplexArray:
+        """Pressure (N, F, Q) on the mouth, of the N beams near it."""
+        a = self.radius * np.exp(size)
+        x = around + a * self._disc.places[:, 0]
+        z = self.centre[1] + along + a * self._disc.places[:, 1]
+        phi = self.centre[0] + x / self.ear.radius
+        points = np.stack([self.ear.radius * np.cos(phi), self.ear.radius * np.sin(phi), z], axis=1)
+        near = self.near
+        return self.sound.at(self._origins[near], self._axes[near], self._starts[near], points)
+
+    def missing(self, pressure: ComplexArray, size: float) -> ComplexArray:
+        """What the wall does not send back (N, F) because of the mouth."""
+        area = (self.radius * np.exp(size)) ** 2 * self._disc.weights
+        gone = np.empty(pressure.shape[:2], dtype=np.complex128)
+        kernels.square_sum(pressure, area, gone)
+        return 2j * self.sound.wavenumbers * gone
+
+    def squares(
+        self, pressure: ComplexArray, size: float, tilt: tuple[float, float], dish: float
+    ) -> ComplexArray:
+        """Squares (N, F, M) of the amplitudes of the modes, the shape of the floor in them."""
+        a = self.radius * np.exp(size)
+        x, y = a * self._disc.places.T
+        shape = tilt[0] * x + tilt[1] * y + dish * (1 - 2 * (x * x + y * y) / a**2)
+        turn = a * np.exp(1j * self.sound.wavenumbers[:, None] * shape)
+        disc = self._disc
+        rings = np.empty((2, *pressure.shape), dtype=np.float32)
+        kernels.turned(pressure, turn, rings)
+        # Single precision halves the work, and leaves 1e-6 of an echo.
+        around = (rings.reshape(-1, _ANGLES) @ disc.waves).reshape(
+            2, *pressure.shape[:2], _RADII, -1
+        )
+        out = np.empty((*pressure.shape[:2], len(disc.across)), dtype=np.complex128)
+        kernels.mode_squares(around, disc.radial, disc.wave, out)
+        return out
+
+    def down(self, size: float) -> ComplexArray:
+        """Wavenumbers (F, M) of the modes along the pit."""
+        k = self.sound.wavenumbers[:, None]
+        down: ComplexArray = np.sqrt(
+            k * k - (self._disc.across / (self.radius * np.exp(size))) ** 2 + 0j
+        )
+        return down
+
+    def floors(self, squares: ComplexArray, size: float, depths: FloatArray) -> ComplexArray:
+        """Echoes (D, N, F) of a floor at evenly spaced depths, ringing of the steel included."""
+        down = self.down(size)
+        step = float(depths[1] - depths[0]) if len(depths) > 1 else 0.0
+        out = np.zeros((len(depths), *squares.shape[:2]), dtype=np.complex128)
+        first = 2j * down * np.exp(2j * down * float(depths[0]))
+        kernels.floors(squares, first, np.exp(2j * down * step), out)
+        ringing = np.array([self._ringing(float(depth)) for depth in depths])
+        echoes: ComplexArray = out * ringing[:, None, :]
+        return echoes
+
+    def with_pit(self, missing: ComplexArray, floor: ComplexArray) -> ComplexArray:
+        """Echoes (K, F) of the wall without its part over the mouth, and with a floor."""
+        whole = self.plain.copy()
+        whole[self.near] += floor - missing
+        return whole
+
+    def echo(self, unknowns: FloatArray) -> ComplexArray:
+        """Echoes (K, F) for the unknowns in the order of ``NAMES``."""
+        return self.with_pit(*self._parts(unknowns))
+
+    def _parts(self, unknowns: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        x, y, size, depth, gain, u, v, dish = unknowns
+        pressure = self.mouth(x, y, size)
+        floor = self._floor(self.squares(pressure, size, (u, v), dish), size, depth)
+        return self.missing(pressure, size), gain * floor
+
+    def slopes(self, unknowns: FloatArray, steps: FloatArray) -> ComplexArray:
+        """Derivatives (8, N, F) of the near echoes by differences, reusing what stays."""
+        x, y, size, depth, gain, u, v, dish = unknowns
+        pressure = self.mouth(x, y, size)
+        squares = self.squares(pressure, size, (u, v), dish)
+        floor = self._floor(squares, size, depth)
+        missing = self.missing(pressure, size)
+        moves = np.diag(steps)
+        columns = []
+        for n in range(3):
+            less, more = self._parts(unknowns + moves[n])
+            columns.append((more - less - gain * floor + missing) / steps[n])
+        deeper = self._floor(squares, size, depth + steps[3])
+        columns += [gain * (deeper - floor) / steps[3], floor]
+        for n in range(5, 8):
+            a, b, c = unknowns[5:] + moves[n, 5:]
+            shaped = self._floor(self.squares(pressure, size, (a, b), c), size, depth)
+            columns.append(gain * (shaped - floor) / steps[n])
+        return np.stack(columns)
+
+    def _floor(self, squares: ComplexArray, size: float, depth: float) -> ComplexArray:
+        floor: ComplexArray = self.floors(squares, size, np.array([depth], dtype=np.float64))[0]
+        return floor
+
+    def _ringing(self, depth: float) -> ComplexArray:
+        """Ringing of the steel under a floor, over that of the wall, which is in the pulse."""
+        f = self.sound.wavenumbers * self.ear.speed
+        t = self.ear.thickness
+        turn = np.exp(2j * f * np.array([max(t - depth, 0.1e-3), t])[:, None] / self.ear.steel)
+        ratio: ComplexArray = (1 - _BACK * turn[0]) / (1 - _BACK * turn[1])
+        return ratio

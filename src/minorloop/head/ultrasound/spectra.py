@@ -1,0 +1,133 @@
+"""Averaged traces as spectra of the window in which a wall and a pit in it are heard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal.windows import tukey
+
+from minorloop.arrays import FloatArray
+from minorloop.head.geometry import wrapped
+from minorloop.head.ultrasound.echoes import Burst, Pulse, find_echoes
+from minorloop.head.ultrasound.field import (
+    HIGHEST,
+    LOWEST,
+    RESOLUTION,
+    CalibratedProbe,
+    ComplexArray,
+)
+
+WINDOW = 1 / RESOLUTION
+LEAD = 0.6e-6
+"""How long before the echo of the wall the window begins, in seconds."""
+TAPER = 0.2
+"""Share of the window over which it rises and falls."""
+FAR = 10
+"""How many traces far from a pit tell where the wall is, and what the pulse."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """What was heard, ready to be compared.
+
+    Parameters
+    ----------
+    heard : (K, F) array of complex
+        Spectra of the windows, phases counted from the expected echo of the wall.
+    noise : (K,) array
+        Standard deviation of each part of a spectrum.
+    angles : (K, 2) array
+        Pan and tilt, in radians.
+    late : (K,) array
+        By how much farther than expected from the angles the wall is, in metres.
+    """
+
+    heard: ComplexArray
+    noise: FloatArray
+    angles: FloatArray
+    late: FloatArray
+
+
+def spectra_of(
+    bursts: Sequence[Burst],
+    ear: CalibratedProbe,
+    centre: tuple[float, float],
+    *,
+    after: float = 0.0,
+) -> Spectra | None:
+    """Cut and transform the bursts; None where the wall was not heard around the place.
+
+    Parameters
+    ----------
+    bursts : sequence of Burst
+        That can be used together.
+    ear : CalibratedProbe
+        The probe and what is known of the pipe.
+    centre : (float, float)
+        Phi and z.
+    after : float
+        How much later than usual the window is cut, in seconds; phases count from the wall.
+
+    Notes
+    -----
+    The distance of the wall comes from the bursts farthest from the place, as a plane over the
+    raster: over the pit itself the first echo may be that of its floor.
+    """
+    angles = np.array([burst.angles for burst in bursts])
+    spots = ear.spots(angles)
+    x = ear.radius * wrapped(spots[:, 0] - centre[0])
+    y = spots[:, 1] - centre[1]
+    expected = 2 * spots[:, 2] / ear.speed
+    far = np.argsort(-np.hypot(x, y))[: max(FAR, len(bursts) // 3)]
+    first = [_first(bursts[n], expected[n]) for n in far]
+    delay = np.array(first) - expected[far]
+    heard = np.isfinite(delay)
+    if heard.sum() < 5:
+        return None
+    plane = np.stack([np.ones(len(x)), x, y], axis=1)
+    chosen = far[heard]
+    fitted = _robust(plane[chosen], delay[heard])
+    delays = plane @ fitted
+    spectra = np.array(
+        [
+            _spectrum(burst, float(t), after)
+            for burst, t in zip(bursts, expected + delays, strict=True)
+        ]
+    )
+    window = tukey(round(WINDOW / bursts[0].sample_interval), TAPER)
+    noise = np.array([burst.noise for burst in bursts]) * np.sqrt((window**2).sum() / 2)
+    return Spectra(spectra, np.maximum(noise, 1e-9), angles, delays * ear.speed / 2)
+
+
+def _first(burst: Burst, expected: float) -> float:
+    gate = (expected - 1.2e-6, expected + 1.2e-6)
+    echoes = find_echoes(burst.trace, burst.sample_interval, Pulse(), gate=gate, fine=False)
+    return echoes[0].time if echoes else np.nan
+
+
+def _robust(design: FloatArray, values: FloatArray) -> FloatArray:
+    """Least absolute deviations by reweighting."""
+    weights = np.ones(len(values))
+    solution: FloatArray = np.zeros(design.shape[1])
+    for _ in range(12):
+        root = np.sqrt(weights)
+        solved = np.linalg.lstsq(design * root[:, None], values * root, rcond=1e-6)[0]
+        solution = solved.astype(np.float64)
+        weights = 1 / np.maximum(np.abs(values - design @ solution), 3e-9)
+    return solution
+
+
+def _spectrum(burst: Burst, at: float, after: float) -> ComplexArray:
+    interval = burst.sample_interval
+    count = round(WINDOW / interval)
+    start = round((at - LEAD + after) / interval)
+    piece = np.zeros(count)
+    source = np.arange(start, start + count)
+    inside = (source >= 0) & (source < burst.trace.size)
+    piece[inside] = burst.trace[source[inside]]
+    f = np.arange(LOWEST, HIGHEST + 1.0, RESOLUTION)
+    t = source * interval - at
+    turned: ComplexArray = (piece * tukey(count, TAPER)) @ np.exp(2j * np.pi * t[:, None] * f)
+    return turned

@@ -1,0 +1,258 @@
+"""Round things on a map of the wall, and what speaks for and against each being a hole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from minorloop.arrays import FloatArray
+from minorloop.head.vision import _outline_kernels as kernels
+from minorloop.head.vision.calibrated_camera import Image32
+from minorloop.head.vision.reflectance_map import ReflectanceMap, median
+
+DARK, BRIGHT, EITHER, LIT = "dark", "bright", "either", "lit"
+KINDS = (DARK, BRIGHT, EITHER, LIT)
+"""How a candidate was found: by a dark inside, a bright one, an edge of either sign that is there
+under every light, or light from behind."""
+
+_SIGNS = {DARK: 1.0, BRIGHT: -1.0, EITHER: 0.0, LIT: -1.0}
+_SIGMAS = (0.225e-3, 0.5e-3)
+_RADII = (0.35e-3, 0.65e-3)
+_KEPT = (0.25e-3, 0.8e-3)
+_SEEDS, _RING_SEEDS, _LIT_SEEDS = 8, 10, 5
+_LEAST_RISE = 0.02
+_RINGS = (0.425e-3, 0.575e-3)
+_RING_CLIP = (-2.5, 0.8)
+_APART = 3.5
+_CLIP = {DARK: (-2.5, 1.2), BRIGHT: (-1.5, 2.0), EITHER: (-2.5, 1.5)}
+
+FEATURES = (
+    "size",
+    "oval",
+    "oval_squared",
+    "scatter",
+    "share",
+    "contrast_10",
+    "contrast_25",
+    "contrast_50",
+    "contrast_90",
+    "faint_25",
+    "rim_half",
+    "rim_all",
+    "ridge",
+    "ridge_relative",
+    "ridge_least",
+    "ridge_middle",
+    "rim_least",
+    "share_least",
+    "share_middle",
+    "scatter_middle",
+    "contrast_least",
+    "contrast_most",
+    "deepest",
+    "spread",
+    "spread_on_rim",
+    "whole_share",
+    "whole_contrast",
+    "ring",
+)
+"""Names of the numbers in ``Candidate.features``, in their order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Something round.
+
+    Parameters
+    ----------
+    x, y : float
+        Column and row of its middle on the map.
+    diameter : float
+        In metres.
+    kind : str
+        One of ``KINDS``.
+    features : (F,) array
+        Numbers named by ``FEATURES``.
+    wave : (float, float)
+        How its outline waves twice in a turn: cosine and sine, in metres.
+    """
+
+    x: float
+    y: float
+    diameter: float
+    kind: str
+    features: FloatArray
+    wave: tuple[float, float] = (0.0, 0.0)
+
+    def outline(self, step: float, count: int = 48) -> FloatArray:
+        """(count, 2) columns and rows on a map with texels of ``step`` metres."""
+        angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+        radius = self.diameter / 2 + self.wave[0] * np.cos(2 * angle)
+        radius = (radius + self.wave[1] * np.sin(2 * angle)) / step
+        return np.stack([self.x + radius * np.cos(angle), self.y + radius * np.sin(angle)], axis=1)
+
+
+def candidates(wall: ReflectanceMap) -> list[Candidate]:
+    """Round things of about 0.7 to 1.3 mm on a map, most of which are not holes."""
+    step = wall.window.step
+    seen = np.isfinite(wall.ground) & np.isfinite(wall.whole)
+    rings = _rings(wall)
+    dark, bright = _seeds(wall, seen, _peaks(rings, _RING_SEEDS, 2))
+    found: list[Candidate] = []
+    for kind, seeds in ((DARK, dark), (BRIGHT, bright), (EITHER, _merged(dark, bright))):
+        low, high = _CLIP[kind]
+        stack = np.clip(wall.stack, wall.ground + low, wall.ground + high)
+        found += _outlined(wall, stack, rings, seeds, kind)
+    if wall.glow is not None:
+        seeds = _peaks(_blob(wall.glow, seen, step), _LIT_SEEDS, 2)
+        found += _outlined(wall, wall.glow[None], rings, seeds, LIT)
+    return found
+
+
+def _rings(wall: ReflectanceMap) -> Image32:
+    """How much of an edge lies on a circle of the size of a hole about each place, at half size.
+
+    Edges of either sign count, under every light by itself and under all (Loy and Zelinsky, IEEE
+    PAMI 25, 2003). A hole is darker than a wall in the light and brighter than one in the shadow
+    of a dent, and part of its edge is the one and part the other where a shadow ends in it.
+    """
+    images = [*wall.stack, wall.whole]
+    low, high = _RING_CLIP
+    near, far = (radius / wall.window.step / 2 for radius in _RINGS)
+    rings = np.zeros(tuple(n // 2 for n in wall.ground.shape), np.float32)
+    for image in images:
+        level = _halved(np.clip(image - wall.ground, low, high))
+        kernels.vote(ndimage.gaussian_filter(level, 0.7, truncate=2.5), near, far, rings)
+    shared = ndimage.gaussian_filter(rings, 1.0, truncate=2.5) / len(images)
+    return np.asarray(shared, dtype=np.float32)
+
+
+def _seeds(
+    wall: ReflectanceMap, seen: np.ndarray, round_edges: list[tuple[float, float]]
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Where it is dark and where it is bright, in map columns and rows, and round in both."""
+    step, low, high = wall.window.step, wall.ground - 0.8, wall.ground + 0.6
+    dark = round_edges
+    for level in (median(wall.stack), wall.darkest, wall.brightest):
+        blob = -_blob(np.clip(level, low, high).astype(np.float32), seen, step)
+        dark = _merged(dark, _peaks(blob, _SEEDS, 2))
+    return dark, _merged(round_edges, _peaks(_blob(wall.darkest, seen, step), _SEEDS, 2))
+
+
+def _blob(level: Image32, seen: np.ndarray, step: float) -> Image32:
+    """Difference of two Gaussians at half the size; 0 near what is not seen."""
+    weight = _halved(seen.astype(np.float32))
+    value = _halved(np.where(seen, level, np.float32(0)))
+    means = []
+    for sigma in _SIGMAS:
+        width = sigma / step / 2
+        share = ndimage.gaussian_filter(weight, width, truncate=3.0, mode="constant")
+        total = ndimage.gaussian_filter(value, width, truncate=3.0, mode="constant")
+        means.append((total / np.maximum(share, 0.05), share))
+    blob: Image32 = np.where(means[0][1] < 0.6, np.float32(0), means[0][0] - means[1][0])
+    return blob
+
+
+def _halved(level: Image32) -> Image32:
+    """Means of 2 by 2."""
+    rows, columns = (n // 2 * 2 for n in level.shape)
+    four: Image32 = level[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2)
+    return np.asarray(four.mean(axis=(1, 3), dtype=np.float32))
+
+
+def _peaks(blob: Image32, most: int, scale: int) -> list[tuple[float, float]]:
+    """Columns and rows of the highest peaks, ``scale`` times as large."""
+    top = (blob == ndimage.maximum_filter(blob, size=5)) & (blob > _LEAST_RISE)
+    i, j = np.nonzero(top)
+    order = np.argsort(-blob[i, j], kind="stable")[:most]
+    middle = (scale - 1) / 2
+    return [(float(scale * j[n] + middle), float(scale * i[n] + middle)) for n in order]
+
+
+def _merged(
+    first: list[tuple[float, float]], second: list[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Both, without those that are close to one that is there."""
+    merged = list(first)
+    for x, y in second:
+        if all(np.hypot(x - a, y - b) > _APART for a, b in merged):
+            merged.append((x, y))
+    return merged
+
+
+def _outlined(
+    wall: ReflectanceMap,
+    stack: Image32,
+    rings: Image32,
+    seeds: list[tuple[float, float]],
+    kind: str,
+) -> list[Candidate]:
+    """Candidates about seeds."""
+    sign, lights, step = _SIGNS[kind], [*wall.stack, wall.whole], wall.window.step
+    least, most = (radius / step for radius in _RADII)
+    fit, each = np.empty(kernels.OUT), np.empty((len(lights), kernels.OUT))
+    found = []
+    for x, y in seeds:
+        kernels.outline(stack, x, y, sign, least, most, fit)
+        if not (np.isfinite(fit).all() and _KEPT[0] < step * fit[2] < _KEPT[1]):
+            continue
+        for level, out in zip(lights, each, strict=True):
+            kernels.describe(level[None], fit[0], fit[1], sign, fit[2], fit[3], fit[4], out)
+        ring = _highest(rings, fit[0], fit[1])
+        features = np.append(_features(fit, np.nan_to_num(each, nan=0.3), step), ring)
+        wave = (step * float(fit[3]), step * float(fit[4]))
+        found.append(
+            Candidate(float(fit[0]), float(fit[1]), 2 * step * fit[2], kind, features, wave)
+        )
+    return found
+
+
+def _highest(rings: Image32, x: float, y: float) -> float:
+    """Most within a pixel of a place of the map."""
+    i, j = round((y - 0.5) / 2), round((x - 0.5) / 2)
+    near = rings[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
+    return float(near.max(initial=0.0))
+
+
+def _features(fit: FloatArray, each: FloatArray, step: float) -> FloatArray:
+    """All of ``FEATURES`` but the last: of the outline, and how it looks under each light."""
+    diameter, lights = 2e3 * step * fit[2], each[:-1]
+    oval = float(np.hypot(fit[3], fit[4]) / fit[2])
+    contrast = np.clip(fit[7:11], -1.0, 1.5)
+    ridges, rims = np.sort(lights[:, 15]), np.sort(lights[:, 12])
+    shares, scatters = np.sort(lights[:, 6]), np.sort(lights[:, 5])
+    spread = float(lights[:, 11].std())
+    half = len(lights) // 2
+    return np.array(
+        [
+            max(0.85 - diameter, 0.0) + max(diameter - 1.15, 0.0),
+            oval,
+            oval**2,
+            fit[5],
+            fit[6],
+            contrast[0],
+            contrast[1],
+            contrast[2],
+            np.clip(fit[16], -1.0, 2.0),
+            np.clip(fit[8], -1.0, 0.35),
+            fit[12],
+            fit[13],
+            fit[15],
+            fit[15] / max(contrast[2], 0.2),
+            ridges[0],
+            ridges[half],
+            rims[0],
+            shares[0],
+            shares[half],
+            scatters[half],
+            np.clip(lights[:, 10].min(), -1.0, 1.5),
+            np.clip(lights[:, 10].max(), -1.0, 2.0),
+            np.clip(lights[:, 16].max(), -1.0, 2.0),
+            spread,
+            spread * rims[0],
+            each[-1, 6],
+            np.clip(each[-1, 10], -1.0, 1.5),
+        ]
+    )

@@ -1,0 +1,111 @@
+"""How sharp a region of an image is, and where it is sharpest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+
+SHARP, FLAT, AT_THE_END, NO_FRAMES = "sharp", "nothing to focus on", "at the end", "no frames"
+"""Verdicts of a search."""
+
+_LEAST_GAIN, _SCATTERS = 0.02, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class FocusPeak:
+    """Where a region is sharpest.
+
+    Parameters
+    ----------
+    distance : float
+        To which the focus was sent, in metres.
+    curve : (N, 2) array
+        Distances that were tried, in metres, and how sharp the region was, nearest first.
+    verdict : str
+        ``sharp``, ``nothing to focus on``, ``at the end`` of what was allowed, or ``no frames``
+        where none could be used; the focus is then back at the guess.
+    """
+
+    distance: float
+    curve: FloatArray
+    verdict: str
+
+
+def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
+    """Mean squared slope about a pixel, relative to the brightness; NaN where nothing is seen.
+
+    Parameters
+    ----------
+    image : (height, width) array of uint8
+    pixel : (2,) array_like
+        Column and row in the middle of the region.
+    size : int
+        Side of the region in pixels; what is outside the image is left out.
+
+    Notes
+    -----
+    Slopes are taken over two pixels of means over three, which keeps most noise out; saturated
+    pixels and their neighbours are left out, as they are sharp at any focus. Tenenbaum, 1970.
+    """
+    u, v = np.asarray(pixel, dtype=np.float64)
+    if not (isinstance(image, np.ndarray) and image.ndim == 2 and math.isfinite(u + v)):
+        return math.nan
+    half = size // 2
+    top, left = max(round(v) - half, 0), max(round(u) - half, 0)
+    part = image[top : max(round(v) + half, 0), left : max(round(u) + half, 0)].astype(np.float64)
+    if min(part.shape) < 8:
+        return math.nan
+    smooth = _thirds(_thirds(part).T).T
+    down = smooth[2:, 1:-1] - smooth[:-2, 1:-1]
+    across = smooth[1:-1, 2:] - smooth[1:-1, :-2]
+    dull = _thirds(_thirds(part == 255).T).T[1:-1, 1:-1] == 0
+    level = float(part.mean())
+    if level < 2 or dull.mean() < 0.25:
+        return math.nan
+    return float((down**2 + across**2)[dull].mean() / (2 * level) ** 2)
+
+
+def peak_of(curve: FloatArray, guess: float, least: int) -> FocusPeak:
+    """The peak of a sweep.
+
+    Parameters
+    ----------
+    curve : (N, 2) array
+        Distances in metres, nearest first, and how sharp the region was; NaN where not known.
+    guess : float
+        Distance that is taken where there is no peak, in metres.
+    least : int
+        How many must be known.
+    """
+    known = curve[np.isfinite(curve[:, 1])]
+    if len(known) < least:
+        return FocusPeak(guess, curve, NO_FRAMES)
+    inverse, sharp = 1 / known[:, 0], known[:, 1]
+    if not _curved(inverse, np.log(sharp)):
+        return FocusPeak(guess, curve, FLAT)
+    best = int(sharp.argmax())
+    first = int(np.clip(best - 2, 0, len(sharp) - 5))
+    near = slice(first, first + 5)
+    a, b, _ = np.polyfit(inverse[near] - inverse[best], np.log(sharp[near]), 2)
+    top = inverse[best] - b / (2 * a) if a < 0 else inverse[best]
+    top = float(np.clip(top, inverse.min(), inverse.max()))
+    return FocusPeak(1 / top, curve, SHARP if 0 < best < len(sharp) - 1 else AT_THE_END)
+
+
+def _curved(inverse: FloatArray, level: FloatArray) -> bool:
+    """Whether a curve bends by more than it scatters."""
+    fitted = np.polyval(np.polyfit(inverse - inverse.mean(), level, 2), inverse - inverse.mean())
+    return bool(np.ptp(fitted) > _LEAST_GAIN + _SCATTERS * np.std(level - fitted))
+
+
+def _thirds(part: npt.NDArray[Any]) -> FloatArray:
+    """Means over three rows."""
+    values = part.astype(np.float64)
+    means: FloatArray = (values[:-2] + values[1:-1] + values[2:]) / 3
+    return means

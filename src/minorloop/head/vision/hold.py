@@ -1,0 +1,110 @@
+"""Hold a point of the wall in the middle of the image while flow sways the head.
+
+A servo that integrates small rates is too slow for that. What the joints would have to read for
+the point to be in the middle is known from every frame; it moves as the sway does, and is
+foretold a little, by as much as the wires are late.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+from minorloop.head.vision.servo import AT_CONE, NO_TARGET, SINGULAR, TURNING, Servo, ServoStep
+
+
+@dataclass(frozen=True, eq=False)
+class HoldState:
+    """What is remembered: where the joints should be (2,) in radians, and its rate (2,)."""
+
+    angles: FloatArray
+    rates: FloatArray
+    missed: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointHold:
+    """Angles of the joints that keep a point in the middle, foretold by ``lead``.
+
+    Parameters
+    ----------
+    servo : Servo
+        Its eye, interval and cone; its gain is not used.
+    lead : float
+        By how much the wires are late, in seconds.
+    share, slope_share : float
+        Of a new sighting in the angles and in their rate, above 0 and up to 1.
+    patience : float
+        For how many seconds the motion goes on where the point is not seen.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+
+    References
+    ----------
+    Benedict and Bordner, Synthesis of an optimal set of radar track-while-scan smoothing
+    equations, IRE Trans. Automatic Control 7, 1962: the filter of place and rate.
+    """
+
+    servo: Servo
+    lead: float = 0.35
+    share: float = 0.5
+    slope_share: float = 0.15
+    patience: float = 0.4
+
+    def __post_init__(self) -> None:
+        for name, most in (("share", 1.0), ("slope_share", 1.0)):
+            if not 0 < as_finite(name, getattr(self, name)) <= most:
+                raise ParameterError(f"{name} is {getattr(self, name)}; give more than 0, up to 1")
+        for name in ("lead", "patience"):
+            if not 0 <= as_finite(name, getattr(self, name)) <= 10:
+                raise ParameterError(f"{name} is {getattr(self, name)} s; give 0 to 10 s")
+
+    def begin(self, angles: npt.ArrayLike) -> HoldState:
+        """State of a hold that takes over at (2,) angles in radians."""
+        start = np.nan_to_num(np.asarray(angles, dtype=np.float64))
+        return HoldState(self.servo.cone.clip(start), np.zeros(2))
+
+    def step(
+        self, state: HoldState, pixel: npt.ArrayLike | None, angles: npt.ArrayLike
+    ) -> tuple[ServoStep, HoldState]:
+        """Where the joints should go; nothing is raised for a point that is lost.
+
+        Parameters
+        ----------
+        state : HoldState
+        pixel : (2,) array_like, optional
+            Where the point is in the image; None or NaN while it is lost.
+        angles : (2,) array_like
+            Pan and tilt as measured when the image was taken, in radians.
+        """
+        interval, cone = self.servo.interval, self.servo.cone
+        foretold = state.angles + interval * state.rates
+        seen = np.full(2, np.nan) if pixel is None else np.asarray(pixel, dtype=np.float64)
+        measured = np.asarray(angles, dtype=np.float64)
+        error, pixels, verdict = None, math.nan, NO_TARGET
+        if np.isfinite(seen).all() and np.isfinite(measured).all():
+            point = self.servo.eye.lens.normalised(seen)
+            pixels = float(self.servo.eye.lens.focal * np.hypot(*point))
+            error = self.servo.as_angles(point, point, measured)
+            verdict = SINGULAR if error is None else TURNING
+        if error is None:
+            missed = state.missed + interval
+            rates = state.rates if missed <= self.patience else np.zeros(2)
+            new = HoldState(foretold if missed <= self.patience else state.angles, rates, missed)
+        else:
+            news = measured - error - foretold
+            rates = state.rates + self.slope_share / interval * news
+            new = HoldState(foretold + self.share * news, rates)
+        wanted = new.angles + self.lead * new.rates
+        inside = cone.clip(wanted)
+        if verdict == TURNING and np.abs(inside - wanted).max() > 1e-12:
+            verdict = AT_CONE
+        return ServoStep(inside, new.rates, pixels, verdict), new

@@ -1,0 +1,96 @@
+"""How the image of a point moves as the head turns: the interaction matrix of pan and tilt.
+
+Points are in normalised coordinates (X, Y), without distortion, x right, y down, z ahead, and
+velocities are those of the camera in its own frame. Chaumette and Hutchinson, Visual servo
+control I, 2006, equation (11), gives the columns; a head that pans about an axis of the base
+turns about its own optical axis too, and a lens in front of the pivot is carried along, so that
+the two columns of a resting camera are not enough.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
+from minorloop.head.geometry import body_rates, meet_wall
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+
+_LEAST_SHARE = 1e-3
+
+
+def rotation_columns(point: npt.ArrayLike) -> FloatArray:
+    """(2, 3) rates of a (2,) point for angular velocities of 1 rad/s about x, y and z."""
+    x, y = np.asarray(point, dtype=np.float64)
+    return np.array([[x * y, -(1 + x * x), y], [1 + y * y, -x * y, -x]])
+
+
+def translation_columns(point: npt.ArrayLike, depth: float) -> FloatArray:
+    """(2, 3) rates of a (2,) point at a depth in metres for velocities of 1 m/s along x, y, z.
+
+    Raises
+    ------
+    ParameterError
+        If the depth is not positive; it may be infinite.
+    """
+    if not depth > 0:
+        raise ParameterError(f"a point at depth {depth} m is not in front of the camera")
+    x, y = np.asarray(point, dtype=np.float64)
+    return np.array([[-1.0, 0.0, x], [0.0, -1.0, y]]) / depth
+
+
+def pan_tilt_jacobian(
+    point: npt.ArrayLike, tilt: float, *, lever: float = 0.0, depth: float = math.inf
+) -> FloatArray:
+    """(2, 2) rates of a point for 1 rad/s of pan and of tilt.
+
+    Parameters
+    ----------
+    point : (2,) array_like
+        Normalised coordinates.
+    tilt : float
+        Of the head, in radians.
+    lever : float
+        From the pivot to the lens along the optical axis, in metres.
+    depth : float
+        Of the point along the optical axis, in metres; without it, the lever does not matter.
+
+    Raises
+    ------
+    ParameterError
+        If the depth is not positive.
+    """
+    # The velocity of the lens is the angular velocity crossed with the lever along z.
+    carried = lever * np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    columns = rotation_columns(point) + translation_columns(point, depth) @ carried
+    rates: FloatArray = columns @ body_rates(tilt)
+    return rates
+
+
+def undo(jacobian: npt.ArrayLike, motion: npt.ArrayLike) -> FloatArray | None:
+    """(2,) rates of pan and tilt that move a point by a (2,) motion; None where none can.
+
+    A head tilted by a quarter turn pans about its own optical axis; a point in the middle of the
+    image can then move in one direction only.
+    """
+    matrix = np.asarray(jacobian, dtype=np.float64)
+    values = np.linalg.svd(matrix, compute_uv=False) if np.isfinite(matrix).all() else np.zeros(2)
+    if not values[1] > _LEAST_SHARE * values[0]:
+        return None
+    return np.asarray(np.linalg.solve(matrix, np.asarray(motion, dtype=np.float64)))
+
+
+def wall_depth(eye: CalibratedCamera, point: npt.ArrayLike, pan: float, tilt: float) -> float:
+    """Depth in metres, along the optical axis, of the wall at a (2,) point; may be infinite.
+
+    Raises
+    ------
+    ParameterError
+        If the lens is not inside the pipe at this pan and tilt.
+    """
+    pose = eye.mount.pose(pan, tilt)
+    x, y = np.asarray(point, dtype=np.float64)
+    return float(meet_wall(pose.position, pose.rotation @ np.array([x, y, 1.0]), eye.radius)[2])

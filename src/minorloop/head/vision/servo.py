@@ -1,0 +1,255 @@
+"""Turn the head until a point of the wall is where it is wanted in the image.
+
+A servo is frozen configuration; what it remembers is a state that goes in and comes out::
+
+    servo = Servo(eye, cone=Cone(half=np.deg2rad(30)))
+    state = servo.begin(angles)
+    while ...:
+        step, state = servo.step(state, pixel, angles)
+        head.aim(step.angles)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.jacobian import pan_tilt_jacobian, undo, wall_depth
+
+TURNING, AT_CONE, AT_RATE, NO_TARGET, SINGULAR = (
+    "turning",
+    "at the cone",
+    "at the rate limit",
+    "no target",
+    "singular",
+)
+"""Verdicts of a step."""
+
+
+@dataclass(frozen=True)
+class Cone:
+    """Where the head may look: within ``half`` of the direction (pan, tilt), in radians.
+
+    Raises
+    ------
+    ParameterError
+        If the half angle is not between 0 and a half turn.
+    """
+
+    half: float = math.radians(30)
+    pan: float = 0.0
+    tilt: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < as_finite("half angle of the cone", self.half) <= math.pi:
+            raise ParameterError(f"a cone of {self.half} rad; give a half angle in (0, pi]")
+
+    def clip(self, angles: npt.ArrayLike) -> FloatArray:
+        """The (2,) angles themselves, or those on the cone in the same direction."""
+        middle = np.array([self.pan, self.tilt])
+        off = np.asarray(angles, dtype=np.float64) - middle
+        reach = float(np.hypot(*off))
+        return np.asarray(middle + off * min(1.0, self.half / max(reach, 1e-12)))
+
+
+@dataclass(frozen=True, eq=False)
+class ServoState:
+    """What a servo remembers.
+
+    Parameters
+    ----------
+    angles : (2,) array
+        Pan and tilt asked for last, in radians.
+    integral : (2,) array
+        Integral of the error as an angle, in radian seconds.
+    """
+
+    angles: FloatArray
+    integral: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ServoStep:
+    """What to ask of the head.
+
+    Parameters
+    ----------
+    angles : (2,) array
+        Pan and tilt to go to, in radians.
+    rates : (2,) array
+        How fast that changes, in radians per second.
+    error : float
+        How far the point is from where it is wanted, in pixels; NaN without a point.
+    verdict : str
+        ``turning``, ``at the cone``, ``at the rate limit``, ``no target`` or ``singular``.
+    """
+
+    angles: FloatArray
+    rates: FloatArray
+    error: float
+    verdict: str
+
+
+@dataclass(frozen=True, eq=False)
+class Servo:
+    """The law: rates = -gain e - integral_gain (integral of e dt), e = J^-1 (s - wanted).
+
+    Parameters
+    ----------
+    eye : CalibratedCamera
+        The camera; it gives the depth of the wall and the lever of the lens.
+    gain : float
+        Rate at which the error decays, in 1/s.
+    integral_gain : float
+        In 1/s^2. The integral stands still while a limit holds the head back.
+    interval : float
+        Time between steps, in seconds.
+    delay : float
+        From a change of the wanted angles to its effect in the image, in seconds. A gain that is
+        too high for it is refused.
+    cone : Cone
+        Where the head may look.
+    rate_limit : float
+        Fastest change of the wanted direction, in radians per second.
+    lead : float
+        Furthest that the wanted angles may be ahead of the measured ones, in radians; it keeps
+        them from running away from a head that is slow.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range, or gain times delay is not below 0.5.
+
+    Notes
+    -----
+    e is the pseudo-angle that the head is off; the law is that of Chaumette and Hutchinson,
+    Visual servo control I, 2006, equation (5), with an integral term. The sign of the integral
+    is that of the proportional term; the other sign drives the point away.
+    """
+
+    eye: CalibratedCamera
+    gain: float = 0.5
+    integral_gain: float = 0.0
+    interval: float = 0.04
+    delay: float = 0.0
+    cone: Cone = Cone()
+    rate_limit: float = math.radians(20)
+    lead: float = math.inf
+    soft: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "interval", "rate_limit", "lead"):
+            if not getattr(self, name) > 0:
+                raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give > 0")
+        for name in ("integral_gain", "delay", "soft"):
+            if not as_finite(name, getattr(self, name)) >= 0:
+                raise ParameterError(f"{name} of the servo is {getattr(self, name)}; give >= 0")
+        if not self.gain * (self.delay + self.interval) < 0.5:
+            raise ParameterError(
+                f"gain {self.gain} 1/s times a delay of {self.delay + self.interval:g} s is not "
+                "below 0.5 and the loop would ring; lower the gain"
+            )
+
+    def begin(self, angles: npt.ArrayLike) -> ServoState:
+        """State of a servo that takes over at (2,) angles in radians, without a jump.
+
+        Raises
+        ------
+        ParameterError
+            If they are no pair of finite numbers.
+        """
+        start = _pair(angles)
+        if not np.isfinite(start).all():
+            raise ParameterError(
+                f"a servo cannot begin at {angles!r}; give pan and tilt, two finite numbers in rad"
+            )
+        return ServoState(self.cone.clip(start), np.zeros(2))
+
+    def step(
+        self,
+        state: ServoState,
+        pixel: npt.ArrayLike | None,
+        angles: npt.ArrayLike | None = None,
+        *,
+        wanted: npt.ArrayLike = (0.0, 0.0),
+    ) -> tuple[ServoStep, ServoState]:
+        """Where to turn next; nothing is raised for a point that is lost.
+
+        Parameters
+        ----------
+        state : ServoState
+        pixel : (2,) array_like, optional
+            Where the point is in the image; None, NaN or what is no pair while it is lost.
+        angles : (2,) array_like, optional
+            Pan and tilt as measured, in radians; without them, those asked for last are taken.
+        wanted : (2,) array_like
+            Where the point should be, in normalised coordinates; what is no pair of numbers is
+            no target.
+        """
+        seen, goal = _pair(pixel), _pair(wanted)
+        measured = _pair(angles)
+        believed = np.where(np.isfinite(measured), measured, state.angles)
+        if not (np.isfinite(seen).all() and np.isfinite(goal).all()):
+            return ServoStep(state.angles, np.zeros(2), math.nan, NO_TARGET), state
+        point = self.eye.lens.normalised(seen)
+        off = point - goal
+        pixels = float(self.eye.lens.focal * np.hypot(*off))
+        error = self.as_angles(point, off, believed)
+        if error is None:
+            return ServoStep(state.angles, np.zeros(2), pixels, SINGULAR), state
+        return self._turn(state, error, believed if angles is not None else None, pixels)
+
+    def as_angles(
+        self, point: FloatArray, off: FloatArray, angles: FloatArray
+    ) -> FloatArray | None:
+        """The error as pan and tilt."""
+        pan, tilt = float(angles[0]), float(angles[1])
+        try:
+            depth = wall_depth(self.eye, point, pan, tilt)
+        except ParameterError:
+            return None
+        lever = self.eye.mount.lever
+        return undo(pan_tilt_jacobian(point, tilt, lever=lever, depth=depth), off)
+
+    def _turn(
+        self, state: ServoState, error: FloatArray, measured: FloatArray | None, pixels: float
+    ) -> tuple[ServoStep, ServoState]:
+        integral = state.integral + self.interval * error
+        gain = self.gain * (min(pixels / self.soft, 1.0) if self.soft > 0 else 1.0)
+        rates = -gain * error - self.integral_gain * integral
+        aimed, verdict = state.angles + self.interval * rates, TURNING
+        if measured is not None and math.isfinite(self.lead):
+            near = measured + _shortened(aimed - measured, self.lead)
+            verdict = AT_RATE if (near != aimed).any() else verdict
+            aimed = near
+        inside = self.cone.clip(aimed)
+        if np.abs(inside - aimed).max() > 1e-12:
+            verdict = AT_CONE
+        # The cone is convex: a shorter step from inside stays inside.
+        move = _shortened(inside - state.angles, self.rate_limit * self.interval)
+        if verdict == TURNING and (move != inside - state.angles).any():
+            verdict = AT_RATE
+        step = ServoStep(state.angles + move, move / self.interval, pixels, verdict)
+        after = replace(state, angles=step.angles)
+        return step, replace(after, integral=integral) if verdict == TURNING else after
+
+
+def _pair(values: npt.ArrayLike | None) -> FloatArray:
+    """Two numbers, NaN where something else was given."""
+    try:
+        pair = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.full(2, np.nan)
+    return pair if pair.shape == (2,) else np.full(2, np.nan)
+
+
+def _shortened(vector: FloatArray, most: float) -> FloatArray:
+    """The vector, or one of length ``most`` in its direction."""
+    length = float(np.hypot(*vector))
+    return vector if length <= most else np.asarray(vector * (most / length))

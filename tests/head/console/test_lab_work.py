@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import MinorloopError, ParameterError, RecordError
+from minorloop.head.console import lab_work
+from minorloop.lab import columns
+from minorloop.operators.memory import Memory
+from minorloop.operators.preisach import Preisach
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A user's folder with a record of a known model; the test comes back from it."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(2)
+    u = np.concatenate([[0, 1], rng.uniform(0, 1, 300)])
+    model = Preisach(np.linspace(0, 1, 6), np.tril(rng.uniform(size=(5, 5))))
+    table = np.column_stack([u, model.simulate(u)])
+    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
+    return str(tmp_path)
+
+
+def result(folder, **options):
+    told = list(lab_work.identify_file(folder, "run.csv", "u", "y", lag=0, **options))
+    return next(each["result"] for each in told if "result" in each)
+
+
+def test_columns_are_described_with_few_points(folder):
+    (told,) = lab_work.look(folder, "run.csv")
+    assert [column["unit"] for column in told["columns"]] == ["V", "um"]
+    assert all(len(column["course"]) <= 400 for column in told["columns"])
+
+
+def test_a_column_of_words_is_set_aside(folder, tmp_path):
+    (tmp_path / "words.csv").write_text("who,u,y\nme,1,2\nyou,2,3\n")
+    (told,) = lab_work.look(folder, "words.csv")
+    assert "every cell must be a number" in told["columns"][0]["trouble"]
+    assert "trouble" not in told["columns"][1]
+
+
+def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path, monkeypatch):
+    opened = []
+    table = columns._table
+    monkeypatch.setattr(columns, "_table", lambda path: opened.append(path) or table(path))
+    names = [f"c{k}" for k in range(100)]
+    lines = [",".join(names), *(",".join(["1", "2"] * 50) for _ in range(3))]
+    (tmp_path / "wide.csv").write_text("\n".join(lines))
+    (told,) = lab_work.look(folder, "wide.csv")
+    assert len(told["columns"]) == 100
+    assert len(opened) <= 2
+    (tmp_path / "wider.csv").write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
+    with pytest.raises(RecordError, match=r"3000 columns; give at most 100"):
+        list(lab_work.look(folder, "wider.csv"))
+
+
+def test_what_is_shown_is_the_model(folder):
+    found = result(folder, levels=5)
+    assert found["scores"]["fit"] < 1e-6
+    assert [len(row) for row in found["weights"]] == [1, 2, 3, 4, 5]
+    assert found["held"] is None
+
+
+def test_memory_goes_in_and_out(folder):
+    result(folder, levels=5)
+    memory, inputs = None, [0.9, 0.2, 0.6, 0.95]
+    for u in inputs:
+        (told,) = lab_work.move(folder, memory, u)
+        memory = told["memory"]
+    assert memory == list(Memory.after(inputs, low=0.0, high=1.0).extrema)
+
+
+def test_what_cannot_be_is_refused(folder, tmp_path):
+    for levels in (0, 101, "many"):
+        with pytest.raises(ParameterError, match="levels"):
+            result(folder, levels=levels)
+    with pytest.raises(ParameterError, match="targets"):
+        list(lab_work.invert(folder, [], "negative"))
+    with pytest.raises(ParameterError, match="no model yet"):
+        list(lab_work.invert(str(tmp_path / "other"), [1.0], "negative"))
+    (tmp_path / "one.csv").write_text("u\n1\n2\n")
+    with pytest.raises(RecordError, match="one column"):
+        list(lab_work.look(folder, "one.csv"))
+    result(folder, levels=5)
+    with pytest.raises(MinorloopError):
+        list(lab_work.move(folder, [1.0, 0.0, 5.0], 0.5))
+
+
+def test_few_outputs_of_many_rows_are_said_and_bounded(folder, tmp_path, monkeypatch):
+    rng = np.random.default_rng(3)
+    u = np.concatenate([[0.0, 1.0], rng.uniform(0, 1, 118)])
+    lines = [f"{x:.4f},{x**2:.4f}" if k % 8 < 1 else f"{x:.4f}," for k, x in enumerate(u)]
+    (tmp_path / "run.csv").write_text("u,y\n" + "\n".join(lines) + "\n")
+    monkeypatch.setattr(lab_work, "_MOST_SPARSE_CELLS", 10)
+    options = {"input": "u", "output": "y", "lag": 0, "holdout": 0.0}
+    few, many = (
+        list(lab_work.identify_file(folder, "run.csv", levels=levels, **options))
+        for levels in (4, 6)
+    )
+    assert "10 cells to 15 of 120 rows: so few take a while" in few[1]["stage"]
+    advice = next(each["result"]["advice"] for each in many if "result" in each)
+    assert advice[0].startswith("only 15 of 120 rows were measured")
+
+
+def test_warnings_go_with_the_model_and_its_inverse(folder, tmp_path):
+    found = result(folder, levels=5)
+    assert found["warnings"] == []
+    (told,) = lab_work.invert(folder, [0.5], "negative")
+    assert told["warnings"] == []
+    table = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)
+    table[100:160, 1] = table[100, 1]
+    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
+    found = result(folder, levels=5)
+    assert "the output is stuck" in found["warnings"][0]
+    assert found["advice"][0] == found["warnings"][0]
+    (told,) = lab_work.invert(folder, [0.5], "negative")
+    assert told["warnings"] == found["warnings"]

@@ -1,0 +1,128 @@
+"""The real control loop and plant under a supervisor; camera and server are stand-ins."""
+
+import json
+import multiprocessing
+import os
+import signal
+import time
+
+import msgspec
+import numpy as np
+import pytest
+
+from minorloop.head.console import camera_process, loop, messages, watchdog
+from minorloop.head.console.camera_protocol import CameraReport
+from minorloop.head.console.channel import NewestPipe
+from minorloop.head.console.plant import PlantView
+from minorloop.head.console.processes import PIPES
+from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.supervisor import Part, Supervisor
+from minorloop.head.geometry import Pinhole
+
+AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
+
+
+class Blank:
+    """Eyes that see nothing, but at once."""
+
+    image, jobs = None, ()
+
+    def tick(self, look):
+        return CameraReport(number=look.number)
+
+
+def see(post):
+    server, asked = NewestPipe(), NewestPipe()
+    over = post.begin(server=server, loop=asked)
+    small = PlantView(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+    camera_process._serve(Blank(), small.told(), asked, server, post, over)
+
+
+def relay(post, test):
+    """Stand between the loop and the test."""
+    asked = NewestPipe()
+    over = post.begin(loop=asked, camera=NewestPipe())
+    pipe = None
+    while not over.is_set():
+        post.beat()
+        pipe = asked.next(pipe, 0.0) or pipe
+        for source in multiprocessing.connection.wait([test, *([pipe] if pipe else [])], 0.05):
+            try:
+                content = source.recv_bytes()
+            except (EOFError, OSError):
+                pipe = asked.next(pipe, 0.05)
+                continue
+            asked.send(content) if source is test else test.send_bytes(content)
+
+
+class Console:
+    """All of it, and a pilot."""
+
+    def __init__(self, folder):
+        self.pipe, theirs = multiprocessing.get_context("spawn").Pipe()
+        settings = LoopSettings(folder=str(folder), timeout=5.0)
+        self.supervisor = Supervisor(
+            [
+                Part(name="plant", target=watchdog.run, args=(settings,)),
+                Part(name="loop", target=loop.run, args=(settings,)),
+                Part(name="camera", target=see),
+                Part(name="server", target=relay, args=(theirs,)),
+            ],
+            PIPES,
+        )
+        self.supervisor.start()
+        self.seq = 0
+
+    def order(self, kind, **content):
+        self.seq += 1
+        order = kind(seq=self.seq, t=0.0, grant=1, **content)
+        self.pipe.send_bytes(msgspec.msgpack.encode(order))
+
+    def until(self, holds):
+        """The next state for which something holds, while the processes are looked after."""
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline:
+            if not self.pipe.poll():
+                self.supervisor.look_after()
+                continue
+            told = json.loads(self.pipe.recv_bytes())
+            if told["type"] == "state" and holds(told):
+                return told
+        raise AssertionError("it never came to that")
+
+    def steer(self):
+        """Press HEAD until it is on."""
+
+        def steering(told):
+            self.order(messages.Drive, **AHEAD)
+            self.order(messages.Mode, mode="HEAD")
+            return told["mode"] == "HEAD"
+
+        self.until(steering)
+
+    def fault(self, name, how):
+        os.kill(self.supervisor.pid(name), how)
+        return time.monotonic()
+
+
+@pytest.fixture
+def console(tmp_path):
+    found = Console(tmp_path)
+    yield found
+    found.supervisor.end()
+
+
+def test_what_ends_or_stands_still_is_held_or_made_safe_and_the_pilot_goes_on(console):
+    console.steer()
+    console.fault("camera", signal.SIGSTOP)
+    assert "no picture" in console.until(lambda told: told["mode"] == "HOLD")["reason"]
+    console.steer()
+    began = console.fault("loop", signal.SIGKILL)
+    first = console.until(lambda told: told["safe_at"] > began)
+    assert first["mode"] == "HOLD"
+    assert "loop ended, and the head was made safe" in first["reason"]
+    console.steer()
+    began = console.fault("plant", signal.SIGKILL)
+    assert "plant" in console.until(lambda told: told["mode"] == "HOLD")["reason"]
+    assert "anew" in console.until(lambda told: told["safe_at"] > began)["reason"]
+    console.steer()

@@ -1,0 +1,317 @@
+import json
+import pickle
+import time
+from dataclasses import replace
+
+import pytest
+from starlette.websockets import WebSocketDisconnect
+
+from minorloop.head.console import messages
+from minorloop.head.console.auth import Authentication
+from minorloop.head.console.clients import SILENCE
+from minorloop.head.console.loop import LoopSettings
+from minorloop.head.console.recording import PICTURE, TEXT, Recorder
+from minorloop.head.console.reports import camera_finding, sounded
+from minorloop.head.console.server import Console
+from seats import SilentLoop, TestClient
+
+BASE = "http://127.0.0.1:8765"
+ORIGIN = {"origin": BASE}
+ADMITTED = "127.0.0.1"
+
+
+class Served:
+    """A server without a control loop, and a browser that came with the key."""
+
+    def __init__(self, folder):
+        self.doors = Authentication(ADMITTED)
+        settings = LoopSettings(folder=str(folder))
+        console = Console(doors=self.doors, loop=settings, link=self.linked, workers=0)
+        self.client = TestClient(console.app(), base_url=BASE)
+        self.folder = folder
+
+    def linked(self, *options):
+        self.link = SilentLoop(*options)
+        return self.link
+
+    def page(self, headers=ORIGIN, path="/ws"):
+        return self.client.websocket_connect(BASE.replace("http", "ws") + path, headers=headers)
+
+
+@pytest.fixture
+def served(tmp_path):
+    found = Served(tmp_path / "sessions")
+    with found.client:
+        found.client.get("/", params={"key": found.doors.key}, follow_redirects=False)
+        yield found
+
+
+class Page:
+    """What a page keeps of a connection."""
+
+    def __init__(self, socket):
+        self.socket, self.seq, self.grant = socket, 0, 0
+
+    def send(self, kind, **content):
+        self.seq += 1
+        self.socket.send_text(
+            json.dumps({"type": kind, "seq": self.seq, "t": float(self.seq), **content})
+        )
+
+    def until(self, kind):
+        while True:
+            message = self.socket.receive()
+            if message["type"] == "websocket.close":
+                raise WebSocketDisconnect(message["code"], message["reason"])
+            if message.get("text"):
+                told = json.loads(message["text"])
+                if told["type"] == kind:
+                    return told
+
+    def take(self):
+        self.send("take")
+        while not (seats := self.until("seats"))["grant"]:
+            pass
+        self.grant = seats["grant"]
+        return self
+
+    def refusal(self):
+        with pytest.raises(WebSocketDisconnect) as caught:
+            self.until("nothing that is ever said")
+        return caught.value.reason
+
+
+DRIVE = {"pose": [0, 0, 0, 1], "age": 0, "stick": [0, 0], "clutch": False}
+
+
+def test_the_key_opens_and_is_taken_out_of_the_address(served):
+    stranger = TestClient(served.client.app, base_url=BASE)
+    assert stranger.get("/").status_code == 403
+    assert stranger.get("/", params={"key": "wrong"}).status_code == 403
+    answer = stranger.get("/", params={"key": served.doors.key}, follow_redirects=False)
+    assert answer.status_code == 303
+    assert answer.headers["location"] == "/"
+    cookie = answer.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "samesite=lax" in cookie.lower()
+    assert served.doors.key not in cookie
+    assert stranger.get("/api/recordings").status_code == 200
+
+
+def test_other_names_are_not_served(served):
+    assert served.client.get("/", headers={"host": "evil.example"}).status_code == 421
+
+
+def test_other_pages_may_not_post(served):
+    for origin in ({}, {"origin": "http://evil.example"}, {"origin": "null"}):
+        assert served.client.post("/api/lab", content=b"", headers=origin).status_code == 403
+
+
+def test_every_answer_forbids_foreign_scripts(served):
+    for path in ("/", "/nothing", "/api/recordings"):
+        headers = served.client.get(path).headers
+        policy = [each.split() for each in headers["content-security-policy"].split(";")]
+        told = {name: sources for name, *sources in policy}
+        assert told["default-src"] == told["form-action"] == ["'self'"]
+        assert told["frame-ancestors"] == told["base-uri"] == told["object-src"] == ["'none'"]
+        assert told["connect-src"] == ["'self'", "ws://127.0.0.1:8765", "wss://127.0.0.1:8765"]
+        assert headers["cross-origin-resource-policy"] == "same-origin"
+
+
+def test_a_key_leads_to_no_other_host(served):
+    path = f"{BASE}//evil.example/?key={served.doors.key}"
+    answer = served.client.get(path, follow_redirects=False)
+    assert answer.headers["location"] == "/evil.example/"
+
+
+def test_a_proxy_that_talks_https_gets_a_secure_cookie(served):
+    for proxied, secure in (({}, False), ({"x-forwarded-proto": "https"}, True)):
+        options = {"params": {"key": served.doors.key}, "headers": proxied}
+        answer = served.client.get("/", follow_redirects=False, **options)
+        assert ("secure" in answer.headers["set-cookie"].lower()) is secure
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        f"/api/findings/{'9' * 5000}.ply",
+        "/api/findings/%00.ply",
+        "/%00",
+        "/" + "x" * 5000,
+        "/assets/" + "ä" * 2000,
+        f"/api/lab/{'x' * 5000}/model.json",
+    ],
+)
+def test_an_odd_or_long_name_is_not_found(served, path):
+    assert served.client.get(path).status_code == 404
+
+
+@pytest.mark.parametrize("origin", [{}, {"origin": "http://evil.example"}, {"origin": "null"}])
+def test_a_connection_from_elsewhere_is_closed_with_a_reason(served, origin):
+    with served.page(headers=origin) as socket:
+        assert "another page" in Page(socket).refusal()
+    assert served.link.orders == []
+
+
+def test_a_connection_without_the_key_is_closed_with_a_reason(served):
+    served.client.cookies.clear()
+    with served.page() as socket:
+        assert "key" in Page(socket).refusal()
+
+
+def test_a_pilot_steers(served):
+    with served.page() as socket:
+        page = Page(socket).take()
+        page.send("drive", grant=page.grant, **DRIVE)
+        page.send("mode", grant=page.grant, mode="HEAD")
+        page.send("release", grant=page.grant)
+        while page.until("seats")["pilot"]:
+            pass
+    kinds = [type(order).__name__ for order in served.link.orders]
+    assert kinds == ["Taken", "Drive", "Mode", "Release"]
+
+
+def test_a_pilot_who_goes_away_is_released(served):
+    with served.page() as socket:
+        Page(socket).take()
+    assert [type(order) for order in served.link.orders] == [messages.Taken, messages.Release]
+
+
+def test_watchers_see_and_may_not_steer(served):
+    with served.page() as one, served.page() as other:
+        pilot, watcher = Page(one).take(), Page(other)
+        served.client.portal.call(served.link.said, messages.encode("state", seq=1))
+        assert watcher.until("state")["seq"] == 1
+        assert pilot.until("state")["seq"] == 1
+        watcher.send("take")
+        assert "has the controls" in watcher.until("notice")["text"]
+        watcher.send("drive", grant=pilot.grant, **DRIVE)
+        assert "only the pilot steers" in watcher.refusal()
+    assert all(not isinstance(order, messages.Drive) for order in served.link.orders)
+
+
+HOSTILE = [
+    "",
+    "null",
+    "[" * 1500,
+    "x" * 5000,
+    '{"type":"drive"}',
+    json.dumps({"type": "take", "seq": -1, "t": 0}),
+    '{"type":"ping","seq":1,"t":NaN}',
+    json.dumps({"type": "drive", "seq": 1, "t": 0, "grant": 1, **DRIVE}),
+    json.dumps({"type": "mode", "seq": 1, "t": 0, "grant": 0, "mode": "HEAD"}),
+    json.dumps({"type": "sounded", "finding": 1, "told": {}}),
+    json.dumps({"type": "scan", "seq": 1, "t": 0, "grant": 1}),
+    json.dumps({"type": "record", "seq": 1, "t": 0, "grant": 9, "on": True}),
+    b"\x00\xff",
+    b"{}",
+]
+
+
+@pytest.mark.parametrize("content", HOSTILE)
+def test_a_hostile_message_ends_its_connection_with_a_reason(served, content):
+    with served.page() as socket:
+        if isinstance(content, bytes):
+            socket.send_bytes(content)
+        else:
+            socket.send_text(content)
+        assert Page(socket).refusal()
+    assert served.link.orders == []
+
+
+def test_numbers_that_do_not_rise_end_the_connection(served):
+    with served.page() as socket:
+        page = Page(socket).take()
+        page.seq = 0
+        page.send("drive", grant=page.grant, **DRIVE)
+        assert "must rise" in page.refusal()
+    assert [type(order) for order in served.link.orders] == [messages.Taken, messages.Release]
+
+
+def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
+    with served.page() as socket:
+        page = Page(socket).take()
+        began = time.monotonic()
+        monkeypatch.setattr(
+            "minorloop.head.console.server.time.monotonic", lambda: began + SILENCE + 1.0
+        )
+        assert "silent" in page.until("notice")["text"]
+    assert isinstance(served.link.orders[-1], messages.Release)
+
+
+def test_findings_are_exported(served):
+    hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": 1.0}
+    finding = vars(camera_finding(1, 2.0, hole, 10e-3))
+    served.client.portal.call(served.link.said, messages.encode("findings", findings=[finding]))
+    told = served.client.get("/api/findings.json").json()
+    assert told["findings"] == [finding]
+    lines = served.client.get("/api/findings.csv").text.splitlines()
+    row = dict(zip(lines[0].split(","), lines[1].split(","), strict=True))
+    assert (row["verdict"], row["depth [mm]"]) == ("not heard", "")
+    assert float(row["z [mm]"]) == 30.0
+    assert float(row["phi [deg]"]) == pytest.approx(2.865)
+    missing = served.client.get("/api/findings/1.ply")
+    assert missing.status_code == 404
+    assert "measure its depth" in missing.json()["error"]
+    assert served.client.get("/api/map.png").content.startswith(b"\x89PNG")
+
+
+def said(served, kind, content):
+    """Have the loop say something to the server."""
+    served.client.portal.call(
+        served.link.said, content if kind is None else messages.encode(kind, **content)
+    )
+
+
+def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
+    job = bytes([messages.JOB]) + pickle.dumps({"finding": 7})
+    with served.page() as socket:
+        page = Page(socket)
+        said(served, None, job)  # of a finding that nobody knows any more
+        said(served, "findings", {"findings": [{"number": 7}]})
+        said(served, None, job)
+        told = page.until("depth")
+        assert (told["finding"], told["stage"]) == (7, "waiting for others to finish")
+        said(served, "findings", {"findings": []})
+        assert page.until("depth")["stage"] == ""
+    assert served.link.orders == []
+
+
+def test_exported_findings_keep_their_numbers_and_what_echoes_have_not_decided(served):
+    hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": 1.0}
+    kept = camera_finding(3, 2.0, hole, 10e-3)
+    rows = [vars(kept)]
+    for number, verdict in enumerate(("no coupling", "through-hole", "measured", "no pit"), 5):
+        told = {"verdict": verdict, "diameter": None, "depth": None}
+        rows.append(vars(sounded(replace(kept, number=number), told, 10e-3)))
+    said(served, "findings", {"findings": rows})
+    lines = served.client.get("/api/findings.csv").text.splitlines()
+    assert [line.split(",")[:2] for line in lines[1:]] == [
+        ["3", "hole or pit"], ["5", "hole or pit"], ["6", "hole"], ["7", "pit"], ["8", "mark"],
+    ]  # fmt: skip
+
+
+def test_a_recording_is_replayed(served):
+    recorder = Recorder(served.folder, "one")
+    said = messages.encode("state", seq=5)
+    recorder.write(TEXT, 10.0, said)
+    recorder.write(PICTURE, 10.01, b"\x01picture")
+    recorder.close()
+    assert served.client.get("/api/recordings").json() == ["one"]
+    with served.page(path="/ws?replay=one") as socket:
+        assert socket.receive_text() == said.decode()
+        assert socket.receive_bytes() == b"\x01picture"
+        assert json.loads(socket.receive_text())["type"] == "ended"
+
+
+@pytest.mark.parametrize("name", ["none", "../one", "%2e%2e%2fone", "a" * 3000])
+def test_what_is_no_recording_is_not_replayed(served, name):
+    with served.page(path=f"/ws?replay={name}") as socket:
+        assert "no recording" in Page(socket).refusal()
+
+
+def test_pages_that_are_not_built_say_so(served, monkeypatch, tmp_path):
+    monkeypatch.setattr("minorloop.head.console.server.STATIC", tmp_path)
+    answer = served.client.get("/")
+    assert answer.status_code == 503
+    assert "make pages" in answer.text

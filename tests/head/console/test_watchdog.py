@@ -1,0 +1,142 @@
+import multiprocessing
+import socket
+import threading
+from multiprocessing import Pipe
+
+import numpy as np
+import pytest
+
+from minorloop.errors import LimitError
+from minorloop.head.console.channel import NewestPipe
+from minorloop.head.console.supervisor import ProcessHandle
+from minorloop.head.console.watchdog import RemotePlant, WatchedPlant
+
+HELD = np.array([0.3, 0.2, 1.0, 0.0])
+
+
+class Wires:
+    """A plant that keeps what is done to it."""
+
+    tick = 0.04
+
+    def __init__(self):
+        self.done = []
+
+    def exchange(self, u):
+        if u[0] > 1:
+            raise LimitError("0.5 A is the most")
+        self.done.append(tuple(u))
+        return u + 1
+
+    def stance(self):
+        return (1.0, 2.0)
+
+    def safe(self):
+        self.done.append("safe")
+
+
+class Bench:
+    """A plant behind its watchdog, and the loop's side of it."""
+
+    def __init__(self, why="", patience=0.05):
+        self.wires, self.channel, self.over = Wires(), NewestPipe(), threading.Event()
+        self.guarded = WatchedPlant(self.wires, patience, why)
+        self.theirs = NewestPipe()
+        beats = multiprocessing.get_context("spawn").RawArray("d", 1)
+        self._sockets = socket.socketpair()
+        self.post = ProcessHandle("plant", ("plant",), self._sockets[0], beats)
+        given = self.channel, self.post, self.over
+        self._thread = threading.Thread(target=self.guarded.serve, args=given)
+        self._thread.start()
+
+    def loop(self):
+        """Another loop."""
+        ours, theirs = Pipe()
+        self.channel.renew(theirs)
+        self.plant = RemotePlant(NewestPipe(ours), 60.0)
+        assert self.plant.meet(60.0)
+        return ours
+
+    def until_safe(self):
+        deadline = threading.Event()
+        for _ in range(6000):
+            if self.wires.done[-1] == "safe":
+                return
+            deadline.wait(0.01)
+        raise AssertionError("it was never made safe")
+
+    def end(self):
+        self.over.set()
+        self._thread.join()
+        for each in self._sockets:
+            each.close()
+
+
+@pytest.fixture
+def bench():
+    found = Bench()
+    yield found
+    found.end()
+
+
+def test_commands_go_to_the_plant_and_readings_come_back(bench):
+    bench.loop()
+    np.testing.assert_array_equal(bench.plant.exchange(HELD), HELD + 1)
+    assert bench.wires.done == ["safe", tuple(HELD)]
+    assert (bench.plant.tick, bench.plant.stance()) == (0.04, (1.0, 2.0))
+    assert bench.post.beats[0] > 0
+
+
+def test_silence_makes_it_safe_until_the_loop_has_taken_notice(bench):
+    bench.loop()
+    bench.plant.exchange(HELD)
+    bench.until_safe()
+    assert not bench.plant.made_safe  # it has not heard of it yet
+    bench.plant.exchange(HELD)
+    assert bench.wires.done[-1] == "safe"
+    assert bench.plant.made_safe
+    assert "no command" in bench.plant.answer.why
+    bench.plant.accept()
+    bench.plant.exchange(HELD)
+    assert tuple(HELD) in bench.wires.done[3:]
+
+
+def test_the_end_of_a_loop_makes_it_safe_at_once_and_the_next_loop_knows():
+    bench = Bench(patience=600.0)
+    pipe = bench.loop()
+    bench.plant.exchange(HELD)
+    pipe.close()
+    bench.until_safe()
+    bench.loop()
+    assert bench.plant.made_safe
+    assert "ended" in bench.plant.answer.why
+    bench.plant.exchange(HELD)
+    assert bench.wires.done == ["safe", tuple(HELD), "safe"]
+    bench.plant.safe()
+    bench.end()
+
+
+def test_a_command_that_cannot_be_carried_out_makes_it_safe(bench):
+    bench.loop()
+    bench.plant.exchange(HELD)
+    assert np.isnan(bench.plant.exchange(10 * HELD)).all()
+    assert "0.5 A is the most" in bench.plant.answer.why
+    assert "safe" in bench.wires.done[2:]
+
+
+def test_a_plant_that_was_started_anew_is_made_safe_and_says_so():
+    bench = Bench("its process was started anew")
+    bench.loop()
+    assert bench.plant.made_safe
+    bench.end()
+
+
+def test_a_plant_that_does_not_answer_costs_one_wait_and_reads_nothing():
+    ours, theirs = Pipe()
+    plant = RemotePlant(NewestPipe(ours), 0.01)
+    for _ in range(100):
+        assert np.isnan(plant.exchange(HELD)).all()
+        assert not plant.there
+    assert not theirs.poll()  # nothing was sent before its first word
+    theirs.close()
+    assert np.isnan(plant.exchange(HELD)).all()

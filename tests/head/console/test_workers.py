@@ -1,0 +1,118 @@
+import asyncio
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from minorloop.head.console import workers
+
+
+def told(task, *, longest=60.0, times=1, **options):
+    """What tasks tell, one after the other, on one worker."""
+
+    async def ask():
+        pool = workers.Workers(1, longest=longest)
+        await pool.start()
+        try:
+            return [[each async for each in pool.run(task, **options)] for _ in range(times)]
+        finally:
+            await pool.stop()
+
+    return asyncio.run(ask())
+
+
+def test_refusals_are_sentences_and_the_worker_goes_on(tmp_path):
+    for (answer,) in told("move", times=2, folder=str(tmp_path), memory=None, u=0.5):
+        assert "no model yet" in answer["error"]
+
+
+def test_a_file_that_is_not_there_is_a_refusal(tmp_path):
+    ((answer,),) = told("look", folder=str(tmp_path), name="none.csv")
+    assert "none.csv" in answer["error"]
+
+
+def test_what_a_process_takes_to_begin_is_not_what_a_task_takes(tmp_path):
+    ((answer,),) = told("look", longest=0.5, folder=str(tmp_path), name="none.csv")
+    assert "none.csv" in answer["error"]
+
+
+def test_what_takes_too_long_is_ended_and_the_next_is_served(tmp_path):
+    first, second = told("move", times=2, longest=1e-6, folder=str(tmp_path), memory=None, u=0.5)
+    assert "took over" in first[-1]["error"]
+    assert "took over" in second[-1]["error"]
+
+
+async def asked_twice(folder, signum, *, at_work):
+    """What two tasks tell whose worker is hit by a signal, and how that worker ended."""
+    pool = workers.Workers(1)
+    await pool.start()
+    try:
+        (worker,) = pool._all
+        if not at_work:
+            await worker.begun()
+        ask = {"task": "move", "folder": str(folder), "memory": None, "u": 0.5}
+        first = asyncio.create_task(pool.ask(**ask))
+        if at_work:  # it waits for the worker to begin
+            await asyncio.sleep(0)
+        os.kill(worker._process.pid, signum)
+        if not at_work:  # until the signal has done its work
+            os.waitid(os.P_PID, worker._process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
+        answers = await first, await pool.ask(**ask)
+        worker._process.join()
+        return *answers, worker._process.exitcode
+    finally:
+        await pool.stop()
+
+
+@pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_worker_that_dies_or_is_stopped_at_work_is_said_and_replaced(tmp_path, signum):
+    first, second, status = asyncio.run(asked_twice(tmp_path, signum, at_work=True))
+    assert "ended unexpectedly" in first["error"]
+    assert "no model yet" in second["error"]
+    assert status == -signal.SIGKILL
+
+
+@pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_worker_that_died_or_was_stopped_at_rest_is_replaced_before_the_task(tmp_path, signum):
+    first, second, status = asyncio.run(asked_twice(tmp_path, signum, at_work=False))
+    assert "no model yet" in first["error"]
+    assert "no model yet" in second["error"]
+    assert status == -signal.SIGKILL
+
+
+def serving(pids):
+    """Start a worker, say which, and be killed; for a process of its own."""
+
+    async def serve():
+        pool = workers.Workers(1)
+        await pool.start()
+        (worker,) = pool._all
+        await worker.begun()
+        pids.send(worker._process.pid)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    asyncio.run(serve())
+
+
+def runs(pid):
+    """Whether there is a process that is more than an entry that nobody has fetched."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+
+
+def test_a_worker_ends_with_a_server_that_was_killed():
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    server = context.Process(target=serving, args=(theirs,))
+    server.start()
+    worker = ours.recv()
+    server.join()
+    deadline = time.monotonic() + 60
+    while runs(worker):
+        assert time.monotonic() < deadline

@@ -1,0 +1,229 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.head.control.guard import MOST_ALIKE, MOST_EVENTS, Guard
+from minorloop.head.control.head import CONTROLLERS, controller
+from minorloop.head.control.limits import WireLimits
+from minorloop.head.control.observer import PowerObserver
+from minorloop.head.control.sensing import SensorWatch
+from wires import made_up
+
+NAMES = pytest.mark.parametrize("name", CONTROLLERS)
+readings = st.one_of(
+    st.floats(-60, 140),
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.just(math.nan),
+    st.just(20.0),
+)
+references = st.one_of(st.floats(-100, 200), st.floats(allow_nan=True, allow_infinity=True))
+gaps = st.sampled_from([0.04, 0.04, 0.04, 0.0, -1.0, 3.0, math.nan, math.inf])
+
+
+def guarded(name="observer", **options):
+    wire = made_up()
+    options = {"observer": PowerObserver(wire=wire), **options}
+    return Guard(controller=controller(name, wire), **options)
+
+
+def causes(state):
+    return [event.cause for event in state.log]
+
+
+def loop(guard, reference, seconds, *, spoil=lambda t, y: y, state=None, plant=None, noise=0.05):
+    """Run a guard on its own model; gives currents, state and plant."""
+    wire, rng = guard.observer.wire, np.random.default_rng(1)
+    state = guard.begin() if state is None else state
+    plant = wire.begin() if plant is None else plant
+    currents = []
+    for k in range(round(seconds / 0.04)):
+        reading = spoil(0.04 * k, plant.angle + noise * rng.normal())
+        current, state = guard.step(state, reference, reading)
+        plant = wire.step(plant, current**2, 0.04)
+        currents.append(current)
+    return np.array(currents), state, plant
+
+
+@NAMES
+@given(
+    ticks=st.lists(st.tuples(readings, references, gaps), min_size=1, max_size=50),
+    hottest=st.sampled_from([150.0, 90.0, 40.0]),
+)
+@settings(max_examples=25)
+def test_whatever_is_read_and_asked_for_the_limits_are_kept(name, ticks, hottest):
+    guard = guarded(name, limits=WireLimits(hottest=hottest))
+    state, t = guard.begin(), 0.0
+    for reading, reference, gap in ticks:
+        t += gap if math.isfinite(gap) else 0.0
+        stamp = t if math.isfinite(gap) else gap
+        before = guard.temperature(state)
+        current, state = guard.step(state, reference, reading, t=stamp)
+        assert 0.0 <= current <= 0.4
+        # One more interval under this current does not lead beyond the limit.
+        after = guard.step(state, reference, math.nan)[1]
+        assert guard.temperature(after) <= max(hottest, before, guard.temperature(state)) + 1e-6
+        assert len(state.log) <= MOST_EVENTS
+
+
+@NAMES
+def test_a_long_heating_stops_short_of_the_limit(name):
+    guard = guarded(name, limits=WireLimits(hottest=80.0))
+    _, state, _ = loop(guard, 55.0, 30.0)
+    assert guard.temperature(state) <= 80.0 + 1e-9
+    if name != "feedforward":
+        assert "hot" in causes(state)
+
+
+@NAMES
+@pytest.mark.parametrize(("fault", "lasts"), [("lost", 0.2), ("stuck", 0.6)])
+def test_a_sensor_at_fault_ends_in_cooling(name, fault, lasts):
+    guard, last = guarded(name), [0.0]
+
+    def spoil(t, y):
+        if t < 4.0:
+            last[0] = y
+            return y
+        return math.nan if fault == "lost" else last[0]
+
+    currents, state, plant = loop(guard, 40.0, 12.0, spoil=spoil)
+    assert state.fault == fault
+    assert (currents[round((4.0 + lasts + 0.08) / 0.04) :] == 0.0).all()
+    assert plant.power < 0.03
+    assert causes(state).count("sensor") == 1
+
+
+def test_a_sensor_that_comes_back_is_believed_after_a_second():
+    guard = guarded()
+    _, state, plant = loop(guard, 40.0, 40.0, spoil=lambda t, y: math.nan if 8.0 < t < 10.0 else y)
+    assert causes(state)[-1] != "sensor"
+    assert "sensor back" in causes(state)
+    assert plant.angle == pytest.approx(40.0, abs=0.5)
+
+
+def test_a_target_that_is_no_number_leaves_the_last_one():
+    guard = guarded()
+    _, state, plant = loop(guard, 30.0, 20.0)
+    _, state, plant = loop(guard, math.nan, 5.0, state=state, plant=plant)
+    assert state.reference == 30.0
+    assert plant.angle == pytest.approx(30.0, abs=0.5)
+    assert causes(state).count("reference") == 1
+
+
+@pytest.mark.parametrize("nonsense", [None, "up", [1.0], math.inf])
+def test_nonsense_for_a_target_or_a_reading_raises_nothing(nonsense):
+    guard = guarded()
+    current, state = guard.step(guard.begin(), nonsense, nonsense)
+    assert current == 0.0
+    assert "reference" in causes(state)
+
+
+def test_a_clock_that_goes_backwards_is_noted_and_its_reading_left_out():
+    guard = guarded()
+    _, state = guard.step(guard.begin(), 20.0, 0.01, t=1.0)
+    _, state = guard.step(state, 20.0, 50.0, t=0.5)
+    assert state.t == 1.0
+    assert math.isnan(state.sensed.value)
+    assert "time went from 1 to 0.5 s" in state.log[-1].text
+
+
+def test_after_a_gap_the_wire_is_as_warm_as_its_current_made_it():
+    guard, wire = guarded(), made_up()
+    current, state = guard.step(guard.begin(), 40.0, 0.01, t=0.0)
+    _, state = guard.step(state, 40.0, math.nan, t=3.0)
+    expected = wire.begin()
+    for _ in range(75):
+        expected = wire.step(expected, current**2, 0.04)
+    assert state.estimate.wire.power == pytest.approx(expected.power)
+    assert "clock" in causes(state)
+
+
+def test_a_target_that_is_too_fast_is_noted():
+    guard, wire = guarded(), made_up()
+    state, plant = guard.begin(), wire.begin()
+    for k in range(1500):
+        target = 25.0 + 20.0 * math.sin(2 * math.pi * k * 0.04 / 6.0)
+        current, state = guard.step(state, target, plant.angle + 0.01 * math.sin(k))
+        plant = wire.step(plant, current**2, 0.04)
+    assert "behind" in causes(state)
+    assert state.unreachable is None
+
+
+def test_stress_beyond_the_advice_of_the_maker_is_noted():
+    _, state, _ = loop(guarded(), 15.0, 10.0)
+    assert "stress" not in causes(state)
+    _, state, _ = loop(guarded(), 50.0, 15.0)
+    assert causes(state).count("stress") == 1
+
+
+def test_a_persisting_cause_is_noted_once():
+    _, state, _ = loop(guarded(), 90.0, 20.0)
+    assert causes(state).count("unreachable") == 1
+
+
+def test_a_target_beyond_the_stroke_is_held_near_the_end():
+    guard = guarded()
+    _, state, plant = loop(guard, 90.0, 25.0)
+    assert state.unreachable.reason == "beyond the stroke"
+    assert 50.0 < plant.angle < 60.0
+    _, state, plant = loop(guard, 30.0, 20.0, state=state, plant=plant)
+    assert state.unreachable is None
+    assert plant.angle == pytest.approx(30.0, abs=0.5)
+
+
+@given(angle=st.floats(0, 60), current=st.floats(-1, 2) | st.just(math.nan))
+@settings(max_examples=20)
+def test_it_begins_wherever_the_wire_is_found(angle, current):
+    guard = guarded()
+    state = guard.begin(angle, current)
+    assert 0.0 <= state.applied <= 0.4
+    assert 0.0 <= guard.step(state, angle, angle)[0] <= 0.4
+
+
+def test_two_clocks_are_refused():
+    wire = made_up()
+    with pytest.raises(ParameterError, match="the same interval"):
+        Guard(
+            controller=controller("pi", wire, interval=0.1),
+            observer=PowerObserver(wire=wire),
+            sensor=SensorWatch(),
+        )
+
+
+@pytest.mark.parametrize("jump", [1e4, -3600.0, 3600.0])
+def test_a_clock_that_was_set_is_believed_again_after_three_steps(jump):
+    guard = guarded()
+    state = guard.begin()
+    for k in range(60):
+        t = 0.04 * k + (jump if k >= 30 else 0.0)
+        _, state = guard.step(state, 20.0, 0.01 * k, t=t)
+    assert state.t == pytest.approx(0.04 * 59 + jump)
+    assert causes(state) == ["clock", "clock"] or causes(state) == ["clock"]
+    assert state.fault == ""
+
+
+def test_one_wrong_time_does_no_harm():
+    guard = guarded()
+    state = guard.begin()
+    for k in range(60):
+        _, state = guard.step(state, 20.0, 0.01 * k, t=1e4 if k == 30 else 0.04 * k)
+    assert state.t == pytest.approx(0.04 * 59)
+    assert state.fault == ""
+
+
+def test_a_cause_that_comes_and_goes_does_not_push_out_others():
+    guard = guarded()
+    state = guard.begin()
+    for k in range(400):
+        reading = math.nan if 20 <= k < 40 else 0.01 * k
+        _, state = guard.step(state, math.nan if k % 2 else 20.0, reading, t=0.04 * k)
+    assert causes(state).count("reference") == MOST_ALIKE
+    assert "sensor" in causes(state)
+
+
+def test_a_step_is_not_a_target_that_moves():
+    _, state, _ = loop(guarded(), 40.0, 3.0)
+    assert "behind" not in causes(state)

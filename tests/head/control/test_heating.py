@@ -1,0 +1,275 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError, SignalError
+from minorloop.head.control.heating import (
+    HeatedWire,
+    identify_coupling,
+    identify_heating,
+    moving_levels,
+)
+from minorloop.head.twins.wire import Wire
+from minorloop.identification.transient import Transient, check_lag
+from wires import identified, made_up, settled
+
+powers = st.floats(0.0, 0.16)
+
+
+def finely(wire, power, seconds, *, ambient=0.0, cooling=1.0, step=0.002):
+    """Angle of a cold wire that is heated in explicit steps so short that they are exact."""
+    tracker = wire.operator.track()
+    w, y = 0.0, tracker.push(0.0)
+    for _ in range(round(seconds / step)):
+        gap = step * (power - cooling * (w - ambient))
+        slope = (tracker.peek(w + 1e-7) - y) / 1e-7 if gap > 0 else 0.0
+        w += gap / (wire.lag + wire.latent * slope)
+        y = tracker.push(w)
+    return y
+
+
+def held(wire, power, seconds, **options):
+    state = wire.begin()
+    for _ in range(round(seconds / 0.04)):
+        state = wire.step(state, power, 0.04, **options)
+    return state
+
+
+@pytest.mark.parametrize("seconds", [3.0, 5.0, 9.0])
+def test_a_step_solves_the_heat_balance(seconds):
+    wire = made_up()
+    assert held(wire, 0.16, seconds).angle == pytest.approx(finely(wire, 0.16, seconds), abs=0.5)
+
+
+def test_latent_heat_makes_the_motion_later():
+    dry, wet = made_up(latent=0.0), made_up(latent=4e-3)
+    assert held(wet, 0.16, 5.0).angle < held(dry, 0.16, 5.0).angle - 5.0
+
+
+@given(power=powers, ambient=st.floats(-0.05, 0.05), cooling=st.floats(0.5, 5.0))
+@settings(max_examples=20)
+def test_the_effective_power_settles_where_the_surroundings_put_it(power, ambient, cooling):
+    wire = made_up()
+    state = held(wire, power, 90.0, ambient=ambient, cooling=cooling)
+    assert state.power == pytest.approx(power / cooling + ambient, abs=1e-4)
+
+
+@given(power=powers, steps=st.lists(powers, min_size=1, max_size=4))
+def test_a_step_leaves_the_state_before_it_as_it_was(power, steps):
+    wire = made_up()
+    state = wire.begin(power)
+    was = state.tracker.memory, state.power, state.angle
+    after = state
+    for each in steps:
+        after = wire.step(after, each, 0.5)
+    assert (state.tracker.memory, state.power, state.angle) == was
+    again = state
+    for each in steps:
+        again = wire.step(again, each, 0.5)
+    assert (again.power, again.angle) == (after.power, after.angle)
+
+
+@given(peak=powers, share=st.floats(0.0, 1.0))
+def test_a_wire_that_is_found_after_a_rise_and_a_return_is_recognised(peak, share):
+    wire = made_up()
+    power = share * peak
+    angle = wire.moved(wire.begin(peak), power).angle
+    found = wire.found(power, angle)
+    assert found.angle == pytest.approx(angle, abs=0.01 * 60.0 + 1e-9)
+    assert found.power == power
+
+
+def test_a_wire_that_is_found_where_its_power_does_not_lead_is_warmer_or_colder():
+    wire = made_up()
+    found = wire.found(0.0, 30.0)
+    assert found.angle == pytest.approx(30.0)
+    assert found.power > 0.05
+
+
+def test_the_lag_and_the_latent_heat_of_a_wire_are_recovered():
+    wire = made_up()
+    levels = np.sqrt(wire.operator.levels)
+    rng = np.random.default_rng(0)
+    holds = rng.uniform(0, 0.4, 400)
+    t = np.arange(0.0, 30.0, 0.1)
+    current = np.where((t > 0.2) & (t < 15), 0.4, 0.0)
+    step = t, current, wire.simulate(t, current)
+    found = identify_heating(holds, wire.operator.simulate(holds**2), step=step, levels=levels)
+    assert found.model.lag == pytest.approx(wire.lag, rel=1e-2)
+    assert found.model.latent == pytest.approx(wire.latent, rel=2e-2)
+    assert found.step_rms < 0.05
+    assert "lag [s]" in str(found)
+
+
+def test_the_twin_is_identified_to_within_a_degree_and_a_half():
+    found = identified()
+    rng = np.random.default_rng(5)
+    holds = 0.4 * np.sqrt(rng.uniform(0.2, 1.0, 60))
+    error = found.model.operator.simulate(holds**2) - settled(Wire(), holds)
+    assert np.sqrt(np.mean(error**2)) < 1.5
+    assert found.step_rms < 1.0
+    assert 3.0 < found.model.lag < 4.2
+    assert found.advice == found.steady.advice
+    assert "advice: no data were held out" in str(found)
+
+
+def test_levels_crowd_where_the_wire_moves():
+    loop = 0.4 * np.concatenate([np.linspace(0, 1, 25), np.linspace(1, 0, 25)[1:]])
+    levels = moving_levels(loop, settled(Wire(), loop), 16)
+    moving = (levels > 0.19) & (levels < 0.38)
+    assert levels.size == 17
+    assert moving.sum() >= 12
+
+
+def test_a_coupling_is_recovered():
+    coupling = np.array([[1.0, 0.07], [0.05, 1.0]])
+    angles = np.linspace(0, 60, 20)
+    records = [np.outer(coupling[:, axis], angles) for axis in range(2)]
+    np.testing.assert_allclose(identify_coupling(records), coupling)
+
+
+def test_bad_input_is_refused():
+    wire = made_up()
+    with pytest.raises(ParameterError, match="lag is 0"):
+        HeatedWire(wire.operator, 0.0)
+    with pytest.raises(ParameterError, match="latent is -1"):
+        HeatedWire(wire.operator, 1.0, -1.0)
+    t, u = np.arange(3.0), np.zeros(3)
+    levels = np.sqrt(wire.operator.levels)
+    with pytest.raises(SignalError, match="heating does not tell the sign"):
+        identify_heating([-0.1, 0.2, 0.3], [0, 1, 2], step=(t, u, u), levels=levels)
+    with pytest.raises(SignalError, match="does not increase"):
+        wire.simulate([0.0, 0.0], [0.1, 0.1])
+    with pytest.raises(SignalError, match="axis 1 does not move"):
+        identify_coupling([np.ones((2, 3)), np.zeros((2, 3))])
+    with pytest.raises(SignalError, match="record 0 has shape"):
+        identify_coupling([np.ones(3)])
+
+
+def records(**changes):
+    """Holds of a wire that was made up, with a step up and down, and what is changed in them."""
+    wire = made_up()
+    holds = np.random.default_rng(0).uniform(0, 0.4, 200)
+    t = np.arange(0.0, 30.0, 0.2)
+    current = np.where((t > 0.2) & (t < 15), 0.4, 0.0)
+    plain = {
+        "current": holds,
+        "angle": wire.operator.simulate(holds**2),
+        "t": t,
+        "step_current": current,
+        "step_angle": wire.simulate(t, current),
+        "levels": np.sqrt(wire.operator.levels),
+    }
+    for name, change in changes.items():
+        plain[name] = change(plain[name]) if callable(change) else change
+    return plain
+
+
+def identified_from(records):
+    step = records["t"], records["step_current"], records["step_angle"]
+    return identify_heating(
+        records["current"], records["angle"], step=step, levels=records["levels"]
+    )
+
+
+def at_random(spread):
+    return lambda y: np.random.default_rng(1).uniform(0.0, spread, y.size)
+
+
+def first(count):
+    return {name: lambda x: x[:count] for name in ("t", "step_current", "step_angle")}
+
+
+def every(stride):
+    return {name: lambda x: x[::stride] for name in ("t", "step_current", "step_angle")}
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"step_current": np.zeros_like, "step_angle": np.zeros_like}, "is 0 A throughout"),
+        ({"step_current": lambda i: 0 * i + 0.4}, r"is 0\.4 A throughout"),
+        ({"step_current": lambda i: -i}, "current of the step is negative"),
+        ({"step_current": lambda i: 1e3 * i}, "samples of the step lie outside of the levels"),
+        ({"step_angle": np.zeros_like}, "moves by 0 degrees in the step"),
+        ({"step_angle": np.radians}, r"moves by 1\.05 degrees in the step"),
+        ({"step_angle": lambda y: y[:2]}, "150 times and 2 angles"),
+        ({"step_angle": at_random(60.0)}, "is followed to .* rms only"),
+        ({"step_angle": np.negative}, "is followed to .* rms only|lag comes out at"),
+        ({"t": lambda t: 1e6 * t}, "lasts .* give times in seconds"),
+        ({"t": lambda t: 1e3 * t}, "lasts .* give times in seconds"),
+        ({"t": lambda t: t / 20}, r"lag comes out at 0\.3 s"),
+        ({"t": lambda t: t[::-1]}, "does not increase"),
+        (first(0), r"t has shape \(0,\)"),
+        (first(2), "has 2 samples; give 10"),
+        (first(3), "has 3 samples; give 10"),
+        (every(14), r"is sampled every 2\.8 s and the lag is"),
+        ({"current": lambda i: i[:5], "angle": lambda y: y[:5]}, "5 holds were measured for 8"),
+        ({"current": lambda i: 1e3 * i}, "of the holds lie outside of the levels"),
+        ({"levels": lambda i: 1e3 * i}, "the holds go from .* and the levels from 0 to 400 A"),
+        ({"levels": lambda i: i - 0.1}, "a level is negative"),
+        ({"current": [], "angle": []}, "0 holds were measured"),
+        ({"angle": lambda y: y[:-1]}, r"current has shape \(200,\) and angle \(199,\)"),
+        ({"angle": lambda y: np.full_like(y, np.nan)}, "0 holds were measured"),
+        ({"angle": np.zeros_like}, "the angle of the holds is 0 throughout"),
+        ({"angle": np.negative}, "do not rise with the current"),
+    ],
+)
+def test_records_that_tell_nothing_are_refused(changes, complaint):
+    with pytest.raises(SignalError, match=complaint):
+        identified_from(records(**changes))
+
+
+def test_a_lag_at_the_end_of_what_is_looked_for_is_refused():
+    t = np.arange(0.0, 600.0, 4.0)
+    step = Transient(t, np.full_like(t, 0.4), 60 * (1 - np.exp(-t / 80.0)))
+    check_lag(step, 55.0, 1.0)
+    for lag in (59.9, 0.301):
+        with pytest.raises(SignalError, match="the end of the"):
+            check_lag(step, lag, 1.0)
+
+
+@pytest.mark.parametrize("step", [None, 3, (np.arange(3.0), np.zeros(3)), []])
+def test_what_is_no_step_is_refused(step):
+    good = records()
+    with pytest.raises(SignalError, match=r"give \(t, current, angle\)"):
+        identify_heating(good["current"], good["angle"], step=step, levels=good["levels"])
+
+
+def test_a_step_that_is_followed_roughly_is_advised_on():
+    rough = identified_from(records(step_angle=lambda y: y + at_random(25.0)(y) - 12.5))
+    assert "followed to" in rough.advice[-1]
+    assert f"advice: {rough.advice[-1]}" in str(rough)
+    assert not any("followed to" in text for text in identified_from(records()).advice)
+
+
+def test_holds_can_be_kept_from_the_fit():
+    good = records()
+    step = good["t"], good["step_current"], good["step_angle"]
+    found = identify_heating(
+        good["current"], good["angle"], step=step, levels=good["levels"], holdout=0.3
+    )
+    assert found.steady.holdout_nrmse < 1e-3
+    assert not any("no data were held out" in text for text in found.advice)
+
+
+@pytest.mark.parametrize("bands", [-1, 0, 2.5, "x", None, np.nan, True])
+def test_levels_of_no_number_of_bands_are_refused(bands):
+    with pytest.raises(ParameterError, match="bands is"):
+        moving_levels([0.0, 0.2, 0.4], [0.0, 5.0, 60.0], bands)
+
+
+@pytest.mark.parametrize(
+    ("current", "angle", "complaint"),
+    [
+        ([], [], "0 holds were measured"),
+        ([0.0, 0.2], [0.0, 1.0, 2.0], r"current has shape \(2,\) and angle \(3,\)"),
+        ([0.0, 0.2], [1.0, 1.0], "the angle of the holds is 1 throughout"),
+        ([0.2, 0.2], [0.0, 1.0], r"the current of the holds is 0\.2 throughout"),
+        ([0.0, -0.2], [0.0, 1.0], "a current is negative"),
+    ],
+)
+def test_levels_of_holds_that_are_none_are_refused(current, angle, complaint):
+    with pytest.raises(SignalError, match=complaint):
+        moving_levels(current, angle, 3)

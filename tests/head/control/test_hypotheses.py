@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+from minorloop.head.control.hypotheses import Hypotheses
+from minorloop.head.control.observer import PowerObserver
+from wires import made_up
+
+RISE = 676.0
+
+
+def bank_of(ratio=1.0):
+    wire = made_up()
+    return wire, Hypotheses(wire=wire, rise=RISE, cold_resistance=ratio)
+
+
+def followed(ambient, cooling, seconds=10.0):
+    """A bank that watched a cold wire being heated fully in some surroundings."""
+    wire, hypotheses = bank_of()
+    estimate = PowerObserver(wire=wire).found()
+    bank = hypotheses.begin(0.0, estimate, moving=False)
+    plant = wire.moved(wire.begin(), ambient / RISE)
+    for _ in range(round(seconds / 0.04)):
+        plant = wire.step(plant, 0.16, 0.04, ambient=ambient / RISE, cooling=cooling)
+        bank = hypotheses.step(bank, 0.4, plant.angle, 0.04)
+    return hypotheses, bank, plant
+
+
+def test_each_hypothesis_is_the_wire_in_its_surroundings():
+    hypotheses, bank, _ = followed(0.0, 1.0, seconds=6.0)
+    wire = made_up()
+    for k in np.flatnonzero(np.abs(hypotheses.ambient * RISE + 10) < 31)[::40]:
+        a, c = hypotheses.ambient[k], hypotheses.cooling[k]
+        plant = wire.moved(wire.begin(), a)
+        for _ in range(150):
+            plant = wire.step(plant, 0.16, 0.04, ambient=a, cooling=c)
+        assert bank.power[k] == pytest.approx(plant.power, abs=1.5e-3)
+
+
+@pytest.mark.parametrize(("ambient", "cooling"), [(0, 1), (-25, 1), (0, 1.5), (15, 1), (-10, 1.3)])
+def test_the_end_of_a_heating_is_foretold(ambient, cooling):
+    hypotheses, bank, plant = followed(ambient, cooling)
+    weight = hypotheses.weights(bank)
+    assert weight.sum() == pytest.approx(1.0)
+    foretold = float(weight @ hypotheses.final(bank, plant.angle, 0.4))
+    end = plant
+    for _ in range(2500):
+        end = made_up().step(end, 0.16, 0.04, ambient=ambient / RISE, cooling=cooling)
+    assert foretold == pytest.approx(end.angle, abs=2.0)
+
+
+def test_a_missing_reading_says_nothing():
+    hypotheses, bank, _ = followed(0.0, 1.0, seconds=4.0)
+    after = hypotheses.step(bank, 0.4, float("nan"), 0.04)
+    np.testing.assert_array_equal(after.cost, bank.cost)
+
+
+def test_a_bank_that_begins_in_motion_goes_on_from_there():
+    wire, hypotheses = bank_of(ratio=0.8)
+    warm = wire.begin(0.12)
+    estimate = PowerObserver(wire=wire).found(warm.angle, np.sqrt(0.12))
+    bank = hypotheses.begin(warm.angle, estimate, moving=True)
+    np.testing.assert_allclose(bank.power, 0.12)
+    assert bank.branch[0] == pytest.approx(warm.angle)
+    assert bank.branch[-1] == pytest.approx(wire.operator.range[1])

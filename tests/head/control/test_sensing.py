@@ -1,0 +1,85 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.head.control.sensing import Sensed, SensorWatch
+
+anything = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True), st.none(), st.text(max_size=3), st.integers()
+)
+
+
+def after(watch, readings):
+    state = Sensed()
+    for reading in readings:
+        state = watch.step(state, reading)
+    return state
+
+
+def wiggling(count, around=20.0):
+    return [around + 0.01 * (-1) ** k * (1 + k % 7) for k in range(count)]
+
+
+@given(readings=st.lists(anything, max_size=60))
+def test_a_value_that_is_passed_on_is_a_plausible_number(readings):
+    watch, state = SensorWatch(), Sensed()
+    for reading in readings:
+        state = watch.step(state, reading)
+        assert math.isnan(state.value) or watch.low <= state.value <= watch.high
+        assert not state.fault or math.isnan(state.value)
+
+
+def test_a_lost_sensor_is_at_fault_after_a_fifth_of_a_second():
+    readings = wiggling(30)
+    assert after(SensorWatch(), [*readings, *[math.nan] * 4]).fault == ""
+    assert after(SensorWatch(), [*readings, *[math.nan] * 5]).fault == "lost"
+
+
+def test_a_noisy_sensor_that_repeats_itself_is_stuck():
+    readings = wiggling(30)
+    assert after(SensorWatch(), [*readings, *[readings[-1]] * 13]).fault == ""
+    assert after(SensorWatch(), [*readings, *[readings[-1]] * 14]).fault == "stuck"
+
+
+def test_a_sensor_without_noise_may_repeat_itself():
+    assert after(SensorWatch(noise=0.0), [20.0] * 500).fault == ""
+
+
+def test_one_outlier_is_dropped_and_a_lasting_one_is_a_fault():
+    readings = wiggling(30)
+    once = after(SensorWatch(), [*readings, 70.0])
+    assert math.isnan(once.value)
+    assert once.fault == ""
+    assert after(SensorWatch(), [*readings, *[500.0] * 5]).fault == "implausible"
+
+
+def test_a_jump_that_stays_is_believed_after_a_while():
+    state = after(SensorWatch(), [*wiggling(30), *wiggling(40, around=60.0)])
+    assert state.fault == ""
+    assert state.value == pytest.approx(60.0, abs=0.1)
+
+
+@pytest.mark.parametrize("bad", [[math.nan] * 10, [20.0] * 40, [1e9] * 10])
+def test_trust_comes_back_after_a_second_of_good_readings(bad):
+    readings = [*wiggling(30), *bad]
+    assert after(SensorWatch(), [*readings, *wiggling(20)]).fault != ""
+    assert after(SensorWatch(), [*readings, *wiggling(40)]).fault == ""
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"noise": -1.0},
+        {"repeats": 1},
+        {"patience": 0},
+        {"recovery": 0},
+        {"jump": 0.0},
+        {"low": 10.0, "high": 10.0},
+    ],
+)
+def test_bad_options_are_refused(option):
+    with pytest.raises(ParameterError):
+        SensorWatch(**option)

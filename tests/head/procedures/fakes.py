@@ -1,0 +1,66 @@
+"""A plant and a tip of a few lines, and a loop that keeps what is asked."""
+
+import numpy as np
+
+from minorloop.head.geometry import Mount
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.values import Reading, Request
+from minorloop.head.twins.camera import Camera
+from minorloop.head.twins.pipe import Pipe
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.lab.actuator import Shot
+
+TICK = 0.04
+CAMERA = Camera(Pipe.draw(1), Mount(offset=(0.1e-3, -0.1e-3), roll=0.3, advance=1e-3))
+CALIBRATION = HeadCalibration(
+    lens=CAMERA.calibration, leds=CAMERA.leds, offset=(0.1e-3, -0.1e-3), roll=0.3
+)
+
+
+class Loop:
+    """A head that goes a share of the way to its angles in a tick, and a catheter that obeys.
+
+    ``stuck`` holds the catheter where it is. What is asked for is kept in ``asked``.
+    """
+
+    def __init__(self, angles=(0.0, 0.0), place=(0.0, 0.0), *, share=0.3, stuck=False, sees=False):
+        self.angles, self.place = np.array(angles, float), np.array(place, float)
+        self.share, self.stuck, self.sees = share, stuck, sees
+        self.asked, self.t = [], 0.0
+
+    def reading(self, request=None):
+        request = request or Request()
+        image = None
+        if request.frame and self.sees:
+            CAMERA.look(*self.angles)
+            image = CAMERA.frame().image
+        return Reading(
+            t=self.t,
+            angles=self.angles.copy(),
+            place=self.place.copy(),
+            image=image,
+            shots=(Shot(self.t, np.zeros(2000), 1e-8),) * request.shots,
+        )
+
+    def tick(self, request):
+        self.asked.append(request)
+        self.t += TICK
+        if request.angles is not None:
+            self.angles += self.share * (request.angles - self.angles)
+        if not self.stuck:
+            self.place += TICK * request.rates
+
+    def run(self, procedure, state, ticks=3000):
+        """Drive to the end."""
+        request = Request()
+        for _ in range(ticks):
+            state, request = procedure.step(state, self.reading(request))
+            if state.done:
+                self.asked.append(request)
+                return state
+            self.tick(request)
+        raise AssertionError(f"it never ended; {state}")
+
+
+def eye() -> CalibratedCamera:
+    return CALIBRATION.eye_at((1e-3, 0.0))

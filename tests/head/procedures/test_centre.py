@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from minorloop.head.geometry import wall_point
+from minorloop.head.procedures.centre import CONE, NOT_IN_VIEW, Centring
+
+from .fakes import CALIBRATION, Loop, eye
+
+PLACE = (0.5, 22e-3)
+AIM = np.array(eye().mount.aim(wall_point(*PLACE, 10e-3)))
+
+
+def test_a_point_is_brought_to_the_middle_and_held_there():
+    loop = Loop(AIM + np.array([0.05, -0.03]), (1e-3, 0.0), share=1.0, sees=True)
+    centring = Centring(calibration=CALIBRATION, gain=1.8, patience=8.0)
+    state = loop.run(centring, centring.begin(PLACE))
+    assert state.verdict == "tracked"
+    assert state.error < centring.in_middle
+    assert loop.angles == pytest.approx(AIM, abs=0.01)
+    assert loop.t < 8.0
+    wanted = [request.angles for request in loop.asked if request.angles is not None]
+    assert all(np.hypot(*each) <= CONE.half + 1e-9 for each in wanted)
+
+
+def test_what_the_first_frame_does_not_show_whole_is_not_followed():
+    loop = Loop((0.0, 0.0), (1e-3, 0.0), sees=True)
+    centring = Centring(calibration=CALIBRATION)
+    state = loop.run(centring, centring.begin((0.5, 1e-3)))
+    assert state.verdict == NOT_IN_VIEW
+    assert all(request.angles is None for request in loop.asked)
+
+
+def test_without_sensors_the_image_tells_the_angles():
+    true = AIM + np.array([0.02, 0.0])
+    loop = Loop(true, (1e-3, 0.0), share=0.0, sees=True)
+    centring = Centring(calibration=CALIBRATION, by_image=True, patience=0.4)
+    loop.run(centring, centring.begin(PLACE))
+    told = [request.sighted for request in loop.asked if request.sighted is not None]
+    assert told
+    assert told[-1] == pytest.approx(true, abs=2e-3)
+
+
+def test_the_console_turns_towards_a_pixel_as_the_servo_does():
+    centring = Centring(calibration=CALIBRATION)
+    reading = Loop(AIM, (1e-3, 0.0)).reading()
+    right = centring.turn(AIM, (500.0, 239.5), reading)
+    assert right.rates[0] > 0
+    assert np.hypot(*right.rates) <= centring.rate_limit + 1e-12
+    assert centring.turn(AIM, None, reading).verdict == "no target"

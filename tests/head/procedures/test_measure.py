@@ -1,0 +1,29 @@
+import numpy as np
+
+from minorloop.head.procedures.measure import MOST_OFF, NO_COUPLING, burst_of
+from minorloop.lab.actuator import Shot
+
+from .fakes import CALIBRATION
+
+EAR = CALIBRATION.ear_at((12e-3, 0.2))
+AIM = np.array([0.3, 0.0])
+
+
+def silent(count=4):
+    rng = np.random.default_rng(1)
+    return [Shot(1e-3 * k, 1e-3 * rng.standard_normal(2000), 1e-8) for k in range(count)]
+
+
+def test_the_first_burst_says_that_nothing_answers_and_later_ones_are_kept():
+    first = burst_of(silent(), AIM, AIM, EAR, first=True)
+    later = burst_of(silent(), AIM, AIM, EAR, first=False)
+    assert (first.verdict, first.used, first.trace.size) == (NO_COUPLING, 0, 0)
+    assert (later.verdict, later.used) == ("", 4)
+    np.testing.assert_allclose(later.angles, AIM)
+
+
+def test_a_burst_far_off_its_point_is_refused():
+    per_radian = 8e-3
+    for share, verdict in ((0.6, ""), (2.0, "off target")):
+        off = AIM + np.array([share * MOST_OFF / per_radian, 0.0])
+        assert burst_of(silent(), off, AIM, EAR, first=False).verdict == verdict

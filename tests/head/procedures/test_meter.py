@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+
+from minorloop.head.procedures.meter import LIMITS, Metering
+from minorloop.head.procedures.values import Reading
+
+from .fakes import CALIBRATION, TICK
+
+METERING = Metering(calibration=CALIBRATION)
+
+
+def metered(light, seconds=1.0, gain=1.0):
+    """What is asked of a camera whose grey is light times gain."""
+    from dataclasses import replace
+
+    metering = replace(METERING, seconds=seconds)
+    state, asked, gains = metering.begin(gain), [], [gain]
+    for k in range(1000):
+        grey = np.clip(light * gains[-1], 0, 255)
+        reading = Reading(t=k * TICK, angles=np.zeros(2), image=np.full((8, 8), grey, np.uint8))
+        state, request = metering.step(state, reading)
+        asked.append(request)
+        gains += [request.exposure[1]] if request.exposure else []
+        if state.done:
+            break
+    return state, asked, light * gains[-1]
+
+
+@pytest.mark.parametrize("light", [15.0, 60.0, 250.0])
+def test_the_gain_comes_to_a_middle_grey(light):
+    state, asked, grey = metered(light)
+    assert state.done
+    assert grey == pytest.approx(LIMITS.grey, rel=0.05)
+    assert len(asked) == pytest.approx(1 / TICK, abs=2)
+
+
+def test_the_gain_keeps_its_limits():
+    for light, gain in ((0.0, LIMITS.most_gain), (1e5, LIMITS.least_gain)):
+        state, *_ = metered(light, seconds=6.0)
+        assert state.gain == gain
+
+
+def test_few_frames_are_metered():
+    _, asked, _ = metered(60.0)
+    assert sum(request.exposure is not None for request in asked) <= 8
+
+
+def test_the_focus_follows_the_wall_ahead_within_its_limits():
+    ahead = [METERING.ahead(Reading(t=0.0, angles=np.array([pan, 0.0]))) for pan in (0.0, 0.3, 1.0)]
+    assert ahead[0] == LIMITS.farthest
+    assert ahead == sorted(ahead, reverse=True)
+    assert ahead[-1] >= LIMITS.nearest

@@ -1,0 +1,99 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from minorloop.head.studies import head, head_report
+from minorloop.head.studies.head_loop import circle, constant, ramps, run_loop, stairs
+from minorloop.head.twins.surroundings import Surroundings
+from minorloop.studies.claims import claim_table
+
+
+@pytest.fixture(scope="module")
+def study():
+    """All of the study on one specimen, its longest runs with fewer targets each."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(head, "OPEN_TARGETS", 5)
+        patch.setattr(head, "OLD_TARGETS", 8)
+        patch.setattr(head, "FASTER", ())
+        patch.setattr(head, "STEP_SECONDS", 20.0)
+        patch.setattr(head, "FAULT_SECONDS", 18.0)
+        yield head.run_study(1)
+
+
+@pytest.fixture(scope="module")
+def figures(study):
+    return head.gather([study.figures()])
+
+
+def test_one_specimen_does_what_is_asked_of_the_median(figures):
+    rows = claim_table(head.CLAIMS, figures).rows
+    assert [row for row in rows if row[-1] == "short" and "[ms]" not in row[0]] == []
+
+
+def test_no_limit_was_exceeded_and_no_alarm_was_false(figures):
+    assert figures["limits"]["violations"] == 0
+    assert figures["limits"]["hottest_C"] <= 150.0
+    assert figures["unreachable"]["false_alarms"] == 0
+    assert figures["unreachable"]["cases"] == 8
+    assert figures["unreachable"]["detected"] is True
+
+
+def test_the_inverse_operator_earns_its_place(figures):
+    assert figures["steps"]["settle_s"] < 0.6 * figures["pi"]["settle_s"]
+    assert figures["open_loop_plus_10K"]["rms_deg"] > 3 * figures["open_loop"]["rms_deg"]
+
+
+def test_levels_where_the_wire_moves_beat_the_mesh_and_the_mesh_the_dots(figures):
+    static = figures["static"]
+    assert static["rms_deg"] < static["mesh_rms_deg"] < static["dots_rms_deg"]
+
+
+def test_a_plan_is_better_on_the_wire_too(figures):
+    assert figures["planning"]["driven_cost_ratio"] < 0.9
+
+
+def test_the_report_has_every_figure(study, figures):
+    page = head_report.study_report(study, figures, [figures, figures]).html()
+    for number in (2, 5, 6, 8, 10, 11):
+        assert f"Fig {number}" in page
+    assert page.count("<img") >= 11
+
+
+def test_medians_add_up_what_must_never_happen(study):
+    one = study.figures()
+    other = study.figures()
+    other["limits"]["violations"] = 3
+    other["unreachable"]["detected"] = False
+    found = head.gather([one, other])
+    assert found["limits"]["violations"] == 3
+    assert found["unreachable"]["detected"] is False
+
+
+def test_references():
+    assert constant(3.0)(7.0) == (3.0, 0.0)
+    assert [stairs([1.0, 2.0], 10.0)(t)[0] for t in (0.0, 9.9, 10.0, 25.0)] == [1.0, 1.0, 2.0, 2.0]
+    assert circle(60.0, before=5.0)(3.0) == circle(60.0)(0.0) == (35.0, 25.0)
+    assert circle(60.0)(15.0) == pytest.approx((25.0, 35.0))
+    assert [ramps(5.0, 45.0, 60.0)(t)[0] for t in (0.0, 15.0, 30.0, 60.0)] == [5, 25, 45, 5]
+
+
+class Full:
+    """A control that always gives full current, whatever is read."""
+
+    def begin(self):
+        quiet = SimpleNamespace(unreachable=None)
+        return SimpleNamespace(axes=(quiet, quiet), log=())
+
+    def step(self, state, wanted, y, *, t):
+        return np.array([0.4, 0.4]), state
+
+
+def test_a_wire_that_gets_too_hot_is_counted():
+    hot = Surroundings(ambient=90.0)
+    run = run_loop("full", Full(), constant(30.0), 60.0, specimen=None, seed=0, surroundings=hot)
+    assert run.truth.hottest.max() > 150.0
+    assert run.violations == 2
+    assert run.settle == pytest.approx(60.0)
+    assert run.overshoot > 50.0
+    assert run.steady > 25.0

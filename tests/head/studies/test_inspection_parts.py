@@ -1,0 +1,343 @@
+"""The parts of the inspection study on one seed each; the whole is a make target."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.head.geometry import Mount
+from minorloop.head.procedures.trace import likely
+from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, SONAR, UNSEEN
+from minorloop.head.studies import (
+    inspection,
+    inspection_report,
+    inspection_servo,
+    mission_cracks,
+    mission_scene,
+    scan_trials,
+)
+from minorloop.head.studies import mission as missions
+from minorloop.head.studies.detection import (
+    SceneOutcome,
+    detection_figures,
+    plain_edges,
+    recall_curve,
+    score_scene,
+    wilson,
+)
+from minorloop.head.studies.detection_report import limits
+from minorloop.head.studies.inspection_servo import ServoRun
+from minorloop.head.studies.mission import run_mission
+from minorloop.head.studies.mission_cracks import SeenCrack
+from minorloop.head.studies.mission_report import save_mission
+from minorloop.head.studies.mission_scene import draw_mission
+from minorloop.head.twins.camera import LENS, led_positions
+from minorloop.head.twins.pipe import Bore, Crack
+from minorloop.head.twins.rig import Rig
+from minorloop.head.ultrasound.crack_depth import CrackDepth
+from minorloop.head.ultrasound.pits import PitDepth
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.cracks import TracedCrack
+from minorloop.head.vision.defects import Hole
+from minorloop.studies.claims import claim_table, figure
+
+
+@pytest.fixture(scope="module")
+def mission():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("minorloop.head.studies.ultrasonic_scan.TURNS", 16)
+        patch.setattr("minorloop.head.studies.mission.ADVANCES", (4.0,))
+        patch.setattr("minorloop.head.studies.mission.LOOKS", 4)
+        return run_mission(1)
+
+
+def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
+    steps = [step.what for step in mission.log]
+    order = ["look around", "pick", "centre", "focus", "extract", "touch", "measure", "reconstruct"]
+    after = [what for what in steps if what in order]
+    assert after[: len(order)] == order
+    assert steps[steps.index("reconstruct") + 1 :] == [
+        "pick", "centre", "focus", "trace", "modality", "measure",
+    ]  # fmt: skip
+    figures = mission.figures()
+    assert figures["measured"]
+    assert figures["position_mm"] <= 0.3
+    assert figures["depth_error_mm"] <= 0.1
+    assert figures["touch_mm"] <= 1.0
+    assert mission.wall.depth.max() == pytest.approx(mission.truth.depth, rel=0.1)
+    assert figures["water_error_mm"] <= 1.0
+    assert set(np.unique(mission.ring.source)) == {UNSEEN, CAMERA, SONAR, BOTH}
+
+
+def test_a_mission_traces_its_crack_and_measures_it(mission):
+    figures = mission.figures()
+    assert figures["crack_found"]
+    assert figures["false_cracks"] == 0
+    assert figures["crack_off_mm"] <= 0.2
+    assert figures["crack_length_error_pct"] <= 25
+    assert figures["crack_width_error_pct"] <= 40
+    assert figures["crack_measured"]
+    assert figures["crack_depth_error_mm"] <= 0.05
+    (crack,) = mission.cracks
+    deep = np.isfinite(crack.wall.depth) & (crack.wall.depth > 0)
+    assert crack.wall.depth[deep] == pytest.approx(crack.found.depth)
+    assert np.isnan(crack.wall.depth).any()
+    assert mission.ring.patch.z < crack.wall.patch.z
+
+
+def test_findings_are_saved_as_meshes_and_a_table(mission, tmp_path):
+    written = save_mission(mission, tmp_path)
+    meshes = ["finding.ply", "finding.glb", "crack.ply", "crack.glb"]
+    assert [path.name for path in written] == ["findings.csv", *meshes]
+    header, pit, crack = written[0].read_text(encoding="utf-8").splitlines()
+    assert "depth_sd [mm]" in header
+    assert pit.startswith("1,pit,measured,")
+    assert crack.startswith("2,crack,measured,")
+
+
+def test_a_dark_hole_is_found_and_an_empty_wall_stays_empty():
+    outcomes = [
+        outcome for hole in (True, False) for outcome in score_scene(50_001, hole, ("switched",))
+    ]
+    assert [outcome.hole for outcome in outcomes] == [True, False]
+    assert outcomes[0].found
+    assert outcomes[0].evidence > 0
+    assert outcomes[1].false == 0
+    assert max(outcomes[1].alarms) < outcomes[0].evidence
+
+
+def test_the_outline_of_a_plain_hole_is_its_edge():
+    assert np.quantile(plain_edges(3_000_001), 0.9) < 1.0
+
+
+def test_more_holes_are_found_as_less_evidence_is_asked_for():
+    outcomes = [
+        SceneOutcome("switched", True, True, 0.0, 0.0, 0, evidence=2.0, alarms=(1.0,)),
+        SceneOutcome("switched", True, False, 0.0, 0.0, 0),
+        SceneOutcome("switched", False, False, 0.0, 0.0, 0, alarms=(3.0, -1.0)),
+        SceneOutcome("switched", False, False, 0.0, 0.0, 0),
+    ]
+    false, recall = recall_curve(outcomes)
+    np.testing.assert_allclose(false, [0.25, 0.25, 0.5, 0.75])
+    np.testing.assert_allclose(recall, [0.0, 0.5, 0.5, 0.5])
+    assert "Missed were 1 of 2 holes" in limits(outcomes)
+    perfect = [SceneOutcome("switched", True, True, 0.0, 0.0, 0, evidence=2.0)]
+    assert limits(perfect) == (
+        "None of 1 holes was missed. The finder stood at 0 false findings in 1 acquisitions."
+    )
+
+
+def test_recall_and_false_findings_are_shares():
+    outcomes = [
+        SceneOutcome("switched", True, True, 1e-5, 0.1, 0),
+        SceneOutcome("switched", True, False, np.nan, np.nan, 1),
+        SceneOutcome("switched", False, False, np.nan, np.nan, 1),
+        SceneOutcome("single", True, True, 1e-5, 0.3, 0),
+    ]
+    found = detection_figures(outcomes)
+    assert found["recall"] == 0.5
+    assert found["false_per_acquisition"] == pytest.approx(2 / 3)
+    assert found["size_within_15pct"] == 1.0
+    assert found["single_recall"] == 1.0
+
+
+def test_wilson_intervals_hold_their_share():
+    low, high = wilson(49, 50)
+    assert 0.88 < low < 0.98 < high < 1.0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return inspection_servo.Scene(1)
+
+
+def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
+    told = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
+    exchange, lie = Rig.exchange, np.array([10.0, 10.0, 0.0, 0.0])
+    monkeypatch.setattr(Rig, "exchange", lambda self, u: exchange(self, u) + lie)
+    lied = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
+    np.testing.assert_array_equal(told.off, lied.off)
+    assert set(told.verdicts) == {"tracked"}
+    assert told.off[-1] < told.off[0]
+    assert told.stabilised_rms(0.0) < 0.5
+
+
+def test_every_hole_is_nine_pixels_across_in_two_looks():
+    eye = CalibratedCamera(LENS, Mount(), led_positions())
+    turns = 2 * np.pi * np.arange(missions.LOOKS) / missions.LOOKS
+    aims = np.radians(missions.RING) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    rim = np.linspace(0, 2 * np.pi, 24)
+    for phi in np.linspace(-np.pi, np.pi, 9):
+        for z in np.arange(18e-3, 31e-3, 1e-3):
+            hole = np.stack([phi + 42.5e-3 * np.cos(rim), z + 0.425e-3 * np.sin(rim)], axis=1)
+            across = []
+            for advance in missions.ADVANCES:
+                there = hole - [0.0, 1e-3 * advance]
+                for aim in aims:
+                    seen = eye.pixel(there, *aim)
+                    inside = (seen > 4).all() and (seen < [636, 476]).all()
+                    if inside:
+                        across.append(np.sqrt(np.linalg.eigvalsh(2 * np.cov(seen.T))[0]))
+            assert np.sum(np.array(across) >= 9.0) >= 2
+
+
+def searched(monkeypatch, looks, verdicts):
+    """A mission with what it sees and what the echoes say given; the picks in their order."""
+    picked = []
+    echoes = {place: PitDepth(verdict, 0.0, place, depth=1e-3) for place, verdict in verdicts}
+
+    def approached(rig, mission, hole):
+        picked.append(float(hole.place[1]))
+        return replace(mission, found=hole), hole.evidence > 0, None
+
+    def sounded(rig, truth, one, view):
+        return replace(one, pit=echoes[float(one.found.place[1])])
+
+    monkeypatch.setattr(missions, "_look_around", lambda rig, at, seen: looks.get(at, []))
+    monkeypatch.setattr(missions, "_approached", approached)
+    monkeypatch.setattr(missions, "_sounded", sounded)
+    empty = missions.Mission(0, None, None, 0.0)
+    return missions._examined(None, None, empty, missions.Overview()), picked
+
+
+def thing(z, evidence=1.0):
+    return Hole(np.array([0.0, z]), 1e-3, evidence, "dark", np.zeros((1, 2)))
+
+
+def test_a_mission_goes_on_after_a_false_thing_and_to_further_places(monkeypatch):
+    looks = {0.0: [thing(0.01), thing(0.02)], 9.0: [thing(0.02), thing(0.03)]}
+    verdicts = [(0.01, "no pit"), (0.02, "disturbed"), (0.03, "measured")]
+    mission, picked = searched(monkeypatch, looks, verdicts)
+    assert picked == [0.01, 0.02, 0.03]
+    assert mission.pit.measured
+
+
+def test_what_is_not_seen_again_waits_until_all_else_was_tried(monkeypatch):
+    looks = {0.0: [thing(0.01, -1.0)], 3.0: [thing(0.02)]}
+    verdicts = [(0.01, "measured"), (0.02, "no pit")]
+    mission, picked = searched(monkeypatch, looks, verdicts)
+    assert picked == [0.01, 0.02, 0.01]
+    assert mission.pit.measured
+
+
+def test_a_mission_that_finds_nothing_says_so(monkeypatch):
+    mission, picked = searched(monkeypatch, {}, [])
+    assert picked == []
+    assert "nothing round was seen" in inspection_report.nothing_found(mission)
+    assert save_mission(mission, None) == []
+
+
+def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
+    verdicts, shifts = ["disturbed", "measured"], []
+
+    def scan(rig, place, *, shift=0.0):
+        shifts.append(shift)
+        return None, []
+
+    def heard(bursts, ear, place, diameter):
+        return PitDepth(verdicts.pop(0), *place)
+
+    monkeypatch.setattr(missions, "touch", lambda rig, hole: None)
+    monkeypatch.setattr(missions, "scan", scan)
+    monkeypatch.setattr(missions, "measure_pit", heard)
+    rig, truth = draw_mission(1)
+    mission = missions.Mission(1, truth.bore, truth.crack, 0.0, found=thing(0.02))
+    after = missions._sounded(rig, truth, mission, None)
+    assert shifts == [0.0, 0.5]
+    assert after.pit.measured
+    assert [step.what for step in rig.log] == ["measure", "measure again"]
+
+
+def line(z, *, phi=0.0, length=4e-3, contrast=0.5):
+    course = np.stack([np.linspace(phi, phi + length / 10e-3, 40), np.full(40, z)], axis=1)
+    return TracedCrack(course, np.full(40, 0.2e-3), length, contrast)
+
+
+def test_lines_of_one_course_are_one_and_what_was_tried_is_not_tried_again():
+    seen = [line(0.02), line(0.0202), line(0.025, length=6e-3), line(0.02, phi=2.0)]
+    found = likely(seen, [line(0.02, phi=2.01)], 10e-3)
+    assert [(trace.places[0, 1], looks) for trace, looks in found] == [(0.02, 2), (0.025, 1)]
+
+
+def test_a_line_beside_the_true_crack_is_false():
+    truth = Crack(((0.0, 0.02), (0.4, 0.02)), (0.2e-3, 0.2e-3), depth=0.5e-3)
+    heard = CrackDepth("too narrow for a depth", least_width=0.3e-3)
+    right, wrong = (
+        SeenCrack(trace, trace, trace.places[20], 0.18e-3, heard, None, None)
+        for trace in (line(0.0201), line(0.024))
+    )
+    figures = mission_cracks.crack_figures([right, wrong], truth)
+    assert figures["crack_found"]
+    assert figures["false_cracks"] == 1
+    assert not figures["crack_measured"]
+    assert figures["crack_off_mm"] == pytest.approx(0.1, abs=1e-3)
+    assert figures["crack_width_error_pct"] == pytest.approx(10.0)
+    assert np.isnan(figures["crack_depth_error_mm"])
+    assert right.finding.verdict == "too narrow for a depth (under 0.30 mm)"
+    none = mission_cracks.crack_figures([], truth)
+    assert (none["crack_found"], none["false_cracks"]) == (False, 0)
+
+
+def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
+    for seed in range(100, 120):
+        bore = Bore(0.5, 0.025, 1e-3, depth=0.5e-3)
+        crack = mission_scene.crack_beside(bore, np.random.default_rng(seed))
+        low, high = mission_scene.CRACKED
+        assert all(low < z < high for _, z in crack.points)
+        off = min(mission_scene.distance(corner, (0.5, 0.025)) for corner in crack.points)
+        assert off > mission_scene.CLEAR
+
+
+def test_the_probe_is_told_of_wall_and_water_a_little_off(scene):
+    rig, truth = draw_mission(1)
+    ear = rig.calibration.ear_at(rig.place)
+    assert ear.thickness != truth.wet.thickness
+    assert ear.thickness == pytest.approx(truth.wet.thickness, rel=0.05)
+    assert ear.temperature != truth.temperature
+    assert ear.temperature == pytest.approx(truth.temperature, abs=1.5)
+
+
+def test_settling_and_losses_of_a_run():
+    off = np.array([9.0, 5.0, 1.0, 3.0, 1.0, 1.0])
+    verdicts = ("tracked", "lost", "lost", "tracked", "tracked", "tracked")
+    run = ServoRun("x", 0.04 * np.arange(1.0, 7.0), off, verdicts, np.zeros((6, 2)))
+    assert run.settle == pytest.approx(0.16)
+    assert run.lost == pytest.approx(1 / 3)
+    assert run.reacquire == pytest.approx(0.08)
+    assert run.rms(0.17) == pytest.approx(1.0)
+
+
+def test_everything_is_gathered_and_reported(mission):
+    trial = scan_trials.draw_sounding(60_000)
+    scored = scan_trials.examined(trial, [], "sonar")
+    dry = scan_trials.examined(scan_trials.draw_sounding(60_003, kind="dry"), [], "camera")
+    kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), (scored,)) | {
+        "dry": (dry,)
+    }
+    run = ServoRun("x", np.array([13.0, 14.0]), np.ones(2), ("tracked",) * 2, np.zeros((2, 2)))
+    outcomes = [
+        SceneOutcome(mode, hole, hole, 1e-5, 0.0, 0)
+        for mode in ("switched", "single", "dither")
+        for hole in (True, False)
+    ]
+    servo = {
+        "servo": dict.fromkeys(
+            ("settle_s_with_sensor", "settle_s_camera_only", "steady_rms_px"), 1.0
+        ),
+        "sway": {"ratio": 0.5, "stabilised_ratio": 0.1},
+        "tracking": {"lost_fraction": 0.0, "reacquire_s": 0.0},
+    }
+    study = inspection.InspectionStudy(
+        1, servo, dict.fromkeys(("sensor", "camera", "swayed", "still", "motion"), run),
+        tuple(outcomes), np.full(48, 0.3), kinds, mission, 1.0,
+    )  # fmt: skip
+    runs = [study.figures()] * 2
+    found = inspection.gather(runs)
+    assert len(claim_table(inspection.CLAIMS, found).rows) == len(inspection.CLAIMS)
+    assert found["modality"]["wrong"] == 0
+    assert figure(found, "mission.measured") == figure(found, "mission.crack_found") == 1.0
+    assert figure(found, "mission.false_cracks") == 0
+    page = inspection_report.study_report(study, found, runs).html()
+    assert found["detection"]["plain_edge_px_p90"] == 0.3
+    assert page.count("<img") == 8
+    assert "Fig 14" in page

@@ -1,0 +1,103 @@
+"""Figures from findings that are made up; one scan on the twin is in tests/inspection."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.head.geometry import Mount, Probe
+from minorloop.head.reconstruction.depth_map import Patch
+from minorloop.head.reconstruction.fusion import fuse
+from minorloop.head.studies.scan_trials import (
+    ScanSite,
+    ScoredScan,
+    band_figures,
+    depth_figures,
+    dished_figure,
+    draw_sounding,
+    fusion_figures,
+    modality_wrong,
+)
+from minorloop.head.twins.pipe import Bore
+from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.pits import PitDepth
+
+TRUTH = Bore(0.0, 20e-3, 1e-3, depth=0.5e-3)
+FOUND = PitDepth("measured", 0.0, 20e-3, 1e-3, 0.5e-3, 20e-6, 30e-6, 5e-6, gain=1.0, dish=0.0)
+PATCH = Patch.around(0.0, 20e-3, size=1.6e-3)
+
+
+def run(found=FOUND, truth=TRUTH, *, dry=False, modality="sonar"):
+    ear = CalibratedProbe(Probe(), Mount())
+    place = ScanSite(ear, (0.0, 20e-3), 1e-3, truth, dry)
+    return ScoredScan(place, found, 1.0, fuse(found, None, PATCH), modality)
+
+
+def test_bias_and_deviation_are_those_of_what_was_measured():
+    runs = [run(replace(FOUND, depth=0.5e-3 + error * 1e-6)) for error in (-4.0, 0.0, 4.0)] + [
+        run(replace(FOUND, verdict="too few echoes", depth=np.nan))
+    ]
+    figures = depth_figures(runs)
+    assert figures["bias_um"] == pytest.approx(0.0, abs=1e-6)
+    assert figures["sd_um"] == pytest.approx(4.0)
+    assert figures["worst_um"] == pytest.approx(4.0)
+    assert figures["measured_fraction"] == 0.75
+
+
+def test_coverage_counts_depths_inside_the_band():
+    runs = [run(replace(FOUND, depth=0.5e-3 + error)) for error in (0.0, 8e-6, 9e-6, 1e-4)]
+    figures = fusion_figures(runs)
+    bands = band_figures([*runs, run(replace(FOUND, verdict="disturbed"))])
+    assert bands["coverage"] == 0.5
+    assert bands["scans"] == 4
+    assert bands["band_mm"] == pytest.approx(1.6449 * 5e-3)
+    assert figures["depth_error_mm"] == pytest.approx(0.1)
+    assert figures["position_mm"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_dished_floor_is_scored_by_its_mean():
+    dished = replace(TRUTH, dish=0.1e-3)
+    assert dished_figure([run(replace(FOUND, depth=0.46e-3), dished)]) == pytest.approx(0.01)
+    flagged = replace(FOUND, verdict="uneven floor", depth=0.9e-3)
+    assert dished_figure([run(flagged, dished)]) == 0.0
+
+
+def test_a_depth_in_air_or_in_a_hole_is_wrong():
+    hole = replace(TRUTH, depth=np.inf)
+    assert modality_wrong([run()]) == 0
+    assert modality_wrong([run(dry=True, modality="camera")]) == 1
+    assert modality_wrong([run(truth=hole)]) == 1
+    silent = replace(FOUND, verdict="no coupling", depth=np.nan)
+    assert modality_wrong([run(silent, dry=True, modality="camera")]) == 0
+    assert modality_wrong([run(silent, dry=True, modality="sonar")]) == 1
+
+
+def test_what_is_drawn_depends_on_the_seed_alone():
+    first, again, other = (draw_sounding(seed, kind="hole") for seed in (1, 1, 2))
+    assert first.truth == again.truth
+    assert first.truth != other.truth
+    assert (first.sonar.shot().trace == again.sonar.shot().trace).all()
+    with pytest.raises(ParameterError, match="kind"):
+        draw_sounding(1, kind="crater")
+
+
+def test_the_mount_and_the_camera_are_off_together_and_the_place_is_small():
+    place = draw_sounding(3)
+    turned, moved = place.strayed
+    assert turned != 0
+    assert moved != 0
+    assert place.ear.mount.advance != 20e-3
+    assert abs(place.centre[1] - moved - place.truth.z) < 4 * 0.035e-3
+    # A study of many specimens keeps every place, and hands it from process to process.
+    assert len(pickle.dumps(place.site)) < 10_000
+
+
+def test_the_map_is_guided_by_a_picture():
+    place = draw_sounding(3)
+    patch = Patch.around(*place.centre, size=2.4e-3)
+    off = np.linalg.norm(patch.off(*place.centre), axis=-1)
+    shade = place.picture(patch)
+    assert shade[off < 0.3 * place.diameter].mean() < -1
+    assert abs(shade[off > 0.8 * place.diameter].mean()) < 0.05

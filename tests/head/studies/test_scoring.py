@@ -1,0 +1,50 @@
+"""What is true of a twin is read in one module only."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minorloop import studies as core
+from minorloop.head import studies
+from minorloop.head.geometry import Mount
+from minorloop.head.studies import scoring
+from minorloop.head.twins.pipe import Bore
+from minorloop.head.twins.rig import Rig
+
+MODULES = sorted(
+    path for package in (core, studies) for path in Path(package.__file__).parent.glob("*.py")
+)
+
+
+def private_reads(path):
+    """Private names that a module reads of anything but self."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    return [
+        node.attr
+        for node in nodes
+        if isinstance(node, ast.Attribute)
+        and node.attr.startswith("_")
+        and not node.attr.startswith("__")
+        and not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls"))
+    ]
+
+
+def test_only_scoring_reads_what_a_twin_keeps_to_itself():
+    readers = [path.stem for path in MODULES if private_reads(path)]
+    assert readers == ["scoring"]
+
+
+def test_a_straight_head_points_along_the_pipe_and_past_a_bore():
+    plant = Rig()
+    assert scoring.line_of_sight(plant) == pytest.approx(np.radians([-30.0, -30.0]))
+    seen = scoring.middle_of(Mount(), plant, (0.0, 20e-3), 10e-3)
+    assert np.linalg.norm(seen) > 0.01
+
+
+def test_places_are_apart_straight_through_the_pipe():
+    bore = Bore(0.0, 20e-3, 1e-3)
+    assert scoring.apart((np.pi, 20e-3), bore, 10e-3) == pytest.approx(20e-3)
+    assert scoring.apart((0.0, 21e-3), bore, 10e-3) == pytest.approx(1e-3)
+    assert scoring.off_bore(Rig(), (0.0, 0.0), bore, 10e-3) > 1e-3

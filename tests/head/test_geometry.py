@@ -1,0 +1,155 @@
+"""Rays, cylinders, pinholes and rotations against finite differences and brute force."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.head import geometry
+from minorloop.head.geometry import Mount, Pinhole
+
+angles = st.floats(-1.2, 1.2)
+pixels = st.tuples(st.floats(0, 639), st.floats(0, 479))
+LENS = Pinhole(k1=-0.12, k2=0.02)
+
+
+@given(pan=angles, tilt=angles)
+def test_aiming_at_where_the_axis_points_gives_pan_and_tilt_back(pan, tilt):
+    axis = geometry.pan_tilt(pan, tilt) @ [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(geometry.pan_tilt_of(axis), (pan, tilt), atol=1e-12)
+
+
+def test_positive_pan_looks_right_and_positive_tilt_looks_up():
+    x, y, _ = geometry.pan_tilt(0.1, 0.2) @ [0.0, 0.0, 1.0]
+    assert x > 0
+    assert y < 0
+
+
+@given(pan=angles, tilt=angles, rates=st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
+def test_body_rates_are_those_of_a_small_turn(pan, tilt, rates):
+    h = 1e-6
+    before = geometry.pan_tilt(pan - h * rates[0], tilt - h * rates[1])
+    after = geometry.pan_tilt(pan + h * rates[0], tilt + h * rates[1])
+    spin = geometry.pan_tilt(pan, tilt).T @ (after - before) / (2 * h)
+    turned = [spin[2, 1], spin[0, 2], spin[1, 0]]
+    np.testing.assert_allclose(geometry.body_rates(tilt) @ rates, turned, atol=1e-8)
+
+
+@given(pixel=pixels)
+def test_a_pixel_comes_back_through_the_lens(pixel):
+    np.testing.assert_allclose(LENS.pixels(LENS.normalised(pixel)), pixel, atol=1e-9)
+    np.testing.assert_allclose(LENS.project(7.0 * LENS.rays(pixel)), pixel, atol=1e-9)
+
+
+@given(x=st.floats(-0.4, 0.4), y=st.floats(-0.3, 0.3), z=st.floats(0.5, 2.0))
+def test_the_slope_of_projection_is_its_finite_difference(x, y, z):
+    point, h = np.array([x, y, z]), 1e-6
+    slope = [
+        (LENS.project(point + h * e) - LENS.project(point - h * e)) / (2 * h) for e in np.eye(3)
+    ]
+    np.testing.assert_allclose(LENS.project_jacobian(point), np.transpose(slope), atol=1e-4)
+
+
+def test_what_is_behind_the_camera_has_no_pixel():
+    assert np.isnan(LENS.project([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]])).all()
+
+
+def test_half_the_size_sees_the_same_directions():
+    half = LENS.scaled(0.5)
+    assert (half.width, half.height) == (320, 240)
+    corner = LENS.normalised([-0.5, -0.5])
+    np.testing.assert_allclose(half.pixels(corner), [-0.5, -0.5], atol=1e-9)
+
+
+@given(
+    off=st.tuples(st.floats(-5e-3, 5e-3), st.floats(-5e-3, 5e-3)),
+    d=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
+)
+def test_a_ray_ends_on_the_wall_ahead_of_it(off, d):
+    if np.hypot(d[0], d[1]) < 1e-3:
+        return
+    origin = np.array([*off, 0.02])
+    phi, z, length = geometry.meet_wall(origin, d, 10e-3)
+    np.testing.assert_allclose(
+        geometry.wall_point(phi, z, 10e-3), origin + length * np.array(d), atol=1e-9
+    )
+    assert length > 0
+
+
+def test_a_ray_along_the_axis_never_ends():
+    assert np.isinf(geometry.meet_wall([0, 0, 0], [0, 0, 1.0], 10e-3)[2])
+
+
+@given(d=st.tuples(st.floats(0.2, 1), st.floats(0.2, 1), st.floats(-1, 1)))
+def test_the_slope_of_the_wall_point_is_its_finite_difference(d):
+    origin, d, h = np.array([1e-3, -2e-3, 0.0]), np.array(d), 1e-7
+    slope = [
+        (
+            geometry.meet_wall(origin, d + h * e, 10e-3)[:2]
+            - geometry.meet_wall(origin, d - h * e, 10e-3)[:2]
+        )
+        / (2 * h)
+        for e in np.eye(3)
+    ]
+    found = geometry.meet_wall_jacobian(origin, d, 10e-3)
+    np.testing.assert_allclose(found, np.transpose(slope), atol=1e-5)
+
+
+def test_a_camera_outside_the_pipe_is_refused():
+    with pytest.raises(ParameterError, match="must be inside"):
+        geometry.meet_wall([11e-3, 0, 0], [1.0, 0, 0], 10e-3)
+
+
+@given(pan=angles, tilt=angles, roll=st.floats(-3, 3))
+def test_a_pose_and_back(pan, tilt, roll):
+    pose = Mount(offset=(1e-3, -0.5e-3), roll=roll, advance=5e-3).pose(pan, tilt)
+    points = np.array([[1.0, 2.0, 3.0], [-0.1, 0.0, 0.4]])
+    np.testing.assert_allclose(pose.to_camera(pose.to_pipe(points)), points, atol=1e-12)
+
+
+@given(phi=st.floats(-3, 3), z=st.floats(12e-3, 40e-3), roll=st.floats(-3, 3))
+def test_aiming_puts_a_point_on_the_optical_axis(phi, z, roll):
+    mount = Mount(offset=(1e-3, -0.5e-3), roll=roll, advance=2e-3)
+    point = geometry.wall_point(phi, z, 10e-3)
+    local = mount.pose(*mount.aim(point)).to_camera(point)
+    np.testing.assert_allclose(local[:2], 0, atol=1e-12)
+
+
+@given(angle=st.floats(-100, 100))
+def test_wrapping_takes_whole_turns(angle):
+    wrapped = float(geometry.wrapped(angle))
+    assert -np.pi <= wrapped < np.pi
+    assert np.isclose(np.cos(wrapped - angle), 1.0)
+
+
+@given(lever=st.floats(1e-3, 20e-3), nose=st.floats(1e-3, 8e-3), off=st.floats(0, 1e-3))
+def test_the_nose_just_touches_the_wall_at_the_edge_of_the_cone(lever, nose, off):
+    half = geometry.cone_half_angle(lever, nose, 10e-3, off)
+    turns = np.linspace(0, half, 200)
+    reach = lever * np.sin(turns) + nose * np.cos(turns)
+    assert reach.max() <= 10e-3 - off + 1e-12
+    if half < np.pi / 2:
+        assert np.isclose(reach[-1], 10e-3 - off)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Pinhole(width=0),
+        lambda: Pinhole(focal=-1.0),
+        lambda: Pinhole(k1=-3.0),
+        lambda: Mount(lever=float("nan")),
+        lambda: geometry.cone_half_angle(8e-3, 11e-3, 10e-3),
+    ],
+)
+def test_what_cannot_be_is_refused(make):
+    with pytest.raises(ParameterError):
+        make()
+
+
+def test_distances_on_the_wall_go_the_short_way_round():
+    course = [[3.1, 0.0], [-3.1, 0.0], [-3.1, 5e-3]]
+    short = 10e-3 * (2 * np.pi - 6.2)
+    assert geometry.wall_distance(course[0], course[1], 10e-3) == pytest.approx(short)
+    assert geometry.wall_lengths(course, 10e-3) == pytest.approx([0.0, short, short + 5e-3])

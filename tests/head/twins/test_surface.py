@@ -1,0 +1,65 @@
+"""The wall laid flat."""
+
+import numpy as np
+import pytest
+
+from minorloop.head.twins.pipe import Dent, Dirt, Finish, Pipe, Scratch
+from minorloop.head.twins.surface import COLUMNS, lay_out
+
+SMOOTH = Finish(brush=1e-9, streak=1e-9, stain=1e-9)
+
+
+def finest(pipe):
+    """(rows, columns, 4) of the finest level, without its border."""
+    surface = lay_out(pipe)
+    first, rows, columns = surface.shapes[0]
+    whole = surface.texels[first : first + (rows + 1) * (columns + 1)]
+    return whole.reshape(rows + 1, columns + 1, 4), surface
+
+
+def test_each_level_is_half_as_fine_and_has_the_same_mean():
+    pipe = Pipe(length=20e-3, dirt=(Dirt(0.0, 10e-3, 2e-3, 0.5),))
+    surface = lay_out(pipe)
+    means = []
+    for first, rows, columns in surface.shapes:
+        level = surface.texels[first : first + (rows + 1) * (columns + 1)]
+        means.append(level.reshape(rows + 1, columns + 1, 4)[:rows, :columns].mean(axis=(0, 1)))
+    assert [columns for _, _, columns in surface.shapes] == [COLUMNS >> n for n in range(4)]
+    np.testing.assert_allclose(means, np.tile(means[0], (4, 1)), atol=1e-4)
+
+
+def test_the_map_wraps_around_the_pipe():
+    level, _ = finest(Pipe(length=10e-3, dirt=(Dirt(0.0, 5e-3, 1e-3, 0.5),)))
+    np.testing.assert_array_equal(level[:, -1], level[:, 0])
+    assert level[100, 0, 0] == pytest.approx(level[100, -3, 0], rel=0.5)
+
+
+def test_a_dent_slopes_down_to_its_middle_from_all_sides():
+    level, surface = finest(
+        Pipe(length=10e-3, finish=SMOOTH, dents=(Dent(1.0, 5e-3, 5e-4, -1e-4),))
+    )
+    around, along = level[..., 1], level[..., 2]
+    i, j = round(5e-3 / surface.size[1]), round(10e-3 / surface.size[0])
+    assert around[i, j + 6] > 0.05
+    assert around[i, j - 6] < -0.05
+    assert along[i + 6, j] > 0.05
+    steepest = 0.607 * 1e-4 / 5e-4
+    assert np.abs(around).max() == pytest.approx(steepest, rel=0.02)
+
+
+def test_dirt_dims_and_a_scratch_turns_the_light():
+    level, surface = finest(
+        Pipe(
+            length=10e-3,
+            finish=SMOOTH,
+            dirt=(Dirt(1.0, 5e-3, 1e-3, 0.5, raggedness=0.0),),
+            scratches=(Scratch(2.0, 5e-3, 0.0, 3e-3, 1e-4, slope=0.5),),
+        )
+    )
+    i, j = round(5e-3 / surface.size[1]), round(10e-3 / surface.size[0])
+    assert level[i, j, 0] == pytest.approx(0.5, abs=1e-3)
+    assert level[i, j, 3] == pytest.approx(0.3, abs=1e-3)
+    k = round(20e-3 / surface.size[0])
+    across = level[i - 4 : i + 5, k, 2]
+    assert across.max() > 0.2
+    assert across.min() < -0.2

@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.head.twins.surroundings import Course, Surroundings, convection
+
+
+@pytest.mark.parametrize(
+    ("course", "values"),
+    [
+        (Course(3.0), {-1.0: 3.0, 0.0: 3.0, 1e6: 3.0}),
+        (Course(3.0, 5.0, at=10.0), {9.999: 3.0, 10.0: 5.0, 99.0: 5.0}),
+        (Course(3.0, 5.0, at=10.0, duration=4.0), {10.0: 3.0, 11.0: 3.5, 14.0: 5.0, 20.0: 5.0}),
+        (Course(3.0, amplitude=2.0, period=4.0), {-1.0: 3.0, 0.0: 3.0, 1.0: 5.0, 3.0: 1.0}),
+        (Course(0.0, 1.0, at=8.0, amplitude=2.0, period=4.0), {7.0: 0.0, 9.0: 3.0, 11.0: -1.0}),
+    ],
+)
+def test_a_course_steps_ramps_and_swings(course, values):
+    for t, value in values.items():
+        assert course(t) == pytest.approx(value, abs=1e-12)
+
+
+numbers = st.floats(-1e3, 1e3)
+
+
+@given(numbers, numbers, numbers, st.floats(0, 50), numbers, st.floats(0.1, 10), numbers)
+def test_a_course_never_leaves_its_bounds(start, end, at, duration, amplitude, period, t):
+    course = Course(start, end, at, duration, amplitude, period)
+    low, high = course.bounds
+    slack = 1e-9 * (abs(low) + abs(high))
+    assert low - slack <= course(t) <= high + slack
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"start": np.nan}, "start is nan"),
+        ({"start": 1.0, "end": np.inf}, "end is inf"),
+        ({"start": 1.0, "duration": -1.0}, "duration is -1.0"),
+        ({"start": 1.0, "period": 0.0}, "period is 0.0"),
+        ({"start": 1.0, "amplitude": "much"}, "amplitude is 'much'"),
+    ],
+)
+def test_refuses_a_course_that_is_none(options, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        Course(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"ambient": 200.0}, r"ambient is 200 degrees Celsius; it must stay in \[-50, 100\]"),
+        ({"convection": 0.0}, "convection is 0 W"),
+        ({"convection": Course(75.0, amplitude=80.0)}, "convection is -5 to 155"),
+        ({"load": 0.01}, "load is 0.01 N m"),
+        ({"load": (0.0, Course(0.0, -0.02))}, "load is -0.02 to 0 N m"),
+        ({"ambient": np.nan}, "ambient is nan"),
+    ],
+)
+def test_refuses_surroundings_that_are_none(options, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        Surroundings(**options)
+
+
+def test_loads_are_one_for_all_or_one_an_axis():
+    np.testing.assert_array_equal(Surroundings(load=1e-3).loads(2)[:, 0], [1e-3, 1e-3])
+    np.testing.assert_array_equal(Surroundings(load=(1e-3, 2e-3)).loads(2)[:, 0], [1e-3, 2e-3])
+    with pytest.raises(ParameterError, match="there are 3 loads; give one, or 2"):
+        Surroundings(load=(0.0, 0.0, 0.0)).loads(2)
+
+
+def test_media_cool_in_the_order_they_should():
+    films = [convection(medium) for medium in ("air", "flooded, sleeved", "forced gas", "flooded")]
+    assert films == sorted(films)
+    assert films[0] == 75.0
+    assert 1000.0 <= films[-1] <= 3000.0
+
+
+def test_a_dense_gas_cools_better_and_a_dense_liquid_does_not():
+    for medium, gain in (("air", 10**0.296), ("forced gas", 10**0.384), ("flooded", 1.0)):
+        ratio = convection(medium, pressure=1_013_250.0) / convection(medium)
+        assert ratio == pytest.approx(gain, rel=1e-12)
+
+
+def test_refuses_an_unknown_medium_and_an_impossible_pressure():
+    with pytest.raises(ParameterError, match="medium is 'oil'; give one of 'air'"):
+        convection("oil")
+    with pytest.raises(ParameterError, match=r"pressure is 1\.0 Pa"):
+        convection("air", pressure=1.0)

@@ -1,0 +1,34 @@
+"""How sharp a region of an image is."""
+
+import numpy as np
+import pytest
+
+from minorloop.head.geometry import wall_point
+from minorloop.head.vision.focus import sharpness
+
+from .walls import EYE, photograph
+
+AIM = EYE.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+MIDDLE = (319.5, 239.5)
+
+
+def test_sharpness_does_not_depend_on_the_gain_and_is_blind_to_glare():
+    image = photograph(*AIM, noise=0.0)
+    dim = np.rint(image * 0.5).astype(np.uint8)
+    assert sharpness(dim, MIDDLE) == pytest.approx(sharpness(image, MIDDLE), rel=0.05)
+    glare = image.copy()
+    glare[235:245, 315:325] = 255
+    assert sharpness(glare, MIDDLE) == pytest.approx(sharpness(image, MIDDLE), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("image", "pixel"),
+    [
+        (None, MIDDLE),
+        (np.zeros((480, 640), np.uint8), MIDDLE),
+        (photograph(*AIM), (np.nan, 0.0)),
+        (photograph(*AIM), (5000.0, 0.0)),
+    ],
+)
+def test_nothing_to_see_is_not_a_number(image, pixel):
+    assert np.isnan(sharpness(image, pixel))

@@ -1,0 +1,33 @@
+"""Pictures of a wall made without the twin: a checkered cylinder, sampled ray by ray."""
+
+import numpy as np
+
+from minorloop.head.geometry import Mount, Pinhole, meet_wall
+from minorloop.head.vision.calibrated_camera import CalibratedCamera
+
+LENS = Pinhole(k1=-0.12, k2=0.02)
+LEDS = np.array([[2.5e-3, 0, 0], [-1.25e-3, 2.165e-3, 0], [-1.25e-3, -2.165e-3, 0]])
+MOUNT = Mount(offset=(0.4e-3, -0.3e-3), roll=0.3, advance=1e-3)
+EYE = CalibratedCamera(LENS, MOUNT, LEDS)
+SEEN = np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), axis=-1)
+RAYS = LENS.rays(SEEN)
+
+
+def texture(phi, z, seed=0):
+    """Smooth random brightness of the wall, 0 to 1, with details of about half a millimetre."""
+    rng = np.random.default_rng(seed)
+    level = np.zeros(np.shape(phi))
+    for _ in range(40):
+        turns, way, shift = rng.integers(2, 40), rng.normal(0, 2500), rng.uniform(0, 2 * np.pi)
+        level += np.cos(turns * phi + way * z + shift)
+    return 1 / (1 + np.exp(-level / 4))
+
+
+def photograph(pan, tilt, paint=texture, *, eye=EYE, noise=1.5, seed=0, gain=1.0):
+    """A frame of a wall painted by ``paint(phi, z)``, evenly lit."""
+    pose = eye.mount.pose(pan, tilt)
+    phi, z, _ = np.moveaxis(meet_wall(pose.position, RAYS @ pose.rotation.T, eye.radius), -1, 0)
+    z = np.where(np.isfinite(z), z, 1.0)
+    level = gain * (20 + 150 * paint(phi, np.minimum(z, 1.0)))
+    level += noise * np.random.default_rng(seed).standard_normal(level.shape)
+    return np.clip(np.rint(level), 0, 255).astype(np.uint8)
