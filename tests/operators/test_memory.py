@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
+from minorloop.operators._memory_kernels import switched_on
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -70,3 +71,24 @@ def test_refuses_what_no_history_leaves(extrema):
 def test_a_memory_of_another_plane_is_fitted_in():
     model = Preisach([0.0, 1.0], [[1.0]])
     assert model.memory(Memory([-3.0, 0.5, 0.2])).extrema == (0.0, 0.5, 0.2)
+
+
+@pytest.mark.parametrize("inputs", [[np.nan], [0.5, np.nan, -0.5], [np.nan, 0.5, 0.2]])
+def test_refuses_an_input_that_is_no_number(inputs):
+    with pytest.raises(ParameterError, match="is NaN"):
+        Memory.after(inputs, low=-1, high=1)
+
+
+@pytest.mark.parametrize("spread", [True, False])
+@given(values)
+def test_share_that_is_on_is_what_the_operator_adds_up(spread, history):
+    """Simulated by Everett differences, which know nothing of areas."""
+    levels, rng = np.array([-1.0, -0.4, 0.3, 1.0]), np.random.default_rng(5)
+    weights = np.tril(rng.uniform(size=(3, 3)))
+    extrema = np.array(Memory.after(history, low=-1, high=1).extrema)
+    on = np.empty(6)
+    switched_on(levels, spread, extrema, extrema.size, on)
+    diagonal = "uniform" if spread else "reversible"
+    model = Preisach(levels, weights, relay="unipolar", diagonal=diagonal)
+    y = model.simulate([-1.0, *history])[-1]
+    np.testing.assert_allclose(on @ weights[np.tril_indices(3)], y, atol=1e-12)

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from minorloop.operators._kernels import band_of
+from minorloop.operators._memory_kernels import wipes_out
 
 ROOT = -1
 
@@ -75,12 +76,8 @@ def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, pa
         if rising == (top & 1 == 0):
             values[top], bands[top], fractions[top], samples[top] = value, band, fraction, sample
             top += 1
-        if rising:
-            while top >= 3 and x >= values[top - 2]:
-                top -= 2
-        else:
-            while top >= 2 and x <= values[top - 2]:
-                top -= 2
+        while wipes_out(x, top, values[max(top - 2, 0)], rising):
+            top -= 2
         value, band = x, band_of(levels, buckets, per_unit, x)
         fraction = (x - levels[band]) * per_band[band]
         if top == 0:

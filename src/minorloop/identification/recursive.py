@@ -18,6 +18,7 @@ from minorloop.arrays import BoolArray, FloatArray, Levels, as_finite, as_levels
 from minorloop.errors import ParameterError
 from minorloop.identification import _recursive_kernels as _kernels
 from minorloop.identification.areas import PlaneSpec, pack
+from minorloop.operators._memory_kernels import switched_on
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import Relay, relay_outputs
 from minorloop.operators.preisach import Diagonal, Preisach
@@ -233,7 +234,8 @@ class Recursive:
         """
         row = np.ones(self.form.unknowns)
         extrema = np.array(memory.extrema)
-        _kernels.switched_on(self.levels, extrema, self.diagonal == "uniform", row[:-1])
+        spread = self.diagonal == "uniform"
+        switched_on(self.levels, spread, extrema, extrema.size, row[:-1])
         row[:-1] = relay_outputs(self.relay, row[:-1])
         return row
 

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 
 from minorloop.arrays import FloatArray, IntArray
+from minorloop.operators._memory_kernels import wipes_out
 
 VALUE, OUTPUT, BAND, FRACTION = 0, 1, 2, 3
 CROWDED = 8  # more thresholds than this in one bucket are bisected
@@ -117,12 +118,8 @@ def simulate(plane, stack, n, u, y):
                 pivot_output, pivot_band, pivot_fraction = output, band, fraction
                 top += 1
             before = top
-            if rising:
-                while top >= 3 and x >= stack[top - 2, VALUE]:
-                    top -= 2
-            else:
-                while top >= 2 and x <= stack[top - 2, VALUE]:
-                    top -= 2
+            while wipes_out(x, top, stack[max(top - 2, 0), VALUE], rising):
+                top -= 2
             if top < before and top > 0:
                 pivot_output = stack[top - 1, OUTPUT]
                 pivot_band, pivot_fraction = int(stack[top - 1, BAND]), stack[top - 1, FRACTION]

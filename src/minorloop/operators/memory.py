@@ -15,6 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from minorloop.errors import ParameterError
+from minorloop.operators import _memory_kernels as _kernels
 
 Saturation: TypeAlias = Literal["negative", "positive", "demagnetised"]
 
@@ -63,11 +64,19 @@ class Memory:
             Inputs in order; beyond [low, high] they count as the nearer end.
         low, high : float
             Ends of the plane, ``levels[0]`` and ``levels[-1]``.
+
+        Raises
+        ------
+        ParameterError
+            If an input is NaN.
         """
-        state = [float(low)]
-        for u in inputs:
-            _push(state, float(u), low, high)
-        return cls(state)
+        values = np.fromiter(inputs, dtype=np.float64)
+        extrema = np.empty(values.size + 1)
+        count = _kernels.reduce(extrema, values, float(low), float(high))
+        if not count:
+            index = int(np.argmax(np.isnan(values)))
+            raise ParameterError(f"input {index} is NaN; leave out what was not applied")
+        return cls(extrema[:count].tolist())
 
     @classmethod
     def negative(cls, low: float) -> Memory:
@@ -135,21 +144,3 @@ def _check_nested(values: tuple[float, ...]) -> None:
             f"memory {values[:8]}{'...' if len(values) > 8 else ''} does not nest: minima must "
             "rise, maxima fall, starting with a minimum; Memory.after(inputs) reduces any history"
         )
-
-
-def _push(state: list[float], u: float, low: float, high: float) -> None:
-    """Append an input and wipe out what it passes."""
-    u = min(max(u, low), high)
-    if u == state[-1]:
-        return
-    last_is_maximum = len(state) % 2 == 0
-    if len(state) == 1 or (u > state[-1]) != last_is_maximum:
-        state.append(u)
-    else:
-        state[-1] = u
-    while len(state) >= 4 and (
-        state[-1] >= state[-3] if len(state) % 2 == 0 else state[-1] <= state[-3]
-    ):
-        state[-3:] = state[-1:]
-    if len(state) == 3 and state[-1] <= state[0]:
-        del state[1:]
