@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from benchmarks._timing import Row, best, dearer, faster, in_child
 from benchmarks.one_fit import a_record
 from minorloop import identify
-from minorloop.identification.areas import DesignMatrix, PlaneSpec
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 
 HARDEST = ((100, 100_000, "0"), (200, 20_000, "0"), (200, 20_000, "auto"))
 GROWTH = ((25, 20_000), (50, 20_000), (100, 2_000), (100, 5_000), (100, 50_000))
@@ -29,9 +29,9 @@ def rows(quick: bool = False) -> list[Row]:
 
 def _against_nnls(kind: str, bands: int, samples: int) -> Row:
     model, u, y = a_record(bands, samples, rough=kind == "rough")
-    areas = DesignMatrix(PlaneSpec(model.levels), u, np.ones(u.size, dtype=bool), "negative")
-    matrix = areas.matrix()
-    dense = np.column_stack([matrix, -matrix[:, -1]])  # the offset may have either sign
+    matrix = DesignMatrix(PlaneSpec(model.levels), u, np.ones(u.size, dtype=bool), "negative")
+    plain = matrix.dense()
+    dense = np.column_stack([plain, -plain[:, -1]])  # the offset may have either sign
     fits, norms = [], []
     ours, theirs = best(
         lambda: fits.append(identify(u, y, levels=model.levels, smoothness=0.0)),

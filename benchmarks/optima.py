@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks._timing import Row
-from minorloop.identification.areas import DesignMatrix, PlaneSpec
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import FittedUnknowns, Problem, neighbours
 
 PROBLEMS, QUICK = 600, 40
@@ -52,43 +52,43 @@ def a_problem(seed: int) -> tuple[Problem, float]:
     bands = int(rng.integers(2, 13))
     even = rng.random() < 0.5
     levels = np.linspace(-1, 1, bands + 1) if even else np.sort(rng.uniform(-1, 1, bands + 1))
-    form = PlaneSpec(
+    spec = PlaneSpec(
         levels,
         relay=rng.choice(["bipolar", "unipolar"]).item(),
         diagonal=rng.choice(["uniform", "reversible"]).item(),
         offset=bool(rng.random() < 0.8),
         slope=bool(rng.random() < 0.3),
     )
-    samples = int(form.unknowns * rng.choice([0.5, 1.0, 1.0, 1.2, 2.0, 5.0])) + 3
+    samples = int(spec.unknowns * rng.choice([0.5, 1.0, 1.0, 1.2, 2.0, 5.0])) + 3
     anywhere = rng.uniform(-1, 1, samples)
     kinds = (anywhere, np.round(anywhere, 1), levels[rng.integers(0, bands + 1, samples)])
     u = kinds[rng.integers(3)]
-    areas = DesignMatrix(form, u, np.ones(samples, dtype=bool), "negative")
-    y = areas.forward(rng.normal(size=form.unknowns))
+    matrix = DesignMatrix(spec, u, np.ones(samples, dtype=bool), "negative")
+    y = matrix.forward(rng.normal(size=spec.unknowns))
     y += float(rng.choice([0.0, 1e-6, 1e-3, 0.1])) * np.ptp(y) * rng.normal(size=samples)
-    return Problem(areas, y, signed=True), float(rng.choice([0.0, 0.0, 1e-8, 1e-5, 1e-3]))
+    return Problem(matrix, y, signed=True), float(rng.choice([0.0, 0.0, 1e-8, 1e-5, 1e-3]))
 
 
 def dense_of(problem: Problem, smoothness: float) -> Dense:
     """The same problem written out."""
-    form, y = problem.areas.form, problem.y
-    shift, unit = (float(y.mean()) if form.offset else 0.0), float(np.ptp(y)) or 1.0
-    first, second, area = neighbours(form)
-    penalty = np.zeros((first.size, form.unknowns))
+    spec, y = problem.matrix.spec, problem.y
+    shift, unit = (float(y.mean()) if spec.offset else 0.0), float(np.ptp(y)) or 1.0
+    first, second, area = neighbours(spec)
+    penalty = np.zeros((first.size, spec.unknowns))
     pair = np.arange(first.size)
-    root = np.sqrt(smoothness * y.size) * form.bands
+    root = np.sqrt(smoothness * y.size) * spec.bands
     penalty[pair, first] += root / area[first]
     penalty[pair, second] -= root / area[second]
-    rows = np.vstack([problem.areas.matrix(), penalty])
+    rows = np.vstack([problem.matrix.dense(), penalty])
     return Dense(rows, np.append((y - shift) / unit, np.zeros(first.size)), shift, unit)
 
 
 def excess(problem: Problem, smoothness: float, fit: FittedUnknowns) -> float:
     """By which share the sum of squares of a fit is above the least."""
-    dense, form = dense_of(problem, smoothness), problem.areas.form
+    dense, spec = dense_of(problem, smoothness), problem.matrix.spec
     z = fit.x.copy()
-    if form.offset:
-        z[form.cells] -= dense.shift
+    if spec.offset:
+        z[spec.cells] -= dense.shift
     least = dense.least()
     smallest = _LEAST * float(dense.target @ dense.target)
     return (dense.squares(z / dense.unit) - least) / (max(least, smallest) or 1.0)

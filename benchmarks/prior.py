@@ -93,7 +93,7 @@ def _magnet(words: str, name: str, field: str, moment: str) -> Row:
         for fit in (prior, plain)
     ]
     bands = prior.predict(u, bands=0.9)
-    noise = prior.belief.hyperparameters.noise * prior.belief.unit
+    noise = prior.posterior.hyperparameters.noise * prior.posterior.unit
     reach = PER_DEVIATION * np.hypot(bands.sd, noise)
     return _row(words, took, *errors, np.mean(np.abs(bands.y - y)[seen] <= reach[seen]))
 

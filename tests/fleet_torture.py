@@ -48,6 +48,8 @@ class Trial:
     status: int
     whole: bool
     orphans: int
+
+
 HERE = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
 """The environment of processes that run in other folders and import what tests share."""
 

@@ -1,7 +1,7 @@
-"""What a model file holds, key by key, and how its parts become models and text.
+"""Types of the JSON objects in a model file, and conversion to and from models.
 
-`minorloop.modelfile` describes the format in words; here it is as types. A key that is no
-field of its type is refused.
+`minorloop.modelfile` describes the format in words. The type of a model is derived from its class:
+each parameter is a key. Unknown keys are refused.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union, get_type_hints
 
 import msgspec
 import numpy as np
@@ -20,12 +20,10 @@ import numpy as np
 from minorloop.arrays import FloatArray, as_levels, frozen
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike, shown
-from minorloop.operators.dead_zones import DeadZones
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
-from minorloop.operators.plane import Relay
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-from minorloop.operators.preisach import Diagonal, Preisach
+from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
 Model: TypeAlias = (
@@ -92,76 +90,59 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class _Strict(msgspec.Struct, forbid_unknown_fields=True):
-    """Part of a file."""
+    """Part of a file; unknown keys are refused."""
 
 
-class _Kind(_Strict, tag_field="kind"):
-    """A model; its fields are the parameters of the class."""
+_TRIANGLES = {Preisach: -1, RelayModel: 0}
+"""Classes whose weights are a triangle, and the number of its rows less that of the levels."""
 
 
-class _Preisach(_Kind, tag=KINDS[Preisach]):
-    levels: list[float]
-    weights: list[list[float]]
-    offset: float
-    relay: Relay
-    diagonal: Diagonal
-    slope: float
-
-    def build(self) -> Preisach:
-        levels = as_levels(self.levels)
-        weights = _square(self.weights, levels.size - 1)
-        return Preisach(levels, weights, self.offset, self.relay, self.diagonal, self.slope)
-
-
-class _RelayModel(_Kind, tag=KINDS[RelayModel]):
-    levels: list[float]
-    weights: list[list[float]]
-    offset: float
-    relay: Relay
-
-    def build(self) -> RelayModel:
-        levels = as_levels(self.levels)
-        weights = _square(self.weights, levels.size)
-        return RelayModel(levels, weights, self.offset, self.relay)
+def _struct(of: type[Any], **options: Any) -> type[msgspec.Struct]:
+    """Type of the JSON object for a class: its fields are the parameters of the class."""
+    hints, fields = get_type_hints(of), []
+    for name in (field.name for field in dataclasses.fields(of)):
+        json_type: Any = hints[name]
+        if dataclasses.is_dataclass(json_type):
+            json_type = _struct(json_type)
+        elif json_type == FloatArray:
+            triangle = of in _TRIANGLES and name == "weights"
+            json_type = list[list[float]] if triangle else list[float]
+        fields.append((name, json_type))
+    struct = msgspec.defstruct(of.__name__, fields, forbid_unknown_fields=True, **options)
+    _CLASS_OF[struct] = of
+    return struct
 
 
-class _Plays(_Strict):
-    radii: list[float]
-    weights: list[float]
-    offset: float
-
-    def build(self) -> PrandtlIshlinskii:
-        return PrandtlIshlinskii(frozen(self.radii), frozen(self.weights), self.offset)
-
-
-class _PrandtlIshlinskii(_Plays, tag_field="kind", tag=KINDS[PrandtlIshlinskii]):
-    pass
+_CLASS_OF: dict[type[msgspec.Struct], type[Any]] = {}
+if TYPE_CHECKING:
+    AnyModel: TypeAlias = msgspec.Struct
+else:
+    AnyModel = Union[  # noqa: UP007
+        tuple(_struct(of, tag_field="kind", tag=word) for of, word in KINDS.items())
+    ]
+"""JSON object of any model; its key ``kind`` says of which class."""
 
 
-class _Zones(_Strict):
-    thresholds: list[float]
-    weights: list[float]
+def build(part: msgspec.Struct) -> Any:
+    """Model, or part of one, from its JSON object.
 
-    def build(self) -> DeadZones:
-        return DeadZones(frozen(self.thresholds), frozen(self.weights))
-
-
-class _Generalised(_Kind, tag=KINDS[GeneralisedPrandtlIshlinskii]):
-    plays: _Plays
-    zones: _Zones
-    offset: float
-
-    def build(self) -> GeneralisedPrandtlIshlinskii:
-        return GeneralisedPrandtlIshlinskii(self.plays.build(), self.zones.build(), self.offset)
-
-
-class _Polynomial(_Kind, tag=KINDS[Polynomial]):
-    coefficients: list[float]
-    low: float
-    high: float
-
-    def build(self) -> Polynomial:
-        return Polynomial(frozen(self.coefficients), self.low, self.high)
+    Raises
+    ------
+    ParameterError
+        If the class refuses its parameters.
+    """
+    of = _CLASS_OF[type(part)]
+    values: dict[str, Any] = {}
+    for name, value in msgspec.structs.asdict(part).items():
+        if isinstance(value, msgspec.Struct):
+            values[name] = build(value)
+        elif name == "levels":
+            values[name] = as_levels(value)
+        elif name == "weights" and of in _TRIANGLES:
+            values[name] = _square(value, values["levels"].size + _TRIANGLES[of])
+        else:
+            values[name] = frozen(value) if isinstance(value, list) else value
+    return of(**values)
 
 
 LONGEST_WARNING, MOST_WARNINGS = 1000, 20
@@ -191,7 +172,7 @@ class Content(_Strict):
     input: Named
     output: Named
     lag: Annotated[int, msgspec.Meta(ge=0)]
-    model: _Preisach | _RelayModel | _PrandtlIshlinskii | _Generalised | _Polynomial
+    model: AnyModel
     provenance: Provenance
     warnings: Annotated[list[Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
 

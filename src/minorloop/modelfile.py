@@ -57,6 +57,7 @@ from minorloop._modelschema import (
     Model,
     Named,
     Provenance,
+    build,
     kind_of,
     layout,
     plain,
@@ -231,7 +232,7 @@ def read(path: PathLike) -> ModelFile:
         _check_repeats(data)
         if bool(content.warnings) != (content.version == VERSION):
             raise ParameterError("a file with warnings has version 2, one without has version 1")
-        model = content.model.build()
+        model = build(content.model)
         _check_words(content.provenance)
         mapped = _quantity(content.input), _quantity(content.output)
     except (ValueError, RecursionError) as error:

@@ -164,8 +164,8 @@ def identification_report(
     # A dollar in a label is a dollar, and no formula.
     of_input, of_output = (label.replace("$", r"\$") for label in (input_label, output_label))
     figure = result.plot(input_label=of_input, output_label=of_output)
-    grey = "" if result.belief else ", cells that the record does not excite in grey"
-    band = ", with the band in which 90 % of the readings should lie" if result.belief else ""
+    grey = "" if result.posterior else ", cells that the record does not excite in grey"
+    band = ", with the band in which 90 % of the readings should lie" if result.posterior else ""
     caption = (
         f"Measured loop with the model; density on the Preisach plane{grey}; the record over time "
         f"with what was held out shaded; what is left{band}."
@@ -176,7 +176,7 @@ def identification_report(
 
 def _bands(result: Identification) -> list[tuple[str, str]]:
     """How the weights were held together, and what that says of the error."""
-    if result.belief is None:
+    if result.posterior is None:
         return [("smoothness", f"{result.smoothness:g}")]
     import numpy as np
 

@@ -11,7 +11,7 @@ import minorloop.report
 from minorloop import __version__, modelfile
 from minorloop.cli import identify as verb
 from minorloop.errors import OutputError
-from minorloop.identification import areas, identify
+from minorloop.identification import design_matrix, identify
 from minorloop.lab import columns
 
 IDENTIFY = "identify good.csv --input voltage --output length --levels 8"
@@ -224,7 +224,7 @@ def test_options_that_cannot_be_used(options, says, refused):
 
 
 def test_a_plane_too_fine_is_refused_before_it_takes_memory(refused, monkeypatch):
-    monkeypatch.setattr(areas, "MOST_BANDS", 7)
+    monkeypatch.setattr(design_matrix, "MOST_BANDS", 7)
     assert "levels are 8 bands" in refused(IDENTIFY)
     assert "levels are 8 bands" in refused("plan decaying --low 0 --high 1 --levels 8")
 

@@ -8,7 +8,7 @@ import pytest
 
 from minorloop import PrandtlIshlinskii, Preisach
 from minorloop.errors import MissingExtraError, ParameterError
-from minorloop.identification.areas import DesignMatrix, PlaneSpec, pack
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
 
 jax = pytest.importorskip("jax", reason="jax is not installed; pip install 'minorloop[jax]'")
 jnp = jax.numpy
@@ -71,8 +71,8 @@ def test_the_gradient_in_the_weights_is_the_design_matrix(start, relay, diagonal
     function, parameters = as_function(model, start)
     _, pull = jax.vjp(lambda p: function(p, u), parameters)
     found = pull(jnp.asarray(r))[0]
-    form = PlaneSpec(model.levels, relay, diagonal, offset=True, slope=True)
-    wanted = DesignMatrix(form, u, np.ones(u.size, dtype=bool), start).matrix().T @ r
+    spec = PlaneSpec(model.levels, relay, diagonal, offset=True, slope=True)
+    wanted = DesignMatrix(spec, u, np.ones(u.size, dtype=bool), start).dense().T @ r
     np.testing.assert_allclose(pack(np.asarray(found["weights"])), wanted[:-2], atol=1e-12)
     np.testing.assert_allclose([found["offset"], found["slope"]], wanted[-2:], atol=1e-12)
     assert not np.triu(found["weights"], 1).any()

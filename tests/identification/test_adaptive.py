@@ -6,14 +6,14 @@ from minorloop.errors import ParameterError
 from minorloop.identification.adaptive import VALIDATION, Adaptive
 
 
-def experiment(chooser, specimen=1, knocked_at=None, upto=1000):
-    """Carry it out on a strip; knock the measurement of one hold."""
+def experiment(chooser, specimen=1, outlier_at=None, upto=1000):
+    """Run it on a strip; disturb the measurement of one hold."""
     strip = connect("twin:ipmc", specimen=specimen, noise=0.1, seed=specimen)
     u, y = [], []
     while len(u) < upto and (level := chooser.choose(u, y)) is not None:
         u.append(level)
         y.append(strip.apply(level, 200.0, 200.0).y[-1])
-        if len(u) - 1 == knocked_at:
+        if len(u) - 1 == outlier_at:
             y[-1] += 3.0
     return u, y
 
@@ -47,19 +47,19 @@ def test_what_comes_next_depends_on_the_points_alone(done):
         assert again.choose(u[:count], y[:count]) == u[count]
 
 
-def test_a_knocked_hold_is_repeated_and_left_out():
+def test_an_outlier_is_repeated_and_left_out():
     chooser = Adaptive(-1.2, 1.2)
-    u, y = experiment(chooser, knocked_at=8, upto=11)
+    u, y = experiment(chooser, outlier_at=8, upto=11)
     roles = chooser.roles(u, y)
-    assert roles[8:10] == ["knocked", "repeat"]
+    assert roles[8:10] == ["outlier", "repeat"]
     assert u[9] == u[8]
     assert not chooser.identification(u, y).fitted[8]
 
 
 def test_what_repeats_itself_is_believed_flagged_and_widens_the_bands():
-    """The same far reading twice is the plant, not a knock."""
+    """The same far reading twice is the plant, not an outlier."""
     chooser = Adaptive(-1.2, 1.2)
-    u, y = experiment(chooser, knocked_at=8, upto=10)
+    u, y = experiment(chooser, outlier_at=8, upto=10)
     twice = [*y[:9], y[8]]
     assert chooser.roles(u, twice)[8:10] == ["design", "repeat"]
     assert chooser.changes(u, twice) == [8]
@@ -69,12 +69,12 @@ def test_what_repeats_itself_is_believed_flagged_and_widens_the_bands():
 
 
 @pytest.mark.parametrize("at", [12, 14])
-def test_a_knock_in_the_validation_is_repeated(done, at):
+def test_an_outlier_in_the_validation_is_repeated(done, at):
     chooser, u, y = done
     y = [*y[:at], y[at] + 5.0]
     assert chooser.choose(u[: at + 1], y) == u[at]
     u, y = [*u[: at + 1], u[at]], [*y, done[2][at]]
-    assert chooser.roles(u, y)[at:] == ["knocked", "validation"]
+    assert chooser.roles(u, y)[at:] == ["outlier", "validation"]
     assert chooser.validation(u, y).nrmse < 0.02
 
 
@@ -95,22 +95,22 @@ def test_what_is_missing_to_the_end_is_not_scored(done):
     assert np.isfinite(score.nrmse)
 
 
-def test_an_early_knock_is_left_out_and_made_up_for():
+def test_an_early_outlier_is_left_out_and_replaced():
     chooser = Adaptive(-1.2, 1.2)
-    u, y = experiment(chooser, knocked_at=3)
+    u, y = experiment(chooser, outlier_at=3)
     roles = chooser.roles(u, y)
-    assert roles[3] == "knocked"
+    assert roles[3] == "outlier"
     assert roles.count("design") == 12
     assert roles.count("validation") == VALIDATION
 
 
-def test_the_score_is_relative_to_what_was_not_knocked():
+def test_the_score_is_relative_to_what_is_no_outlier():
     chooser = Adaptive(-1.0, 1.0, holds=12)
     u, y = [], []
     while (level := chooser.choose(u, y)) is not None:
         u.append(level)
         y.append(1e6 if len(u) == 9 else level)
-    assert chooser.roles(u, y)[8] == "knocked"
+    assert chooser.roles(u, y)[8] == "outlier"
     assert chooser.validation(u, y).scale < 2.1
 
 

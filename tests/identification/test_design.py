@@ -3,8 +3,8 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.identification import identify, prior
-from minorloop.identification.areas import PlaneSpec
 from minorloop.identification.design import budget, design, next_input
+from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -25,13 +25,13 @@ def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
 
 
 def test_a_design_leaves_less_unsure_than_random_inputs():
-    form, h = PlaneSpec(LEVELS, diagonal="reversible"), prior.Hyperparameters()
+    spec, h = PlaneSpec(LEVELS, diagonal="reversible"), prior.Hyperparameters()
     rng = np.random.default_rng(0)
     aims = rng.uniform(0, 1, 60)
 
     def left(u):
-        marked = prior.regressors(form, u, np.ones(u.size, dtype=bool), "negative")
-        return np.mean(prior.believe(form, h, marked).deviation(aims, "negative") ** 2)
+        dense = prior.regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
+        return np.mean(prior.posterior_after(spec, h, dense).deviation(aims, "negative") ** 2)
 
     random = [left(np.append(0.0, rng.uniform(0, 1, 9))) for _ in range(10)]
     assert left(design(LEVELS, 10)) < np.quantile(random, 0.2)
@@ -40,14 +40,14 @@ def test_a_design_leaves_less_unsure_than_random_inputs():
 def test_what_is_expected_of_a_hold_comes_true():
     found = next_input(FIT, NOW)
     assert 0 < found.gain < 1
-    form, h = FIT.areas.form, FIT.belief.hyperparameters
+    spec, h = FIT.matrix.spec, FIT.posterior.hyperparameters
     rng = np.random.default_rng(3)
     aims = rng.uniform(0, 1, 200)
     spread = []
     for u in (U, np.append(U, found.u)):
-        marked = prior.regressors(form, u, np.ones(u.size, dtype=bool), "negative")
-        belief = prior.believe(form, h, marked)
-        spread.append(np.sqrt(np.mean(belief.deviation(aims, "negative") ** 2)))
+        dense = prior.regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
+        posterior = prior.posterior_after(spec, h, dense)
+        spread.append(np.sqrt(np.mean(posterior.deviation(aims, "negative") ** 2)))
     assert spread[1] / spread[0] == pytest.approx(1 - found.gain, abs=0.15)
 
 

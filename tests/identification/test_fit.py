@@ -38,7 +38,7 @@ def test_a_plane_is_found_from_its_decaying_staircase(options, unit):
 @pytest.mark.parametrize(
     "options", [{"relay": "unipolar"}, {"diagonal": "reversible"}, {"slope": 0.7}]
 )
-def test_so_is_every_other_form(options):
+def test_so_is_every_other_structure(options):
     plane, u = a_plane(**options), excitation.decaying_staircase(LEVELS)
     u = np.concatenate([u, np.random.default_rng(0).uniform(-1.2, 1.2, 200)])
     wanted = {**options, "slope": True} if "slope" in options else options

@@ -6,33 +6,33 @@ from scipy.optimize import lsq_linear, nnls
 from minorloop import identify
 from minorloop.errors import ParameterError
 from minorloop.identification import active_set, least_squares, refinement
-from minorloop.identification.areas import DesignMatrix, PlaneSpec, unpack
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, unpack
 from minorloop.identification.least_squares import Problem, neighbour_penalty
 
 
-def a_problem(bands=8, samples=200, noise=0.01, seed=0, signed=False, **form):
+def a_problem(bands=8, samples=200, noise=0.01, seed=0, signed=False, **spec):
     rng = np.random.default_rng(seed)
     levels = np.sort(rng.uniform(-1, 1, bands + 1))
     u = rng.uniform(-1, 1, samples)
-    areas = DesignMatrix(PlaneSpec(levels, **form), u, np.ones(samples, dtype=bool), "negative")
-    x = rng.uniform(-0.3, 1, areas.form.unknowns).clip(min=0)
-    y = areas.forward(x)
-    return Problem(areas, y + noise * np.ptp(y) * rng.normal(size=samples) + 5, signed)
+    matrix = DesignMatrix(PlaneSpec(levels, **spec), u, np.ones(samples, dtype=bool), "negative")
+    x = rng.uniform(-0.3, 1, matrix.spec.unknowns).clip(min=0)
+    y = matrix.forward(x)
+    return Problem(matrix, y + noise * np.ptp(y) * rng.normal(size=samples) + 5, signed)
 
 
 def objective(problem, x):
-    return 0.5 * np.sum((problem.areas.forward(x) - problem.y) ** 2)
+    return 0.5 * np.sum((problem.matrix.forward(x) - problem.y) ** 2)
 
 
 def kkt(problem, x):
     """By definition: columns of unit length, gradient X'r, relative to |y|."""
-    matrix = problem.areas.matrix()
-    norms = np.linalg.norm(matrix, axis=0)
+    dense = problem.matrix.dense()
+    norms = np.linalg.norm(dense, axis=0)
     norms = np.where(norms > 0, norms, 1)
-    g = (matrix / norms).T @ (problem.y - matrix @ x)
+    g = (dense / norms).T @ (problem.y - dense @ x)
     bounded = np.ones(x.size, dtype=bool)
-    if problem.areas.form.offset:
-        bounded[problem.areas.form.cells] = False
+    if problem.matrix.spec.offset:
+        bounded[problem.matrix.spec.cells] = False
     at_zero = bounded & (x <= 0)
     worst = np.where(at_zero, np.maximum(g, 0), np.abs(g)).max()
     return max(worst, -min(x[bounded].min(), 0)) / np.linalg.norm(problem.y)
@@ -43,9 +43,9 @@ def kkt(problem, x):
 def test_as_good_as_scipy(noise, bands, samples):
     problem = a_problem(bands, samples, noise)
     fit = problem.fit(0.0)
-    matrix = problem.areas.matrix()
-    offset = problem.areas.form.cells
-    both_signs = np.column_stack([matrix, -matrix[:, offset]])
+    dense = problem.matrix.dense()
+    offset = problem.matrix.spec.cells
+    both_signs = np.column_stack([dense, -dense[:, offset]])
     _, norm = nnls(both_signs, problem.y, maxiter=10_000)
     scale = np.sum((problem.y - problem.y.mean()) ** 2)
     assert objective(problem, fit.x) <= 0.5 * norm**2 * (1 + 1e-9) + 1e-18 * scale
@@ -54,33 +54,33 @@ def test_as_good_as_scipy(noise, bands, samples):
 
 
 @pytest.mark.parametrize(
-    "form", [{"slope": True}, {"relay": "unipolar"}, {"diagonal": "reversible"}, {"offset": False}]
+    "spec", [{"slope": True}, {"relay": "unipolar"}, {"diagonal": "reversible"}, {"offset": False}]
 )
-def test_every_form_is_fitted_to_optimality(form):
-    problem = a_problem(**form)
+def test_every_structure_is_fitted_to_optimality(spec):
+    problem = a_problem(**spec)
     assert kkt(problem, problem.fit(0.0).x) < 1e-9
 
 
 def test_signed_weights_are_ordinary_least_squares():
     problem = a_problem(5, 200, signed=True)
     fit = problem.fit(0.0)
-    best = np.linalg.lstsq(problem.areas.matrix(), problem.y, rcond=None)[0]
+    best = np.linalg.lstsq(problem.matrix.dense(), problem.y, rcond=None)[0]
     assert objective(problem, fit.x) == pytest.approx(objective(problem, best), rel=1e-9)
 
 
 def smoothed(problem, strength):
     """The same with the penalty as rows of a dense problem."""
-    form, matrix = problem.areas.form, problem.areas.matrix()
-    rows, columns, values = neighbour_penalty(form)
-    square = np.zeros((form.unknowns, form.unknowns))
+    spec, dense = problem.matrix.spec, problem.matrix.dense()
+    rows, columns, values = neighbour_penalty(spec)
+    square = np.zeros((spec.unknowns, spec.unknowns))
     np.add.at(square, (rows, columns), values)
     square = np.tril(square) + np.tril(square, -1).T
-    eigenvalues, vectors = np.linalg.eigh(square * strength * len(problem.y) * form.bands**2)
+    eigenvalues, vectors = np.linalg.eigh(square * strength * len(problem.y) * spec.bands**2)
     root = (vectors * np.sqrt(np.maximum(eigenvalues, 0))) @ vectors.T
-    lower = np.zeros(form.unknowns)
-    lower[form.cells] = -np.inf
-    stacked = np.vstack([matrix, root])
-    target = np.concatenate([problem.y, np.zeros(form.unknowns)])
+    lower = np.zeros(spec.unknowns)
+    lower[spec.cells] = -np.inf
+    stacked = np.vstack([dense, root])
+    target = np.concatenate([problem.y, np.zeros(spec.unknowns)])
     return lsq_linear(stacked, target, (lower, np.inf), tol=1e-14, method="bvls").x
 
 
@@ -91,8 +91,8 @@ def test_smoothness_is_the_penalty_that_it_says(strength):
 
 
 def test_the_penalty_compares_neighbours_weight_by_weight():
-    form = PlaneSpec(np.arange(4.0))
-    rows, columns, values = neighbour_penalty(form)
+    spec = PlaneSpec(np.arange(4.0))
+    rows, columns, values = neighbour_penalty(spec)
     x = np.random.default_rng(0).uniform(size=6)
     w = unpack(x) / (1 - 0.5 * np.eye(3))
     expected = sum(
@@ -132,7 +132,7 @@ def test_data_without_noise_are_not_smoothed():
 
 def test_tiny_outputs_are_fitted_as_well_as_large_ones():
     problem = a_problem()
-    tiny = Problem(problem.areas, problem.y * 1e-7)
+    tiny = Problem(problem.matrix, problem.y * 1e-7)
     np.testing.assert_allclose(tiny.fit(0.0).x * 1e7, problem.fit(0.0).x, atol=1e-8)
 
 
@@ -178,7 +178,7 @@ def test_a_fit_that_did_not_converge_says_so(monkeypatch):
     monkeypatch.setattr(active_set, "refine", lambda rows, z, scaling: (z, False))
     problem, _ = optima.a_problem(70)
     found = identify(
-        problem.areas.u, problem.y, levels=problem.areas.form.levels, signed=True, smoothness=0.0
+        problem.matrix.u, problem.y, levels=problem.matrix.spec.levels, signed=True, smoothness=0.0
     )
     assert not found.converged
     assert any("did not converge" in text for text in found.advice)

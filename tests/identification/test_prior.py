@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from minorloop.connect import connect
 from minorloop.errors import ParameterError
 from minorloop.identification import excitation, identify, prior
-from minorloop.identification.areas import DesignMatrix, PlaneSpec
 from minorloop.identification.design import design
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 from minorloop.studies.holds import hold_each
@@ -25,57 +25,57 @@ def measured(u, noise=0.0, specimen=1, seed=0):
 def test_rows_are_those_of_the_tree(seed, diagonal):
     rng = np.random.default_rng(seed)
     relay = ["bipolar", "unipolar"][seed % 2]
-    form = PlaneSpec(np.sort(rng.uniform(-1, 1, 7)), relay, diagonal, slope=bool(seed % 3))
-    u = rng.choice([rng.uniform(-1.3, 1.3, 30), rng.choice(form.levels, 30)])
+    spec = PlaneSpec(np.sort(rng.uniform(-1, 1, 7)), relay, diagonal, slope=bool(seed % 3))
+    u = rng.choice([rng.uniform(-1.3, 1.3, 30), rng.choice(spec.levels, 30)])
     seen = rng.random(30) < 0.6
-    start = ["negative", "positive", Memory([form.levels[0], form.levels[4], form.levels[2]])]
+    start = ["negative", "positive", Memory([spec.levels[0], spec.levels[4], spec.levels[2]])]
     begin = start[seed % 3]
-    rows, _ = prior.regressors(form, u, seen, begin)
-    np.testing.assert_allclose(rows, DesignMatrix(form, u, seen, begin).matrix(), atol=1e-12)
+    rows, _ = prior.regressors(spec, u, seen, begin)
+    np.testing.assert_allclose(rows, DesignMatrix(spec, u, seen, begin).dense(), atol=1e-12)
 
 
 def test_marks_are_the_input_and_the_last_extrema():
-    form = PlaneSpec(np.linspace(0, 1, 5))
+    spec = PlaneSpec(np.linspace(0, 1, 5))
     u = np.array([0.2, 0.9, 0.4, 0.6])
-    _, marks = prior.regressors(form, u, np.ones(4, dtype=bool), "negative")
-    np.testing.assert_allclose(marks, [[0.2, 0, 0], [0.9, 0, 0], [0.4, 0.9, 0], [0.6, 0.4, 0.9]])
+    _, features = prior.regressors(spec, u, np.ones(4, dtype=bool), "negative")
+    np.testing.assert_allclose(features, [[0.2, 0, 0], [0.9, 0, 0], [0.4, 0.9, 0], [0.6, 0.4, 0.9]])
 
 
-def test_the_belief_is_that_of_a_gaussian_process():
+def test_the_posterior_is_that_of_a_gaussian_process():
     """Against the textbook formula, on dense matrices: Rasmussen and Williams, eq. 2.26."""
-    form = PlaneSpec(np.linspace(0, 1, 5), diagonal="reversible")
+    spec = PlaneSpec(np.linspace(0, 1, 5), diagonal="reversible")
     rng = np.random.default_rng(0)
     u, new = rng.uniform(0, 1, 9), rng.uniform(0, 1, 6)
-    rows, marks = prior.regressors(form, u, np.ones(9, dtype=bool), "negative")
+    rows, features = prior.regressors(spec, u, np.ones(9, dtype=bool), "negative")
     h = prior.Hyperparameters()
-    belief = prior.believe(form, h, (rows, marks))
-    plane = prior.PlanePrior(form)
+    posterior = prior.posterior_after(spec, h, (rows, features))
+    plane = prior.PlanePrior(spec)
     scale = plane.scale(h)
     whole = scale[:, None] * plane.covariance(h) * scale
-    gain = whole @ rows.T @ np.linalg.inv(rows @ whole @ rows.T + prior.disturbance(marks, h))
-    posterior = whole - gain @ rows @ whole
-    np.testing.assert_allclose(belief.factor @ belief.factor.T, posterior, atol=1e-10)
-    at, _ = prior.regressors(form, new, np.ones(6, dtype=bool), "negative")
-    expected = np.sqrt(np.einsum("ij,jk,ik->i", at, posterior, at) + h.discrepancy**2)
-    np.testing.assert_allclose(belief.deviation(new, "negative"), expected, rtol=1e-6)
+    gain = whole @ rows.T @ np.linalg.inv(rows @ whole @ rows.T + prior.disturbance(features, h))
+    covariance = whole - gain @ rows @ whole
+    np.testing.assert_allclose(posterior.factor @ posterior.factor.T, covariance, atol=1e-10)
+    at, _ = prior.regressors(spec, new, np.ones(6, dtype=bool), "negative")
+    expected = np.sqrt(np.einsum("ij,jk,ik->i", at, covariance, at) + h.discrepancy**2)
+    np.testing.assert_allclose(posterior.deviation(new, "negative"), expected, rtol=1e-6)
 
 
 def test_likelihood_is_that_of_the_outputs():
-    form = PlaneSpec(np.linspace(0, 1, 4), diagonal="reversible")
+    spec = PlaneSpec(np.linspace(0, 1, 4), diagonal="reversible")
     rng = np.random.default_rng(1)
     u, y = rng.uniform(0, 1, 8), rng.normal(size=8)
-    marked = prior.regressors(form, u, np.ones(8, dtype=bool), "negative")
+    dense = prior.regressors(spec, u, np.ones(8, dtype=bool), "negative")
     h = prior.Hyperparameters(noise=0.02)
-    plane = prior.PlanePrior(form)
+    plane = prior.PlanePrior(spec)
     whole = plane.scale(h)[:, None] * plane.covariance(h) * plane.scale(h)
-    total = marked[0] @ whole @ marked[0].T + prior.disturbance(marked[1], h)
+    total = dense[0] @ whole @ dense[0].T + prior.disturbance(dense[1], h)
     expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
-    found = prior.likelihood(plane, prior.Evidence(form, y, *marked), h)
+    found = prior.likelihood(plane, prior.Evidence(spec, y, *dense), h)
     assert found == pytest.approx(expected, rel=1e-9)
-    gram, slope = marked[0].T @ marked[0], marked[0].T @ y
-    summed = prior.Evidence(form, y, gram=gram, slope=slope)
+    gram, slope = dense[0].T @ dense[0], dense[0].T @ y
+    summed = prior.Evidence(spec, y, gram=gram, slope=slope)
     variance = h.noise**2 + h.discrepancy**2
-    total = marked[0] @ whole @ marked[0].T + variance * np.eye(8)
+    total = dense[0] @ whole @ dense[0].T + variance * np.eye(8)
     expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
     assert prior.likelihood(plane, summed, h) == pytest.approx(expected, rel=1e-9)
 
@@ -83,9 +83,9 @@ def test_likelihood_is_that_of_the_outputs():
 def test_covariances_are_positive_on_uneven_planes():
     rng = np.random.default_rng(2)
     for _ in range(20):
-        form = PlaneSpec(np.sort(rng.uniform(0, 1, 9)), slope=True)
+        spec = PlaneSpec(np.sort(rng.uniform(0, 1, 9)), slope=True)
         values = np.exp(rng.normal(size=7)) * [0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.003]
-        plane, h = prior.PlanePrior(form), prior.Hyperparameters(*values)
+        plane, h = prior.PlanePrior(spec), prior.Hyperparameters(*values)
         assert np.linalg.eigvalsh(plane.covariance(h)).min() > 0
         assert (plane.scale(h) > 0).all()
 
@@ -127,7 +127,7 @@ def test_more_measurements_make_surer():
     for count in (4, 8, 12):
         u = SEQUENCE[:count]
         fit = identify(u, measured(u, 0.1), levels=LEVELS, prior="gaussian", noise=0.1)
-        widths.append(np.mean(fit.belief.deviation(SEQUENCE, "negative")))
+        widths.append(np.mean(fit.posterior.deviation(SEQUENCE, "negative")))
     assert widths[0] > widths[1] > widths[2]
 
 
@@ -174,7 +174,7 @@ def test_many_samples_are_summed_and_agree_with_few():
     for fit in (many, few):
         error = fit.model.simulate(check) - model.simulate(check)
         assert np.sqrt(np.mean(error**2)) < 0.004 * truth
-    assert many.belief is not None
+    assert many.posterior is not None
 
 
 def test_auto_takes_the_prior_for_few_samples_only():
@@ -182,10 +182,10 @@ def test_auto_takes_the_prior_for_few_samples_only():
     model = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
     u = rng.uniform(0, 1, 400)
     y = model.simulate(u) + rng.normal(0, 0.05, u.size)
-    assert identify(u, y, levels=5).belief is None
-    assert identify(u[:30], y[:30], levels=5).belief is not None
-    assert identify(u[:30], y[:30], levels=5, smoothness=0.0).belief is None
-    assert identify(u[:30], y[:30], levels=5, prior="none").belief is None
+    assert identify(u, y, levels=5).posterior is None
+    assert identify(u[:30], y[:30], levels=5).posterior is not None
+    assert identify(u[:30], y[:30], levels=5, smoothness=0.0).posterior is None
+    assert identify(u[:30], y[:30], levels=5, prior="none").posterior is None
 
 
 def test_data_that_determine_the_plane_are_reproduced():
@@ -230,11 +230,11 @@ def test_hyperparameters_of_few_samples_on_a_fine_plane_are_sought_on_a_coarse_o
     sought, search = [], prior.search
 
     def seen(evidence, *args):
-        sought.append(evidence.form.bands)
+        sought.append(evidence.spec.bands)
         return search(evidence, *args)
 
     monkeypatch.setattr(prior, "search", seen)
     u = np.linspace(0, 1, 7) ** 2 * np.array([1, 0, 1, 0, 1, 0, 1])
     fit = identify(u, u, levels=48, prior="gaussian")
     assert set(sought) == {24}
-    assert fit.belief.form.bands == 48
+    assert fit.posterior.spec.bands == 48

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
 from minorloop.identification import excitation
-from minorloop.identification.areas import DesignMatrix
+from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.recursive import Recursive
 from minorloop.operators.preisach import Preisach
 
@@ -43,8 +43,8 @@ def test_regressors_are_the_exact_areas(u, diagonal):
     memory = recursion.begin().memory
     for value in u:
         _, memory = Preisach(LEVELS, np.zeros((10, 10))).step(memory, value)
-    areas = DesignMatrix(recursion.form, np.array(u), np.ones(len(u), dtype=bool), "negative")
-    np.testing.assert_allclose(recursion.regressor(memory), areas.matrix()[-1], atol=1e-12)
+    matrix = DesignMatrix(recursion.spec, np.array(u), np.ones(len(u), dtype=bool), "negative")
+    np.testing.assert_allclose(recursion.regressor(memory), matrix.dense()[-1], atol=1e-12)
 
 
 @pytest.mark.parametrize("inputs", ["staircase", "random"])

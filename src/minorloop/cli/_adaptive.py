@@ -86,8 +86,8 @@ def findings(chooser: Adaptive, store: Store) -> dict[str, Any]:
     found = chooser.validation(u, y)
     return {
         "holds": sum(role in ("design", "repeat") for role in roles),
-        "knocked": [k for k, role in enumerate(roles) if role == "knocked"],
-        "repeated": [k for k in range(len(u) - 1) if roles[k] == "knocked" and u[k] == u[k + 1]],
+        "knocked": [k for k, role in enumerate(roles) if role == "outlier"],
+        "repeated": [k for k in range(len(u) - 1) if roles[k] == "outlier" and u[k] == u[k + 1]],
         "changes": changes,
         "validation": found and _score(found),
         "warnings": warnings(chooser, u, y),

@@ -225,7 +225,7 @@ def _of_run(
     u, y = record.u.tolist(), record.y.tolist()
     result = chooser.identification(u, y, **given)
     seconds = time.perf_counter() - began
-    out = [k for k, role in enumerate(chooser.roles(u, y)) if role == "knocked"]
+    out = [k for k, role in enumerate(chooser.roles(u, y)) if role == "outlier"]
     notes = tuple(warnings(chooser, u, y))
     return _Done(record, result, provenance, seconds, notes, tuple(out))
 
@@ -312,7 +312,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         "condition": result.condition if known else None,
         "excited_fraction": result.excited_fraction,
         "smoothness": result.smoothness,
-        "prior": "none" if result.belief is None else "gaussian",
+        "prior": "none" if result.posterior is None else "gaussian",
         "band_sd": _band_sd(result),
         "suspects": list(result.suspects),
         "kkt": result.kkt,
@@ -337,7 +337,7 @@ def _banded(figures: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _band_sd(result: Identification) -> float | None:
     """Standard deviation of the outputs of the record, on average, as the prior has it."""
-    if result.belief is None:
+    if result.posterior is None:
         return None
     return float(result.predict(result.u, bands=0.9).sd.mean())
 

@@ -75,7 +75,7 @@ def _planned(
     """The inputs, and what they determine where that is quickly worked out."""
     from minorloop.arrays import uniform_levels
     from minorloop.identification import excitation
-    from minorloop.identification.areas import check_bands
+    from minorloop.identification.design_matrix import check_bands
 
     check_bands(levels)
     grid = uniform_levels(low, high, levels)

@@ -71,7 +71,7 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
 
     levels = result.model.levels
     untouched = np.tril(~result.excited)
-    if result.belief is not None or not untouched.any():
+    if result.posterior is not None or not untouched.any():
         return  # What the prior fills in has its bands.
     shade = np.ma.masked_where(~untouched, np.ones(untouched.shape))
     grey = ListedColormap(["0.85"])
@@ -85,7 +85,7 @@ def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
     dots: dict[str, Any] = {"ms": 4, "color": "C1"} if index.size <= _FEW else _DOTS
     axes.plot(index, result.y, ".", label="measured", rasterized=True, **dots)
     axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
-    if result.belief is not None and 1 < index.size <= _FEW and not result.lag:
+    if result.posterior is not None and 1 < index.size <= _FEW and not result.lag:
         # Between the samples too: where nothing was measured, bands are wide.
         shown = result.predict(_between(result.u), bands=0.9)
         way = np.linspace(0, index[-1], shown.u.size)
@@ -100,7 +100,7 @@ def _draw_residual(axes: Axes, result: Identification) -> None:
     index = np.arange(result.y.size)
     residual = 100 * (result.prediction - result.y) / unit
     axes.plot(index, residual, ".", ms=2.0, color="C0", rasterized=True)
-    if result.belief is not None:
+    if result.posterior is not None:
         shown = np.unique(np.linspace(0, index[-1], _MOST_BANDS).astype(np.int64))
         reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
         axes.fill_between(shown, -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")

@@ -240,7 +240,7 @@ def _check_times(limit: float, patience: float) -> None:
 def try_options(options: Mapping[str, Any]) -> None:
     """Refuse what no record could be identified with, by identifying a small one."""
     from minorloop.identification import identify
-    from minorloop.identification.areas import MOST_BANDS
+    from minorloop.identification.design_matrix import MOST_BANDS
 
     levels, lag = options.get("levels", 1), options.get("lag", 0)
     if np.isscalar(levels):

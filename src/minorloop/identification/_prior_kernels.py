@@ -1,4 +1,4 @@
-"""Compiled loops under the prior on the plane: arrays in, arrays out."""
+"""Compiled loops of the prior on the plane: arrays in, arrays out."""
 
 import math
 
@@ -9,11 +9,11 @@ from minorloop.operators._memory_kernels import push, switched_on
 
 
 @njit(cache=True, nogil=True)
-def walk(levels, spread, past, u, measured, rows, marks):
-    """Shares switched on and what is remembered best, after every measured input.
+def walk(levels, spread, past, u, measured, rows, features):
+    """Fractions switched on and features of the memory, after every measured input.
 
     ``past`` (d,) are the extrema before the first input; ``rows`` (M, K) is filled with the
-    shares, ``marks`` (M, 3) with the present input and the last two extrema, all from 0 to 1.
+    fractions, ``features`` (M, 3) with the present input and the last two extrema, from 0 to 1.
     """
     low, high = levels[0], levels[-1]
     stack = np.empty(past.size + u.size + 2)
@@ -26,13 +26,13 @@ def walk(levels, spread, past, u, measured, rows, marks):
             continue
         switched_on(levels, spread, stack, depth, rows[m])
         for k in range(3):
-            marks[m, k] = (stack[max(depth - 1 - k, 0)] - low) / (high - low)
+            features[m, k] = (stack[max(depth - 1 - k, 0)] - low) / (high - low)
         m += 1
 
 
 @njit(cache=True, nogil=True)
 def matern(x, y, at_x, at_y, out):
-    """Product of two Matern kernels of order 3/2 between points (K,), into ``out`` (K, K)."""
+    """Fill ``out`` (K, K) with the product of two Matern 3/2 kernels between points (K,)."""
     root = math.sqrt(3.0)
     for i in range(x.size):
         for j in range(i + 1):
@@ -45,7 +45,7 @@ def matern(x, y, at_x, at_y, out):
 
 @njit(cache=True, nogil=True)
 def look_ahead(levels, spread, past, candidates, rows):
-    """Shares switched on after each candidate (m,) is applied to the extrema ``past`` (d,)."""
+    """Fractions switched on after each candidate (m,) is applied to the extrema ``past`` (d,)."""
     low, high = levels[0], levels[-1]
     stack = np.empty(past.size + 2)
     for m in range(candidates.size):

@@ -1,7 +1,7 @@
-"""An experiment that chooses its own inputs: design, repetition of what was knocked, validation.
+"""An experiment that chooses its own inputs: design, repetition of outliers, validation.
 
-What comes next follows from the points so far and from nothing else, so that an experiment that
-was stopped goes on as it would have.
+The next input is a function of the points so far and nothing else. An experiment that was stopped
+therefore continues as it would have without the stop.
 """
 
 from __future__ import annotations
@@ -20,34 +20,39 @@ from minorloop.identification.fit import identify
 from minorloop.identification.result import Identification
 from minorloop.operators.memory import Memory
 
-Role: TypeAlias = Literal["design", "knocked", "repeat", "validation"]
+Role: TypeAlias = Literal["design", "outlier", "repeat", "validation"]
 
 VALIDATION = 4
-"""Holds at random levels that close an experiment and are never fitted."""
+"""Holds at random levels at the end of an experiment; they are never fitted."""
 REPEATS = 3
-"""Further holds that an experiment may spend on what was knocked or not measured."""
+"""Additional holds at most, to repeat or replace outliers and missing readings."""
 PROBABILITY = 0.9
-_FIRST = 4
-_BEFORE_DOUBT = 6
-_FAR = 6.0
-
-_INSIDE = 0.75
-_TOO_FAR = 3.0
-_ORDER = (2, 0, 3, 1)
+"""Probability of the bands that validation holds are checked against."""
+_FIXED = 4
+"""First holds, which are designed before anything is measured."""
+_BEFORE_CHECKS = 6
+"""Points that are fitted before a reading can be called an outlier."""
+_OUTLIER_DEVIATIONS = 6.0
+"""Standard deviations from its prediction at which a reading is repeated."""
+_LEAST_INSIDE = 0.75
+_MOST_RMS = 3.0
+"""Validation passes with this share inside the bands, and this rms error in deviations."""
+_PART_ORDER = (2, 0, 3, 1)
+"""Order in which validation visits the quarters of the range, so that it reverses every time."""
 
 
 @dataclass(frozen=True)
 class Validation:
-    """How the model did on holds that it was not fitted to.
+    """Score of the model on holds that it was not fitted to.
 
     Parameters
     ----------
     prediction : Prediction
         Of the validation holds, (n,).
     measured : (n,) array
-        What they gave.
+        Outputs of these holds.
     scale : float
-        Range of all that was measured and not set aside.
+        Range of all outputs that are not outliers.
     noise : float
         Standard deviation of a measured output.
     """
@@ -59,21 +64,21 @@ class Validation:
 
     @property
     def nrmse(self) -> float:
-        """Root-mean-square error over the range of all that was measured."""
+        """Root-mean-square error over the range of all measured outputs."""
         return float(np.sqrt(np.mean((self.prediction.y - self.measured) ** 2))) / self.scale
 
     @property
     def covered(self) -> int:
-        """How many lie within their bands, which the noise of the sensor widens."""
+        """Number of outputs inside their bands, sensor noise included."""
         seen = replace(self.prediction, sd=self._allowed)
         return round(seen.covers(self.measured) * self.measured.size)
 
     @property
     def trusted(self) -> bool:
-        """Whether three quarters lie within their bands, and no error is far above these."""
+        """Whether three quarters lie inside their bands and the rms error is below 3 deviations."""
         away = (self.prediction.y - self.measured) / self._allowed
-        inside = self.covered >= _INSIDE * self.measured.size
-        return inside and bool(np.sqrt(np.mean(away**2)) <= _TOO_FAR)
+        inside = self.covered >= _LEAST_INSIDE * self.measured.size
+        return inside and bool(np.sqrt(np.mean(away**2)) <= _MOST_RMS)
 
     @property
     def _allowed(self) -> FloatArray:
@@ -81,34 +86,33 @@ class Validation:
 
 
 @dataclass
-class _Course:
-    """What became of an experiment so far.
+class _Progress:
+    """State of an experiment.
 
-    ``fresh`` and ``tested`` count design and validation without repetitions, ``spent`` what went
-    on repetitions and on holds that make up for knocked ones, ``made_up`` the latter alone;
-    ``changes`` are distances from the model of points whose repetition gave the same;
-    ``pending``: the last is to be repeated; ``closing``: the design is over.
+    ``designed`` and ``validated`` count the holds of design and validation, ``extra`` repetitions
+    and replacements, ``replaced`` the replacements alone. ``changes`` are the deviations from the
+    model of points whose repetition agreed with them. ``repeat_next``: the last point is to be
+    repeated. ``validating``: the design is complete.
     """
 
     roles: list[Role] = field(default_factory=list)
-    fresh: int = 0
-    tested: int = 0
-    spent: int = 0
-    made_up: int = 0
+    designed: int = 0
+    validated: int = 0
+    extra: int = 0
+    replaced: int = 0
     changes: dict[int, float] = field(default_factory=dict)
-    pending: bool = False
-    closing: bool = False
+    repeat_next: bool = False
+    validating: bool = False
 
 
 @dataclass
 class Adaptive:
-    """What to measure next, and what the measurements say.
+    """Choose the next input from the measurements so far.
 
-    A reading that is missing or lies far outside its band is measured again at once. Where the
-    repetition gives what was expected, the first reading was knocked and is left out. Where it
-    gives the same again, both are fitted, the point is among the ``changes``, and the bands are
-    widened by the contradiction. A hold of which later ones show that it was knocked is left out,
-    and made up for by another.
+    A reading that is missing or lies far outside its band is repeated at once. If the repetition
+    agrees with the model, the first reading is an outlier and is left out. If it agrees with the
+    first reading, both are fitted, the point is one of the ``changes``, and the bands are widened
+    by the contradiction. A hold that later ones show to be an outlier is left out and replaced.
 
     Parameters
     ----------
@@ -117,14 +121,14 @@ class Adaptive:
     levels : int
         Bands of the model.
     holds : int
-        Budget; the holds of the validation (4) and repetitions (3 at most) not counted.
+        Budget, without validation (4 holds) and repetitions (3 at most).
     step : float
-        Largest change of the input that is allowed.
+        Largest allowed change of the input.
     least_gain : float
-        Stop when the next hold is expected to take less than this share off the standard
-        deviation.
+        Stop when the next hold is expected to reduce the standard deviation by less than this
+        share.
     seed : int
-        Draws the levels of the validation.
+        Seed of the levels of the validation.
     noise : float, optional
         Standard deviation of a measured output, where it is known.
 
@@ -159,7 +163,7 @@ class Adaptive:
         budget(self.holds, None, 1.0)
         if not 0 <= as_finite("least_gain", self.least_gain) < 1:
             raise ParameterError(f"least_gain is {self.least_gain}; give a share from 0 to 1")
-        self._first = design(self.grid, min(_FIRST, self.holds), step=self.step)
+        self._first = design(self.grid, min(_FIXED, self.holds), step=self.step)
 
     @property
     def grid(self) -> Levels:
@@ -178,11 +182,11 @@ class Adaptive:
 
     @property
     def most(self) -> int:
-        """Holds that the experiment takes at most."""
+        """Largest number of holds of the experiment."""
         return self.holds + VALIDATION + REPEATS
 
     def choose(self, u: Sequence[float], y: Sequence[float]) -> float | None:
-        """The next input after inputs u and settled outputs y; None when there are enough.
+        """Return the next input; None when the experiment is complete.
 
         Parameters
         ----------
@@ -191,19 +195,19 @@ class Adaptive:
         y : (n,) array_like
             Settled outputs; NaN where none was read.
         """
-        course = self._course(u, y)
-        if course.pending:
+        progress = self._progress(u, y)
+        if progress.repeat_next:
             return float(u[-1])
-        if not self._over(course):
-            following = self._design(u, y, course)
+        if not self._is_designed(progress):
+            following = self._design(u, y, progress)
             if following is not None:
                 return following
-        if course.tested == VALIDATION:
+        if progress.validated == VALIDATION:
             return None
-        return self._validation_level(course.tested, float(u[-1]))
+        return self._validation_level(progress.validated, float(u[-1]))
 
     def roles(self, u: Sequence[float], y: Sequence[float]) -> list[Role]:
-        """What each point is for; ``knocked`` ones are not fitted.
+        """Return the role of each point; an ``outlier`` is not fitted.
 
         Parameters
         ----------
@@ -212,12 +216,12 @@ class Adaptive:
         y : (n,) array_like
             Settled outputs; NaN where none was read.
         """
-        return self._course(u, y).roles
+        return self._progress(u, y).roles
 
     def changes(self, u: Sequence[float], y: Sequence[float]) -> list[int]:
-        """Points that contradict the model though their repetition gave the same.
+        """Return the points that contradict the model although their repetition agrees with them.
 
-        About there the actuator or its sensor changed, or no such model follows it.
+        There the actuator or its sensor changed, or no Preisach model describes it.
 
         Parameters
         ----------
@@ -226,26 +230,24 @@ class Adaptive:
         y : (n,) array_like
             Settled outputs; NaN where none was read.
         """
-        return sorted(self._course(u, y).changes)
+        return sorted(self._progress(u, y).changes)
 
     def learn_noise(self, sd: Sequence[float]) -> None:
-        """Take the noise from the standard deviations of the first settled outputs.
+        """Estimate the noise from the standard deviations of the first settled outputs.
 
         Parameters
         ----------
         sd : (n,) array_like
             Standard deviations of settled outputs, in the unit of the output.
         """
-        known = [value for value in sd[:_FIRST] if np.isfinite(value)]
+        known = [value for value in sd[:_FIXED] if np.isfinite(value)]
         if known:
             self.noise = float(np.median(known))
 
     def identification(
         self, u: Sequence[float], y: Sequence[float], **options: Any
     ) -> Identification:
-        """The model of the points that are there to be fitted; those of the validation held out.
-
-        ``options`` of `identify` take the place of those of the experiment.
+        """Identify the model from the points to be fitted; validation points are held out.
 
         Parameters
         ----------
@@ -254,18 +256,18 @@ class Adaptive:
         y : (n,) array_like
             Settled outputs; NaN where none was read.
         **options
-            Further ones of `identify`.
+            Of `identify`; they override those of the experiment.
         """
-        course = self._course(u, y)
-        fit = self._fit(u, y, course, **options)
+        progress = self._progress(u, y)
+        fit = self._fit(u, y, progress, **options)
         outputs = np.where(np.isfinite(y), y, np.nan)
         fitted = np.zeros(outputs.size, dtype=np.bool_)
         fitted[: fit.fitted.size] = fit.fitted
-        held = np.array([role == "validation" for role in course.roles]) & np.isfinite(outputs)
+        held = np.array([role == "validation" for role in progress.roles]) & np.isfinite(outputs)
         return replace(fit, u=np.array(u), y=outputs, fitted=fitted, held_out=held)
 
     def validation(self, u: Sequence[float], y: Sequence[float]) -> Validation | None:
-        """The score on the points that were not fitted; None where there are none yet.
+        """Return the score on the validation points; None where there are none yet.
 
         Parameters
         ----------
@@ -280,104 +282,106 @@ class Adaptive:
         held = fit.held_out
         if not held.any():
             return None
-        assert fit.belief is not None
+        assert fit.posterior is not None
         whole = fit.predict(fit.u, bands=PROBABILITY)
         part = Prediction(whole.u[held], whole.y[held], whole.sd[held], PROBABILITY)
         scale = float(np.ptp(fit.y[fit.fitted | held])) or 1.0
-        noise = fit.belief.hyperparameters.noise * fit.belief.unit
+        noise = fit.posterior.hyperparameters.noise * fit.posterior.unit
         return Validation(part, fit.y[held], scale, noise)
 
-    def _course(self, u: Sequence[float], y: Sequence[float]) -> _Course:
-        course = _Course()
+    def _progress(self, u: Sequence[float], y: Sequence[float]) -> _Progress:
+        progress = _Progress()
         for k in range(len(u)):
-            if course.pending:
-                self._repeated(u[: k + 1], y[: k + 1], course)
+            if progress.repeat_next:
+                self._repeated(u[: k + 1], y[: k + 1], progress)
             else:
-                self._measured(u[: k + 1], y[: k + 1], course)
-            self._look_back(u[: k + 1], y[: k + 1], course)
-        return course
+                self._measured(u[: k + 1], y[: k + 1], progress)
+            self._find_outliers(u[: k + 1], y[: k + 1], progress)
+        return progress
 
-    def _measured(self, u: Sequence[float], y: Sequence[float], course: _Course) -> None:
-        """Say what the last point is for, which is no repetition."""
-        course.closing = self._over(course) or self._stopped(u, y, course)
-        role: Role = "validation" if course.closing else "design"
-        course.tested += course.closing
-        course.fresh += not course.closing
-        if self._doubtful(u, y, course):
-            role, course.pending = "knocked", course.spent < REPEATS
-        course.roles.append(role)
+    def _measured(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> None:
+        """Set the role of the last point, which is no repetition."""
+        progress.validating = self._is_designed(progress) or self._stopped_early(u, y, progress)
+        role: Role = "validation" if progress.validating else "design"
+        progress.validated += progress.validating
+        progress.designed += not progress.validating
+        if self._is_doubtful(u, y, progress):
+            role, progress.repeat_next = "outlier", progress.extra < REPEATS
+        progress.roles.append(role)
 
-    def _repeated(self, u: Sequence[float], y: Sequence[float], course: _Course) -> None:
-        """Say what the last point is for, which repeats the one before."""
-        course.spent += 1
-        course.pending = not np.isfinite(y[-1]) and course.spent < REPEATS
+    def _repeated(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> None:
+        """Set the role of the last point, which repeats the one before."""
+        progress.extra += 1
+        progress.repeat_next = not np.isfinite(y[-1]) and progress.extra < REPEATS
         if not np.isfinite(y[-1]):
-            course.roles.append("knocked")
+            progress.roles.append("outlier")
             return
         if np.isfinite(y[-2]):
-            away = self._away(u[:-1], y[:-1], course)[0]
+            away = self._deviation(u[:-1], y[:-1], progress)[0]
             if abs(y[-1] - y[-2]) < abs(y[-1] - y[-2] + away):
-                course.changes[len(u) - 2] = abs(away)
-                if not course.closing:
-                    course.roles[-1] = "design"
-        course.roles.append("validation" if course.closing else "repeat")
+                progress.changes[len(u) - 2] = abs(away)
+                if not progress.validating:
+                    progress.roles[-1] = "design"
+        progress.roles.append("validation" if progress.validating else "repeat")
 
-    def _look_back(self, u: Sequence[float], y: Sequence[float], course: _Course) -> None:
-        """Leave out what was knocked before enough was known to see it, and make up for it."""
-        if course.closing or course.pending or course.spent == REPEATS:
+    def _find_outliers(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> None:
+        """Leave out earlier points that now turn out to be outliers, and replace them."""
+        if progress.validating or progress.repeat_next or progress.extra == REPEATS:
             return
-        if sum(role in ("design", "repeat") for role in course.roles) < _BEFORE_DOUBT:
+        if sum(role in ("design", "repeat") for role in progress.roles) < _BEFORE_CHECKS:
             return
-        for k in self._fit(u, y, course).suspects:
-            sure = k in course.changes or course.roles[k] != "design"
-            if not sure and course.spent < REPEATS:
-                course.roles[k] = "knocked"
-                course.spent += 1
-                course.made_up += 1
+        for k in self._fit(u, y, progress).suspects:
+            sure = k in progress.changes or progress.roles[k] != "design"
+            if not sure and progress.extra < REPEATS:
+                progress.roles[k] = "outlier"
+                progress.extra += 1
+                progress.replaced += 1
 
-    def _doubtful(self, u: Sequence[float], y: Sequence[float], course: _Course) -> bool:
-        """Whether nothing was measured, or what lies far outside its band and can be repeated."""
+    def _is_doubtful(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> bool:
+        """Whether the last reading is missing, or far outside its band and can be repeated."""
         if not np.isfinite(y[-1]):
             return True
-        known = sum(role in ("design", "repeat") for role in course.roles)
-        if known < _BEFORE_DOUBT or course.spent == REPEATS:
+        known = sum(role in ("design", "repeat") for role in progress.roles)
+        if known < _BEFORE_CHECKS or progress.extra == REPEATS:
             return False
-        away, allowed = self._away(u, y, course)
-        return abs(away) > _FAR * allowed
+        away, allowed = self._deviation(u, y, progress)
+        return abs(away) > _OUTLIER_DEVIATIONS * allowed
 
-    def _away(self, u: Sequence[float], y: Sequence[float], course: _Course) -> tuple[float, float]:
-        """The last point less its prediction by those before, and the deviation of that."""
+    def _deviation(
+        self, u: Sequence[float], y: Sequence[float], progress: _Progress
+    ) -> tuple[float, float]:
+        """Error of the prediction of the last point from those before, and its deviation."""
         before = len(u) - 1
-        fit = self._fit(u[:before], y[:before], course)
-        assert fit.belief is not None
+        fit = self._fit(u[:before], y[:before], progress)
+        assert fit.posterior is not None
         shown = fit.predict(np.array(u), bands=PROBABILITY)
-        noise = fit.belief.hyperparameters.noise * fit.belief.unit
+        noise = fit.posterior.hyperparameters.noise * fit.posterior.unit
         return float(y[-1] - shown.y[-1]), float(np.hypot(shown.sd[-1], noise))
 
-    def _over(self, course: _Course) -> bool:
-        return course.closing or course.fresh >= self.holds + course.made_up
+    def _is_designed(self, progress: _Progress) -> bool:
+        return progress.validating or progress.designed >= self.holds + progress.replaced
 
-    def _stopped(self, u: Sequence[float], y: Sequence[float], course: _Course) -> bool:
-        """Whether the design had ended early before the last point."""
-        if self.least_gain == 0 or course.fresh < self._first.size:
+    def _stopped_early(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> bool:
+        """Whether the design ended early, before the last point."""
+        if self.least_gain == 0 or progress.designed < self._first.size:
             return False
-        return self._next(u[:-1], y[:-1], course) is None
+        return self._next(u[:-1], y[:-1], progress) is None
 
-    def _design(self, u: Sequence[float], y: Sequence[float], course: _Course) -> float | None:
-        if course.fresh < self._first.size:
-            return float(self._first[course.fresh])
-        return self._next(u, y, course)
+    def _design(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> float | None:
+        if progress.designed < self._first.size:
+            return float(self._first[progress.designed])
+        return self._next(u, y, progress)
 
-    def _next(self, u: Sequence[float], y: Sequence[float], course: _Course) -> float | None:
+    def _next(self, u: Sequence[float], y: Sequence[float], progress: _Progress) -> float | None:
         memory = Memory.after(u, low=self.low, high=self.high)
-        found = next_input(self._fit(u, y, course), memory, step=self.step)
+        found = next_input(self._fit(u, y, progress), memory, step=self.step)
         return None if found.gain < self.least_gain else found.u
 
     def _fit(
-        self, u: Sequence[float], y: Sequence[float], course: _Course, **options: Any
+        self, u: Sequence[float], y: Sequence[float], progress: _Progress, **options: Any
     ) -> Identification:
-        """The model of these points, as far as their roles are known."""
-        kept = [k for k in range(len(u)) if course.roles[k] in ("design", "repeat")]
+        """Identify the model from the points whose roles are known; results are cached."""
+        kept = [k for k in range(len(u)) if progress.roles[k] in ("design", "repeat")]
         last = max(kept, default=-1) + 1
         outputs = np.full(last, np.nan)
         outputs[kept] = np.array(y, dtype=np.float64)[kept]
@@ -385,21 +389,21 @@ class Adaptive:
         key = inputs.tobytes() + outputs.tobytes() + repr((self.noise, options)).encode()
         if key not in self._fits:
             self._fits[key] = identify(inputs, outputs, **{**self.settings, **options})
-        return _widened(self._fits[key], course.changes)
+        return _with_wider_bands(self._fits[key], progress.changes)
 
     def _validation_level(self, index: int, now: float) -> float:
-        """A random level of a part of the range, within the step of the present one."""
+        """Random level in one quarter of the range, at most a step from the present one."""
         shares = np.random.default_rng(self.seed).uniform(size=VALIDATION)
-        part = (_ORDER[index] + shares[index]) / VALIDATION
+        part = (_PART_ORDER[index] + shares[index]) / VALIDATION
         level = self.low + part * (self.high - self.low)
         return float(np.clip(level, now - self.step, now + self.step))
 
 
-def _widened(fit: Identification, changes: dict[int, float]) -> Identification:
-    """With a discrepancy that accounts for what contradicted the model and was repeated."""
-    if fit.belief is None or not changes:
+def _with_wider_bands(fit: Identification, changes: dict[int, float]) -> Identification:
+    """Raise the discrepancy to the rms deviation of the points that contradict the model."""
+    if fit.posterior is None or not changes:
         return fit
-    belief, h = fit.belief, fit.belief.hyperparameters
-    away = float(np.sqrt(np.mean(np.square(list(changes.values()))))) / belief.unit
+    posterior, h = fit.posterior, fit.posterior.hyperparameters
+    away = float(np.sqrt(np.mean(np.square(list(changes.values()))))) / posterior.unit
     widened = replace(h, discrepancy=max(h.discrepancy, away))
-    return replace(fit, belief=replace(belief, hyperparameters=widened))
+    return replace(fit, posterior=replace(posterior, hyperparameters=widened))

@@ -78,9 +78,9 @@ def _suspects(result: Fit) -> Iterator[str]:
 
 
 def _excitation(result: Fit) -> Iterator[str]:
-    excited, cells = int(np.count_nonzero(result.excited)), result.areas.form.cells
+    excited, cells = int(np.count_nonzero(result.excited)), result.matrix.spec.cells
     few = result.samples < result.unknowns
-    if few and result.belief is not None:
+    if few and result.posterior is not None:
         yield (
             f"{result.samples} samples for {result.unknowns} unknowns, {excited} of {cells} cells "
             f"excited, and {_pattern(result)}: the rest is filled in by the prior, and the bands "
@@ -92,7 +92,7 @@ def _excitation(result: Fit) -> Iterator[str]:
             f"{_pattern(result)}; weights elsewhere are guesses. Measure a decaying staircase "
             "(minorloop plan decaying) or reversal curves, or use fewer levels"
         )
-    if few and result.belief is None:
+    if few and result.posterior is None:
         smooth = "filled in by smoothness" if result.smoothness else "arbitrary: use fewer levels"
         yield f"{result.samples} samples for {result.unknowns} unknowns: the rest is {smooth}"
     low, high = result.model.levels[[0, -1]]
@@ -108,7 +108,7 @@ def _pattern(result: Fit) -> str:
     """What the input looks like to the plane."""
     moving = result.u[np.append(True, np.diff(result.u) != 0)]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(moving)))) + 1
-    levels = result.areas.form.levels
+    levels = result.matrix.spec.levels
     ends = (moving[turns] <= levels[1]) | (moving[turns] >= levels[-2])
     if ends.all():
         return "the input runs along one major loop, which says nothing of minor loops"

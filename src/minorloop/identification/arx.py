@@ -87,9 +87,9 @@ def arx(
     other = None if second is None else as_sampled(second, reading)
     if other is not None:
         _check_interval(record.interval, other.interval)
-    forms = _structures(highest_order, longest_dead_time)
+    structures = _structures(highest_order, longest_dead_time)
     scored = [] if other is None else [whole(other)]
-    return _identified([whole(record)], scored, record.interval, forms)
+    return _identified([whole(record)], scored, record.interval, structures)
 
 
 def step_response(
@@ -134,7 +134,7 @@ def step_response(
     other = None if second is None else as_sampled(second, reading)
     if other is not None:
         _check_interval(record.interval, other.interval)
-    forms = _structures(highest_order, longest_dead_time)
+    structures = _structures(highest_order, longest_dead_time)
     steps, scored = steps_in(record), [] if other is None else steps_in(other)
     if not steps:
         raise SignalError("no step moves the output; record one with a hold before and after it")
@@ -143,7 +143,7 @@ def step_response(
         own, others = (
             [step.stretch for step in each if step.rising == rising] for each in (steps, scored)
         )
-        fits[rising] = _identified(own, others, record.interval, forms)
+        fits[rising] = _identified(own, others, record.interval, structures)
     return StepResponse(fits.get(True), fits.get(False))
 
 
@@ -151,19 +151,19 @@ def _identified(
     stretches: Sequence[Stretch],
     second: Sequence[Stretch],
     interval: float,
-    forms: Sequence[Structure],
+    structures: Sequence[Structure],
 ) -> LinearFit:
     samples = sum(one.y.size for one in stretches)
-    needed = _SAMPLES_EACH * forms[-1].parameters
+    needed = _SAMPLES_EACH * structures[-1].parameters
     if samples < needed:
         raise SignalError(
-            f"{samples} samples for up to {forms[-1].parameters} coefficients; give at least "
+            f"{samples} samples for up to {structures[-1].parameters} coefficients; give at least "
             f"{needed}, or a lower highest_order"
         )
     if max(float(np.ptp(one.y)) for one in stretches) == 0:
         raise SignalError("the output never changes; there is nothing to identify")
-    with one_thread(forms[-1].parameters):
-        tried = [_candidate(stretches, second, form) for form in forms]
+    with one_thread(structures[-1].parameters):
+        tried = [_candidate(stretches, second, structure) for structure in structures]
     candidates = [one for one in tried if one is not None]
     if not candidates:
         raise SignalError(
@@ -218,9 +218,9 @@ def free_run_error(stretches: Sequence[Stretch], found: Coefficients) -> float:
 
 
 def _candidate(
-    stretches: Sequence[Stretch], second: Sequence[Stretch], form: Structure
+    stretches: Sequence[Stretch], second: Sequence[Stretch], structure: Structure
 ) -> TriedEquation | None:
-    found = output_error.output_error(stretches, form)
+    found = output_error.output_error(stretches, structure)
     if found is None or found.dc_gain == 0:
         return None
     samples = sum(one.y.size for one in stretches)
@@ -229,10 +229,10 @@ def _candidate(
     # Below this, errors are rounding and differences between them mean nothing.
     counted = max(mean_square, _PRECISE**2)
     return TriedEquation(
-        structure=form,
+        structure=structure,
         coefficients=found,
         kind=_kind(found),
-        bic=samples * float(np.log(counted)) + form.parameters * float(np.log(samples)),
+        bic=samples * float(np.log(counted)) + structure.parameters * float(np.log(samples)),
         nrmse=float(np.sqrt(mean_square)),
         free_run=free_run_error(second, found) if second else None,
     )

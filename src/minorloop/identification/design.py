@@ -22,8 +22,8 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_levels
 from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
-from minorloop.identification.areas import PlaneSpec
-from minorloop.identification.prior import Hyperparameters, Posterior, believe, regressors
+from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.prior import Hyperparameters, Posterior, posterior_after, regressors
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import relay_outputs
 from minorloop.operators.preisach import Diagonal
@@ -95,7 +95,7 @@ def next_input(
     ParameterError
         If the model was identified without the prior, or no input is allowed.
     """
-    if not hasattr(identification, "belief"):
+    if not hasattr(identification, "posterior"):
         raise ParameterError(
             f"next_input needs what identify gives, and that is a {type(identification).__name__}"
         )
@@ -104,11 +104,11 @@ def next_input(
             f"memory is a {type(memory).__name__}; give a Memory, such as Memory.after(inputs, "
             "low=..., high=...)"
         )
-    if identification.belief is None:
+    if identification.posterior is None:
         raise ParameterError('next_input needs the prior; identify with prior="gaussian"')
     candidates = _allowed(identification, memory, low, high, step)
     with one_thread(identification.unknowns):
-        return _best(identification.belief, memory, candidates)
+        return _best(identification.posterior, memory, candidates)
 
 
 def design(
@@ -155,18 +155,18 @@ def design(
     ParameterError
         If the budget is none, or an option is out of its range.
     """
-    form = PlaneSpec(as_levels(levels), diagonal=diagonal)
+    spec = PlaneSpec(as_levels(levels), diagonal=diagonal)
     count = budget(holds, hours, hold)
     if not 0 <= as_finite("least_gain", least_gain) < 1:
         raise ParameterError(f"least_gain is {least_gain}; give a share from 0 to 1")
     h = hyperparameters or Hyperparameters()
-    inputs = [float(form.levels[0]) if low is None else as_finite("low", low)]
-    with one_thread(form.unknowns):
-        return _sequence(form, h, inputs, count, (low, high, step), least_gain)
+    inputs = [float(spec.levels[0]) if low is None else as_finite("low", low)]
+    with one_thread(spec.unknowns):
+        return _sequence(spec, h, inputs, count, (low, high, step), least_gain)
 
 
 def _sequence(
-    form: PlaneSpec,
+    spec: PlaneSpec,
     h: Hyperparameters,
     inputs: list[float],
     count: int,
@@ -175,9 +175,9 @@ def _sequence(
 ) -> FloatArray:
     while len(inputs) < count:
         u = np.array(inputs)
-        marked = regressors(form, u, np.ones(u.size, dtype=np.bool_), "negative")
-        memory = Memory.after(inputs, low=form.levels[0], high=form.levels[-1])
-        found = _best(believe(form, h, marked), memory, _allowed(form, memory, *allowed))
+        dense = regressors(spec, u, np.ones(u.size, dtype=np.bool_), "negative")
+        memory = Memory.after(inputs, low=spec.levels[0], high=spec.levels[-1])
+        found = _best(posterior_after(spec, h, dense), memory, _allowed(spec, memory, *allowed))
         if found.gain < least_gain:
             break
         inputs.append(found.u)
@@ -221,8 +221,8 @@ def _allowed(
     step: float,
 ) -> FloatArray:
     """Inputs to choose from."""
-    form = of if isinstance(of, PlaneSpec) else of.areas.form
-    bottom, top = float(form.levels[0]), float(form.levels[-1])
+    spec = of if isinstance(of, PlaneSpec) else of.matrix.spec
+    bottom, top = float(spec.levels[0]), float(spec.levels[-1])
     least = bottom if low is None else max(as_finite("low", low), bottom)
     most = top if high is None else min(as_finite("high", high), top)
     if isinstance(step, bool) or not isinstance(step, int | float | np.number) or not step > 0:
@@ -236,13 +236,13 @@ def _allowed(
     return np.linspace(least, most, CANDIDATES)
 
 
-def _best(belief: Posterior, memory: Memory, candidates: FloatArray) -> NextInput:
+def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextInput:
     """The first of the two moves that take most off the variance, by a beam."""
-    h, unit = belief.hyperparameters, belief.unit
+    h, unit = posterior.hyperparameters, posterior.unit
     own = (h.discrepancy**2 + h.noise**2) * unit**2
-    aim = _targets(belief)
+    aim = _targets(posterior)
     total = float(np.sum(aim**2))
-    first = _rows(belief, memory, candidates) @ belief.factor
+    first = _rows(posterior, memory, candidates) @ posterior.factor
     gains = _gains(aim, first, own)
     best, value = candidates[0], -np.inf
     for k in np.argsort(gains)[::-1][:BEAM]:
@@ -250,9 +250,9 @@ def _best(belief: Posterior, memory: Memory, candidates: FloatArray) -> NextInpu
         after = Memory.after(
             [*memory.extrema[1:], float(candidates[k])],
             low=memory.extrema[0],
-            high=float(belief.form.levels[-1]),
+            high=float(posterior.spec.levels[-1]),
         )
-        second = _rows(belief, after, candidates) @ belief.factor
+        second = _rows(posterior, after, candidates) @ posterior.factor
         # What the first measurement takes off the covariance of everything else.
         left = aim - np.outer(aim @ spent, spent)
         rest = second - np.outer(second @ spent, spent)
@@ -273,27 +273,27 @@ def _gains(aim: FloatArray, moves: FloatArray, own: float) -> FloatArray:
     return np.asarray(shared / (np.einsum("mk,mk->m", moves, moves) + own))
 
 
-def _targets(belief: Posterior) -> FloatArray:
+def _targets(posterior: Posterior) -> FloatArray:
     """Regressors of what may come, times the factor of the covariance; always the same."""
-    form = belief.form
+    spec = posterior.spec
     rng = np.random.default_rng(0)
     rows = []
     for _ in range(SEQUENCES):
-        u = rng.uniform(form.levels[0], form.levels[-1], LENGTH)
-        rows.append(regressors(form, u, np.ones(LENGTH, dtype=np.bool_), "negative")[0])
-    return np.vstack(rows) @ belief.factor
+        u = rng.uniform(spec.levels[0], spec.levels[-1], LENGTH)
+        rows.append(regressors(spec, u, np.ones(LENGTH, dtype=np.bool_), "negative")[0])
+    return np.vstack(rows) @ posterior.factor
 
 
-def _rows(belief: Posterior, memory: Memory, candidates: FloatArray) -> FloatArray:
+def _rows(posterior: Posterior, memory: Memory, candidates: FloatArray) -> FloatArray:
     """(m, n) regressors after each candidate."""
-    form = belief.form
-    shares = np.empty((candidates.size, form.cells))
+    spec = posterior.spec
+    shares = np.empty((candidates.size, spec.cells))
     past = np.array(memory.extrema)
-    levels = np.asarray(form.levels, dtype=np.float64)
-    _kernels.look_ahead(levels, form.diagonal == "uniform", past, candidates, shares)
-    columns = [relay_outputs(form.relay, shares)]
-    if form.offset:
+    levels = np.asarray(spec.levels, dtype=np.float64)
+    _kernels.look_ahead(levels, spec.diagonal == "uniform", past, candidates, shares)
+    columns = [relay_outputs(spec.relay, shares)]
+    if spec.offset:
         columns.append(np.ones((candidates.size, 1)))
-    if form.slope:
+    if spec.slope:
         columns.append(candidates[:, None])
     return np.hstack(columns)

@@ -6,24 +6,24 @@ import numpy as np
 from scipy import linalg
 
 from minorloop.arrays import FloatArray
-from minorloop.identification.areas import DesignMatrix
+from minorloop.identification.design_matrix import DesignMatrix
 
 _DENSE = 40_000_000
 """Numbers in a design matrix up to which its singular values are worked out directly."""
 
 
-def singular_values(areas: DesignMatrix) -> FloatArray:
+def singular_values(matrix: DesignMatrix) -> FloatArray:
     """Singular values of the design with unit columns, largest first.
 
     Taken from the design itself where it is small. From its Gram matrix otherwise, and then
     those below about 1e-8 of the largest are noise.
     """
-    unknowns = areas.form.unknowns
-    if areas.samples * unknowns <= _DENSE:
-        matrix = areas.matrix()
-        norms = np.linalg.norm(matrix, axis=0)
-        return np.asarray(linalg.svdvals(matrix / np.where(norms > 0, norms, 1.0)))
-    gram = areas.gram()
+    unknowns = matrix.spec.unknowns
+    if matrix.samples * unknowns <= _DENSE:
+        dense = matrix.dense()
+        norms = np.linalg.norm(dense, axis=0)
+        return np.asarray(linalg.svdvals(dense / np.where(norms > 0, norms, 1.0)))
+    gram = matrix.gram()
     gram += np.tril(gram, -1).T
     scale = np.sqrt(np.where(gram.diagonal() > 0, gram.diagonal(), 1.0))
     gram /= scale[:, None] * scale[None, :]
@@ -31,11 +31,11 @@ def singular_values(areas: DesignMatrix) -> FloatArray:
     return np.sqrt(np.maximum(values[::-1], 0.0))
 
 
-def rank_and_condition(areas: DesignMatrix) -> tuple[int, float]:
+def rank_and_condition(matrix: DesignMatrix) -> tuple[int, float]:
     """Rank of the design with unit columns, and the condition of its determined part."""
-    values = singular_values(areas)
+    values = singular_values(matrix)
     if not values.size or values[0] == 0:
         return 0, np.inf
-    exact = areas.samples * areas.form.unknowns <= _DENSE
+    exact = matrix.samples * matrix.spec.unknowns <= _DENSE
     rank = int(np.count_nonzero(values > values[0] * (1e-10 if exact else 1e-7)))
     return rank, float(values[0] / values[rank - 1])

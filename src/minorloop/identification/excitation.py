@@ -14,7 +14,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, as_levels, as_samples
 from minorloop.errors import SignalError
 from minorloop.figures import figure_of
-from minorloop.identification.areas import DesignMatrix, PlaneSpec
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.diagnosis import rank_and_condition
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Diagonal
@@ -146,7 +146,7 @@ def report(
     inputs = as_samples(u, name="u")
     if inputs.ndim != 1:
         raise SignalError(f"u has shape {inputs.shape}; give one sequence, (T,)")
-    form = PlaneSpec(as_levels(levels), diagonal=diagonal)
-    areas = DesignMatrix(form, inputs, np.ones(inputs.size, dtype=np.bool_), start)
-    rank, condition = rank_and_condition(areas)
-    return ExcitationReport(inputs.size, form.unknowns, rank, condition, areas.excited)
+    spec = PlaneSpec(as_levels(levels), diagonal=diagonal)
+    matrix = DesignMatrix(spec, inputs, np.ones(inputs.size, dtype=np.bool_), start)
+    rank, condition = rank_and_condition(matrix)
+    return ExcitationReport(inputs.size, spec.unknowns, rank, condition, matrix.excited)

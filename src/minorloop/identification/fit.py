@@ -1,4 +1,4 @@
-"""The front door of identification: from a record to a model."""
+"""Identify a Preisach model from a record."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from minorloop.arrays import (
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.active_set import ACCEPTABLE
-from minorloop.identification.areas import DesignMatrix, PlaneSpec, check_bands
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, check_bands
 from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
 from minorloop.identification.levels import levels_for
 from minorloop.identification.prior import (
@@ -27,7 +27,7 @@ from minorloop.identification.prior import (
     Posterior,
     PriorFit,
     coarse_rows,
-    fit_marked,
+    fit_dense,
     fit_prior,
     regressors,
 )
@@ -40,15 +40,19 @@ from minorloop.operators.preisach import Diagonal
 Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
 
 LONGEST_LAG = 20
+"""Samples up to which ``lag="auto"`` searches."""
 _LAG_BANDS = 15
 _FEWEST = 3
 _LARGEST = 1e150
-_EACH = 3
-"""Samples for each unknown from which on the data need no prior."""
+"""Largest magnitude of a signal: its square must not overflow."""
+_SAMPLES_EACH = 3
+"""Samples for each unknown above which the data need no prior."""
 _MOST_CELLS = 2100
-_SURPRISING, _FAR = 2.2, 6.0
-"""Standard deviations from which a sample is looked at, and is set aside."""
+"""Cells up to which the prior is used, 64 levels: its covariance is dense."""
+_SUSPICIOUS, _OUTLIER = 2.2, 6.0
+"""Standard deviations from which a sample is fitted without, and from which it is left out."""
 _FEWEST_EACH_SUSPECT = 8
+"""Samples for each outlier: more outliers than that are no outliers."""
 
 
 def identify(
@@ -71,8 +75,8 @@ def identify(
 ) -> Identification:
     """Identify a Preisach model from inputs and measured outputs.
 
-    Constrained least squares on exact signed areas, partly covered cells included; weights are
-    not negative, so that the model is monotone and can be inverted.
+    Constrained least squares on exact areas, partly covered cells included. Weights are not
+    negative unless ``signed``, so that the model is monotone and can be inverted.
 
     Parameters
     ----------
@@ -80,39 +84,39 @@ def identify(
         Inputs applied, in order.
     y : (T,) array_like
         Outputs; NaN where an input was applied and nothing was measured. Overload codes and
-        sentinels such as 9.9e37 and -9999, where they lie apart from all other outputs, count as
-        not measured; they are named in ``codes`` and in the advice.
+        sentinels such as 9.9e37 and -9999, far from all other outputs, count as not measured; they
+        are listed in ``codes`` and in the advice.
     levels : int or (L + 1,) array_like
         Number of bands, over the range of ``u``, or the thresholds themselves.
     spacing : {"uniform", "adaptive"}
-        Even thresholds, or thresholds that crowd where the output is steep.
+        Even thresholds, or thresholds that are denser where the output is steep.
     relay, diagonal
         As in `Preisach`.
     slope : bool
-        Fit a memoryless linear part too.
+        Whether to fit a memoryless linear part.
     signed : bool
-        Let weights (and slope) be negative, for loops like butterflies.
+        Whether weights and slope may be negative, for example for butterfly loops.
     smoothness : float or "auto"
         Strength of the penalty on differences between neighbouring cells, defined in
-        `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` takes the one that
-        best predicts contiguous segments held out of the fitted samples.
+        `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` chooses by prediction
+        of contiguous segments held out of the fitted samples.
     prior : {"auto", "gaussian", "none"}
-        Whether to fit with the prior of `minorloop.identification.prior`, which gives
-        predictive bands too. ``"auto"`` takes it where fewer than three samples were measured
-        for each unknown, unless a smoothness is given, the samples determine the plane and it
-        reproduces them to rounding, or there are more than 2,100 cells.
+        Whether to fit with the prior of `minorloop.identification.prior`, which also gives
+        predictive bands. ``"auto"`` uses it for fewer than three samples per unknown, except
+        where a smoothness is given, where the samples determine a plane that reproduces them to
+        rounding, or where there are more than 2,100 cells.
     noise : float, optional
-        Standard deviation of a measured output, in its unit, where it is known; only the prior
-        uses it.
+        Standard deviation of a measured output, in its unit, where it is known; used by the
+        prior only.
     lag : int or "auto"
         Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples.
     start : {"negative", "positive", "demagnetised"} or Memory
         Memory before the first sample.
     offset : bool
-        Fit an offset.
+        Whether to fit an offset.
     holdout : float
-        Share of the measured samples, at the end of the record, that is kept from the fit and
-        scored; from 0 to 0.9.
+        Share of the measured samples, at the end of the record, that is not fitted but scored;
+        from 0 to 0.9.
 
     Returns
     -------
@@ -131,7 +135,7 @@ def identify(
     Tan and Baras, Automatica 40, 2004: weights of a discretised plane by constrained least
     squares.
     """
-    inputs, outputs, coded = _as_record(u, y)
+    inputs, outputs, coded = _checked_record(u, y)
     check_option("spacing", spacing, ("uniform", "adaptive"))
     for name, flag in (("slope", slope), ("signed", signed), ("offset", offset)):
         if not isinstance(flag, bool | np.bool_):
@@ -139,18 +143,18 @@ def identify(
     fitted, held_out = _split(outputs, holdout)
     grid = _grid(inputs, np.where(fitted, outputs, np.nan), levels, spacing)
     options: dict[str, Any] = {"relay": relay, "diagonal": diagonal}
-    form = PlaneSpec(grid, offset=bool(offset), slope=bool(slope), **options)
+    spec = PlaneSpec(grid, offset=bool(offset), slope=bool(slope), **options)
     record = (inputs, outputs, fitted, start, bool(signed))
-    delay = _best_lag(form, record) if lag == "auto" else _as_lag(lag, inputs.size)
+    delay = _best_lag(spec, record) if lag == "auto" else _as_lag(lag, inputs.size)
     check_option("prior", prior, ("auto", "gaussian", "none"))
     sensor = _as_noise(noise)
     if prior == "gaussian" and smoothness != "auto":
         raise ParameterError(
             f'smoothness is {smoothness!r} and prior is "gaussian"; give one of them'
         )
-    found = _fitted(form, record, delay, smoothness, prior, sensor)
+    found = _fitted(spec, record, delay, smoothness, prior, sensor)
     return Identification(
-        model=form.model(found.x),
+        model=spec.model(found.x),
         lag=delay,
         start=start,
         smoothness=found.smoothness,
@@ -160,62 +164,62 @@ def identify(
         y=outputs,
         fitted=found.fitted,
         held_out=held_out,
-        areas=found.areas,
-        belief=found.belief,
+        matrix=found.matrix,
+        posterior=found.posterior,
         suspects=found.suspects,
         codes=coded,
         sought=lag == "auto",
     )
 
 
-_Recorded = tuple[FloatArray, FloatArray, BoolArray, Start, bool]
+_Record = tuple[FloatArray, FloatArray, BoolArray, Start, bool]
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """Unknowns, which samples they were fitted to, and which were set aside."""
+class _Result:
+    """Unknowns, the samples that they were fitted to, and the outliers."""
 
     x: FloatArray
     kkt: float
-    areas: DesignMatrix
+    matrix: DesignMatrix
     fitted: BoolArray
     smoothness: float = 0.0
-    belief: Posterior | None = None
+    posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     converged: bool = True
 
 
 def _fitted(
-    form: PlaneSpec,
-    record: _Recorded,
+    spec: PlaneSpec,
+    record: _Record,
     lag: int,
     smoothness: float | Literal["auto"],
     prior: Regularisation,
     noise: float | None,
-) -> _Found:
+) -> _Result:
     """Fit with the prior, or with smoothness."""
     fitted = record[2]
     samples = int(np.count_nonzero(fitted[lag:]))
-    if prior == "gaussian" and form.cells > _MOST_CELLS:
+    if prior == "gaussian" and spec.cells > _MOST_CELLS:
         raise ParameterError(
-            f'prior is "gaussian" and the plane has {form.cells} cells; give at most 64 levels, '
+            f'prior is "gaussian" and the plane has {spec.cells} cells; give at most 64 levels, '
             'or leave it "auto", which smooths such planes'
         )
-    few = samples < _EACH * form.unknowns and form.cells <= _MOST_CELLS
+    few = samples < _SAMPLES_EACH * spec.unknowns and spec.cells <= _MOST_CELLS
     if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
-        if prior == "auto" and samples >= form.unknowns:
-            areas, fit = _fit(form, record, lag, 0.0)
-            if reproduces(areas, fit.x, record[1][lag:][fitted[lag:]]):
-                return _Found(fit.x, fit.kkt, areas, fitted, converged=fit.converged)
-        return _fitted_with_prior(form, record, lag, noise)
-    areas, fit = _fit(form, record, lag, smoothness)
-    return _Found(fit.x, fit.kkt, areas, fitted, fit.smoothness, converged=fit.converged)
+        if prior == "auto" and samples >= spec.unknowns:
+            matrix, fit = _fit(spec, record, lag, 0.0)
+            if reproduces(matrix, fit.x, record[1][lag:][fitted[lag:]]):
+                return _Result(fit.x, fit.kkt, matrix, fitted, converged=fit.converged)
+        return _fitted_with_prior(spec, record, lag, noise)
+    matrix, fit = _fit(spec, record, lag, smoothness)
+    return _Result(fit.x, fit.kkt, matrix, fitted, fit.smoothness, converged=fit.converged)
 
 
-def _fitted_with_prior(form: PlaneSpec, record: _Recorded, lag: int, noise: float | None) -> _Found:
-    """Fit, and set aside one after the other what lies far from where the others put it."""
+def _fitted_with_prior(spec: PlaneSpec, record: _Record, lag: int, noise: float | None) -> _Result:
+    """Fit, and leave out one outlier after the other."""
     inputs, outputs, fitted, start, signed = record
-    heard = inputs[: inputs.size - lag]
+    applied = inputs[: inputs.size - lag]
     suspects: list[int] = []
     guess = None
     while True:
@@ -226,25 +230,25 @@ def _fitted_with_prior(form: PlaneSpec, record: _Recorded, lag: int, noise: floa
                 f"a lag of {lag} leaves {count} measured samples; give a shorter lag or a longer "
                 "record"
             )
-        areas = DesignMatrix(form, heard, measured, start)
-        marked = regressors(form, heard, measured, start) if count <= MOST_CORRELATED else None
+        matrix = DesignMatrix(spec, applied, measured, start)
+        dense = regressors(spec, applied, measured, start) if count <= MOST_CORRELATED else None
         y = outputs[lag:][measured]
-        coarse = None if marked is None else coarse_rows(areas, heard, measured, start)
-        found = fit_prior(areas, y, marked, signed=signed, noise=noise, guess=guess, coarse=coarse)
+        coarse = None if dense is None else coarse_rows(matrix, applied, measured, start)
+        found = fit_prior(matrix, y, dense, signed=signed, noise=noise, guess=guess, coarse=coarse)
         guess = found.learnt
-        suspect = _suspect(found, marked, coarse, y, signed, noise)
+        suspect = _suspect(found, dense, coarse, y, signed, noise)
         if suspect is None or len(suspects) >= count // _FEWEST_EACH_SUSPECT:
             break
         place = int(np.flatnonzero(measured)[suspect]) + lag
         suspects.append(place)
         fitted = fitted.copy()
         fitted[place] = False
-    return _Found(
+    return _Result(
         found.x,
         found.kkt,
-        areas,
+        matrix,
         fitted,
-        belief=found.belief,
+        posterior=found.posterior,
         suspects=tuple(suspects),
         converged=found.kkt <= ACCEPTABLE,
     )
@@ -252,47 +256,47 @@ def _fitted_with_prior(form: PlaneSpec, record: _Recorded, lag: int, noise: floa
 
 def _suspect(
     found: PriorFit,
-    marked: tuple[FloatArray, FloatArray] | None,
+    dense: tuple[FloatArray, FloatArray] | None,
     coarse: tuple[PlaneSpec, FloatArray] | None,
     y: FloatArray,
     signed: bool,
     noise: float | None,
 ) -> int | None:
-    """The sample that lies far outside the band that a fit without it gives, if there is one."""
-    if found.surprises is None or marked is None or y.size < _FEWEST_EACH_SUSPECT:
+    """Sample that lies far outside the band of a fit without it; None if there is none."""
+    if found.leave_one_out is None or dense is None or y.size < _FEWEST_EACH_SUSPECT:
         return None
-    worst = int(np.argmax(np.abs(found.surprises)))
-    if abs(found.surprises[worst]) < _SURPRISING:
+    worst = int(np.argmax(np.abs(found.leave_one_out)))
+    if abs(found.leave_one_out[worst]) < _SUSPICIOUS:
         return None
     others = np.arange(y.size) != worst
-    without = fit_marked(
-        found.belief.form,
+    without = fit_dense(
+        found.posterior.spec,
         y[others],
-        (marked[0][others], marked[1][others]),
+        (dense[0][others], dense[1][others]),
         signed=signed,
         noise=noise,
         guess=found.learnt,
         coarse=None if coarse is None else (coarse[0], coarse[1][others]),
     )
-    row = marked[0][worst : worst + 1]
-    h, unit = without.belief.hyperparameters, without.belief.unit
-    allowed = np.hypot(without.belief.row_deviation(row)[0], h.noise * unit)
-    return worst if abs(float((row @ without.x)[0]) - y[worst]) > _FAR * allowed else None
+    row = dense[0][worst : worst + 1]
+    h, unit = without.posterior.hyperparameters, without.posterior.unit
+    allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * unit)
+    return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
 
 
 def _fit(
-    form: PlaneSpec, record: _Recorded, lag: int, smoothness: float | Literal["auto"]
+    spec: PlaneSpec, record: _Record, lag: int, smoothness: float | Literal["auto"]
 ) -> tuple[DesignMatrix, FittedUnknowns]:
     inputs, outputs, fitted, start, signed = record
-    heard = inputs.size - lag
+    applied = inputs.size - lag
     measured = fitted[lag:]
     if np.count_nonzero(measured) < _FEWEST:
         raise SignalError(
             f"a lag of {lag} leaves {np.count_nonzero(measured)} measured samples; give a "
             "shorter lag or a longer record"
         )
-    areas = DesignMatrix(form, inputs[:heard], measured, start)
-    return areas, Problem(areas, outputs[lag:][measured], signed).fit(smoothness)
+    matrix = DesignMatrix(spec, inputs[:applied], measured, start)
+    return matrix, Problem(matrix, outputs[lag:][measured], signed).fit(smoothness)
 
 
 def _as_noise(noise: float | None) -> float | None:
@@ -308,18 +312,18 @@ def _as_noise(noise: float | None) -> float | None:
     return number
 
 
-def _best_lag(form: PlaneSpec, record: _Recorded) -> int:
-    """The lag with the least error of a coarse fit, on the samples that all lags share."""
+def _best_lag(spec: PlaneSpec, record: _Record) -> int:
+    """Lag with the least error of a coarse fit, on the samples that all lags share."""
     inputs, outputs, fitted, start, signed = record
-    bands = min(form.bands, _LAG_BANDS)
+    bands = min(spec.bands, _LAG_BANDS)
     coarse = PlaneSpec(
         as_levels(
-            np.interp(np.linspace(0, form.bands, bands + 1), np.arange(form.bands + 1), form.levels)
+            np.interp(np.linspace(0, spec.bands, bands + 1), np.arange(spec.bands + 1), spec.levels)
         ),
-        form.relay,
-        form.diagonal,
-        form.offset,
-        form.slope,
+        spec.relay,
+        spec.diagonal,
+        spec.offset,
+        spec.slope,
     )
     longest = min(LONGEST_LAG, inputs.size // 4)
     shared = fitted.copy()
@@ -328,15 +332,15 @@ def _best_lag(form: PlaneSpec, record: _Recorded) -> int:
         return 0
     errors = []
     for lag in range(longest + 1):
-        areas, fit = _fit(coarse, (inputs, outputs, shared, start, signed), lag, 0.0)
-        errors.append(float(np.sum((areas.forward(fit.x) - outputs[shared]) ** 2)))
+        matrix, fit = _fit(coarse, (inputs, outputs, shared, start, signed), lag, 0.0)
+        errors.append(float(np.sum((matrix.forward(fit.x) - outputs[shared]) ** 2)))
     return int(np.argmin(errors))
 
 
-def _as_record(
+def _checked_record(
     u: npt.ArrayLike, y: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, tuple[Code, ...]]:
-    """Inputs, outputs with NaN for what is no measurement, and what codes those were."""
+    """Checked inputs, outputs with NaN instead of codes, and these codes."""
     inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
     for name, values in (("u", inputs), ("y", outputs)):
         if values.ndim != 1:

@@ -1,4 +1,4 @@
-"""A fit to a record: the model, the record, and how well the one follows the other."""
+"""A model fitted to a record, with its errors."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification import diagnosis
-from minorloop.identification.areas import DesignMatrix
 from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
+from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.prior import Posterior
 from minorloop.identification.rough_model import RecordFault
 from minorloop.identification.screening import Code, screened
@@ -20,7 +20,7 @@ from minorloop.operators.preisach import Preisach
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A model fitted to a record, and how well it follows it.
+    """A model fitted to a record, with its errors.
 
     Parameters
     ----------
@@ -37,17 +37,17 @@ class Fit:
     u, y : (T,) arrays
         The record; y is NaN where nothing was measured.
     fitted, held_out : (T,) arrays of bool
-        Samples that the model was fitted to, and those that it was not shown.
-    areas : DesignMatrix
+        Samples that the model was fitted to, and those held out.
+    matrix : DesignMatrix
         Regressors of the fitted samples.
-    belief : Posterior, optional
-        How sure the prior is of the unknowns; None where it was not used.
+    posterior : Posterior, optional
+        Posterior distribution of the unknowns; None without the prior.
     suspects : tuple of int
-        Samples that lie far outside the band that all others give, and were set aside.
+        Samples far outside the band of a fit without them; they were left out.
     codes : tuple of Code
-        Readings that were overload codes or sentinels, and count as not measured.
+        Readings that are overload codes or sentinels, and count as not measured.
     sought : bool
-        Whether the lag is the best of several.
+        Whether the lag was searched.
     converged : bool
         Whether the solver reached the optimum; `advice` says so where it did not.
     """
@@ -61,8 +61,8 @@ class Fit:
     y: FloatArray
     fitted: BoolArray
     held_out: BoolArray
-    areas: DesignMatrix
-    belief: Posterior | None = None
+    matrix: DesignMatrix
+    posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     codes: tuple[Code, ...] = ()
     sought: bool = False
@@ -86,7 +86,7 @@ class Fit:
 
     @cached_property
     def holdout_nrmse(self) -> float | None:
-        """Error on the samples held out, over their range; None where none were."""
+        """Error on the samples held out, over their range; None if none were."""
         if not self.held_out.any():
             return None
         return nrmse((self.prediction - self.y)[self.held_out], self.y[self.held_out])
@@ -100,40 +100,40 @@ class Fit:
     @property
     def unknowns(self) -> int:
         """Weights, and offset and slope where fitted."""
-        return self.areas.form.unknowns
+        return self.matrix.spec.unknowns
 
     @property
     def samples(self) -> int:
         """Samples that the model was fitted to."""
-        return self.areas.samples
+        return self.matrix.samples
 
     @property
     def rank(self) -> int:
-        """Independent unknowns that the fitted samples determine; worked out when asked."""
+        """Number of independent unknowns that the fitted samples determine."""
         return self._rank_and_condition[0]
 
     @property
     def condition(self) -> float:
-        """Condition of the design with unit columns, over its rank; worked out when asked."""
+        """Condition number of the design matrix with unit columns, within its rank."""
         return self._rank_and_condition[1]
 
     @property
     def excited(self) -> BoolArray:
-        """(L, L) cells of the plane that the fitted samples look into."""
-        return self.areas.excited
+        """(L, L) cells of the plane that the fitted samples excite."""
+        return self.matrix.excited
 
     @property
     def excited_fraction(self) -> float:
         """Share of the cells that are excited."""
-        return float(np.count_nonzero(self.excited)) / self.areas.form.cells
+        return float(np.count_nonzero(self.excited)) / self.matrix.spec.cells
 
     @cached_property
     def findings(self) -> tuple[RecordFault, ...]:
-        """Outliers, stuck and clipped stretches and a lag in the record that are in the model."""
+        """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
         y = self.y.copy()
         y[list(self.suspects)] = np.nan
         return screened(self.u, y, self.start, self.lag, sought=self.sought)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:
-        return diagnosis.rank_and_condition(self.areas)
+        return diagnosis.rank_and_condition(self.matrix)

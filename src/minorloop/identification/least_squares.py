@@ -20,7 +20,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels, active_set
-from minorloop.identification.areas import DesignMatrix, PlaneSpec, pack, unpack
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack, unpack
 from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
 
@@ -50,12 +50,12 @@ class FittedUnknowns:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Outputs to be fitted: ``areas`` of M samples, ``y`` (M,), and which signs are free.
+    """Outputs to be fitted: ``matrix`` of M samples, ``y`` (M,), and which signs are free.
 
     ``signed`` lets weights and slope be negative.
     """
 
-    areas: DesignMatrix
+    matrix: DesignMatrix
     y: FloatArray
     signed: bool = False
 
@@ -67,7 +67,7 @@ class Problem:
 
     def coarser(self) -> Problem:
         """The same samples with every other threshold."""
-        return Problem(self.areas.coarser(), self.y, self.signed)
+        return Problem(self.matrix.coarser(), self.y, self.signed)
 
     def _fit_chosen(self) -> FittedUnknowns:
         """Hold out contiguous segments, try strengths from weak to strong, then fit it all.
@@ -78,17 +78,17 @@ class Problem:
         plane is cut, so that large problems take it from coarser ones.
         """
         whole = _System(self, np.ones(self.y.size))
-        if self.areas.form.cells > _LARGE:
+        if self.matrix.spec.cells > _LARGE:
             return whole.solve(self.coarser().fit("auto").smoothness)
         plain = whole.solve(0.0)
         held = held_out_segments(self.y.size)
-        if reproduces(self.areas, plain.x, self.y) or not held.any():
+        if reproduces(self.matrix, plain.x, self.y) or not held.any():
             return plain
         part = _System(self, np.where(held, 0.0, 1.0))
         best, least, since, guess = 0.0, np.inf, 0, plain.x
         for strength in CANDIDATES:
             guess = part.solve(strength, guess).x
-            error = float(np.mean((self.areas.forward(guess) - self.y)[held] ** 2))
+            error = float(np.mean((self.matrix.forward(guess) - self.y)[held] ** 2))
             if error < least:
                 best, least, since = strength, error, 0
             else:
@@ -98,10 +98,10 @@ class Problem:
         return whole.solve(best, guess) if best else plain
 
 
-def reproduces(areas: DesignMatrix, x: FloatArray, y: FloatArray) -> bool:
+def reproduces(matrix: DesignMatrix, x: FloatArray, y: FloatArray) -> bool:
     """Whether samples determine the unknowns, and these give the samples back to rounding."""
-    left = np.abs(areas.forward(x) - y).max()
-    return bool(y.size >= areas.form.unknowns and left <= _ROUNDING * (float(np.ptp(y)) or 1.0))
+    left = np.abs(matrix.forward(x) - y).max()
+    return bool(y.size >= matrix.spec.unknowns and left <= _ROUNDING * (float(np.ptp(y)) or 1.0))
 
 
 def held_out_segments(samples: int) -> BoolArray:
@@ -115,38 +115,38 @@ class _System:
 
     def __init__(self, problem: Problem, weight: FloatArray) -> None:
         self.problem, self.weight = problem, weight
-        form = problem.areas.form
+        spec = problem.matrix.spec
         used = problem.y[weight > 0]
-        self.shift = float(used.mean()) if form.offset else 0.0
+        self.shift = float(used.mean()) if spec.offset else 0.0
         self.unit = float(np.ptp(used)) or float(np.abs(used).max(initial=0.0)) or 1.0
         self.y = (problem.y - self.shift) / self.unit
-        self.gram = problem.areas.gram(weight)
+        self.gram = problem.matrix.gram(weight)
         squares = self.gram.diagonal().copy()
         self.scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
         _kernels.scale_lower(self.gram, self.scale)
-        self.bounded = np.full(form.unknowns, not problem.signed)
-        if form.offset:
-            self.bounded[form.cells] = False
+        self.bounded = np.full(spec.unknowns, not problem.signed)
+        if spec.offset:
+            self.bounded[spec.cells] = False
 
     def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:
         """Fit with a smoothness, beginning at a guess of the unknowns where there is one."""
-        areas, form = self.problem.areas, self.problem.areas.form
-        if guess is None and form.cells > _LARGE:
+        matrix, spec = self.problem.matrix, self.problem.matrix.spec
+        if guess is None and spec.cells > _LARGE:
             guess = self._coarse_guess(strength)
-        factor = strength * self.weight.sum() * form.bands**2
-        rows, columns, values = neighbour_penalty(form)
+        factor = strength * self.weight.sum() * spec.bands**2
+        rows, columns, values = neighbour_penalty(spec)
         values = values * (factor * self.scale[rows] * self.scale[columns])
         penalty = active_set.Sparse(rows, columns, values)
 
         def hessian(z: FloatArray) -> FloatArray:
-            h = self.scale * areas.adjoint(areas.forward(self.scale * z) * self.weight)
+            h = self.scale * matrix.adjoint(matrix.forward(self.scale * z) * self.weight)
             if strength:
                 _kernels.multiply_symmetric(rows, columns, values, z, h)
             return h
 
         def gradient(z: FloatArray) -> FloatArray:
-            residual = (areas.forward(self.scale * z) - self.y) * self.weight
-            g = self.scale * areas.adjoint(residual)
+            residual = (matrix.forward(self.scale * z) - self.y) * self.weight
+            g = self.scale * matrix.adjoint(residual)
             if strength:
                 _kernels.multiply_symmetric(rows, columns, values, z, g)
             return g
@@ -171,23 +171,23 @@ class _System:
 
     def _rows(self, factor: float) -> Rows:
         """The problem row by row: samples, then what neighbours differ by where that counts."""
-        areas, share = self.problem.areas, np.sqrt(self.weight)
+        matrix, share = self.problem.matrix, np.sqrt(self.weight)
         if not factor:
             return Rows(
-                lambda z: share * areas.forward(self.scale * z),
-                lambda r: self.scale * areas.adjoint(share * r),
+                lambda z: share * matrix.forward(self.scale * z),
+                lambda r: self.scale * matrix.adjoint(share * r),
                 share * self.y,
             )
-        first, second, area = neighbours(areas.form)
-        samples, cells = self.y.size, areas.form.cells
+        first, second, area = neighbours(matrix.spec)
+        samples, cells = self.y.size, matrix.spec.cells
         one, other = (np.sqrt(factor) / area[k] for k in (first, second))
 
         def apply(z: FloatArray) -> FloatArray:
             x = self.scale * z
-            return np.append(share * areas.forward(x), one * x[first] - other * x[second])
+            return np.append(share * matrix.forward(x), one * x[first] - other * x[second])
 
         def transpose(r: FloatArray) -> FloatArray:
-            out = areas.adjoint(share * r[:samples])
+            out = matrix.adjoint(share * r[:samples])
             out[:cells] += np.bincount(first, one * r[samples:], cells)
             out[:cells] -= np.bincount(second, other * r[samples:], cells)
             return self.scale * out
@@ -198,32 +198,32 @@ class _System:
         """Solve on every other threshold, and share each weight among the cells it covers."""
         problem = self.problem.coarser()
         coarse = _System(problem, self.weight).solve(strength)
-        form, wide = self.problem.areas.form, problem.areas.form
-        within = np.searchsorted(wide.levels, form.levels[:-1], side="right") - 1
+        spec, wide = self.problem.matrix.spec, problem.matrix.spec
+        within = np.searchsorted(wide.levels, spec.levels[:-1], side="right") - 1
         inside = np.ix_(within, within)
         covering = np.tril(cell_areas(wide.levels)[inside])
-        share = cell_areas(form.levels) / np.where(covering > 0, covering, 1.0)
+        share = cell_areas(spec.levels) / np.where(covering > 0, covering, 1.0)
         fine = unpack(coarse.x[: wide.cells])[inside] * share
         return np.concatenate([pack(fine), coarse.x[wide.cells :]])
 
     def _unscaled(self, z: FloatArray) -> FloatArray:
-        form = self.problem.areas.form
+        spec = self.problem.matrix.spec
         x = z * self.scale * self.unit
-        if form.offset:
-            x[form.cells] += self.shift
+        if spec.offset:
+            x[spec.cells] += self.shift
         return x
 
     def _scaled(self, x: FloatArray) -> FloatArray:
-        form = self.problem.areas.form
+        spec = self.problem.matrix.spec
         z = x.copy()
-        if form.offset:
-            z[form.cells] -= self.shift
+        if spec.offset:
+            z[spec.cells] -= self.shift
         return z / (self.scale * self.unit)
 
 
-def neighbours(form: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
+def neighbours(spec: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of neighbouring cells, first and second, and the area of each cell."""
-    bands = form.bands
+    bands = spec.bands
     i, j = np.tril_indices(bands)
     number = np.full((bands, bands), -1)
     number[i, j] = np.arange(i.size)
@@ -234,9 +234,9 @@ def neighbours(form: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
     return first, second, np.where(i == j, 0.5, 1.0)
 
 
-def neighbour_penalty(form: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
+def neighbour_penalty(spec: PlaneSpec) -> tuple[IntArray, IntArray, FloatArray]:
     """Lower triangle of the matrix of the roughness: rows, columns, values."""
-    first, second, area = neighbours(form)
+    first, second, area = neighbours(spec)
     low, high = np.minimum(first, second), np.maximum(first, second)
     rows = np.concatenate([low, high, high])
     columns = np.concatenate([low, high, low])

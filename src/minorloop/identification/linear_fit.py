@@ -166,12 +166,12 @@ class LinearFit:
         return tuple(texts)
 
     def __str__(self) -> str:
-        form = self.candidate.structure
+        structure = self.candidate.structure
         pairs = zip(self.model.time_constants, self.time_constant_deviations, strict=True)
         times = ", ".join(f"{time:.4g} ± {spread:.1g}" for time, spread in pairs)
         free = self.free_run_nrmse
         rows = [
-            ("coefficients of A, B", f"{form.na}, {form.nb}"),
+            ("coefficients of A, B", f"{structure.na}, {structure.nb}"),
             ("dead time", f"{self.model.delay:g} s"),
             ("time constants [s]", times),
             ("gain of the record", f"{self.gain:.6g}"),
@@ -193,8 +193,8 @@ class LinearFit:
         """The best candidates, one a line."""
         lines = [f"{'tried: A, B, delay':<24} {'BIC':>10} {'record':>9} {'second':>9}"]
         for one in sorted(self.candidates, key=lambda each: each.score)[:_SHOWN]:
-            form = one.structure
-            name = f"{form.na}, {form.nb}, {form.delay}"
+            structure = one.structure
+            name = f"{structure.na}, {structure.nb}, {structure.delay}"
             second = "" if one.free_run is None else f"{one.free_run:.3%}"
             mark = "  taken" if one is self.candidate else ""
             kind = "" if one.kind == "plain" else f"  {one.kind}"

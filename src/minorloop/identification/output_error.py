@@ -16,9 +16,8 @@ import numpy as np
 from minorloop.arrays import FloatArray
 
 _PREFILTERED = 8
-_REFINED = 40
-_HALVINGS = 12
-_STILL = 1e-10
+_EVALUATIONS = 100
+_SMALLEST_GAIN, _SMALLEST_STEP = 1e-10, 1e-13
 _EDGE = 1 - 1e-7
 
 
@@ -109,7 +108,7 @@ class Coefficients:
 
 
 def equation_error(
-    stretches: Sequence[Stretch], form: Structure, prefilter: Coefficients | None = None
+    stretches: Sequence[Stretch], structure: Structure, prefilter: Coefficients | None = None
 ) -> Coefficients:
     """ARX by least squares: rows [-y(t-1) ... -y(t-na), u(t-delay) ...].
 
@@ -117,7 +116,7 @@ def equation_error(
     ----------
     stretches : sequence of Stretch
         Records from rest.
-    form : Structure
+    structure : Structure
         Numbers of coefficients.
     prefilter : Coefficients, optional
         Signals are passed through 1 / A of these first.
@@ -132,15 +131,15 @@ def equation_error(
         u, y = one.u, one.y
         if prefilter is not None:
             u, y = prefilter.prefilter(u), prefilter.prefilter(y)
-        columns = [-_shifted(y, i + 1) for i in range(form.na)]
-        columns += [_shifted(u, form.delay + i) for i in range(form.nb)]
+        columns = [-_shifted(y, i + 1) for i in range(structure.na)]
+        columns += [_shifted(u, structure.delay + i) for i in range(structure.nb)]
         rows.append(np.column_stack(columns))
         wanted.append(y)
     theta = _solve(np.vstack(rows), np.concatenate(wanted))
-    return Coefficients(theta[: form.na], theta[form.na :], form.delay)
+    return Coefficients(theta[: structure.na], theta[structure.na :], structure.delay)
 
 
-def output_error(stretches: Sequence[Stretch], form: Structure) -> Coefficients | None:
+def output_error(stretches: Sequence[Stretch], structure: Structure) -> Coefficients | None:
     """The stable coefficients whose simulated output comes nearest to the measured one.
 
     A constant is fitted to each stretch along with them, so that an error of its rest does no
@@ -149,14 +148,14 @@ def output_error(stretches: Sequence[Stretch], form: Structure) -> Coefficients 
     References
     ----------
     Steiglitz and McBride, A technique for the identification of linear systems, IEEE TAC 10,
-    1965, from the equation error; then damped Gauss-Newton steps.
+    1965, from the equation error; then nonlinear least squares.
     """
-    now = equation_error(stretches, form)
+    now = equation_error(stretches, structure)
     best = now if now.stable else None
     for _ in range(_PREFILTERED):
         if not now.stable:
             now = _reflected(now)
-        now = equation_error(stretches, form, now)
+        now = equation_error(stretches, structure, now)
         if now.stable and (best is None or cost(stretches, now) < cost(stretches, best)):
             best = now
     return None if best is None else _refined(stretches, best)
@@ -213,24 +212,30 @@ def correlation_time(errors: Sequence[FloatArray]) -> float:
 
 
 def _refined(stretches: Sequence[Stretch], found: Coefficients) -> Coefficients:
-    """Gauss-Newton with halved steps; stable throughout, never worse."""
-    now, error = found, cost(stretches, found)
-    na = now.a.size
-    for _ in range(_REFINED):
-        step = _solve(jacobian(stretches, now), np.concatenate(residuals(stretches, now)))
-        better = None
-        for halving in range(_HALVINGS):
-            part = step / 2**halving
-            tried = Coefficients(now.a + part[:na], now.b + part[na:], now.delay)
-            if tried.stable and (new := cost(stretches, tried)) < error:
-                better = tried
-                break
-        if better is None:
-            break
-        gained, now, error = error - new, better, new
-        if gained <= _STILL * error:
-            break
-    return now
+    """Minimise the output error by a trust region method; stable throughout, never worse."""
+    from scipy.optimize import least_squares
+
+    na, samples = found.a.size, sum(one.y.size for one in stretches)
+
+    def at(x: FloatArray) -> Coefficients:
+        return Coefficients(x[:na], x[na:], found.delay)
+
+    def errors(x: FloatArray) -> FloatArray:
+        if not at(x).stable:
+            return np.full(samples, np.inf)  # then the solver takes a shorter step
+        return np.concatenate(residuals(stretches, at(x)))
+
+    answer = least_squares(
+        errors,
+        np.concatenate([found.a, found.b]),
+        jac=lambda x: -jacobian(stretches, at(x)),
+        x_scale="jac",
+        ftol=_SMALLEST_GAIN,
+        xtol=_SMALLEST_STEP,
+        gtol=None,  # its unit is that of the output squared
+        max_nfev=_EVALUATIONS,
+    )
+    return at(answer.x)
 
 
 def _solve(rows: FloatArray, wanted: FloatArray) -> FloatArray:

@@ -1,14 +1,14 @@
-"""A Gaussian prior on the Preisach plane, and what measurements make of it.
+"""A Gaussian prior on the weights of a Preisach plane, and the posterior given measurements.
 
-Before anything is measured, weights of neighbouring cells are alike and fade away from the
-diagonal; how much is learnt from the measurements themselves, as hyperparameters of greatest
-marginal likelihood. No actuator is a Preisach operator: a discrepancy, alike where the
-present input and the last extrema are alike, stands beside the noise, so that repeating a
-measurement does not make the model surer than it can be.
+Before anything is measured, weights of neighbouring cells are correlated and decay with the
+distance from the diagonal. How strongly they do is learnt from the measurements: as the
+hyperparameters of greatest marginal likelihood. No actuator is exactly a Preisach operator, so a
+model discrepancy is added to the noise. It is correlated where the present inputs and the last
+extrema are similar, so that repeated measurements do not make the model overconfident.
 
-All is computed on scaled quantities: inputs from 0 to 1 over the levels, outputs with a range
-of 1. What is minimised is (y - A x)' R^-1 (y - A x) + x' S^-1 x, with weights x not negative,
-the regressors A, the prior covariance S and the covariance R of discrepancy and noise.
+All quantities are scaled: inputs from 0 to 1 over the levels, outputs to a range of 1. The cost
+is (y - A x)' R^-1 (y - A x) + x' S^-1 x, with weights x that are not negative, regressors A, prior
+covariance S, and covariance R of discrepancy plus noise.
 
 References
 ----------
@@ -27,61 +27,66 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification import active_set
-from minorloop.identification.areas import DesignMatrix, PlaneSpec
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import cell_areas, relay_outputs, swing
 from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
 
 LEVEL_VARIANCE = 4.0
-"""Of offset and slope, in squared ranges of the output."""
-ALIKE = (0.25, 0.35, 0.7)
-"""Lengths over which the discrepancy is alike, in present input and the last two extrema."""
-SHARED = 0.8
-"""Share of the discrepancy that is alike; the rest is each sample's own."""
+"""Prior variance of offset and slope, in squared ranges of the output: twice the range."""
+CORRELATION_LENGTHS = (0.25, 0.35, 0.7)
+"""Lengths over which the discrepancy is correlated: in the present input and the last two extrema,
+as shares of the range."""
+CORRELATED_SHARE = 0.8
+"""Share of the variance of the discrepancy that is correlated; the rest is independent."""
 MOST_CORRELATED = 400
-"""Samples up to which the correlation of the discrepancy counts; of more, each is taken to err
-on its own, as the matrices would not fit."""
+"""Samples up to which the discrepancy is correlated. For more it is independent, because the
+covariance would not fit into memory."""
 MANY = 10**9
-"""Samples of hyperparameters that are given, not learnt."""
-FINEST = 20
-"""Bands of the plane on which hyperparameters are sought."""
-FINEST_OF_FEW = 40
-"""The same where samples are few."""
+"""Number of samples that stands for hyperparameters that are given, not learnt."""
+MOST_SEARCH_BANDS = 20
+"""Bands of the plane on which hyperparameters are searched; each search step costs their sixth
+power, as it factors a matrix of the cells."""
+MOST_SEARCH_BANDS_DENSE = 40
+"""The same for few samples, for which a search step costs the fourth power."""
 
-_NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "own")
+_NAMES = ("decay", "along", "across", "bulk", "reversible", "discrepancy", "nugget")
 _CENTRES = np.log([0.3, 0.3, 0.4, 0.15, 0.3, 0.006, 0.3])
 _SPREADS = np.array([0.8, 0.6, 0.6, 1.0, 1.0, 1.0, 2.0])
+"""Normal prior of the logarithms of the hyperparameters. Wide: a spread of 1 is a factor of e."""
 _NOISE_CENTRE, _NOISE_SPREAD = float(np.log(0.003)), 1.0
 _HEAVY = np.array([False] * 7 + [True])
-_TAIL = 3.0
+"""Which of them have the tail of a t distribution: the noise only."""
+_DEGREES_OF_FREEDOM = 3.0
 _FURTHEST = 4.0
 _FURTHEST_HEAVY = 5.0
+"""Bounds of the search, in spreads from the centre."""
 _DIFFERENCE = 1e-4
-_ROUNDS = 60
+_ITERATIONS = 60
 _LEAST_NOISE = 1e-6
 _REFINEMENTS = 2
 
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """What the prior is like, in ranges of input and output.
+    """Hyperparameters of the prior, in ranges of input and output.
 
     Parameters
     ----------
     decay : float
-        Distance alpha - beta over which weights fade by e.
+        Distance alpha - beta over which weights decay by a factor of e.
     along, across : float
-        Distances along (alpha + beta) / 2 and alpha - beta over which weights are alike.
+        Correlation lengths in (alpha + beta) / 2 and in alpha - beta.
     bulk : float
-        Standard deviation of all irreversible weight together.
+        Standard deviation of the sum of the irreversible weights.
     reversible : float
-        That of all reversible weight.
+        Standard deviation of the sum of the reversible weights.
     discrepancy : float
-        Standard deviation of what no weights can follow.
-    own : float
-        Variance of a weight about its neighbours', over the variance that it shares with them:
-        near 0 on smooth planes, above 1 where weights have nothing to do with each other.
+        Standard deviation of the model discrepancy, which no weights can reproduce.
+    nugget : float
+        Independent over correlated variance of a weight: near 0 on smooth planes, above 1 where
+        neighbouring weights are unrelated.
     noise : float
         Standard deviation of a measured output.
     """
@@ -92,328 +97,340 @@ class Hyperparameters:
     bulk: float = 0.15
     reversible: float = 0.3
     discrepancy: float = 0.006
-    own: float = 0.3
+    nugget: float = 0.3
     noise: float = 0.003
 
 
 class PlanePrior:
-    """The prior covariance of the unknowns of a form, for any hyperparameters."""
+    """Prior covariance of the unknowns of a plane, for any hyperparameters."""
 
-    def __init__(self, form: PlaneSpec) -> None:
-        self.form = form
-        grid = (form.levels - form.levels[0]) / (form.levels[-1] - form.levels[0])
+    def __init__(self, spec: PlaneSpec) -> None:
+        self.spec = spec
+        grid = (spec.levels - spec.levels[0]) / (spec.levels[-1] - spec.levels[0])
         middle, width = (grid[1:] + grid[:-1]) / 2, np.diff(grid)
-        i, j = np.tril_indices(form.bands)
+        i, j = np.tril_indices(spec.bands)
         self._diagonal = np.flatnonzero(i == j)
         self._along = (middle[i] + middle[j]) / 2
         # The centre of a triangle is a third of its width from the diagonal.
         self._across = np.where(i == j, width[i] / 3, middle[i] - middle[j])
         self._area = cell_areas(grid)[i, j]
         self._width, self._middle = width, middle
-        self._unit = 2.0 / swing(form.relay)
-        self._none = np.zeros(form.bands)
+        self._unit = 2.0 / swing(spec.relay)
+        self._none = np.zeros(spec.bands)
 
     def scale(self, h: Hyperparameters) -> FloatArray:
-        """(n,) standard deviations that the unknowns have, roughly; all positive."""
-        fading = np.exp(-self._across / h.decay) * self._area
-        bulk = h.bulk * fading / fading.sum()
+        """(n,) approximate prior standard deviations of the unknowns; all positive."""
+        bulk = self._bulk(h)
         sizes = bulk.copy()
         sizes[self._diagonal] = np.hypot(bulk[self._diagonal], h.reversible * self._width)
-        levels = np.full(self.form.unknowns - self.form.cells, np.sqrt(LEVEL_VARIANCE))
+        levels = np.full(self.spec.unknowns - self.spec.cells, np.sqrt(LEVEL_VARIANCE))
         return np.concatenate([self._unit * sizes, levels])
 
     def covariance(self, h: Hyperparameters) -> FloatArray:
         """(n, n) covariance of the unknowns over the products of their scales."""
-        cells, n = self.form.cells, self.form.unknowns
-        alike = np.empty((cells, cells))
-        _kernels.matern(self._along, self._across, h.along, h.across, alike)
-        alike += 1.0
-        alike[np.diag_indices(cells)] += h.own
-        fading = np.exp(-self._across / h.decay) * self._area
+        cells, n = self.spec.cells, self.spec.unknowns
         scale = self.scale(h)
-        own = self._unit * h.bulk * fading / fading.sum() / scale[:cells]
-        whole = np.zeros((n, n))
-        whole[:cells, :cells] = own[:, None] * alike * own
-        strip = np.empty((self.form.bands, self.form.bands))
-        _kernels.matern(self._middle, self._none, h.along, 1.0, strip)
-        strip += 1.0
-        strip[np.diag_indices(self.form.bands)] += h.own
+        covariance = np.zeros((n, n))
+        size = self._unit * self._bulk(h) / scale[:cells]
+        correlation = np.empty((cells, cells))
+        _kernels.matern(self._along, self._across, h.along, h.across, correlation)
+        correlation += 1.0
+        correlation[np.diag_indices(cells)] += h.nugget
+        covariance[:cells, :cells] = size[:, None] * correlation * size
         size = self._unit * h.reversible * self._width / scale[self._diagonal]
-        whole[np.ix_(self._diagonal, self._diagonal)] += size[:, None] * strip * size
-        whole[np.arange(cells, n), np.arange(cells, n)] = 1.0
-        return whole
+        correlation = np.empty((self.spec.bands, self.spec.bands))
+        _kernels.matern(self._middle, self._none, h.along, 1.0, correlation)
+        correlation += 1.0
+        correlation[np.diag_indices(self.spec.bands)] += h.nugget
+        covariance[np.ix_(self._diagonal, self._diagonal)] += size[:, None] * correlation * size
+        covariance[np.arange(cells, n), np.arange(cells, n)] = 1.0
+        return covariance
+
+    def _bulk(self, h: Hyperparameters) -> FloatArray:
+        """(K,) standard deviations of the irreversible weights."""
+        decay = np.exp(-self._across / h.decay) * self._area
+        return np.asarray(h.bulk * decay / decay.sum())
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Measurements on scaled outputs, reduced to what the prior needs of them.
+    """Scaled measurements, in the form that the likelihood needs.
 
-    ``rows`` (M, n) regressors and ``marks`` (M, 3), kept where the discrepancy is correlated;
-    otherwise ``gram`` (n, n) and ``slope`` (n,), A'A and A'y. ``y`` (M,).
+    ``y`` (M,) outputs. Where the discrepancy is correlated, regressors ``rows`` (M, n) and
+    ``features`` (M, 3) as `regressors` gives them; otherwise ``gram`` A'A (n, n) and ``slope`` A'y
+    (n,).
     """
 
-    form: PlaneSpec
+    spec: PlaneSpec
     y: FloatArray
     rows: FloatArray | None = None
-    marks: FloatArray | None = None
+    features: FloatArray | None = None
     gram: FloatArray | None = None
     slope: FloatArray | None = None
 
     def information(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float, float]:
         """A'R^-1 A, A'R^-1 y, y'R^-1 y and the logarithm of the determinant of R."""
-        if self.rows is None or self.marks is None:
+        if self.rows is None or self.features is None:
             assert self.gram is not None
             assert self.slope is not None
             variance = h.noise**2 + h.discrepancy**2
             square = float(self.y @ self.y) / variance
             logarithm = self.y.size * float(np.log(variance))
             return self.gram / variance, self.slope / variance, square, logarithm
-        root = np.linalg.cholesky(disturbance(self.marks, h))
-        white = _solved(root, np.column_stack([self.rows, self.y]))
+        root = np.linalg.cholesky(disturbance(self.features, h))
+        white = _triangular_solve(root, np.column_stack([self.rows, self.y]))
         a, y = white[:, :-1], white[:, -1]
         return a.T @ a, a.T @ y, float(y @ y), 2 * float(np.log(root.diagonal()).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What is believed of the unknowns after the measurements, in the unit of the output.
+    """Posterior distribution of the unknowns given the measurements, in the unit of the output.
 
     Parameters
     ----------
-    form : PlaneSpec
+    spec : PlaneSpec
         The unknowns, (n,): packed weights, offset, slope.
     hyperparameters : Hyperparameters
-        Of the prior, in ranges.
+        Hyperparameters of the prior, in ranges.
     unit : float
         Range of the measured outputs.
     factor : (n, n) array
-        F with F F' the posterior covariance, in squared units; positivity is not counted in.
+        F, where F F' is the posterior covariance in squared units, without sign constraints.
     samples : int
-        Measurements that the hyperparameters were learnt from. Variances are raised by
-        samples / (samples - 7), at most doubled, for the seven that these took.
+        Measurements that the hyperparameters were learnt from. Variances are multiplied by
+        samples / (samples - 7), at most by 2, because seven hyperparameters were learnt.
     """
 
-    form: PlaneSpec
+    spec: PlaneSpec
     hyperparameters: Hyperparameters
     unit: float
     factor: FloatArray
     samples: int
 
     def deviation(self, u: FloatArray, start: Start) -> FloatArray:
-        """Standard deviation of the outputs that inputs (T,) will really have.
+        """Standard deviation of the true outputs for inputs (T,).
 
-        What the weights leave open and what no weights can follow; not the noise of a sensor
-        that looks at it.
+        It includes the uncertainty of the weights and the model discrepancy, but no sensor noise.
         """
-        rows, _ = regressors(self.form, u, np.ones(u.size, dtype=np.bool_), start)
+        rows, _ = regressors(self.spec, u, np.ones(u.size, dtype=np.bool_), start)
         return self.row_deviation(rows)
 
     def row_deviation(self, rows: FloatArray) -> FloatArray:
-        """The same for regressors (T, n)."""
+        """Standard deviation of the true outputs for regressors (T, n)."""
         spread = np.einsum("tk,tk->t", *[rows @ self.factor] * 2)
         spread += (self.hyperparameters.discrepancy * self.unit) ** 2
-        raised = min(self.samples / max(self.samples - len(_NAMES), 1), 2.0)
-        return np.asarray(np.sqrt(raised * spread))
+        factor = min(self.samples / max(self.samples - len(_NAMES), 1), 2.0)
+        return np.asarray(np.sqrt(factor * spread))
 
 
 @dataclass(frozen=True, eq=False)
 class PriorFit:
-    """Unknowns, how optimal they are, and the belief around them."""
+    """Fitted unknowns, the violation of the optimality conditions, and the posterior."""
 
     x: FloatArray
     kkt: float
-    belief: Posterior
-    surprises: FloatArray | None
-    """(M,) each measurement less what the others predict, in standard deviations."""
+    posterior: Posterior
+    leave_one_out: FloatArray | None
+    """(M,) standardised leave-one-out residuals; None for more than `MOST_CORRELATED` samples."""
     learnt: Hyperparameters
-    """As the search found them; those of the belief have a discrepancy that was raised to what
-    weights that may not be negative left over."""
+    """Result of the search. Those of the posterior may have a greater discrepancy, because weights
+    that are not negative leave greater residuals."""
 
 
 def fit_prior(
-    areas: DesignMatrix,
+    matrix: DesignMatrix,
     y: FloatArray,
-    marked: tuple[FloatArray, FloatArray] | None,
+    dense: tuple[FloatArray, FloatArray] | None,
     *,
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
     coarse: tuple[PlaneSpec, FloatArray] | None = None,
 ) -> PriorFit:
-    """Fit with the prior.
+    """Fit the unknowns with the prior.
 
     Parameters
     ----------
-    areas : DesignMatrix
+    matrix : DesignMatrix
         Regressors of M measurements.
     y : (M,) array
         Outputs.
-    marked : tuple, optional
-        Rows and marks as `regressors` gives them, up to `MOST_CORRELATED` samples.
+    dense : tuple, optional
+        What `regressors` gives, up to `MOST_CORRELATED` samples.
     signed : bool
         Let weights and slope be negative.
     noise : float, optional
-        Standard deviation of a measured output, in its unit; found with the rest if not given.
+        Standard deviation of a measured output, in its unit; learnt if not given.
     guess : Hyperparameters, optional
-        Where to begin the search.
+        Start of the search.
     coarse : tuple, optional
-        A form and rows of few samples, as `coarse_rows` gives them.
+        What `coarse_rows` gives; with ``dense`` only.
     """
-    if marked is not None:
-        return fit_marked(
-            areas.form, y, marked, signed=signed, noise=noise, guess=guess, coarse=coarse
+    if dense is not None:
+        return fit_dense(
+            matrix.spec, y, dense, signed=signed, noise=noise, guess=guess, coarse=coarse
         )
-    with one_thread(areas.form.unknowns):
-        return _fit_summed(areas, y, signed, noise, guess)
+    with one_thread(matrix.spec.unknowns):
+        return _fit_gram(matrix, y, signed, noise, guess)
 
 
-def _fit_summed(
-    areas: DesignMatrix,
+def _fit_gram(
+    matrix: DesignMatrix,
     y: FloatArray,
     signed: bool,
     noise: float | None,
     guess: Hyperparameters | None,
 ) -> PriorFit:
-    form, (scaled, unit, shift) = areas.form, _scaled(areas.form, y)
-    known = _known(noise, unit)
-    small = areas
-    while small.form.bands > FINEST:
+    spec, (scaled, unit, shift) = matrix.spec, _scaled(matrix.spec, y)
+    known = _scaled_noise(noise, unit)
+    small = matrix
+    while small.spec.bands > MOST_SEARCH_BANDS:
         small = small.coarser()
-    found = _summed(areas, scaled)
-    coarse = found if small is areas else _summed(small, scaled)
+    found = _gram_evidence(matrix, scaled)
+    coarse = found if small is matrix else _gram_evidence(small, scaled)
     h = search(coarse, known, guess)
-    # What is a coarse cell's own is the mean of what is its parts' own.
-    h = replace(h, own=h.own * form.cells / small.form.cells)
-    plane = PlanePrior(form)
+    # The independent part of a coarse cell is the mean of those of its fine cells.
+    h = replace(h, nugget=h.nugget * spec.cells / small.spec.cells)
+    plane = PlanePrior(spec)
     x, kkt, factor = _solve(plane, found, h, signed)
     if coarse is not found:
         for _ in range(_REFINEMENTS):
-            h = _rescaled(found, areas, h, x, factor, known)
+            h = _with_residual_variance(found, matrix, h, x, factor, known)
             x, kkt, factor = _solve(plane, found, h, signed)
     learnt = h
     for _ in range(_REFINEMENTS):
-        raised = _raised(h, scaled - areas.forward(x))
+        raised = _with_residual_discrepancy(h, scaled - matrix.forward(x))
         if raised is h:
             break
         h = raised
         x, kkt, factor = _solve(plane, found, h, signed)
-    belief = Posterior(form, h, unit, factor * unit, y.size)
-    return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, None, learnt)
+    posterior = Posterior(spec, h, unit, factor * unit, y.size)
+    return PriorFit(_unscaled(spec, x, unit, shift), kkt, posterior, None, learnt)
 
 
-def fit_marked(
-    form: PlaneSpec,
+def fit_dense(
+    spec: PlaneSpec,
     y: FloatArray,
-    marked: tuple[FloatArray, FloatArray],
+    dense: tuple[FloatArray, FloatArray],
     *,
     signed: bool = False,
     noise: float | None = None,
     guess: Hyperparameters | None = None,
     coarse: tuple[PlaneSpec, FloatArray] | None = None,
 ) -> PriorFit:
-    """Fit few samples, whose rows (M, n) and marks (M, 3) are at hand; see `fit_prior`.
+    """Fit few samples, with correlated discrepancy; parameters as of `fit_prior`.
 
-    ``coarse`` is a form, and its rows, on which the hyperparameters are sought instead.
+    Where ``coarse`` is given, the hyperparameters are searched on that plane.
     """
-    scaled, unit, shift = _scaled(form, y)
-    found = Evidence(form, scaled, *marked)
-    plane = PlanePrior(form)
-    with one_thread(form.unknowns):
+    scaled, unit, shift = _scaled(spec, y)
+    found = Evidence(spec, scaled, *dense)
+    plane = PlanePrior(spec)
+    with one_thread(spec.unknowns):
         if coarse is None:
-            learnt = h = search(found, _known(noise, unit), guess)
+            learnt = h = search(found, _scaled_noise(noise, unit), guess)
         else:
-            small = Evidence(coarse[0], scaled, coarse[1], marked[1])
-            learnt = search(small, _known(noise, unit), guess)
-            h = replace(learnt, own=learnt.own * form.cells / coarse[0].cells)
+            small = Evidence(coarse[0], scaled, coarse[1], dense[1])
+            learnt = search(small, _scaled_noise(noise, unit), guess)
+            h = replace(learnt, nugget=learnt.nugget * spec.cells / coarse[0].cells)
         x, kkt, factor = _solve(plane, found, h, signed)
-        surprises = _surprises(plane, found, h)
+        leave_one_out = _leave_one_out(plane, found, h)
         for _ in range(_REFINEMENTS):
-            raised = _raised(h, scaled - marked[0] @ x)
+            raised = _with_residual_discrepancy(h, scaled - dense[0] @ x)
             if raised is h:
                 break
             h = raised
             x, kkt, factor = _solve(plane, found, h, signed)
-    belief = Posterior(form, h, unit, factor * unit, y.size)
-    return PriorFit(_unscaled(form, x, unit, shift), kkt, belief, surprises, learnt)
+    posterior = Posterior(spec, h, unit, factor * unit, y.size)
+    return PriorFit(_unscaled(spec, x, unit, shift), kkt, posterior, leave_one_out, learnt)
 
 
-def _scaled(form: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
+def _scaled(spec: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
     unit = float(np.ptp(y)) or 1.0
-    shift = float(y.mean()) if form.offset else 0.0
+    shift = float(y.mean()) if spec.offset else 0.0
     return (y - shift) / unit, unit, shift
 
 
-def _unscaled(form: PlaneSpec, x: FloatArray, unit: float, shift: float) -> FloatArray:
+def _unscaled(spec: PlaneSpec, x: FloatArray, unit: float, shift: float) -> FloatArray:
     x = x * unit
-    if form.offset:
-        x[form.cells] += shift
+    if spec.offset:
+        x[spec.cells] += shift
     return x
 
 
-def _known(noise: float | None, unit: float) -> float | None:
+def _scaled_noise(noise: float | None, unit: float) -> float | None:
     return None if noise is None else max(noise / unit, _LEAST_NOISE)
 
 
-def believe(
-    form: PlaneSpec, h: Hyperparameters, marked: tuple[FloatArray, FloatArray]
+def posterior_after(
+    spec: PlaneSpec, h: Hyperparameters, dense: tuple[FloatArray, FloatArray]
 ) -> Posterior:
-    """What would be believed after measurements with these rows and marks, range one."""
-    found = Evidence(form, np.zeros(marked[0].shape[0]), *marked)
-    _, _, factor = _solve(PlanePrior(form), found, h, signed=True)
-    return Posterior(form, h, 1.0, factor, MANY)
+    """Posterior after measurements with these regressors and features; output range 1.
+
+    Its mean is not used: the covariance does not depend on the outputs.
+    """
+    found = Evidence(spec, np.zeros(dense[0].shape[0]), *dense)
+    _, _, factor = _solve(PlanePrior(spec), found, h, signed=True)
+    return Posterior(spec, h, 1.0, factor, MANY)
 
 
 def coarse_rows(
-    areas: DesignMatrix, u: FloatArray, measured: BoolArray, start: Start
+    matrix: DesignMatrix, u: FloatArray, measured: BoolArray, start: Start
 ) -> tuple[PlaneSpec, FloatArray] | None:
-    """A plane coarse enough to seek hyperparameters on, and its rows; None if this one is."""
-    small = areas
-    while small.form.bands > FINEST_OF_FEW:
+    """Plane that is coarse enough to search hyperparameters on, and its regressors.
+
+    None if the plane of ``matrix`` is coarse enough.
+    """
+    small = matrix
+    while small.spec.bands > MOST_SEARCH_BANDS_DENSE:
         small = small.coarser()
-    return None if small is areas else (small.form, regressors(small.form, u, measured, start)[0])
+    return None if small is matrix else (small.spec, regressors(small.spec, u, measured, start)[0])
 
 
 def regressors(
-    form: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start
+    spec: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start
 ) -> tuple[FloatArray, FloatArray]:
-    """Dense regressors (M, n) and marks (M, 3) of a record of inputs (T,)."""
-    blank = Preisach(form.levels, np.zeros((form.bands, form.bands)), diagonal=form.diagonal)
+    """Dense regressors (M, n) and features (M, 3) of a record of inputs (T,).
+
+    The features are the present input and the last two extrema, from 0 to 1 over the levels.
+    """
+    blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
     memory: Memory = blank.memory(start)
     count = int(np.count_nonzero(measured))
-    shares, marks = np.empty((count, form.cells)), np.empty((count, 3))
+    shares, features = np.empty((count, spec.cells)), np.empty((count, 3))
     past = np.array(memory.extrema, dtype=np.float64)
-    levels = np.asarray(form.levels, dtype=np.float64)
-    _kernels.walk(levels, form.diagonal == "uniform", past, u, measured, shares, marks)
-    columns = [relay_outputs(form.relay, shares)]
-    if form.offset:
+    levels = np.asarray(spec.levels, dtype=np.float64)
+    _kernels.walk(levels, spec.diagonal == "uniform", past, u, measured, shares, features)
+    columns = [relay_outputs(spec.relay, shares)]
+    if spec.offset:
         columns.append(np.ones((count, 1)))
-    if form.slope:
+    if spec.slope:
         columns.append(u[measured][:, None])
-    return np.hstack(columns), marks
+    return np.hstack(columns), features
 
 
-def disturbance(marks: FloatArray, h: Hyperparameters) -> FloatArray:
-    """(M, M) covariance of discrepancy and noise."""
-    apart = (marks[:, None, :] - marks[None, :, :]) / np.array(ALIKE)
-    alike = SHARED * np.exp(-0.5 * np.sum(apart**2, axis=2))
-    own = (1 - SHARED) * h.discrepancy**2 + h.noise**2
-    covariance: FloatArray = h.discrepancy**2 * alike + own * np.eye(marks.shape[0])
+def disturbance(features: FloatArray, h: Hyperparameters) -> FloatArray:
+    """(M, M) covariance of discrepancy plus noise."""
+    distance = (features[:, None, :] - features[None, :, :]) / np.array(CORRELATION_LENGTHS)
+    correlated = CORRELATED_SHARE * np.exp(-0.5 * np.sum(distance**2, axis=2))
+    independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2
+    covariance: FloatArray = h.discrepancy**2 * correlated + independent * np.eye(len(features))
     return covariance
 
 
 def search(
     evidence: Evidence, noise: float | None, guess: Hyperparameters | None = None
 ) -> Hyperparameters:
-    """Hyperparameters of greatest posterior probability."""
+    """Find the hyperparameters of greatest posterior probability."""
     from scipy.optimize import minimize
 
     centres, spreads = _CENTRES, _SPREADS
     if noise is None:
         centres, spreads = np.append(centres, _NOISE_CENTRE), np.append(spreads, _NOISE_SPREAD)
-    plane = PlanePrior(evidence.form)
+    plane = PlanePrior(evidence.spec)
 
     def cost(theta: FloatArray) -> float:
-        return _unlikely((theta - centres) / spreads) - likelihood(
+        return _penalty((theta - centres) / spreads) - likelihood(
             plane, evidence, _as_hyper(theta, noise)
         )
 
@@ -428,37 +445,37 @@ def search(
     furthest = np.where(_HEAVY[: centres.size], _FURTHEST_HEAVY, _FURTHEST) * spreads
     bounds = list(zip(centres - furthest, centres + furthest, strict=True))
     begin = np.clip(begin, *np.transpose(bounds))
-    options: Any = {"maxiter": _ROUNDS, "ftol": 1e-7}
+    options: Any = {"maxiter": _ITERATIONS, "ftol": 1e-7}
     answer = minimize(both, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return _as_hyper(answer.x, noise)
 
 
-def _unlikely(away: FloatArray) -> float:
-    """Minus the logarithm of the density of hyperparameters, in spreads from their centres.
+def _penalty(distance: FloatArray) -> float:
+    """Negative logarithm of the prior density of hyperparameters, in spreads from the centres.
 
-    The tail of the noise is that of a t distribution: sensors are good as a rule, and where one
-    is fifty times worse the measurements must be able to say so. The discrepancy has none: on
-    rough planes it would take for its own what more holds can still tell.
+    The noise has a t distribution: most sensors are good, but the data must be able to show that
+    one is fifty times worse. The discrepancy has a normal one: on rough planes a heavy tail would
+    let it explain what further holds can still determine.
     """
-    heavy = _HEAVY[: away.size]
-    tails = (_TAIL + 1) / 2 * np.log1p(away[heavy] ** 2 / _TAIL)
-    return float(0.5 * np.sum(away[~heavy] ** 2) + np.sum(tails))
+    heavy = _HEAVY[: distance.size]
+    tails = (_DEGREES_OF_FREEDOM + 1) / 2 * np.log1p(distance[heavy] ** 2 / _DEGREES_OF_FREEDOM)
+    return float(0.5 * np.sum(distance[~heavy] ** 2) + np.sum(tails))
 
 
 def likelihood(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> float:
     """Logarithm of the marginal likelihood, up to a constant."""
     scale = plane.scale(h)
-    if evidence.rows is not None and evidence.marks is not None:
+    if evidence.rows is not None and evidence.features is not None:
         rows = evidence.rows * scale
         outer = np.linalg.cholesky(
-            rows @ plane.covariance(h) @ rows.T + disturbance(evidence.marks, h)
+            rows @ plane.covariance(h) @ rows.T + disturbance(evidence.features, h)
         )
-        left = _solved(outer, evidence.y)
+        left = _triangular_solve(outer, evidence.y)
         return -0.5 * float(left @ left) - float(np.log(outer.diagonal()).sum())
     gram, slope, square, logarithm = evidence.information(h)
     root = np.linalg.cholesky(plane.covariance(h)) * scale[:, None]
     inner = np.linalg.cholesky(np.eye(scale.size) + root.T @ gram @ root)
-    part = _solved(inner, root.T @ slope)
+    part = _triangular_solve(inner, root.T @ slope)
     spent = 2 * float(np.log(inner.diagonal()).sum())
     return -0.5 * (square - float(part @ part) + spent + logarithm)
 
@@ -466,19 +483,19 @@ def likelihood(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> flo
 def _solve(
     plane: PlanePrior, evidence: Evidence, h: Hyperparameters, signed: bool
 ) -> tuple[FloatArray, float, FloatArray]:
-    """Unknowns with their signs kept, the optimality, and the factor of the covariance."""
+    """Unknowns under the sign constraints, their KKT violation, and the posterior factor."""
     gram, slope, square, _ = evidence.information(h)
     scale, prior = plane.scale(h), plane.covariance(h)
     root = np.linalg.cholesky(prior)
-    inverse = _solved(root, np.eye(scale.size))
+    inverse = _triangular_solve(root, np.eye(scale.size))
     inverse = inverse.T @ inverse
     quadratic = scale[:, None] * gram * scale + inverse
     unit = 1 / np.sqrt(quadratic.diagonal())
     scale, quadratic = scale * unit, unit[:, None] * quadratic * unit
     linear = scale * slope
     bounded = np.full(scale.size, not signed)
-    if plane.form.offset:
-        bounded[plane.form.cells] = False
+    if plane.spec.offset:
+        bounded[plane.spec.cells] = False
     solution = active_set.solve(
         np.tril(quadratic),
         lambda z: quadratic @ z - linear,
@@ -487,66 +504,66 @@ def _solve(
         float(np.sqrt(square)) or 1.0,
     )
     inner = np.linalg.cholesky(quadratic)
-    factor = scale[:, None] * _solved(inner, np.eye(scale.size)).T
+    factor = scale[:, None] * _triangular_solve(inner, np.eye(scale.size)).T
     return solution.z * scale, solution.kkt, factor
 
 
-def _surprises(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> FloatArray:
-    """Each measurement less what the others predict, over the standard deviation of that.
+def _leave_one_out(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> FloatArray:
+    """(M,) leave-one-out residuals over their standard deviations.
 
     Sundararajan and Keerthi, Predictive approaches for choosing hyperparameters in Gaussian
     processes, Neural Computation 13, 2001.
     """
     assert evidence.rows is not None
-    assert evidence.marks is not None
+    assert evidence.features is not None
     scale = plane.scale(h)
     half = np.asarray(evidence.rows * scale) @ np.linalg.cholesky(plane.covariance(h))
-    inverse = np.linalg.inv(half @ half.T + disturbance(evidence.marks, h))
+    inverse = np.linalg.inv(half @ half.T + disturbance(evidence.features, h))
     return np.asarray((inverse @ evidence.y) / np.sqrt(inverse.diagonal()))
 
 
-def _summed(areas: DesignMatrix, y: FloatArray) -> Evidence:
-    """Evidence of many samples."""
-    lower = areas.gram()
+def _gram_evidence(matrix: DesignMatrix, y: FloatArray) -> Evidence:
+    """Evidence from the Gram matrix, for many samples."""
+    lower = matrix.gram()
     gram = np.tril(lower) + np.tril(lower, -1).T
-    return Evidence(areas.form, y, gram=gram, slope=areas.adjoint(y))
+    return Evidence(matrix.spec, y, gram=gram, slope=matrix.adjoint(y))
 
 
-def _rescaled(
+def _with_residual_variance(
     evidence: Evidence,
-    areas: DesignMatrix,
+    matrix: DesignMatrix,
     h: Hyperparameters,
     x: FloatArray,
     factor: FloatArray,
     noise: float | None,
 ) -> Hyperparameters:
-    """With the errors of a plane finer than that on which hyperparameters were sought.
+    """Replace discrepancy and noise by the residual variance on the fine plane.
 
-    MacKay, Bayesian interpolation, Neural Computation 4, 1992, section 4: squared residuals over
-    samples less well-determined unknowns.
+    MacKay, Bayesian interpolation, Neural Computation 4, 1992, section 4: sum of squared residuals
+    over the number of samples less the number of well-determined unknowns.
     """
     assert evidence.gram is not None
     determined = float(np.sum((evidence.gram @ factor) * factor)) / (h.noise**2 + h.discrepancy**2)
-    left = float(np.sum((evidence.y - areas.forward(x)) ** 2))
+    left = float(np.sum((evidence.y - matrix.forward(x)) ** 2))
     variance = left / max(evidence.y.size - determined, 1.0)
     own = 0.0 if noise is None else noise
     rest = max(variance - own**2, _LEAST_NOISE**2)
     return replace(h, discrepancy=float(np.sqrt(rest)), noise=own)
 
 
-def _raised(h: Hyperparameters, left: FloatArray) -> Hyperparameters:
-    """With at least the discrepancy that the fitted samples show.
+def _with_residual_discrepancy(h: Hyperparameters, residuals: FloatArray) -> Hyperparameters:
+    """Raise the discrepancy to that of the residuals (M,), if it is less.
 
-    The likelihood knows nothing of signs: of an output that falls it learns that negative weights
-    follow it, and that little is left. What is left of them (M,) without these is what counts.
+    The likelihood ignores the sign constraints: it explains a falling output by negative weights,
+    and then underestimates the discrepancy.
     """
-    rest = float(np.mean(left**2)) - h.noise**2
+    rest = float(np.mean(residuals**2)) - h.noise**2
     if rest <= h.discrepancy**2:
         return h
     return replace(h, discrepancy=float(np.sqrt(rest)))
 
 
-def _solved(lower: npt.NDArray[Any], right: npt.NDArray[Any]) -> FloatArray:
+def _triangular_solve(lower: npt.NDArray[Any], right: npt.NDArray[Any]) -> FloatArray:
     from scipy.linalg import solve_triangular
 
     return np.asarray(solve_triangular(lower, right, lower=True, check_finite=False))

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from minorloop.arrays import BoolArray, FloatArray, Levels, as_finite, as_levels, check_option
 from minorloop.errors import ParameterError
 from minorloop.identification import _recursive_kernels as _kernels
-from minorloop.identification.areas import PlaneSpec, pack
+from minorloop.identification.design_matrix import PlaneSpec, pack
 from minorloop.operators._memory_kernels import switched_on
 from minorloop.operators.memory import Memory, Start
 from minorloop.operators.plane import Relay, relay_outputs
@@ -99,7 +99,7 @@ class Recursive:
             raise ParameterError(f"sweeps is {self.sweeps}; give at least 1")
 
     @property
-    def form(self) -> PlaneSpec:
+    def spec(self) -> PlaneSpec:
         """What is unknown: all weights, and the offset."""
         return PlaneSpec(self.levels, self.relay, self.diagonal)
 
@@ -118,7 +118,7 @@ class Recursive:
         ParameterError
             If the model has other levels, relays or diagonal, or a slope.
         """
-        theta = np.zeros(self.form.unknowns)
+        theta = np.zeros(self.spec.unknowns)
         if model is not None:
             same = (
                 np.array_equal(model.levels, self.levels)
@@ -205,7 +205,7 @@ class Recursive:
         state : RecursiveState
             What is known.
         """
-        return self.form.model(state.theta)
+        return self.spec.model(state.theta)
 
     def excitation(self, state: RecursiveState) -> float:
         """Least eigenvalue of the remembered information, over the number remembered.
@@ -232,7 +232,7 @@ class Recursive:
         memory : Memory
             Of the relays.
         """
-        row = np.ones(self.form.unknowns)
+        row = np.ones(self.spec.unknowns)
         extrema = np.array(memory.extrema)
         spread = self.diagonal == "uniform"
         switched_on(self.levels, spread, extrema, extrema.size, row[:-1])
@@ -241,6 +241,6 @@ class Recursive:
 
     @property
     def _bounded(self) -> BoolArray:
-        bounded = np.ones(self.form.unknowns, dtype=np.bool_)
+        bounded = np.ones(self.spec.unknowns, dtype=np.bool_)
         bounded[-1] = False
         return bounded

@@ -1,4 +1,4 @@
-"""What an identification gives: the model, how good it is, and what to do about it."""
+"""Result of an identification: the model, its errors and advice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from minorloop.operators.memory import Start
 class Identification(Fit):
     """A model identified from a record.
 
-    It has the fields and figures of a `Fit`, predicts and inverts, and says what to do next.
+    It has the fields and scores of a `Fit`, predicts, inverts, and gives advice.
     """
 
     @overload
@@ -35,20 +35,19 @@ class Identification(Fit):
     def predict(self, u: npt.ArrayLike, bands: float) -> Prediction: ...
 
     def predict(self, u: npt.ArrayLike, bands: float | None = None) -> Samples | Prediction:
-        """Outputs for an input that begins where the record began, lag included.
+        """Predict the outputs for an input that starts in the same state as the record.
 
         Parameters
         ----------
         u : (T,) array_like
             Inputs, sampled as the record was.
         bands : float, optional
-            Probability, such as 0.9, with which each output should lie within its band.
+            Probability, such as 0.9, that each output lies within its band.
 
         Returns
         -------
         (T,) array, or Prediction where bands are asked for
-            Outputs. The first ``lag`` of them answer inputs from before the first, which is
-            taken to have been there already.
+            Outputs, lag included. Before the first input, that input is assumed to be applied.
 
         Raises
         ------
@@ -60,7 +59,7 @@ class Identification(Fit):
         if bands is None:
             return y
         inputs = as_signal(u, name="u")
-        sd = delayed(self._belief.deviation(inputs, self.start), self.lag)
+        sd = delayed(self._posterior.deviation(inputs, self.start), self.lag)
         return Prediction(inputs, np.asarray(y), sd, as_probability(bands))
 
     def invert(
@@ -69,7 +68,7 @@ class Identification(Fit):
         start: Start | None = None,
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Inputs for targets, with the standard deviation of what they will achieve.
+        """Invert targets, and predict the standard deviation of the outputs.
 
         Parameters
         ----------
@@ -87,12 +86,12 @@ class Identification(Fit):
         """
         begin = self.start if start is None else start
         found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
-        if self.belief is None:
+        if self.posterior is None:
             return found
-        return replace(found, sd=self.belief.deviation(found.u, begin))
+        return replace(found, sd=self.posterior.deviation(found.u, begin))
 
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
-        """Standard deviation of what the sensor reads along the record, its noise included.
+        """Standard deviation of predicted readings along the record, sensor noise included.
 
         Parameters
         ----------
@@ -108,30 +107,30 @@ class Identification(Fit):
         ParameterError
             If the model was identified without the prior.
         """
-        belief = self._belief
+        posterior = self._posterior
         wanted = np.zeros(self.u.size, dtype=np.bool_)
         places = np.maximum(np.asarray(samples, dtype=np.int64) - self.lag, 0)
         wanted[places] = True
-        rows, _ = regressors(belief.form, self.u, wanted, self.start)
-        known = belief.row_deviation(rows)[np.searchsorted(np.flatnonzero(wanted), places)]
-        return np.hypot(known, belief.hyperparameters.noise * belief.unit)
+        rows, _ = regressors(posterior.spec, self.u, wanted, self.start)
+        known = posterior.row_deviation(rows)[np.searchsorted(np.flatnonzero(wanted), places)]
+        return np.hypot(known, posterior.hyperparameters.noise * posterior.unit)
 
     @property
-    def _belief(self) -> Posterior:
-        if self.belief is None:
+    def _posterior(self) -> Posterior:
+        if self.posterior is None:
             raise ParameterError(
                 'this model has no bands; identify with prior="gaussian" (--prior gaussian)'
             )
-        return self.belief
+        return self.posterior
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Why the model is not to be trusted; empty where nothing says so. Part of the advice."""
+        """Reasons not to trust the model, part of the advice; empty where there are none."""
         return tuple(advising.warnings(self))
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What is weak, and what to do about it; empty where nothing is."""
+        """What is weak and what to do about it; empty where nothing is weak."""
         return tuple(advising.advice(self))
 
     def __str__(self) -> str:

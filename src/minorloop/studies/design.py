@@ -270,7 +270,7 @@ class _Trial:
         achieved = self.settled(np.append(self.plant.low, inputs), noise=0.0)[1:]
         positioning = float(np.sqrt(np.mean((achieved - self.targets) ** 2)))
         coverage = width = float("nan")
-        if fit.belief is not None:
+        if fit.posterior is not None:
             shown = self.predicted(fit)
             coverage = shown.covers(self.unseen_outputs)
             width = float(np.mean(shown.sd)) / holdout

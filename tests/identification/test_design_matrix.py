@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
-from minorloop.identification.areas import DesignMatrix, PlaneSpec, pack, unpack
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack, unpack
 
 LEVELS = np.array([-1.0, -0.6, -0.1, 0.0, 0.4, 1.0])
 inputs = st.lists(st.floats(-1.3, 1.3), min_size=3, max_size=30).map(np.array)
@@ -14,50 +14,50 @@ KINDS = list(itertools.product(("bipolar", "unipolar"), ("uniform", "reversible"
 
 
 def areas_of(u, relay="bipolar", diagonal="uniform", slope=True, start="negative", seed=0):
-    form = PlaneSpec(LEVELS, relay, diagonal, offset=True, slope=slope)
+    spec = PlaneSpec(LEVELS, relay, diagonal, offset=True, slope=slope)
     measured = np.random.default_rng(seed).uniform(size=u.size) > 0.3
-    return DesignMatrix(form, u, measured, start), measured
+    return DesignMatrix(spec, u, measured, start), measured
 
 
 @pytest.mark.parametrize(("relay", "diagonal"), KINDS)
 @given(u=inputs)
 def test_columns_are_the_areas_worked_out_cell_by_cell(relay, diagonal, u):
-    areas, measured = areas_of(u, relay, diagonal)
+    matrix, measured = areas_of(u, relay, diagonal)
     rows = []
     for steps in oracles.strips(u, -1.0, 1.0):
         on = pack(oracles.switched_on(steps, LEVELS, diagonal == "uniform"))
         rows.append(2 * on - 1 if relay == "bipolar" else on)
     expected = np.column_stack([np.array(rows), np.ones(u.size), u])[measured]
-    np.testing.assert_allclose(areas.matrix(), expected, atol=1e-12)
+    np.testing.assert_allclose(matrix.dense(), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("start", ["negative", "positive", "demagnetised"])
 @given(u=inputs)
 def test_forward_is_what_the_model_simulates(start, u):
-    areas, measured = areas_of(u, start=start)
-    x = np.random.default_rng(1).uniform(0, 1, areas.form.unknowns)
-    model = areas.form.model(x)
-    np.testing.assert_allclose(areas.forward(x), model.simulate(u, start)[measured], atol=1e-11)
+    matrix, measured = areas_of(u, start=start)
+    x = np.random.default_rng(1).uniform(0, 1, matrix.spec.unknowns)
+    model = matrix.spec.model(x)
+    np.testing.assert_allclose(matrix.forward(x), model.simulate(u, start)[measured], atol=1e-11)
 
 
 @given(u=inputs)
 def test_adjoint_is_the_transpose(u):
-    areas, _ = areas_of(u)
+    matrix, _ = areas_of(u)
     rng = np.random.default_rng(2)
-    x, r = rng.normal(size=areas.form.unknowns), rng.normal(size=areas.samples)
-    assert areas.forward(x) @ r == pytest.approx(x @ areas.adjoint(r), abs=1e-11)
+    x, r = rng.normal(size=matrix.spec.unknowns), rng.normal(size=matrix.samples)
+    assert matrix.forward(x) @ r == pytest.approx(x @ matrix.adjoint(r), abs=1e-11)
 
 
 @pytest.mark.parametrize(("relay", "diagonal"), KINDS)
 @pytest.mark.parametrize("start", ["negative", "demagnetised"])
 def test_gram_is_the_product_of_the_columns(relay, diagonal, start):
     u = np.random.default_rng(3).uniform(-1.2, 1.2, 300)
-    areas, _ = areas_of(u, relay, diagonal, start=start)
-    weight = np.random.default_rng(4).uniform(size=areas.samples)
-    matrix = areas.matrix()
+    matrix, _ = areas_of(u, relay, diagonal, start=start)
+    weight = np.random.default_rng(4).uniform(size=matrix.samples)
+    dense = matrix.dense()
     for w in (None, weight):
-        full = matrix.T @ (matrix if w is None else matrix * w[:, None])
-        np.testing.assert_allclose(np.tril(areas.gram(w)), np.tril(full), atol=1e-10)
+        full = dense.T @ (dense if w is None else dense * w[:, None])
+        np.testing.assert_allclose(np.tril(matrix.gram(w)), np.tril(full), atol=1e-10)
 
 
 def test_packing_goes_both_ways():
@@ -66,9 +66,9 @@ def test_packing_goes_both_ways():
 
 
 def test_excited_cells_are_where_branches_end():
-    form = PlaneSpec(np.arange(5.0))
+    spec = PlaneSpec(np.arange(5.0))
     loop = np.array([0, 0.5, 1.5, 2.5, 3.5, 4, 3.5, 2.5, 1.5, 0.5, 0])
-    excited = DesignMatrix(form, loop, np.ones(loop.size, dtype=bool), "negative").excited
+    excited = DesignMatrix(spec, loop, np.ones(loop.size, dtype=bool), "negative").excited
     expected = np.zeros((4, 4), dtype=bool)
     expected[:, 0] = expected[3, :] = True
     np.testing.assert_array_equal(excited, expected)

@@ -1,8 +1,8 @@
-"""The regressors of identification: exact signed areas, kept as a tree.
+"""The design matrix of identification: exact areas of cells, stored as a tree.
 
-Each output is linear in the cell weights: the weight of a cell counts with the fraction of it
-that is switched on. Written out that is one number for every sample and every cell; the tree
-of Everett differences (see `_kernels`) holds the same with at most six numbers a sample.
+Each output is linear in the cell weights: each weight is multiplied by the fraction of its cell
+that is switched on. The dense matrix has one number for each sample and cell. The tree of Everett
+differences (see `_kernels`) is equivalent, and has at most six numbers for each sample.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Packed = FloatArray
 
 
 MOST_BANDS = 250
-"""Beyond this the normal equations of a plane would take more than 8 GB."""
+"""Largest number of bands; the normal equations of a finer plane would take more than 8 GB."""
 
 
 @dataclass(frozen=True)
 class PlaneSpec:
-    """Which model is fitted: everything about it but its numbers.
+    """Structure of the model to be fitted, without its numbers.
 
     ``levels`` (L + 1,); ``relay`` and ``diagonal`` as in `Preisach`; ``offset``, ``slope``:
-    whether these are fitted too.
+    whether these are fitted.
 
     Raises
     ------
@@ -62,11 +62,11 @@ class PlaneSpec:
 
     @property
     def unknowns(self) -> int:
-        """Weights, and offset and slope where fitted."""
+        """Number of weights, offset and slope that are fitted."""
         return self.cells + self.offset + self.slope
 
     def model(self, x: FloatArray) -> Preisach:
-        """The operator for a vector of unknowns: packed weights, offset, slope."""
+        """Return the operator for a vector of unknowns: packed weights, offset, slope."""
         return Preisach(
             self.levels,
             unpack(x[: self.cells]),
@@ -82,8 +82,8 @@ class DesignMatrix:
 
     Parameters
     ----------
-    form : PlaneSpec
-        What is unknown.
+    spec : PlaneSpec
+        Structure of the model.
     u : (T,) array
         Inputs applied, in order.
     measured : (T,) array of bool
@@ -92,10 +92,10 @@ class DesignMatrix:
         Memory before the first input.
     """
 
-    def __init__(self, form: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start) -> None:
-        self.form, self.u = form, u[measured]
+    def __init__(self, spec: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start) -> None:
+        self.spec, self.u = spec, u[measured]
         self._record = (u, measured, start)
-        blank = Preisach(form.levels, np.zeros((form.bands, form.bands)), diagonal=form.diagonal)
+        blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
         past = np.array(blank.memory(start).extrema[1:])
         inputs = np.concatenate([past, u])
         self._index = np.zeros((inputs.size, 6), dtype=np.int32)
@@ -108,7 +108,7 @@ class DesignMatrix:
             plane.per_band,
             plane.buckets,
             plane.per_unit,
-            form.diagonal == "uniform",
+            spec.diagonal == "uniform",
             inputs,
             self._index,
             self._coefficient,
@@ -116,7 +116,7 @@ class DesignMatrix:
             corner,
         )
         self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
-        self._swing, self._shift = swing(form.relay), -off_output(form.relay)
+        self._swing, self._shift = swing(spec.relay), -off_output(spec.relay)
         self.corner = corner[self.measured]
 
     @property
@@ -126,36 +126,36 @@ class DesignMatrix:
 
     @cached_property
     def excited(self) -> BoolArray:
-        """(L, L) cells in which some measured sample looks at the Everett surface."""
-        packed = np.zeros(self.form.cells)
+        """(L, L) cells in which a measured sample evaluates the Everett function."""
+        packed = np.zeros(self.spec.cells)
         packed[self.corner[self.corner >= 0]] = 1.0
         touched: BoolArray = unpack(packed) > 0
         return touched
 
     def forward(self, x: FloatArray) -> FloatArray:
         """(M,) outputs for a vector of unknowns."""
-        form = self.form
-        nodes = x[: form.cells].copy()
+        spec = self.spec
+        nodes = x[: spec.cells].copy()
         total = nodes.sum()
-        _kernels.cells_to_nodes(form.bands, nodes)
+        _kernels.cells_to_nodes(spec.bands, nodes)
         on = np.empty(self._parent.size)
         _kernels.forward(self._index, self._coefficient, self._parent, nodes, on)
         y: FloatArray = self._swing * on[self.measured] - self._shift * total
-        if form.offset:
-            y += x[form.cells]
-        if form.slope:
+        if spec.offset:
+            y += x[spec.cells]
+        if spec.slope:
             y += x[-1] * self.u
         return y
 
     def adjoint(self, r: FloatArray) -> FloatArray:
-        """Transpose of `forward`: one number for every unknown from one for every sample."""
-        form = self.form
-        out = np.empty(form.unknowns)
+        """Transpose of `forward`: (n,) from (M,)."""
+        spec = self.spec
+        out = np.empty(spec.unknowns)
         total = r.sum()
-        out[: form.cells] = self._swing * self._fraction_sums(r) - self._shift * total
-        if form.offset:
-            out[form.cells] = total
-        if form.slope:
+        out[: spec.cells] = self._swing * self._fraction_sums(r) - self._shift * total
+        if spec.offset:
+            out[spec.cells] = total
+        if spec.slope:
             out[-1] = r @ self.u
         return out
 
@@ -167,31 +167,31 @@ class DesignMatrix:
         weight : (M,) array, optional
             Of each sample; one if not given.
         """
-        form, cells = self.form, self.form.cells
+        spec, cells = self.spec, self.spec.cells
         counts = np.ones(self.samples) if weight is None else weight
-        gram = np.zeros((form.unknowns, form.unknowns))
+        gram = np.zeros((spec.unknowns, spec.unknowns))
         spread = self._spread(counts)
         _kernels.gram(self._index, self._coefficient, self._parent, spread, gram)
-        _kernels.columns_to_cells(form.bands, gram)
-        _kernels.nodes_to_cells(form.bands, gram)
+        _kernels.columns_to_cells(spec.bands, gram)
+        _kernels.nodes_to_cells(spec.bands, gram)
         touched = self._fraction_sums(counts)
         _kernels.finish_gram(gram, cells, self._swing, self._shift, touched, counts.sum())
-        columns = [np.ones(self.samples)] if form.offset else []
-        columns += [self.u] if form.slope else []
+        columns = [np.ones(self.samples)] if spec.offset else []
+        columns += [self.u] if spec.slope else []
         for k, column in enumerate(columns, start=cells):
             gram[k] = self.adjoint(column * counts)
         return gram
 
     def coarser(self) -> DesignMatrix:
-        """The same samples on a plane with every other threshold."""
-        kept = np.union1d(np.arange(0, self.form.levels.size, 2), [self.form.bands])
+        """Design matrix of the same samples on a plane with every other threshold."""
+        kept = np.union1d(np.arange(0, self.spec.levels.size, 2), [self.spec.bands])
         return DesignMatrix(
-            replace(self.form, levels=frozen(self.form.levels[kept])), *self._record
+            replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
         )
 
-    def matrix(self) -> FloatArray:
-        """(M, unknowns) dense columns: only for small problems."""
-        identity = np.eye(self.form.unknowns)
+    def dense(self) -> FloatArray:
+        """(M, n) dense matrix; for small problems only."""
+        identity = np.eye(self.spec.unknowns)
         return np.stack([self.forward(column) for column in identity], axis=1)
 
     def _spread(self, r: FloatArray) -> FloatArray:
@@ -201,14 +201,14 @@ class DesignMatrix:
 
     def _fraction_sums(self, r: FloatArray) -> Packed:
         """Transpose of the map from weights to switched-on weight."""
-        sums = np.zeros((self.form.cells, 1))
+        sums = np.zeros((self.spec.cells, 1))
         _kernels.adjoint(self._index, self._coefficient, self._parent, self._spread(r), sums[:, 0])
-        _kernels.nodes_to_cells(self.form.bands, sums)
+        _kernels.nodes_to_cells(self.spec.bands, sums)
         return sums[:, 0]
 
 
 def check_bands(bands: int) -> None:
-    """Refuse a plane that is too fine to be identified.
+    """Raise an error if a plane is too fine to be identified.
 
     Raises
     ------
