@@ -128,7 +128,7 @@ def test_other_advice():
     u, y = a_record()
     assert "widen the levels" in " ".join(identify(1.1 * u, y, levels=LEVELS).advice)
     polynomial = identify(u, u**3, levels=3, holdout=0.3)
-    assert "polynomial of the delayed input does better" in " ".join(polynomial.advice)
+    assert "polynomial of the delayed input is better" in " ".join(polynomial.advice)
     changed = np.where(np.arange(y.size) > 1000, y + 10, y)
     assert "more than twice" in " ".join(identify(u, changed, levels=10, holdout=0.3).advice)
     assert identify(u, y, levels=LEVELS, holdout=0.3).advice == ()
@@ -235,13 +235,13 @@ def test_noise_alone_is_not_taken_for_hysteresis():
     rng = np.random.default_rng(0)
     u, y = rng.normal(size=(2, 800))
     advice = " ".join(identify(u, y, levels=8, holdout=0.3).advice)
-    assert "does nearly as well" in advice or "does better" in advice
+    assert "is nearly as good" in advice or "does better" in advice
 
 
 def test_an_output_that_falls_is_said_to():
     u, y = a_record(400)
-    assert "turn the sign of the output" in " ".join(identify(u, -y, levels=10).advice)
-    assert "turn the sign" not in " ".join(identify(u, y, levels=10).advice)
+    assert "reverse the sign of the output" in " ".join(identify(u, -y, levels=10).advice)
+    assert "reverse the sign" not in " ".join(identify(u, y, levels=10).advice)
 
 
 def test_a_smaller_range_at_the_end_is_no_overfitting():

@@ -62,7 +62,7 @@ def test_a_record_that_never_repeats_has_no_floor():
     u = excitation.decaying_staircase(LEVELS)
     found = representability(u, a_plane().simulate(u))
     assert (found.memories, found.floor, found.wiping_out) == (0, 0.0, 0.0)
-    assert "0 memories" in str(found)
+    assert "0 repeated memories" in str(found)
 
 
 def test_holds_and_gaps_are_no_repetition():

@@ -5,7 +5,7 @@ import pytest
 
 from minorloop.errors import SignalError
 from minorloop.identification import excitation, identify
-from minorloop.identification.screening import codes, screened
+from minorloop.identification.screening import codes, record_faults
 
 RADII = np.linspace(0, 0.3, 10)
 SIZE = 400
@@ -38,7 +38,7 @@ def record(shape="sine", unit=1.0, noise=0.003):
 
 
 def kinds(u, y, lag=0, **options):
-    return [finding.kind for finding in screened(u, y, "negative", lag, **options)]
+    return [finding.kind for finding in record_faults(u, y, "negative", lag, **options)]
 
 
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
@@ -59,7 +59,7 @@ def test_nor_in_a_coarsely_quantised_one_that_saturates(noise):
 def test_an_outlier_is_named_with_its_sample(shape, ranges):
     u, y = record(shape)
     y[37] += ranges * np.ptp(y)
-    (finding,) = screened(u, y, "negative", 0)
+    (finding,) = record_faults(u, y, "negative", 0)
     assert (finding.kind, finding.samples) == ("outlier", (37,))
     assert f"sample 37 ({y[37]:.6g})" in finding.text
     assert "empty these cells" in finding.text
@@ -81,7 +81,7 @@ def test_a_stuck_output_is_named_with_its_stretch(shape):
     u, y = record(shape)
     first, count = u.size // 3, u.size // 5
     y[first : first + count] = y[first]
-    (finding,) = screened(u, y, "negative", 0)
+    (finding,) = record_faults(u, y, "negative", 0)
     assert finding.kind == "stuck"
     assert finding.samples == tuple(range(first, first + count))
 
@@ -90,7 +90,7 @@ def test_so_is_one_that_is_stuck_under_noise():
     u, y = record(noise=0.0)
     y[130:210] = y[130]
     y += 0.005 * np.ptp(y) * np.random.default_rng(0).normal(size=y.size)
-    (finding,) = screened(u, y, "negative", 0)
+    (finding,) = record_faults(u, y, "negative", 0)
     assert finding.kind == "stuck"
     assert set(finding.samples) > set(range(145, 195))
 
@@ -101,7 +101,7 @@ def test_a_clipped_output_is_named(shape, side):
     u, y = record(shape)
     cut = 0.25 * np.ptp(y)
     clipped = np.minimum(y, y.max() - cut) if side == "highest" else np.maximum(y, y.min() + cut)
-    found = screened(u, clipped, "negative", 0)
+    found = record_faults(u, clipped, "negative", 0)
     assert "clipped" in [finding.kind for finding in found]
     assert f"equal the {side}" in found[0].text
 
@@ -118,7 +118,7 @@ def test_a_lag_is_named_until_the_model_has_it(shape, lag):
     shifted = (
         np.r_[np.full(lag, y[0]), y[:-lag]] if lag > 0 else np.r_[y[-lag:], np.full(-lag, np.nan)]
     )
-    (finding,) = screened(u, shifted, "negative", 0)
+    (finding,) = record_faults(u, shifted, "negative", 0)
     assert finding.kind == "lag"
     assert ("--lag auto" in finding.text) == (lag > 0)
     assert kinds(u, shifted, sought=True) == []

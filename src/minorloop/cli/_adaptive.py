@@ -106,7 +106,7 @@ def _score(found: Validation) -> dict[str, Any]:
 def warnings(chooser: Adaptive, u: list[float], y: list[float]) -> list[str]:
     """What is wrong with the model of a run; one sentence each."""
     from minorloop.errors import MinorloopError
-    from minorloop.identification.advising import grave
+    from minorloop.identification.advising import fault_warnings
 
     said = [
         f"hold {k + 1} contradicts the model and its repetition gave the same: the actuator (or "
@@ -121,7 +121,7 @@ def warnings(chooser: Adaptive, u: list[float], y: list[float]) -> list[str]:
             f"lie within their 90 % bands, with an error of {found.nrmse:.2%} of range"
         )
     try:
-        return [*said, *grave(chooser.identification(u, y))]
+        return [*said, *fault_warnings(chooser.identification(u, y))]
     except MinorloopError:
         return said  # Too few points for a model yet.
 

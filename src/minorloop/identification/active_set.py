@@ -2,16 +2,16 @@
 
 Minimise ``1/2 |y - A z|^2 + 1/2 z'Qz`` with some unknowns not below zero. Block pivoting (Portugal,
 Judice and Vicente, Math. Comp. 63, 1994) guesses which unknowns are at the bound, solves for
-the others, and exchanges all that turn out wrong: a dozen factorisations of the free part,
-whatever the number of unknowns, so long as the problem is well conditioned. A plane that the
-data barely determine is not. The proximal-point iteration (Rockafellar, SIAM J. Control Optim.
-14, 1976) adds a ridge about the present solution, lets go of it step by step, and stiffens
-it again where the guesses do not settle. Residuals are taken from A itself, not from A'A, so
-that the optimality reached is not limited by the squared condition. The unknowns still are, and
-where the rows of A are given `refinement` ends with them.
+the others, and exchanges all that are on the wrong side. For a well-conditioned problem of any size
+that takes about a dozen factorisations of the free part. A plane that the data barely determine is
+ill-conditioned. The proximal-point iteration (Rockafellar, SIAM J. Control Optim. 14, 1976) adds a
+ridge about the present solution, reduces it step by step, and raises it again if the pivoting does
+not settle. Residuals are computed from A, not from A'A, so that the optimality is not limited by
+the squared condition number. The accuracy of the unknowns is; if the rows of A are given,
+`refinement` corrects the unknowns with them.
 
-The free part is factorised while it is small; beyond that conjugate gradients on A itself are
-cheaper, a few hundred steps where a penalty keeps the condition low.
+The free part is factorised while it is small. Beyond that, conjugate gradients on A are cheaper: a
+few hundred steps if a penalty keeps the condition number low.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ from minorloop.identification.refinement import Preconditioner, Rows, refine
 from minorloop.threads import one_thread
 
 TOLERANCE = 1e-12
-"""Relative violation of the optimality conditions at which the iteration ends."""
+"""Relative violation of the optimality conditions at which the iteration stops."""
 ACCEPTABLE = 1e-6
-"""And the one up to which its result counts as converged."""
+"""Relative violation up to which a result counts as converged."""
 
 _FIRST_RIDGE, _LEAST_RIDGE, _MOST_RIDGE = 1e-4, 1e-12, 1e2
 _OUTER, _PIVOTS, _PATIENCE = 80, 14, 3
 _FIRST_SWEEPS = 5
 _FACTORISED, _FACTORISED_SMOOTH = 4000, 1500
+"""Free unknowns up to which a factorisation is cheaper, without and with a penalty."""
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
 
 
@@ -51,9 +52,9 @@ class Sparse:
 
 @dataclass(frozen=True)
 class BoundedSolution:
-    """Unknowns, the optimality they reach, factorisations spent, and whether that is the end.
+    """Unknowns, their violation of the optimality conditions, and the number of factorisations.
 
-    ``settled`` is false where the sum of squares was still falling.
+    ``settled`` is false if the sum of squares was still falling.
     """
 
     z: FloatArray
@@ -65,8 +66,8 @@ class BoundedSolution:
 def optimality(z: FloatArray, gradient: FloatArray, bounded: BoolArray, scale: float) -> float:
     """Largest violation of the optimality conditions, relative to ``scale``.
 
-    The gradient itself where an unknown is free or off its bound; its negative part where it
-    is at the bound; and the unknown itself where it is below.
+    The violation is the gradient for a free unknown, its negative part for an unknown at its bound,
+    and the distance for an unknown below its bound.
     """
     at_bound = bounded & (z <= 0)
     violation = np.where(at_bound, np.maximum(-gradient, 0.0), np.abs(gradient))
@@ -85,7 +86,7 @@ def solve(
     guess: FloatArray | None = None,
     rows: Rows | None = None,
 ) -> BoundedSolution:
-    """Unknowns that meet the optimality conditions.
+    """Find the unknowns that meet the optimality conditions.
 
     Parameters
     ----------
@@ -98,18 +99,18 @@ def solve(
     bounded : (n,) array of bool
         Which unknowns must not be negative.
     scale : float
-        What violations are relative to: the norm of y.
+        Norm of y, to which violations are relative.
     penalty : Sparse, optional
         Q.
     guess : (n,) array, optional
-        Where to begin.
+        Start of the iteration.
     rows : Rows, optional
-        A and y with those of the penalty below, for the last digits.
+        Rows of A and y, then those of the penalty, for the refinement.
 
     Returns
     -------
     BoundedSolution
-        The best one met, whether or not it has converged.
+        The best one found, converged or not.
     """
     solver = _Solver(gram, gradient, hessian, bounded, scale, penalty)
     with one_thread(len(gram)):
@@ -166,7 +167,7 @@ class _Solver:
         return BoundedSolution(best.z, best.kkt, self.factorisations)
 
     def refined(self, found: BoundedSolution, rows: Rows) -> BoundedSolution:
-        """The same solution with its last digits, its optimality worked out anew."""
+        """Refine the solution, and compute its optimality again."""
         picked = np.flatnonzero(~self.bounded | (found.z > 0))
         scaling = self._scaling(picked) if picked.size else None
         if scaling is None:
@@ -175,11 +176,11 @@ class _Solver:
         z = np.where(self.bounded, np.maximum(fine, 0.0), fine)
         kkt = optimality(z, self.gradient(z), self.bounded, self.scale)
         if kkt > max(found.kkt, TOLERANCE) and not np.array_equal(z, fine):
-            return found  # the way there leads through a bound
+            return found  # a bound lies in between
         return BoundedSolution(z, kkt, self.factorisations, settled)
 
     def _scaling(self, picked: IntArray) -> Preconditioner | None:
-        """Factor of the free part: the last one wherever it is of the same unknowns."""
+        """Factor of the free part; the last one if it is of the same unknowns."""
         if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
             return self.scaling
         if self._is_large(picked.size):
@@ -197,7 +198,7 @@ class _Solver:
     def _pivot(
         self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
     ) -> tuple[tuple[FloatArray, BoolArray], bool, int]:
-        """Minimise with a ridge about z by exchanging all unknowns that are on the wrong side."""
+        """Minimise with a ridge about z, exchanging all unknowns that are on the wrong side."""
         fewest, patience = free.size + 1, _PATIENCE
         x = z
         for pivots in range(1, _PIVOTS + 1):
@@ -223,7 +224,7 @@ class _Solver:
     def _solve_free(
         self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
     ) -> FloatArray:
-        """The free unknowns that minimise, the others being at zero."""
+        """Minimise over the free unknowns; the others are zero."""
         x = np.where(free, z, 0.0)
         if not np.array_equal(x, z):
             gradient = self.gradient(x) + ridge * (x - z)
@@ -254,7 +255,7 @@ class _Solver:
         return self.scaling
 
     def _matrix(self, size: int) -> FloatArray:
-        """Room for a square matrix: fresh memory costs more than filling it."""
+        """Reused workspace for a square matrix: allocating it costs more than filling it."""
         if self.workspace.size < size**2:
             self.workspace = np.empty(size**2)
         return self.workspace[: size**2].reshape(size, size)
@@ -269,10 +270,10 @@ class _Solver:
         for _ in range(_CG_STEPS):
             if not rho > enough**2:
                 break
-            turned = np.where(free, self.hessian(direction) + ridge * direction, 0.0)
-            length = rho / (direction @ turned)
+            product = np.where(free, self.hessian(direction) + ridge * direction, 0.0)
+            length = rho / (direction @ product)
             step += length * direction
-            residual -= length * turned
+            residual -= length * product
             conditioned = residual / diagonal
             rho, before = residual @ conditioned, rho
             direction = conditioned + (rho / before) * direction

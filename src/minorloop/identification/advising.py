@@ -1,4 +1,4 @@
-"""What is weak about an identification, and what to do about it."""
+"""Advice: what is weak about an identification, and what to do about it."""
 
 from __future__ import annotations
 
@@ -15,41 +15,43 @@ if TYPE_CHECKING:
     from minorloop.identification.fitted import Fit
 
 WELL_EXCITED = 0.5
-"""Share of the cells below which a record is said not to identify the plane."""
+"""Share of excited cells below which a record does not identify the plane."""
 _OVERFIT = 2.0
-_HARDLY = 0.8
-_AGAINST = -0.5
+"""Error on held-out over error on fitted data from which a model is called overfitted."""
+_NEARLY_AS_GOOD = 0.8
+_FALLING = -0.5
+"""Correlation of input and output below which the output falls."""
 _ROUNDING = 1e-9
 _SHOWN = 6
 WORST = 0.1
-"""Error, as a share of the range of the output, beyond which no model is to be trusted."""
+"""Error, as a share of the range of the output, above which a model is not to be trusted."""
 _FALLS = (
-    "the output falls as the input rises, and weights that are not negative cannot follow that: "
-    "turn the sign of the output, or let them be negative with signed=True (--signed)"
+    "the output falls as the input rises, which weights that are not negative cannot describe: "
+    "reverse the sign of the output, or allow negative weights with signed=True (--signed)"
 )
 
 
 def advice(result: Fit) -> Iterator[str]:
-    """Sentences, most important first; none where nothing is weak."""
+    """Give sentences, most important first; none where nothing is weak."""
     yield from warnings(result)
     yield from _codes(result)
-    yield from _suspects(result)
+    yield from _outliers(result)
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)
 
 
 def warnings(result: Fit) -> Iterator[str]:
-    """The part of the advice for which the model is not to be trusted."""
+    """Give the part of the advice for which the model is not to be trusted."""
     yield from (finding.text for finding in result.findings)
-    yield from _distrust(result)
+    yield from _error_warnings(result)
 
 
-def grave(result: Fit) -> Iterator[str]:
-    """The part of the advice that tells of something wrong with actuator, sensor or sign."""
+def fault_warnings(result: Fit) -> Iterator[str]:
+    """Give the part of the advice about faults of actuator, sensor or sign."""
     yield from (finding.text for finding in result.findings)
     yield from _codes(result)
-    yield from _suspects(result)
+    yield from _outliers(result)
     if _falls(result):
         yield _FALLS
 
@@ -69,11 +71,11 @@ def _codes(result: Fit) -> Iterator[str]:
     )
 
 
-def _suspects(result: Fit) -> Iterator[str]:
+def _outliers(result: Fit) -> Iterator[str]:
     for index in result.suspects:
         yield (
             f"sample {index} (input {result.u[index]:.6g}, output {result.y[index]:.6g}) lies far "
-            "outside the band that all others give, and was set aside; repeat it"
+            "outside the band of a fit without it, and was left out; repeat it"
         )
 
 
@@ -83,8 +85,8 @@ def _excitation(result: Fit) -> Iterator[str]:
     if few and result.posterior is not None:
         yield (
             f"{result.samples} samples for {result.unknowns} unknowns, {excited} of {cells} cells "
-            f"excited, and {_pattern(result)}: the rest is filled in by the prior, and the bands "
-            "say how surely"
+            f"excited, and {_pattern(result)}: the prior determines the rest, and the bands show "
+            "how accurately"
         )
     elif excited < WELL_EXCITED * cells:
         yield (
@@ -93,7 +95,7 @@ def _excitation(result: Fit) -> Iterator[str]:
             "(minorloop plan decaying) or reversal curves, or use fewer levels"
         )
     if few and result.posterior is None:
-        smooth = "filled in by smoothness" if result.smoothness else "arbitrary: use fewer levels"
+        smooth = "set by the smoothness" if result.smoothness else "arbitrary: use fewer levels"
         yield f"{result.samples} samples for {result.unknowns} unknowns: the rest is {smooth}"
     low, high = result.model.levels[[0, -1]]
     beyond = int(np.count_nonzero((result.u < low) | (result.u > high)))
@@ -105,13 +107,13 @@ def _excitation(result: Fit) -> Iterator[str]:
 
 
 def _pattern(result: Fit) -> str:
-    """What the input looks like to the plane."""
+    """Describe how the input covers the plane."""
     moving = result.u[np.append(True, np.diff(result.u) != 0)]
     turns = np.flatnonzero(np.diff(np.sign(np.diff(moving)))) + 1
     levels = result.matrix.spec.levels
     ends = (moving[turns] <= levels[1]) | (moving[turns] >= levels[-2])
     if ends.all():
-        return "the input runs along one major loop, which says nothing of minor loops"
+        return "the input follows one major loop, which does not show minor loops"
     if result.samples <= turns.size + 2:
         return "it was measured at its reversal points only"
     return "the input leaves parts of the plane untouched"
@@ -123,31 +125,31 @@ def _accuracy(result: Fit) -> Iterator[str]:
     span = float(np.ptp(result.y[result.fitted])) or 1.0
     if held is None:
         yield (
-            "no data were held out, so nothing here says how the model does on an input it has "
-            "not seen; pass holdout=0.3 (--holdout 0.3)"
+            "no data were held out, so the error on other inputs is unknown; pass holdout=0.3 "
+            "(--holdout 0.3)"
         )
     elif _rmse_held_out(result) > _OVERFIT * max(result.rmse, _ROUNDING * span):
         yield (
             f"error on held-out data ({held:.2%} of its range, "
             f"{_rmse_held_out(result) / span:.2%} of the fitted range) is more than twice that on "
-            f"fitted data ({result.nrmse:.2%}): fit inputs more like those you mean to apply, or "
-            "fewer levels"
+            f"fitted data ({result.nrmse:.2%}): fit inputs similar to those you will apply, or "
+            "use fewer levels"
         )
-    if base >= score > max(_HARDLY * base, _ROUNDING) and not _falls(result):
+    if base >= score > max(_NEARLY_AS_GOOD * base, _ROUNDING) and not _falls(result):
         yield (
-            f"a polynomial of the delayed input does nearly as well ({base:.2%} against "
-            f"{score:.2%}): there is little hysteresis in this record, or it is lost in noise"
+            f"a polynomial of the delayed input is nearly as good ({base:.2%} against "
+            f"{score:.2%}): this record has little hysteresis, or it is hidden by noise"
         )
 
 
-def _distrust(result: Fit) -> Iterator[str]:
-    """What its errors say against the model."""
+def _error_warnings(result: Fit) -> Iterator[str]:
+    """Give warnings about the errors of the model."""
     which = "held-out" if result.held_out.any() else "fitted"
-    error, score, base = _honest_errors(result)
+    error, score, base = _errors_without_outliers(result)
     if error > WORST:
         yield (
             f"the error on {which} data is {error:.3g} of the range of "
-            f"the output, more than {WORST:g}; look at the residual for what it cannot follow"
+            f"the output, more than {WORST:g}; the residual shows what the model cannot describe"
         )
     if _falls(result):
         yield _FALLS
@@ -155,17 +157,17 @@ def _distrust(result: Fit) -> Iterator[str]:
         lagging = "" if result.sought else 'lag="auto" and '
         option = "" if result.sought else "--lag auto "
         yield (
-            f"a polynomial of the delayed input does better ({base:.2%} "
+            f"a polynomial of the delayed input is better ({base:.2%} "
             f"against {score:.2%}): the hysteresis here is weak or rate-dependent; try "
-            f"{lagging}slope=True ({option}--slope), and for loops like butterflies signed=True "
+            f"{lagging}slope=True ({option}--slope), and for butterfly loops signed=True "
             "(--signed)"
         )
 
 
-def _honest_errors(result: Fit) -> tuple[float, float, float]:
-    """Error over the range of all, and over that of what is scored; that of the polynomial.
+def _errors_without_outliers(result: Fit) -> tuple[float, float, float]:
+    """Error over the whole range and over the scored range; that of the polynomial.
 
-    On what was held out, or else fitted, without the outliers found, which say nothing of either.
+    Scored on held-out samples, or else on fitted ones, without outliers.
     """
     scored = result.held_out if result.held_out.any() else result.fitted
     known = np.isfinite(result.y)
@@ -189,10 +191,10 @@ def _rmse_held_out(result: Fit) -> float:
 
 
 def _falls(result: Fit) -> bool:
-    """Whether the output goes against the input, and the weights may not."""
+    """Whether the output falls as the input rises, but no weight is negative."""
     weights = result.model.weights
     u, y = result.u[result.fitted], result.y[result.fitted]
-    against = float(np.corrcoef(u, y)[0, 1]) < _AGAINST if np.ptp(u) > 0 else False
+    against = float(np.corrcoef(u, y)[0, 1]) < _FALLING if np.ptp(u) > 0 else False
     return against and bool((weights >= 0).all())
 
 
@@ -200,17 +202,17 @@ def _numerics(result: Fit) -> Iterator[str]:
     if result.kkt > active_set.ACCEPTABLE:
         yield (
             f"the fit did not converge: the solver stopped at an optimality of {result.kkt:.1e}, "
-            f"short of {active_set.ACCEPTABLE:.0e}; this is the best solution it met. Use fewer "
+            f"above {active_set.ACCEPTABLE:.0e}; this is the best solution it found. Use fewer "
             "levels or a positive smoothness"
         )
     elif not result.converged:
         yield (
             "the fit did not converge: the record hardly determines some of the weights, and "
-            f"others of them fit better by more than {UNSETTLED:.0e} of the error squared. Use "
+            f"other values reduce the squared error by more than {UNSETTLED:.0e}. Use "
             "fewer levels or a positive smoothness"
         )
     if not result.model.monotone:
         yield (
             "the model is not monotone and cannot be inverted; if the output falls as the input "
-            "rises, turn its sign, otherwise signed=False gives one that can"
+            "rises, reverse its sign; otherwise signed=False gives a model that can be inverted"
         )

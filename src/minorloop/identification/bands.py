@@ -1,4 +1,4 @@
-"""Outputs with the bands in which they should lie."""
+"""Predicted outputs with their bands."""
 
 from __future__ import annotations
 
@@ -18,18 +18,17 @@ _SHOWN = 12
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Outputs that inputs are expected to have, and how surely.
+    """Predicted outputs with their standard deviations.
 
     Parameters
     ----------
     u, y : (T,) arrays
-        Inputs and expected outputs.
+        Inputs and predicted outputs.
     sd : (T,) array
-        Standard deviation of the output that the actuator will really have: what the
-        measurements leave open, and what no Preisach model can follow. A sensor that looks at it
-        adds its own noise.
+        Standard deviation of the true output: uncertainty of the weights, and the discrepancy of
+        any Preisach model. Sensor noise is not included.
     probability : float
-        With which each output should lie within its band.
+        Probability that an output lies within its band.
     """
 
     u: FloatArray
@@ -55,7 +54,7 @@ class Prediction:
         return self.y + self.half_width
 
     def covers(self, y: FloatArray) -> float:
-        """Share of outputs (T,) that lie within their bands; NaN counts for nothing.
+        """Share of outputs (T,) inside their bands; NaN is ignored.
 
         Parameters
         ----------
@@ -95,7 +94,7 @@ class Prediction:
 
 
 def as_probability(bands: float) -> float:
-    """A probability, refused unless it lies between 0 and 1.
+    """Check that a number is a probability between 0 and 1.
 
     Raises
     ------

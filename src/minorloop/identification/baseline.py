@@ -1,4 +1,4 @@
-"""What a model has to beat: the best polynomial of the delayed input."""
+"""Baseline that a model has to beat: the best polynomial of the delayed input."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from minorloop.arrays import BoolArray, FloatArray
 
 DEGREES = range(1, 8)
 DELAYS = range(21)
+"""Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
 
 
 def delayed(values: FloatArray, lag: int) -> FloatArray:
-    """The same samples, ``lag`` later; the first one stands in for what came before."""
+    """Delay samples by ``lag``; the first value is used for those before it."""
     if lag == 0:
         return values
     return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
@@ -36,7 +37,7 @@ def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: Boo
     """
     centre, half = (u.max() + u.min()) / 2, (np.ptp(u) / 2) or 1.0
     x = (u - centre) / half
-    # Beyond the inputs that it was fitted to, a polynomial goes anywhere.
+    # A polynomial is arbitrary beyond the inputs that it was fitted to.
     x = np.clip(x, x[train].min(), x[train].max())
     least, predicted = np.inf, np.zeros(0)
     for delay in DELAYS:

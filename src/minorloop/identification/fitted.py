@@ -13,7 +13,7 @@ from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
 from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.prior import Posterior
 from minorloop.identification.rough_model import RecordFault
-from minorloop.identification.screening import Code, screened
+from minorloop.identification.screening import Code, record_faults
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 
@@ -132,7 +132,7 @@ class Fit:
         """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
         y = self.y.copy()
         y[list(self.suspects)] = np.nan
-        return screened(self.u, y, self.start, self.lag, sought=self.sought)
+        return record_faults(self.u, y, self.start, self.lag, sought=self.sought)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:

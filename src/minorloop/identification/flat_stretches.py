@@ -10,20 +10,21 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
 
 _EQUAL = 1e-9
-"""Share of the span by which two readings differ that count as equal."""
+"""Readings that differ by less than this share of the span count as equal."""
 
 _WINDOWS, _SHORTEST, _FEWEST_SHARE = 12, 6, 25
 _MOVING_SD, _MOVING, _LAZY = 2.0, 0.03, 0.28
 _BINS, _LEAST_CHANGE = 12, 0.12
-"""Bins of the input for usual slopes, and the change in spans that a stuck output misses."""
+"""Bins of the input for the usual slopes, and the expected change, in spans, from which an output
+that does not move is stuck."""
 
 
 def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
-    """The stretch in which the output stays where, at such inputs, it otherwise moves."""
+    """Find the stretch without motion of the output, although such inputs move it elsewhere."""
     values = record.values
     found = [
         (begin, end)
-        for begin, end in (_longest_run(values), _laziest(record))
+        for begin, end in (_longest_run(values), _least_moving(record))
         if end - begin >= max(values.size // _FEWEST_SHARE, _SHORTEST - 1)
         and not clipped.issuperset(record.places[begin:end])
     ]
@@ -38,8 +39,8 @@ def stuck(record: RoughRecord, clipped: set[int]) -> Iterator[RecordFault]:
         "stuck",
         tuple(map(int, samples)),
         f"the output is stuck at {np.median(values[begin:end]):.6g} from sample {samples[0]} to "
-        f"{samples[-1]}, where such inputs otherwise change it by about {change:.3g}: check "
-        "the sensor and the actuator, and measure again or empty these cells",
+        f"{samples[-1]}; elsewhere such inputs change it by about {change:.3g}: check the sensor "
+        "and the actuator, and measure again or empty these cells",
     )
 
 
@@ -51,8 +52,8 @@ def _longest_run(values: FloatArray) -> tuple[int, int]:
     return int(edges[longest]), int(edges[longest + 1])
 
 
-def _laziest(record: RoughRecord) -> tuple[int, int]:
-    """Begin and end of the stretch that moves least beside what the rough model says."""
+def _least_moving(record: RoughRecord) -> tuple[int, int]:
+    """Begin and end of the stretch that moves least in comparison with the rough model."""
     values, rough = record.values, record.rough[record.places]
     width = max(values.size // _WINDOWS, _SHORTEST)
     if values.size < 3 * width:
@@ -89,7 +90,7 @@ def _usual_change(record: RoughRecord, begin: int, end: int) -> float:
 
 
 def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tuple[int, int]:
-    """The longest stretch around a window in which the values stay as near to its middle."""
+    """Longest stretch around a window whose values stay within ``allowed`` of its median."""
     middle = float(np.median(values[first : first + width]))
     near = np.abs(values - middle) <= allowed
     begin, end = first, first + width
@@ -101,7 +102,7 @@ def _stretch(values: FloatArray, first: int, width: int, allowed: float) -> tupl
 
 
 def clipped(record: RoughRecord) -> Iterator[RecordFault]:
-    """Extremes that many readings equal exactly, and that are reached at full slope."""
+    """Find extremes that many readings equal exactly, and that are reached at full slope."""
     values = record.values
     for word, extreme in (("highest", values.max()), ("lowest", values.min())):
         at = np.abs(values - extreme) <= _EQUAL * record.span
@@ -117,13 +118,13 @@ def clipped(record: RoughRecord) -> Iterator[RecordFault]:
             "clipped",
             tuple(map(int, samples)),
             f"the output is clipped: {count} readings equal the {word}, {extreme:.6g}, exactly, "
-            f"first at sample {samples[0]}; the sensor or its range ends there, and the model "
-            "knows nothing beyond. Use a wider range, or empty these cells",
+            f"first at sample {samples[0]}; there the range of the sensor ends, and the model is "
+            "not valid beyond it. Use a wider range, or empty these cells",
         )
 
 
 def _abrupt(record: RoughRecord, at: BoolArray, extreme: float) -> bool:
-    """Whether the extreme is entered at a slope that is usual elsewhere, and held while u moves."""
+    """Whether the output reaches the extreme at a usual slope, and stays while u moves."""
     values, u = record.values, record.u[record.places]
     entries = np.flatnonzero(at[1:] & ~at[:-1]) + 1
     held = np.flatnonzero(at[1:] & at[:-1])

@@ -1,13 +1,12 @@
 """Constrained least squares on exact areas, with a choice of smoothness.
 
-What is minimised, with the outputs scaled to a range of one and w the cell weights on that
-scale:
+The cost, with the outputs scaled to a range of one and w the cell weights on that scale:
 
     mean over samples of (y - model)^2
     + smoothness * L^2 * sum over neighbouring cells of (w_k / a_k - w_m / a_m)^2
 
 a is 1 for a square cell and 1/2 for a triangle of the diagonal, whatever the spacing of the
-levels: levels that are dense where switching happens make the plane smooth in these terms.
+levels: levels that are dense where relays switch make the plane smooth in these terms.
 """
 
 from __future__ import annotations
@@ -29,15 +28,18 @@ CANDIDATES = (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 
 _SEGMENTS = 25
 _HELD_OUT_EVERY = 5
+"""Contiguous segments for ``smoothness="auto"``; the middle one of every five is held out."""
 _PATIENCE = 2
+"""Stronger smoothnesses without improvement after which the search ends."""
 _ROUNDING = 1e-11
 _FLOOR = 1e-300
 _LARGE = 2500
+"""Cells from which a problem is first solved on every other threshold."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedUnknowns:
-    """Unknowns of a fitted form, how optimal they are, and the smoothness that was used.
+    """Fitted unknowns, the violation of the optimality conditions, and the smoothness used.
 
     ``converged`` is false where a longer search would fit better.
     """
@@ -50,9 +52,9 @@ class FittedUnknowns:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Outputs to be fitted: ``matrix`` of M samples, ``y`` (M,), and which signs are free.
+    """Least-squares problem: ``matrix`` of M samples, and outputs ``y`` (M,).
 
-    ``signed`` lets weights and slope be negative.
+    ``signed`` allows negative weights and slope.
     """
 
     matrix: DesignMatrix
@@ -60,22 +62,22 @@ class Problem:
     signed: bool = False
 
     def fit(self, smoothness: float | Literal["auto"]) -> FittedUnknowns:
-        """Fit with a given smoothness, or with the one that predicts held-out segments best."""
+        """Fit with a given smoothness, or the one that predicts held-out segments best."""
         if smoothness == "auto":
             return self._fit_chosen()
         return _System(self, np.ones(self.y.size)).solve(_as_strength(smoothness))
 
     def coarser(self) -> Problem:
-        """The same samples with every other threshold."""
+        """Problem of the same samples with every other threshold."""
         return Problem(self.matrix.coarser(), self.y, self.signed)
 
     def _fit_chosen(self) -> FittedUnknowns:
-        """Hold out contiguous segments, try strengths from weak to strong, then fit it all.
+        """Choose the strength on held-out segments, from weak to strong; then fit all samples.
 
-        The search ends once two strengths in a row predict worse than the best: weak ones are
-        cheap, as most weights are then at zero. Data that a determined plane reproduces to
-        rounding have no noise to smooth away. What is best hardly depends on how finely the
-        plane is cut, so that large problems take it from coarser ones.
+        The search ends after two strengths in a row that predict worse than the best; weak ones are
+        cheap, because most weights are then zero. Samples that determine a plane which reproduces
+        them to rounding have no noise to smooth. The best strength hardly depends on the number of
+        levels, so that large problems take it from a coarser one.
         """
         whole = _System(self, np.ones(self.y.size))
         if self.matrix.spec.cells > _LARGE:
@@ -99,7 +101,7 @@ class Problem:
 
 
 def reproduces(matrix: DesignMatrix, x: FloatArray, y: FloatArray) -> bool:
-    """Whether samples determine the unknowns, and these give the samples back to rounding."""
+    """Whether the samples determine the unknowns, and these reproduce them to rounding."""
     left = np.abs(matrix.forward(x) - y).max()
     return bool(y.size >= matrix.spec.unknowns and left <= _ROUNDING * (float(np.ptp(y)) or 1.0))
 
@@ -129,7 +131,7 @@ class _System:
             self.bounded[spec.cells] = False
 
     def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:
-        """Fit with a smoothness, beginning at a guess of the unknowns where there is one."""
+        """Fit with a smoothness, starting from a guess of the unknowns if there is one."""
         matrix, spec = self.problem.matrix, self.problem.matrix.spec
         if guess is None and spec.cells > _LARGE:
             guess = self._coarse_guess(strength)
@@ -163,14 +165,14 @@ class _System:
             guess=None if guess is None else self._scaled(guess),
             rows=whole,
         )
-        # Worked out from the rows alone, whatever the solver has made of normal equations.
+        # Computed from the rows alone, without the rounding of the normal equations.
         z = solution.z
         kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, scale)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
         return FittedUnknowns(self._unscaled(z), kkt, strength, converged)
 
     def _rows(self, factor: float) -> Rows:
-        """The problem row by row: samples, then what neighbours differ by where that counts."""
+        """Rows of the problem: samples, then differences of neighbours if they are penalised."""
         matrix, share = self.problem.matrix, np.sqrt(self.weight)
         if not factor:
             return Rows(
@@ -195,7 +197,7 @@ class _System:
         return Rows(apply, transpose, np.append(share * self.y, np.zeros(first.size)))
 
     def _coarse_guess(self, strength: float) -> FloatArray:
-        """Solve on every other threshold, and share each weight among the cells it covers."""
+        """Solve on every other threshold, and divide each weight among the cells that it covers."""
         problem = self.problem.coarser()
         coarse = _System(problem, self.weight).solve(strength)
         spec, wide = self.problem.matrix.spec, problem.matrix.spec

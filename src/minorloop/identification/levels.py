@@ -1,9 +1,9 @@
-"""Where to put the thresholds when only their number is given.
+"""Thresholds when only their number is given.
 
-Adaptive thresholds lie where the output is steep, as densely as the cube root of the slope:
-the spacing that minimises the error of a piecewise approximation grows with a root of what it
-approximates (de Boor, Good approximation by splines with variable knots, 1973), and shares in
-plain proportion to the slope starve the flanks, where minor loops live.
+The density of adaptive thresholds is proportional to the cube root of the slope of the output. The
+optimal density of a piecewise approximation is a root of the local error (de Boor, Good
+approximation by splines with variable knots, 1973); a density proportional to the slope would leave
+too few thresholds on the flanks, where minor loops are.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from minorloop.arrays import FloatArray, Levels, as_levels, uniform_levels
 _BINS = 4096
 _POWER = 1 / 3
 ADAPTIVE_FLOOR = 0.4
+"""Share of the adaptive thresholds that is evenly distributed."""
 
 
 def levels_for(u: FloatArray, y: FloatArray, bands: int, spacing: str) -> Levels:
@@ -27,7 +28,7 @@ def levels_for(u: FloatArray, y: FloatArray, bands: int, spacing: str) -> Levels
 def adaptive_levels(
     u: FloatArray, y: FloatArray, bands: int, *, floor: float = ADAPTIVE_FLOOR
 ) -> Levels:
-    """Thresholds that crowd where the output is steep.
+    """Thresholds that are denser where the output is steep.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def adaptive_levels(
     bands : int
         L.
     floor : float
-        Share of the thresholds that is spread evenly whatever the output does.
+        Share of the thresholds that is evenly distributed.
 
     Returns
     -------

@@ -1,9 +1,9 @@
-"""Last digits of a least-squares solution, from its rows and not from its normal equations.
+"""Refinement of a least-squares solution on its rows instead of its normal equations.
 
-Normal equations lose half of the digits: their condition is the square of that of the rows. Here
-a factor of them is only the preconditioner of LSQR (Paige and Saunders, ACM Trans. Math. Softw. 8,
-1982), which works on the rows themselves. Directions that the factor holds well cost one step,
-and each one that is lost in its rounding costs about one more.
+Normal equations lose half of the digits: their condition number is the square of that of the rows.
+Here their factor is only the preconditioner of LSQR (Paige and Saunders, ACM Trans. Math. Softw. 8,
+1982), which works on the rows. Directions that the factor represents accurately take one step
+together; each direction lost in its rounding takes about one more.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from scipy.linalg import lapack
 from minorloop.arrays import FloatArray, IntArray
 
 FALL = 1e-10
-"""Share of the sum of squares below which a fall is not worth having."""
+"""Relative decrease of the sum of squares below which the refinement stops."""
 UNSETTLED = 1e-9
-"""And the share that a solution which has converged may be away from the least."""
+"""Relative excess of the sum of squares up to which a solution counts as converged."""
 ROUNDING = 1e-14
-"""Share of the norm of the target up to which a residual is rounding."""
+"""Residual, over the norm of the target, up to which it is rounding."""
 
 _ROUNDS, _STEPS = 6, 200
 _HALF = 0.5
 _ORTHOGONAL = 1e-8
 _PRECISE = 1e-13
 _DAMPING = 1e-7
-"""Keeps still what the rows do not determine at all; the rounds make up for it elsewhere."""
+"""Keeps undetermined directions at rest; the rounds correct its effect on the others."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class Rows:
     target: FloatArray
 
     def residual(self, z: FloatArray) -> FloatArray:
-        """What z leaves of the target."""
+        """Target less A z."""
         return self.target - self.apply(z)
 
 
 @dataclass(frozen=True)
 class Preconditioner:
-    """The free unknowns and how to scale them.
+    """Indices of the free unknowns, and their preconditioner.
 
     ``picked`` are their indices. ``factor`` is the upper Cholesky factor of their normal
     equations, or the diagonal of one.
@@ -59,11 +59,11 @@ class Preconditioner:
     factor: FloatArray
 
     def unscaled(self, values: FloatArray) -> FloatArray:
-        """Free unknowns for scaled ones."""
+        """Free unknowns from scaled ones."""
         return self._solved(values, transposed=False)
 
     def scaled(self, gradient: FloatArray) -> FloatArray:
-        """Gradient by the scaled free unknowns, for that by all unknowns."""
+        """Gradient in the scaled free unknowns from that in all unknowns."""
         return self._solved(gradient[self.picked], transposed=True)
 
     def _solved(self, values: FloatArray, *, transposed: bool) -> FloatArray:
@@ -74,16 +74,16 @@ class Preconditioner:
 
 
 def refine(rows: Rows, z: FloatArray, scaling: Preconditioner) -> tuple[FloatArray, bool]:
-    """Free unknowns that minimise the sum of squares, and whether it falls no further.
+    """Minimise the sum of squares over the free unknowns; also says whether it has converged.
 
     Parameters
     ----------
     rows : Rows
         The problem.
     z : (n,) array
-        Where to begin; unknowns that are not free stay as they are.
+        Start; unknowns that are not free stay unchanged.
     scaling : Preconditioner
-        Which unknowns are free.
+        Free unknowns and their preconditioner.
     """
     floor = ROUNDING * float(np.linalg.norm(rows.target))
     left = rows.residual(z)
@@ -104,7 +104,7 @@ def refine(rows: Rows, z: FloatArray, scaling: Preconditioner) -> tuple[FloatArr
 
 
 def _correction(rows: Rows, left: FloatArray, scaling: Preconditioner, unknowns: int) -> FloatArray:
-    """Step of the free unknowns that brings the residual near to its least."""
+    """Step of the free unknowns that nearly minimises the residual."""
     from scipy.sparse.linalg import LinearOperator, lsqr
 
     spread = np.zeros(unknowns)

@@ -1,11 +1,10 @@
-"""How far the data themselves contradict any Preisach model.
+"""How much a record contradicts every Preisach model.
 
-Two laws hold for every Preisach operator, whatever its density (Mayergoyz, Mathematical Models
-of Hysteresis, 1991, section 1.3: together they are also sufficient). Wiping-out: the output
-depends on the remembered extrema alone. Congruency: on a branch that left some extremum, the
-change of output since then depends on that extremum and the present input alone. Where a record
-comes to the same memory, or the same branch, more than once and the outputs differ, no model
-can follow both; noise and drift count too, as they are no less in its way.
+A system is a Preisach operator if and only if it obeys two laws (Mayergoyz, Mathematical Models of
+Hysteresis, 1991, section 1.3). Wiping-out: the output depends on the remembered extrema alone.
+Congruency: on a branch, the change of the output since the reversal depends on the input at the
+reversal and the present input alone. Where a record returns to the same memory or branch with
+another output, no model can reproduce both. Noise and drift count as violations too.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ class Representability:
     congruency : float
         Largest difference between changes along the same branch, over the range of the output.
     floor : float
-        Root-mean-square error, over the range, below which no Preisach model can go on this
-        record; 0 where it never repeats itself.
+        Lower bound of the root-mean-square error of any Preisach model on this record, over the
+        range; 0 if the record repeats nothing.
     memories, branches : int
-        Memories and branch points that the record came to more than once.
+        Number of memories and branch points that occur more than once.
     """
 
     wiping_out: float
@@ -47,21 +46,22 @@ class Representability:
 
     def __str__(self) -> str:
         return (
-            f"wiping-out violated by {self.wiping_out:.2%} of range ({self.memories} memories met "
-            f"again), congruency by {self.congruency:.2%} ({self.branches} branch points met "
-            f"again); no Preisach model can err less than {self.floor:.2%} rms on this record"
+            f"wiping-out violated by {self.wiping_out:.2%} of range ({self.memories} repeated "
+            f"memories), congruency by {self.congruency:.2%} ({self.branches} repeated branch "
+            f"points); the rms error of any Preisach model on this record is at least "
+            f"{self.floor:.2%}"
         )
 
 
 def representability(
     u: npt.ArrayLike, y: npt.ArrayLike, *, resolution: float = 1e-6
 ) -> Representability:
-    """Compare a record with itself wherever it repeats its memory or a branch.
+    """Compare the outputs of a record wherever it repeats a memory or a branch.
 
     Parameters
     ----------
     u : (T,) array_like
-        Inputs, from the lowest one (negative saturation) on.
+        Inputs, starting at the lowest one (negative saturation).
     y : (T,) array_like
         Settled outputs; NaN where nothing was measured.
     resolution : float
@@ -85,12 +85,12 @@ def representability(
     same_memory, same_branch = _groups(np.round(inputs / step) * step, outputs)
     span = float(np.nanmax(outputs) - np.nanmin(outputs)) or 1.0
     measured = int(np.count_nonzero(np.isfinite(outputs)))
-    # A branch compares two errors of the model, at its start and now: (a - b)^2 <= 2 a^2 + 2 b^2.
-    from_memory = np.sqrt(_scatter(same_memory) / measured)
-    from_branch = np.sqrt(_scatter(same_branch) / (4 * measured))
+    # A branch compares two model errors, at its start and now: (a - b)^2 <= 2 a^2 + 2 b^2.
+    from_memory = np.sqrt(_sum_of_squares(same_memory) / measured)
+    from_branch = np.sqrt(_sum_of_squares(same_branch) / (4 * measured))
     return Representability(
-        wiping_out=_widest(same_memory) / span,
-        congruency=_widest(same_branch) / span,
+        wiping_out=_largest_range(same_memory) / span,
+        congruency=_largest_range(same_branch) / span,
         floor=float(max(from_memory, from_branch)) / span,
         memories=len(same_memory),
         branches=len(same_branch),
@@ -98,7 +98,7 @@ def representability(
 
 
 def _groups(u: FloatArray, y: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Outputs by memory, and changes since the last reversal by branch point, met twice or more."""
+    """Outputs at each repeated memory, and changes since the reversal at each repeated branch."""
     by_memory: dict[Hashable, dict[int, float]] = defaultdict(dict)
     by_branch: dict[Hashable, list[tuple[Hashable, float]]] = defaultdict(list)
     low, high = float(u.min()), float(u.max())
@@ -127,10 +127,10 @@ def _groups(u: FloatArray, y: FloatArray) -> tuple[list[FloatArray], list[FloatA
     return memories, branches
 
 
-def _scatter(groups: Iterable[FloatArray]) -> float:
+def _sum_of_squares(groups: Iterable[FloatArray]) -> float:
     """Sum of squares about the mean of each group."""
     return float(sum(np.sum((group - group.mean()) ** 2) for group in groups))
 
 
-def _widest(groups: Iterable[FloatArray]) -> float:
+def _largest_range(groups: Iterable[FloatArray]) -> float:
     return float(max((np.ptp(group) for group in groups), default=0.0))

@@ -1,7 +1,7 @@
-"""A rough model of any hysteresis, fitted in milliseconds so that outliers do not bend it.
+"""A rough model of any hysteresis: polynomials of a few plays, fitted robustly in milliseconds.
 
-Polynomials of a few plays. It says what a reading should be about, before or beside a fit on
-the plane, and which readings contradict the others.
+It predicts each reading without a fit on the plane, and so shows which readings contradict the
+others.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from minorloop.operators.memory import Start
 
 _ROUNDS = 12
 _MOST = 800
-"""Samples that say as much about so few unknowns as all of them."""
+"""Samples that the rough model is fitted to at most; more hardly change its few unknowns."""
 _RIDGE = 1e-7
 _TO_SD = 1.4826
-"""Standard deviation of a normal distribution over its median distance from the median."""
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 def spread(values: FloatArray) -> float:
-    """Robust standard deviation: 1.4826 times the median distance from the median."""
+    """Robust standard deviation: 1.4826 times the median absolute deviation."""
     return _TO_SD * float(np.median(np.abs(values - np.median(values))))
 
 
 @dataclass(frozen=True)
 class RecordFault:
-    """Something in a record that a model should not be made from.
+    """A fault of a record that would spoil a model.
 
     Parameters
     ----------
     kind : {"outlier", "stuck", "clipped", "lag"}
-        What it is.
+        Type of the fault.
     samples : tuple of int
-        Where, counted from 0; empty for a lag.
+        Indices, counted from 0; empty for a lag.
     text : str
-        What it is and what to do, in one sentence.
+        Description and remedy.
     """
 
     kind: Literal["outlier", "stuck", "clipped", "lag"]
@@ -49,7 +49,7 @@ class RecordFault:
 
 @dataclass(frozen=True, eq=False)
 class RoughRecord:
-    """A record with its rough model; places are the samples measured."""
+    """A record with its rough model; ``places`` are the indices of measured samples."""
 
     u: FloatArray
     y: FloatArray
@@ -63,14 +63,14 @@ class RoughRecord:
     def of(
         cls, u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int
     ) -> RoughRecord:
-        """With the rough model fitted to the known samples."""
-        heard = np.concatenate([np.full(lag, u[0]), u[: u.size - lag]])
+        """Fit the rough model to the known samples."""
+        applied = np.concatenate([np.full(lag, u[0]), u[: u.size - lag]])
         places = np.flatnonzero(known)
-        matrix = basis(heard, start, places.size)
+        matrix = basis(applied, start, places.size)
         low, high = np.percentile(y[places], [2, 98])
         rough = robust_fit(matrix, y, known)
         span = float(high - low) or float(np.ptp(y[places])) or 1.0
-        return cls(heard, y, places, matrix, rough, span, lag)
+        return cls(applied, y, places, matrix, rough, span, lag)
 
     @property
     def values(self) -> FloatArray:
@@ -79,7 +79,7 @@ class RoughRecord:
 
 
 def few(places: IntArray) -> IntArray:
-    """At most 800 of the places, evenly spread."""
+    """Up to 800 of the places, evenly distributed."""
     if places.size <= _MOST:
         return places
     return places[np.linspace(0, places.size - 1, _MOST).astype(np.int64)]
@@ -93,9 +93,9 @@ def basis(u: FloatArray, start: Start, samples: int) -> FloatArray:
     u : (T,) array
         Inputs.
     start : start state
-        Memory before the first; one given as extrema counts as ``"negative"``.
+        Memory before the first; a `Memory` counts as ``"negative"``.
     samples : int
-        Outputs measured, each for one equation.
+        Number of measured outputs.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def robust_fit(matrix: FloatArray, y: FloatArray, known: BoolArray) -> FloatArra
 
 
 def least_error(matrix: FloatArray, y: FloatArray) -> float:
-    """Root-mean-square error of the rough model where it is fitted by least squares."""
+    """Root-mean-square error of the rough model fitted by least squares."""
     centre = y - y.mean()
     found = _weighted(matrix, centre, np.ones(y.size))
     return float(np.sqrt(np.mean((matrix @ found - centre) ** 2)))

@@ -1,4 +1,4 @@
-"""What in a record is no honest measurement: codes, outliers, stuck and clipped stretches, lag."""
+"""Faults of a record: codes, outliers, stuck and clipped stretches, and a lag."""
 
 from __future__ import annotations
 
@@ -22,25 +22,28 @@ SENTINELS = (
     *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0),
     *(1e20, -1e20, 1e30, -1e30, 1e35, -1e35),
 )
-"""Values that loggers and files write for a reading that they do not have."""
-_CODE_APART = 0.25
-"""Spans of the other readings by which a sentinel must lie outside them."""
+"""Values that loggers and file formats use for a missing reading."""
+_CODE_DISTANCE = 0.25
+"""Distance of a sentinel from the range of all other readings, over that range."""
 _FEWEST = 12
+"""Readings below which a record is not checked."""
 _SHOWN = 6
 _FAR, _FAR_INPUT = 3.0, 30.0
-"""Widths of the middle 90 % by which an outlier is outside, more where its input is outside."""
+"""Distance of an outlier from the middle 90 % of the readings, over their width; and what is added
+for each width by which its input is outside."""
 _OFF_SD, _OFF, _UNUSUAL = 8.0, 0.2, 0.5
-"""Robust deviations and ranges by which an outlier is off, and where an input is too far out."""
+"""Error of an outlier against the rough model, in robust deviations and in ranges; and the distance
+of its input from the middle 90 % above which the rough model is not reliable."""
 
 
 @dataclass(frozen=True)
 class Code:
-    """A reading that is a code of the instrument and no measurement.
+    """A reading that is a code of the instrument, not a measurement.
 
     Parameters
     ----------
     sample : int
-        Which, counted from 0.
+        Index, counted from 0.
     value : float
         The code.
     """
@@ -50,7 +53,7 @@ class Code:
 
 
 def codes(y: FloatArray) -> tuple[Code, ...]:
-    """Readings that are overload codes or sentinels, apart from all others.
+    """Find the readings that are overload codes or sentinels, far from all others.
 
     Parameters
     ----------
@@ -66,15 +69,15 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
     if not suspect.any() or rest.size < 3:
         return ()
     low, high = rest.min(), rest.max()
-    apart = _CODE_APART * (high - low)
+    apart = _CODE_DISTANCE * (high - low)
     suspect &= (y < low - apart) | (y > high + apart)
     return tuple(Code(int(k), float(y[k])) for k in np.flatnonzero(suspect))
 
 
-def screened(
+def record_faults(
     u: FloatArray, y: FloatArray, start: Start, lag: int, *, sought: bool = False
 ) -> tuple[RecordFault, ...]:
-    """What is wrong with a record, most important first.
+    """Find the faults of a record, most important first.
 
     Parameters
     ----------
@@ -83,27 +86,27 @@ def screened(
     start : start state
         Memory before the first sample.
     lag : int
-        Samples by which the model lets the output follow the input.
+        Lag of the model in samples.
     sought : bool
-        Whether that lag is the best of several; then none beyond it is looked for.
+        Whether that lag was searched; then no further lag is searched here.
 
     Returns
     -------
-    tuple of Finding
+    tuple of RecordFault
     """
     known = np.isfinite(y)
     known[:lag] = False
     if np.count_nonzero(known) < _FEWEST:
         return ()
     with one_thread():
-        return _screened(u, y, known, start, lag, sought)
+        return _faults(u, y, known, start, lag, sought)
 
 
-def _screened(
+def _faults(
     u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int, sought: bool
 ) -> tuple[RecordFault, ...]:
     record = RoughRecord.of(u, y, known, start, lag)
-    far = _far(record)
+    far = _far_outside(record)
     sound = known.copy()
     sound[far] = False
     if far.size:
@@ -111,24 +114,24 @@ def _screened(
     cut = [*clipped(record)]
     flat = [*cut, *stuck(record, {k for one in cut for k in one.samples})]
     sound[[k for one in flat if one.kind == "stuck" for k in one.samples]] = False
-    off = _off_course(record)
+    off = _off_rough_model(record)
     off = off[sound[off]]
     sound[off] = False
     late = [] if sought else [*lagging(record, sound)]
-    if late:  # A lagging output has not begun yet at first.
+    if late:  # A lagging output does not move at the beginning.
         flat = [one for one in flat if one.kind != "stuck" or one.samples[-1] > LONGEST_LAG]
     return (*_outliers(y, np.union1d(far, off), known), *flat, *late)
 
 
-def _far(record: RoughRecord) -> IntArray:
-    """Readings far outside the others at inputs that are not."""
+def _far_outside(record: RoughRecord) -> IntArray:
+    """Readings far outside the others, while their inputs are not."""
     out, far = _outside(record.values), _outside(record.u[record.places])
-    # An input that goes beyond the others explains an output that does.
+    # An input far outside the others explains such an output.
     return _if_few(record.places[out > _FAR + _FAR_INPUT * far], record)
 
 
-def _off_course(record: RoughRecord) -> IntArray:
-    """Readings that lie off the rough model as their neighbours do not."""
+def _off_rough_model(record: RoughRecord) -> IntArray:
+    """Readings with an error against the rough model that their neighbours do not have."""
     off = record.values - record.rough[record.places]
     alone = np.zeros(off.size)  # the first and the last have a neighbour on one side only
     steps = np.abs(np.diff(off))
@@ -151,14 +154,14 @@ def _outliers(y: FloatArray, places: IntArray, known: BoolArray) -> Iterator[Rec
     yield RecordFault(
         "outlier",
         tuple(map(int, places)),
-        f"{places.size} {word}: {_listed(y, places)} against what the input and the readings "
-        f"around say; the others lie in [{rest.min():.6g}, {rest.max():.6g}]. Repeat the "
-        "measurement, or empty these cells, which counts as not measured",
+        f"{places.size} {word}: {_listed(y, places)} contradicts the input and the readings "
+        f"around it; the others lie in [{rest.min():.6g}, {rest.max():.6g}]. Repeat the "
+        "measurement, or empty these cells, which then count as not measured",
     )
 
 
 def _outside(values: FloatArray) -> FloatArray:
-    """Distance outside the middle 90 % of the values, in widths of it."""
+    """Distance from the middle 90 % of the values, over its width."""
     low, high = np.percentile(values, [5, 95])
     width = float(high - low) or float(np.ptp(values)) or 1.0
     return np.asarray(np.maximum(np.maximum(low - values, values - high), 0) / width)

@@ -10,8 +10,8 @@ from minorloop.head.control.heating import (
     identify_heating,
     moving_levels,
 )
+from minorloop.head.control.transient import Transient, check_lag
 from minorloop.head.twins.wire import Wire
-from minorloop.identification.transient import Transient, check_lag
 from wires import identified, made_up, settled
 
 powers = st.floats(0.0, 0.16)

@@ -16,10 +16,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, as_finite, as_levels, as_samples, as_whole
 from minorloop.errors import ParameterError, SignalError
-from minorloop.identification.fit import identify
-from minorloop.identification.levels import adaptive_levels
-from minorloop.identification.result import Identification
-from minorloop.identification.transient import (
+from minorloop.head.control.transient import (
     LAGS,
     Transient,
     advice,
@@ -30,6 +27,9 @@ from minorloop.identification.transient import (
     check_lag,
     check_motion,
 )
+from minorloop.identification.fit import identify
+from minorloop.identification.levels import adaptive_levels
+from minorloop.identification.result import Identification
 from minorloop.operators.memory import Start
 from minorloop.operators.plane import Relay
 from minorloop.operators.preisach import Diagonal, Preisach

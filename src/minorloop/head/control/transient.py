@@ -1,7 +1,7 @@
-"""The records that a heated wire is identified from, and whether they can tell what is asked.
+"""Checks of the records that a heated wire is identified from.
 
-Settled holds give the operator, one transient gives the lag. A fit takes any numbers; these
-checks refuse what says nothing, so that no result is the guess that the fit began with.
+Settled holds give the operator, one transient gives the lag. A fit accepts any numbers; these
+checks refuse records without information, for which the result would be the initial guess.
 """
 
 from __future__ import annotations
