@@ -35,7 +35,7 @@ def test_refusals(refused, tmp_path):
     assert "has no input" in refused("fleet identify m.csv --out fleet")
     line = "fleet identify m.csv --out fleet --input voltage --output length"
     said = refused(f"{line} --workers 2 --address tcp://127.0.0.1:1")
-    assert "leave workers or address out" in said
+    assert "give one of them" in said
     assert "limit is -1.0 s; give a positive time" in refused(f"{line} --limit -1")
     assert "workers is 0" in refused(f"{line} --workers 0")
     assert "is not a number" in refused(f"{line} --smoothness much")

@@ -150,7 +150,7 @@ def test_what_a_silent_worker_has_goes_to_the_others(cluster, fleet, tmp_path):
         **OPTIONS,
     )
     assert len(summary.identified) == 3
-    assert any("what it has goes to others" in sentence for sentence in said)
+    assert any("its specimens are sent to others" in sentence for sentence in said)
 
 
 def test_a_result_that_its_worker_takes_away_is_computed_again(

@@ -15,7 +15,7 @@ from minorloop.fleet import identification
 from minorloop.fleet._fitting import Task, identify_one
 from minorloop.fleet.identification import identify_fleet
 from minorloop.fleet.manifest import Specimen
-from minorloop.fleet.results import settle
+from minorloop.fleet.results import write_result
 
 OPTIONS = {"levels": 6, "prior": "none", "smoothness": 0.0}
 
@@ -102,7 +102,7 @@ def outcomes_of(seen):
             seen.append(one.name)
             task = Task(one, one.read(), options)
             found = identify_one(task, place / "scratch.csv")
-            yield settle(place, one, identification._with_digest(task, found))
+            yield write_result(place, one, identification._with_digest(task, found))
 
     return outcomes
 
@@ -143,7 +143,7 @@ def test_a_folder_holds_models_of_what_is_identified_and_says_what_else_it_holds
     assert [one.specimen for one in summary.failures] == ["a"]
     assert summary.strays == ["models/c.json", "results/c.json"]
     assert summary.plain()["strays"] == summary.strays
-    assert "models/c.json is of no specimen" in str(summary)
+    assert "models/c.json belongs to no specimen" in str(summary)
     assert sorted(file.name for file in (out / "models").iterdir()) == ["b.json", "c.json"]
 
 
@@ -160,13 +160,13 @@ def test_the_table_names_files_as_the_manifest_does(tmp_path, monkeypatch):
 def test_the_first_model_is_written_alone(tmp_path, monkeypatch):
     written, others = [], threading.Event()
 
-    def settle(place, one, found):
+    def write_result(place, one, found):
         if one == "later":
             others.wait(60)
         written.append(one)
 
-    monkeypatch.setattr(identification, "settle", settle)
-    with identification._Writing(tmp_path) as writing:
+    monkeypatch.setattr(identification, "write_result", write_result)
+    with identification._Writer(tmp_path) as writing:
         writing.begin("failed", {"error": "it has no model"})
         writing.begin("first", {"model": 1})
         assert "first" in written
@@ -186,7 +186,7 @@ def test_a_pipe_is_no_record(tmp_path):
     ("options", "message"),
     [
         ({"workers": 0}, "workers is 0"),
-        ({"colour": 1}, "'colour' is no option of a fleet"),
+        ({"colour": 1}, "'colour' is not an option of a fleet"),
         ({"levels": np.arange(3)}, "numbers, words and lists"),
         ({"relay": "foo"}, "relay is 'foo'"),
         ({"levels": 0}, "levels is 0"),
@@ -205,7 +205,7 @@ def test_options_that_make_no_sense(options, message, six, tmp_path):
 
 
 def test_workers_of_a_cluster_are_not_counted_here(six, tmp_path):
-    with pytest.raises(ParameterError, match="leave workers or address out"):
+    with pytest.raises(ParameterError, match="give one of them"):
         identify_fleet(six, tmp_path / "out", workers=2, address="tcp://127.0.0.1:1", **OPTIONS)
 
 

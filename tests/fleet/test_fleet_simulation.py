@@ -95,7 +95,7 @@ def test_a_state_of_another_model_is_refused():
     same = Preisach(model.levels, model.weights, model.offset, slope=1.0)
     simulate_fleet(model, np.zeros(3), FleetState.begin(same, 3))
     for other in (fine, shifted, heavier):
-        with pytest.raises(ParameterError, match="state is of another model"):
+        with pytest.raises(ParameterError, match="state belongs to another model"):
             simulate_fleet(model, np.zeros(3), FleetState.begin(other, 3))
 
 

@@ -1,4 +1,4 @@
-"""Specimens on their way to the workers of a Dask cluster and back."""
+"""Identification on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from minorloop.fleet._pool import Pool
 from minorloop.fleet._worker import Work
 
 CONNECT = 10.0
-"""Seconds within which a scheduler has to answer for the first time."""
+"""Seconds to wait for the first answer of a scheduler."""
 _TICK = 0.2
 _CLOSE = 1.0
-"""Seconds to take leave of a scheduler."""
+"""Seconds to wait for the disconnection from a scheduler."""
 _AHEAD = 3
-"""Batches on their way to each worker."""
+"""Batches that are queued for each worker."""
 _LOSSES = 3
-"""Results of a specimen that may be lost; Dask bears as many workers that end."""
+"""Lost results after which a specimen fails, as many as Dask allows workers to end."""
 _STINT, _MOST_EACH = 0.5, 64
-"""Seconds of work in a batch, and the most specimens."""
+"""Seconds of work in a batch, and its largest number of specimens."""
 
 _Answer = tuple[str, "Future[list[Found]] | None"]
-"""Key of a batch, and what came back where something did."""
+"""Key of a batch, and its results if there are any."""
 
 _idle: list[Pool] = []
-"""On a worker of the cluster: processes of batches that are done."""
+"""On a worker of the cluster: idle processes for the next batches."""
 
 
 @atexit.register
@@ -58,9 +58,9 @@ def identify_batch(batch: Sequence[Task], limit: float, work: Work, topic: str) 
     limit : float
         Seconds that one may take.
     work : callable
-        What is done with a task.
+        Function that is applied to a task.
     topic : str
-        Where to say what takes long.
+        Dask topic for messages about delays.
     """
     from distributed import get_worker
 
@@ -90,24 +90,23 @@ def _idle_pool(limit: float, work: Work) -> Pool | None:
 class Cluster:
     """The workers of a Dask scheduler.
 
-    Specimens go in batches of about half a second of work, so that sending them costs little; a
-    batch that no worker survives is taken apart, so that one specimen fails and not its
-    neighbours.
+    Specimens are sent in batches of about half a second of work, so that sending them costs little.
+    A batch under which workers end is split, so that only the specimen at fault fails.
 
     Parameters
     ----------
     address : str
-        Of the scheduler.
+        Address of the scheduler.
     patience : float
         Seconds to wait for a worker or for an answer.
     limit : float
         Seconds that one specimen may take.
     work : callable
-        What a worker does with a task.
+        Function that a worker applies to a task.
     say : callable
-        Told in a sentence what is waited for.
+        Called with sentences about delays and faults.
     total : int
-        How many tasks there are at most.
+        Largest number of tasks.
 
     Raises
     ------
@@ -147,18 +146,18 @@ class Cluster:
     ) -> None:
         for key in list(self._sent):
             self._forget(key)
-        with suppress(Exception):  # it may be gone, and has nothing that is of use any more
+        with suppress(Exception):  # the scheduler may be gone; its state is not needed
             self._client.close(timeout=_CLOSE)
 
     def run(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Found] | None]:
-        """What becomes of each task, as it becomes known; None where nothing new is known.
+        """Yield each task with its result; None at intervals without a result.
 
         Raises
         ------
         ParameterError
             If no worker comes within the patience.
         FleetError
-            If the scheduler is gone, or no worker answers for all the patience.
+            If the scheduler is gone, or no worker answers within the patience.
         """
         coming, left = iter(tasks), self._total
         while (left := self._fill(coming, left)) or self._sent:
@@ -175,13 +174,13 @@ class Cluster:
             yield from found
 
     def _fill(self, coming: Iterator[Task], left: int) -> int:
-        """Send until enough is on its way; gives how many are left."""
+        """Send batches until enough are queued; returns the number of tasks left."""
         workers = max(1, len(self._watch.answering))
         while left and len(self._sent) < _AHEAD * workers:
             # Small batches at the end, so that the workers end together.
             size = min(self._size, max(1, left // (2 * workers)))
             batch = list(islice(coming, size))
-            if not batch:  # others could not be read
+            if not batch:  # the other records could not be read
                 return 0
             left -= len(batch)
             self._send(batch)
@@ -203,7 +202,7 @@ class Cluster:
         future.add_done_callback(self._fetch)
 
     def _fetch(self, future: Any) -> None:
-        """Fetch what came back, on Dask's own thread: it may never come."""
+        """Fetch a result on Dask's own thread, because it may never arrive."""
         if future.status != "finished":
             self._answered.put((future.key, None))
             return
@@ -213,9 +212,9 @@ class Cluster:
         fetched.add_done_callback(lambda done: self._answered.put((future.key, done)))
 
     def _forget(self, key: str) -> list[Task]:
-        """Want nothing more of a batch; gives what was in it."""
+        """Cancel a batch; returns its tasks."""
         sent = self._sent.pop(key)
-        with suppress(Exception):  # without a scheduler there is nothing to be released
+        with suppress(Exception):  # without a scheduler there is nothing to release
             sent.future.release()
         return sent.batch
 
@@ -224,26 +223,26 @@ class Cluster:
             return []
         future = self._sent[key].future
         if future.status == "error":  # the worker died, again and again, or could not take it
-            return self._take_apart(self._forget(key), future.exception(timeout=_CLOSE))
+            return self._split(self._forget(key), future.exception(timeout=_CLOSE))
         if future.status == "cancelled":
             self._watch.lose_connection()
         if fetched is None or fetched.cancelled() or fetched.exception() is not None:
-            return self._do_again(self._forget(key))  # its worker left with the result
+            return self._resend(self._forget(key))  # its worker left with the result
         batch, found = self._forget(key), fetched.result()
         each = sum(one.get("seconds", 0.0) for one in found) / len(batch)
         self._size = min(_MOST_EACH, max(1, round(_STINT / max(each, 1e-3))))
         return list(zip(batch, found, strict=True))
 
-    def _do_again(self, batch: list[Task]) -> list[tuple[Task, Found]]:
+    def _resend(self, batch: list[Task]) -> list[tuple[Task, Found]]:
         self._lost.update(task.specimen.name for task in batch)
         if max(self._lost[task.specimen.name] for task in batch) > _LOSSES:
-            return self._take_apart(batch, FleetError("its result did not come back"))
+            return self._split(batch, FleetError("its result did not arrive"))
         self._send(batch)
         return []
 
-    def _take_apart(self, batch: list[Task], error: BaseException) -> list[tuple[Task, Found]]:
+    def _split(self, batch: list[Task], error: BaseException) -> list[tuple[Task, Found]]:
         if len(batch) == 1:
-            reason = f"no worker lived to the end: {type(error).__name__}: {error}"
+            reason = f"every worker ended during its fit: {type(error).__name__}: {error}"
             return [(batch[0], {"error": reason})]
         for task in batch:
             self._send([task])
@@ -252,7 +251,7 @@ class Cluster:
 
 @dataclass(frozen=True)
 class _SentBatch:
-    """A batch on its way, and what stands for it at the scheduler."""
+    """A batch that was sent, and its future."""
 
     future: Any
     batch: list[Task]
@@ -266,7 +265,7 @@ async def _gather(client: Any, future: Any) -> list[Found]:
 def _connect(address: str) -> Any:
     from distributed import Client
 
-    # What is lost is said in a sentence; Dask would add a page to it, even after the end.
+    # Losses are reported in one sentence; Dask would add a page of traceback.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     try:
         return Client(address, timeout=CONNECT, set_as_default=False)
@@ -275,7 +274,7 @@ def _connect(address: str) -> Any:
 
 
 def check_address(address: str) -> None:
-    """Refuse at once what is no address, or where nothing listens.
+    """Check that an address is valid and that something listens there.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Identify one specimen from the bytes of its record: what a worker does."""
+"""Identify one specimen from the bytes of its record, in a worker."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from minorloop.lab.records import Record
 from minorloop.operators.preisach import Preisach
 
 Found = Mapping[str, Any]
-"""A model and its scores, or why there is none, under ``error``."""
+"""A model and its scores, or the reason for a failure under ``error``."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Task:
     Parameters
     ----------
     specimen : Specimen
-        Which.
+        The specimen.
     data : bytes
-        Its record, as it is in its file.
+        Content of the file of its record.
     options : mapping
         Of `minorloop.identify`.
     """
@@ -40,14 +40,14 @@ class Task:
 
 
 def identify_one(task: Task, scratch: Path) -> Found:
-    """The model of a specimen and how good it is, or the error as text.
+    """Identify the model of a specimen and its scores; errors are returned as text.
 
     Parameters
     ----------
     task : Task
         What to identify.
     scratch : Path
-        Name of a file for the record, which is removed when it is read.
+        Name of a temporary file for the record.
     """
     from minorloop.identification import identify
 
@@ -83,7 +83,7 @@ def opening(model: Preisach) -> float:
 
 
 def load_kernels() -> None:
-    """Load what a fit needs, by identifying a small record."""
+    """Compile and load the kernels by identifying a small record."""
     from minorloop.identification import identify
 
     u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
@@ -97,7 +97,7 @@ def _record(task: Task, scratch: Path) -> Record:
             file.write(task.data)
         return Record.from_csv(scratch, input=one.input, output=one.output, gaps=True)
     except RecordError as error:
-        told = one.told(error).replace(str(scratch), str(one.file))
-        raise RecordError(told) from None
+        text = one.shown_error(error).replace(str(scratch), str(one.file))
+        raise RecordError(text) from None
     finally:
         scratch.unlink(missing_ok=True)

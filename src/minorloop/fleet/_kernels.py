@@ -22,7 +22,7 @@ def between(nodes, bow, high, low):
 
 @njit(cache=True, nogil=True)
 def loss(nodes, bow, stack, k):
-    """What dropping rows k and k + 1 changes, in absolute weights."""
+    """Change of the output, in absolute weights, if rows k and k + 1 are dropped."""
     a, b, c, d = stack[k - 1], stack[k], stack[k + 1], stack[k + 2]
     if k & 1:
         total = between(nodes, bow, b, a) - between(nodes, bow, b, c)
@@ -35,9 +35,9 @@ def loss(nodes, bow, stack, k):
 
 @njit(cache=True, nogil=True)
 def drop_smallest(plane, sizes, size_bow, stack, n):
-    """Forget the pair of past extrema that matters least.
+    """Drop the pair of past extrema whose loss is least.
 
-    Gives the rows in use, the loss, and the two inputs between which it lasts.
+    Returns the rows in use, the loss, and the two inputs between which it lasts.
     """
     least, smallest = 1, np.inf
     for k in range(1, n - 3):

@@ -1,4 +1,4 @@
-"""Local workers and who watches them: time limits, processes that end or are stopped."""
+"""Pool of local workers: time limits, and processes that end or are stopped."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from minorloop.fleet._fitting import Found, Task
 from minorloop.fleet._worker import Work, Worker
 
 NOTICE = 5.0
-"""Seconds of one fit after which that is said; then again each time it has doubled."""
+"""Seconds of one fit after which a message says so; again each time this has doubled."""
 APART = 4.0
-"""Seconds between two such sentences: where every fit is slow, not each is worth one."""
+"""Least seconds between two such messages, for fleets in which every fit is slow."""
 STOPPED = 3.0
-"""Seconds after which a worker that is stopped is replaced; a debugger stops one for less."""
+"""Seconds after which a worker that is stopped is replaced; debuggers stop one for less."""
 LOADING = 300.0
 """Seconds that a worker may take to load what it needs; compiling it takes less than a minute."""
 ATTEMPTS = 2
-"""Workers that may end under the same specimen."""
+"""Workers that may end during the fit of the same specimen."""
 STARTS = 3
-"""Workers that may end, one after another, before they have begun."""
+"""Workers in a row that may end before they are ready."""
 _TICK = 0.2
 _LONGEST_TICK = 1.0
-"""Seconds that one round counts at most: a machine that sleeps does not use a limit up."""
+"""Longest time that one round counts, so that a sleeping machine does not use up a limit."""
 
 
 @dataclass
 class _Slot:
-    """A place for one worker, and what it is doing."""
+    """One worker and its present task."""
 
     worker: Worker | None = None
     answer: Future[Any] | None = None
@@ -58,13 +58,13 @@ class Pool:
     Parameters
     ----------
     workers : int
-        How many.
+        Number of processes.
     limit : float
         Seconds that one specimen may take.
     work : callable
-        What a worker does with a task.
+        Function that a worker applies to a task.
     say : callable
-        Told in a sentence what went wrong and what takes long.
+        Called with sentences about delays and faults.
     """
 
     def __init__(self, workers: int, limit: float, work: Work, say: Callable[[str], None]) -> None:
@@ -91,12 +91,12 @@ class Pool:
             slot.end()
 
     def run(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Found] | None]:
-        """What becomes of each task, as it becomes known; None where nothing new is known.
+        """Yield each task with its result; None at intervals without a result.
 
         Parameters
         ----------
         tasks : iterable of Task
-            Taken from as workers get free.
+            Read as workers become free.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class Pool:
                 slot.begin(slot.worker.ask(task), task)
 
     def _take(self, slot: _Slot, waiting: deque[Task]) -> tuple[Task, Found] | None:
-        """What a worker has answered, if it has."""
+        """Result of a worker, if it has answered."""
         if slot.answer is None or not slot.answer.done():
             return None
         if slot.answer.exception() is not None:
@@ -152,7 +152,7 @@ class Pool:
     def _give_up(
         self, slot: _Slot, waiting: deque[Task], why: str = ""
     ) -> tuple[Task, Found] | None:
-        """End a worker that is of no more use; its specimen is tried once more."""
+        """Replace a worker that failed; its specimen is tried once more."""
         task = slot.task
         how = slot.end()
         why = why or f"ended ({how})"

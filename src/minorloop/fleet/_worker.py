@@ -1,9 +1,9 @@
 """A process that identifies one specimen after another and can be ended at any time.
 
 A fit may run for ever inside a compiled loop, and memory may run out; neither can be caught in
-the process in which it happens. So each fit runs in a separate process, which holds no
-result and no file that anybody else needs. It ends by itself when the process that started it is
-gone, or when nothing was asked of it for `IDLE` seconds.
+the process in which it happens. So each fit runs in a separate process, which holds no result or
+file that others need. It ends when the process that started it is gone, or when it has received no
+task for `IDLE` seconds.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from typing import Any, BinaryIO
 from minorloop.fleet._fitting import Found, Task, load_kernels
 
 Work = Callable[[Task, Path], Found]
-"""What a worker does; a function of a module, because it is sent by its name."""
+"""Function that a worker applies to a task; it must belong to a module, because it is pickled."""
 
 IDLE = 60.0
 """Seconds without a task after which a worker ends."""
 GRACE = 60.0
-"""Seconds past the limit after which a worker that nobody watches is ended by the system."""
+"""Seconds after the time limit at which the system ends a worker that is not watched."""
 _LONGEST_ALARM = 1e8
-"""Seconds, three years; the system refuses far longer ones."""
+"""Seconds, three years; the system refuses much longer timers."""
 _COMMAND = """
 import sys
 sys.path[:] = sys.argv[2:]
@@ -43,14 +43,14 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 class Worker:
-    """The process, seen from the one that started it.
+    """Handle of a worker process.
 
-    It is in a process group of its own, so that Control-C at a terminal does not reach it.
+    The process has its own process group, so that Control-C at a terminal does not reach it.
 
     Parameters
     ----------
     work : callable
-        What it does with a task.
+        Function that it applies to a task.
     limit : float
         Seconds that a task may take.
     """
@@ -82,7 +82,7 @@ class Worker:
         return self._process.poll() is not None
 
     def ask(self, message: Any) -> Future[Any]:
-        """Send a message; gives the answer, or an exception if the process ends before."""
+        """Send a message; the future gives the answer, or an exception if the process ends."""
         answer: Future[Any] = Future()
         threading.Thread(target=self._exchange, args=(message, answer), daemon=True).start()
         return answer
@@ -94,13 +94,13 @@ class Worker:
             pickle.dump(message, self._process.stdin)
             self._process.stdin.flush()
             found = pickle.load(self._process.stdout)
-        except Exception as error:  # whatever it is, this worker is of no more use
+        except Exception as error:  # after any error this worker is replaced
             answer.set_exception(error)
         else:
             answer.set_result(found)
 
     def is_stopped(self) -> bool:
-        """Whether the process is stopped, as by SIGSTOP; False where the system does not say."""
+        """Whether the process is stopped, as by SIGSTOP; False where /proc does not exist."""
         try:
             status = Path(f"/proc/{self.pid}/stat").read_text()
         except OSError:
@@ -108,7 +108,7 @@ class Worker:
         return status.rpartition(")")[2].split()[0] in ("T", "t")
 
     def end(self) -> str:
-        """End the process at once; says how it ended, and the last line it wrote."""
+        """Kill the process; returns its exit status and the last line that it wrote."""
         self._process.kill()
         status = self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
@@ -122,10 +122,10 @@ class Worker:
         self._said.seek(0)
         last = self._said.read()[-2000:].decode(errors="replace").strip().splitlines()[-1:]
         self._said.close()
-        return ": ".join([_how(status), *last])
+        return ": ".join([_exit_text(status), *last])
 
 
-def _how(status: int) -> str:
+def _exit_text(status: int) -> str:
     if status >= 0:
         return f"exit status {status}"
     try:
@@ -135,18 +135,18 @@ def _how(status: int) -> str:
 
 
 def serve(alive: int) -> None:
-    """Answer tasks from stdin on stdout until there are no more: the process itself.
+    """Main loop of the process: answer tasks from stdin on stdout.
 
     Parameters
     ----------
     alive : int
-        A pipe whose other end is open for as long as the process is that started this one.
+        A pipe whose other end is open while the parent process runs.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with(alive)
     tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # text that a library prints must not mix with answers
     work, scratch, limit = pickle.load(tasks)
     inbox: queue.SimpleQueue[Task] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(tasks, inbox, scratch), daemon=True).start()
@@ -164,7 +164,7 @@ def serve(alive: int) -> None:
 
 
 def _listen(tasks: BinaryIO, inbox: queue.SimpleQueue[Task], scratch: Path) -> None:
-    """Pass tasks on; the end of them is the end of the process, in the middle of a fit too."""
+    """Queue the tasks; at the end of stdin the process ends, even during a fit."""
     try:
         while True:
             inbox.put(pickle.load(tasks))
@@ -180,7 +180,7 @@ def _send(answers: BinaryIO, found: Any) -> None:
 def _end_with(alive: int) -> None:
     """Let the system end this process when the pipe closes, even inside a compiled loop.
 
-    Where it cannot, `_listen` does so when the loop lets it.
+    Where the system cannot, `_listen` ends it when the loop releases the GIL.
     """
     with suppress(ImportError, AttributeError, OSError):
         import fcntl

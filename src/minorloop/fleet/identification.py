@@ -1,4 +1,4 @@
-"""Identify every specimen of a manifest, whatever becomes of some of them."""
+"""Identify every specimen of a manifest; failures do not stop the others."""
 
 from __future__ import annotations
 
@@ -21,7 +21,13 @@ from minorloop.fleet._cluster import Cluster, check_address
 from minorloop.fleet._fitting import Found, Task, identify_one
 from minorloop.fleet._pool import Pool
 from minorloop.fleet.manifest import Specimen
-from minorloop.fleet.results import kept, open_folder, settle, strays, write_summary
+from minorloop.fleet.results import (
+    earlier_outcomes,
+    open_folder,
+    strays,
+    write_result,
+    write_summary,
+)
 from minorloop.fleet.summary import Outcome, Summary
 
 __all__ = ["identify_fleet"]
@@ -30,11 +36,11 @@ OPTIONS = frozenset(
     ("levels", "spacing", "relay", "diagonal", "slope", "signed", "smoothness", "prior", "noise")
 ) | {"lag", "start", "offset", "holdout"}
 LIMIT = 3600.0
-"""Seconds that a specimen may take if nothing else is said: the slowest sound fits take minutes."""
+"""Default time limit for a specimen in seconds; the slowest valid fits take minutes."""
 _AT_ONCE, _MOST_WRITTEN = 16, 64
-"""Results that are written at once, and that may wait for it."""
+"""Results that are written in parallel, and results that may wait."""
 _FINE = 64
-"""Bands beyond which a prior takes no plane, which is found out before anything is fitted."""
+"""Bands above which ``prior="gaussian"`` is refused; checked before anything is fitted."""
 
 
 def identify_fleet(
@@ -50,36 +56,36 @@ def identify_fleet(
     say: Callable[[str], None] | None = None,
     **options: Any,
 ) -> Summary:
-    """Identify every specimen; what fails is reported and stops nothing.
+    """Identify every specimen; failures are reported and do not stop the others.
 
-    Each fit runs in a process that is ended at the time limit. A process that ends by itself, for
-    lack of memory or by a signal, is replaced, and its specimen tried once more.
+    Each fit runs in a process that is ended at the time limit. A process that ends for lack of
+    memory or by a signal is replaced, and its specimen is tried once more.
 
     Parameters
     ----------
     specimens : sequence of Specimen
         As `read_manifest` gives them.
     folder : str or path
-        For the results: new, empty, or of the same fleet, which then goes on. Specimens whose
-        record, columns and model file are unchanged are kept, also those that failed; the others
-        are done. What fails loses the model of an earlier start.
+        Folder for the results: new, empty, or of the same fleet, which then continues. Results of
+        specimens whose record, columns and model file are unchanged are kept, failures too; the
+        others are identified. If that fails, the model of an earlier start is removed.
     workers : int, optional
         Local processes; as many as there are cores if not given.
     address : str, optional
         Address of the scheduler of a Dask cluster to use instead, such as
-        ``tcp://10.0.0.1:8786``. Records are read here and sent there, and models come back, so
-        that nothing has to be shared but this package.
+        ``tcp://10.0.0.1:8786``. Records are read here and sent to the workers, which return
+        models; they need this package and no shared folder.
     limit : float
-        Seconds that one specimen may take before it is given up; ``inf`` for no limit.
+        Seconds after which a specimen is given up; ``inf`` for no limit.
     retry_failed : bool
         Whether specimens that failed before are tried again although their records are
         unchanged.
     patience : float
         Seconds to wait for a worker of the cluster, or for an answer of its scheduler.
     watch : callable, optional
-        Told how many are done, of how many, and the last outcome.
+        Called with the number of specimens done, their total, and the last outcome.
     say : callable, optional
-        Told in a sentence what is being waited for and what went wrong.
+        Called with sentences about delays and faults.
     **options
         Of `minorloop.identify`, the same for all.
 
@@ -95,7 +101,7 @@ def identify_fleet(
         If there is no specimen, an option is not one that `minorloop.identify` takes, or there
         is no scheduler at the address, or no worker in time.
     FleetError
-        If the scheduler or all workers are lost; what is done by then is kept.
+        If the scheduler or all workers are lost; results so far are kept.
     OutputError
         If the folder holds something else, another fleet, or cannot be written to.
     """
@@ -106,7 +112,7 @@ def identify_fleet(
     if address is not None:
         check_address(address)
     place = open_folder(Path(folder), specimens, options)
-    known = kept(place, specimens, failed=not retry_failed)
+    known = earlier_outcomes(place, specimens, failed=not retry_failed)
     pending = [one for one in specimens if one.name not in known]
 
     def start() -> Pool | Cluster:
@@ -116,7 +122,7 @@ def identify_fleet(
         return Pool(min(count, len(pending)), limit, identify_one, say)
 
     outcomes = _outcomes(pending, options, place, start)
-    with closing(outcomes), _ended_well(place, known, len(specimens)):
+    with closing(outcomes), _say_what_is_kept(place, known, len(specimens)):
         for outcome in outcomes:
             known[outcome.specimen] = outcome
             if watch is not None:
@@ -127,22 +133,22 @@ def identify_fleet(
 
 
 @contextmanager
-def _ended_well(place: Path, known: Mapping[str, Outcome], total: int) -> Iterator[None]:
-    """Say what is kept where workers or their scheduler are lost."""
+def _say_what_is_kept(place: Path, known: Mapping[str, Outcome], total: int) -> Iterator[None]:
+    """Add to the error what is kept, if workers or their scheduler are lost."""
     try:
         yield
     except FleetError as error:
         raise FleetError(
             f"{error}. {len(known)} of {total} specimens are done and kept in {place}; the same "
-            "command does the rest"
+            "command identifies the rest"
         ) from None
 
 
-class _Writing:
-    """Results being written down, several at once: a disk takes its time.
+class _Writer:
+    """Writes results in parallel threads, because disks are slow.
 
-    The first model is written alone. `msgspec` looks at the classes of a model file when it meets
-    them first, and crashes where two threads do so at the same time.
+    The first model is written alone: `msgspec` inspects the classes of a model file on first use,
+    and crashes if two threads do so at the same time.
     """
 
     def __init__(self, place: Path) -> None:
@@ -150,30 +156,30 @@ class _Writing:
         self._begun: deque[Future[Outcome]] = deque()
         self._alone = True
 
-    def __enter__(self) -> _Writing:
+    def __enter__(self) -> _Writer:
         return self
 
     def __exit__(self, *error: object) -> None:
         self._pool.shutdown()
 
     def begin(self, one: Specimen, found: Found) -> None:
-        """Write down what became of a specimen."""
-        writing = self._pool.submit(settle, self._place, one, found)
+        """Start to write the result of a specimen."""
+        writing = self._pool.submit(write_result, self._place, one, found)
         self._begun.append(writing)
         if self._alone and "model" in found:
             wait([writing])
             self._alone = False
 
     def done(self, *, all: bool = False) -> Iterator[Outcome]:
-        """Outcomes that are written down by now, in the order in which they began."""
+        """Yield outcomes that are written, in the order of `begin`."""
         while self._begun and (all or self._begun[0].done() or len(self._begun) > _MOST_WRITTEN):
             yield self._begun.popleft().result()
 
 
 def _tasks(
-    specimens: Sequence[Specimen], options: Mapping[str, Any], writing: _Writing
+    specimens: Sequence[Specimen], options: Mapping[str, Any], writing: _Writer
 ) -> Iterator[Task]:
-    """Specimens and their records, read when they are asked for."""
+    """Yield specimens with their records, which are read when needed."""
     for one in specimens:
         try:
             yield Task(one, one.read(), options)
@@ -187,8 +193,8 @@ def _outcomes(
     place: Path,
     start: Callable[[], Pool | Cluster],
 ) -> Generator[Outcome]:
-    """What becomes of each, as it becomes known, and written down by then."""
-    with _Writing(place) as writing, start() as workers:
+    """Yield the outcome of each specimen as soon as it is written."""
+    with _Writer(place) as writing, start() as workers:
         for one in workers.run(_tasks(specimens, options, writing)):
             if one is not None:
                 writing.begin(one[0].specimen, _with_digest(*one))
@@ -216,13 +222,13 @@ def _check(
         raise ParameterError(f"workers is {workers!r}; give 1 to 1024")
     if workers is not None and address is not None:
         raise ParameterError(
-            f"the workers of a cluster are as many as it has, not {workers}; leave workers or "
-            "address out"
+            f"workers is {workers} and address is {address}; give one of them, because a cluster "
+            "has its own workers"
         )
-    strange = sorted(set(options) - OPTIONS)
-    if strange:
+    unknown = sorted(set(options) - OPTIONS)
+    if unknown:
         raise ParameterError(
-            f"{strange[0]!r} is no option of a fleet; there are {', '.join(sorted(OPTIONS))}"
+            f"{unknown[0]!r} is not an option of a fleet; options are {', '.join(sorted(OPTIONS))}"
         )
     try:
         json.dumps(options)
@@ -238,7 +244,7 @@ def _check_times(limit: float, patience: float) -> None:
 
 
 def try_options(options: Mapping[str, Any]) -> None:
-    """Refuse what no record could be identified with, by identifying a small one."""
+    """Check options by identifying a small record."""
     from minorloop.identification import identify
     from minorloop.identification.design_matrix import MOST_BANDS
 

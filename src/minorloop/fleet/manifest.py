@@ -1,4 +1,4 @@
-"""What a fleet consists of: specimens, each with the file of its record."""
+"""Manifest of a fleet: its specimens, and the file with the record of each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Specimen:
     Parameters
     ----------
     name : str
-        What to call it; no two are called the same.
+        Unique name.
     file : Path
         CSV file of its record.
     input, output : str
@@ -39,8 +39,8 @@ class Specimen:
     listed : str, optional
         The file as the manifest names it.
     outside : bool
-        Whether the file lies outside the folder of the manifest. What it holds is not shown in
-        messages then: whoever wrote the manifest may not be allowed to read it.
+        Whether the file lies outside the folder of the manifest. Messages then do not show its
+        content, because the author of the manifest may not be allowed to read it.
     """
 
     name: str
@@ -50,13 +50,13 @@ class Specimen:
     listed: str | None = None
     outside: bool = False
 
-    def told(self, error: object) -> str:
-        """Why its record cannot be used, in words that are fit to be shown."""
+    def shown_error(self, error: object) -> str:
+        """Return why its record cannot be used, without content that must not be shown."""
         if not self.outside:
             return str(error)
         return (
             f"{self.file} is no record with the columns {self.input!r} and {self.output!r}; it "
-            "lies outside the folder of the manifest, so that nothing of what it holds is shown"
+            "lies outside the folder of the manifest, so that its content is not shown"
         )
 
     @property
@@ -71,7 +71,7 @@ class Specimen:
         return f"{name[: _LONGEST_KEY // 2]}_{digest}"
 
     def open(self) -> BinaryIO:
-        """Its file, to be read.
+        """Open its file for reading.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class Specimen:
         return self.file.open("rb")
 
     def read(self) -> bytes:
-        """What its file holds.
+        """Return the bytes of its file.
 
         Raises
         ------
@@ -97,10 +97,10 @@ class Specimen:
 def read_manifest(
     path: PathLike, *, input: str | None = None, output: str | None = None
 ) -> list[Specimen]:
-    """Specimens that a CSV file lists.
+    """Read the specimens that a CSV file lists.
 
-    It has the columns ``specimen`` and ``file``, and may have ``input`` and ``output``, separated
-    by commas, semicolons or tabs. Files are named relative to the manifest.
+    The columns are ``specimen`` and ``file``, optionally ``input`` and ``output``, separated by
+    commas, semicolons or tabs. Paths of files are relative to the manifest.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _text_of(path: Path) -> str:
 
 
 def _rows(path: PathLike, text: str) -> list[dict[str | None, Any]]:
-    """Rows by their headers, which may be capitals."""
+    """Rows as mappings from lower-case headers."""
     lines = text.split("\n")
     delimiter = max(",;\t", key=lines[0].count)
     if len(lines) > _MOST_LINES:
@@ -171,7 +171,7 @@ def _rows(path: PathLike, text: str) -> list[dict[str | None, Any]]:
 
 
 def _cells(row: Mapping[str | None, Any]) -> list[str]:
-    """Texts of a row, those beyond the header too."""
+    """Texts of a row, including those beyond the header."""
     beyond = row.get(None) or []
     return [str(cell).strip() for cell in [*(v for k, v in row.items() if k), *beyond]]
 

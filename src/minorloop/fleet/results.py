@@ -1,8 +1,8 @@
-"""The folder of results of a fleet, in which what is known is never lost.
+"""Folder of the results of a fleet.
 
 It holds ``fleet.json`` (the options), ``models/NAME.json`` and ``results/NAME.json`` for each
-specimen, and ``summary.json`` and ``summary.csv`` at the end. Each is written whole or not at all
-as soon as it is known, so a fleet that was stopped goes on where it was.
+specimen, and ``summary.json`` and ``summary.csv`` at the end. Each file is written atomically as
+soon as its content is known, so that a fleet that was stopped continues where it stopped.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from minorloop.fleet.summary import Outcome, Summary
 _LONGEST = 400
 
 
-def settle(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
-    """Write down what a worker found."""
+def write_result(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
+    """Write the result of a worker."""
     digest = found.get("sha256")
     if "error" in found:
         return fail(place, one, found["error"], digest)
@@ -73,14 +73,14 @@ def _scores(found: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fail(place: Path, one: Specimen, reason: str, digest: str | None = None) -> Outcome:
-    """Write down why a specimen has no model; one of an earlier start goes."""
+    """Write why a specimen has no model, and remove the model of an earlier start."""
     outcome = Outcome(one.name, error=one_line(reason), sha256=digest, **_origin(one))
     _write_outcome(place, one, outcome)
     try:
         _model(place, one).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(
-            f"{_model(place, one)}, which no longer holds, cannot be removed: "
+            f"{_model(place, one)}, which is out of date, cannot be removed: "
             f"{error.strerror or error}"
         ) from None
     return outcome
@@ -103,17 +103,19 @@ def _write_outcome(place: Path, one: Specimen, outcome: Outcome) -> None:
     write_atomically(place / "results" / f"{one.key}.json", text + "\n")
 
 
-def kept(place: Path, specimens: Sequence[Specimen], *, failed: bool) -> dict[str, Outcome]:
-    """Outcomes of an earlier start that still hold: record, columns and model are as they were.
+def earlier_outcomes(
+    place: Path, specimens: Sequence[Specimen], *, failed: bool
+) -> dict[str, Outcome]:
+    """Load outcomes of an earlier start whose record, columns and model are unchanged.
 
     Parameters
     ----------
     place : Path
         The folder.
     specimens : sequence of Specimen
-        Of which outcomes are wanted.
+        Specimens whose outcomes are wanted.
     failed : bool
-        Whether those that failed are kept as well, where their records could be read.
+        Whether failures are kept too, if their records could be read.
     """
     found = {}
     for one in specimens:
@@ -138,7 +140,7 @@ def strays(place: Path, specimens: Sequence[Specimen]) -> list[str]:
 
 
 def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:
-    """Make the folder, or take up that of the same options again; gives where it is."""
+    """Make the folder, or continue one with the same options; returns its path."""
     content = {
         "format": "minorloop fleet",
         "version": 1,
@@ -153,7 +155,7 @@ def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str
             except ValueError:
                 found = None
             if not isinstance(found, dict) or found.get("format") != content["format"]:
-                raise OutputError(f"{header} is not of a fleet; give another folder")
+                raise OutputError(f"{header} does not belong to a fleet; give another folder")
             before, now = found.get("options"), json.loads(json.dumps(content["options"]))
             difference = first_difference({"options": before}, {"options": now})
             if difference:
@@ -175,7 +177,7 @@ def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str
 
 
 def write_summary(place: Path, summary: Summary) -> None:
-    """Write what became of all, as JSON and as a table."""
+    """Write the results of all specimens as JSON and as a table."""
     write_atomically(place / "summary.json", json.dumps(summary.plain(), indent=1) + "\n")
     columns = list(Outcome("").plain())
     rows = (outcome.plain() for outcome in summary.outcomes)
@@ -184,6 +186,6 @@ def write_summary(place: Path, summary: Summary) -> None:
 
 
 def one_line(text: str) -> str:
-    """The text in one line, shortened where it is long."""
+    """Text on one line, shortened to 400 characters."""
     line = " ".join(text.split())
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 4]} ..."

@@ -29,17 +29,17 @@ class FleetState:
     Parameters
     ----------
     model : Preisach
-        The operator whose memories these are; no other can go on with them.
+        The operator that the memories belong to.
     stacks : (S, room, 4) array
         Remembered extrema of each operator, the present input last: input, output of the
         relays, band of the plane, fraction of the band.
     rows : (S,) array of int
         How many of them are in use.
     lost : (S,) array
-        What the loops dropped for lack of room can have changed the output by, at most, in its
-        unit; zero again when the input has passed them.
+        Bound of the output error from loops that were dropped for lack of room, in the unit of the
+        output; zero again when the input has passed them.
     within : (S, 2) array
-        Inputs between which that lasts.
+        Inputs between which that error lasts.
     """
 
     model: Preisach
@@ -52,16 +52,16 @@ class FleetState:
     def begin(
         cls, model: Preisach, operators: int, *, start: Start = "negative", room: int = ROOM
     ) -> FleetState:
-        """The same memory for every operator.
+        """Return the same memory for every operator.
 
         Parameters
         ----------
         model : Preisach
             The operator.
         operators : int
-            How many.
+            Number of operators.
         start : {"negative", "positive", "demagnetised"} or Memory
-            What is remembered.
+            Memory of each operator.
         room : int
             Extrema that each operator has room for, the present input included, at least 6.
             When a history has more, the smallest loop is dropped. Each takes 32 bytes.
@@ -69,8 +69,7 @@ class FleetState:
         Raises
         ------
         ParameterError
-            If there is no operator, too little room, or more is remembered than there is
-            room for.
+            If there is no operator, or too little room for the memory.
         """
         check_kind("model", model, Preisach)
         count = as_whole("operators", operators, 1, MOST_OPERATORS)
@@ -104,7 +103,7 @@ def simulate_fleet(
     *,
     in_place: bool = False,
 ) -> tuple[FloatArray, FleetState]:
-    """Outputs of many independent operators with the same weights.
+    """Simulate many independent operators with the same weights.
 
     Parameters
     ----------
@@ -160,11 +159,11 @@ def _parts(state: FleetState) -> tuple[FloatArray, IntArray, FloatArray, FloatAr
 
 
 def _check_state(model: Preisach, state: FleetState, in_place: bool) -> None:
-    """The loops trust a state, so it has to be whole, and of this model."""
+    """Check that a state is complete and belongs to the model; the loops do not check."""
     check_kind("state", state, FleetState)
     if not _same_relays(state.model, model):
         raise ParameterError(
-            f"the state is of another model, with {state.model.bands} bands from "
+            f"the state belongs to another model, with {state.model.bands} bands from "
             f"{state.model.levels[0]:g} to {state.model.levels[-1]:g}; begin one of this"
         )
     stacks, rows, lost, within = _parts(state)

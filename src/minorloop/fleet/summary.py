@@ -1,4 +1,4 @@
-"""What became of a fleet: distributions over its specimens, outliers, and failures."""
+"""Summary of a fleet: distributions over its specimens, outliers, and failures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LEAST_SPREAD = 1e-9
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one specimen.
+    """Result of one specimen.
 
     Parameters
     ----------
@@ -29,19 +29,19 @@ class Outcome:
     error : str, optional
         Why there is no model; None where there is one.
     nrmse : float, optional
-        Error of the model on what it was fitted to, as a share of the output's range.
+        Error of the model on the fitted samples, over the range of the output.
     nrmse_holdout : float, optional
-        Error on the end of the record, which was kept from the fit; None where nothing was.
+        Error on the held-out end of the record; None if nothing was held out.
     excited : float, optional
-        Share of the plane's cells that the record looks into; the others are filled in.
+        Share of the cells of the plane that the record excites.
     low, high : float, optional
-        Least and greatest output that the model reaches.
+        Least and greatest output of the model.
     opening : float, optional
         Widest gap between the two major branches, as a share of the range.
     samples : int, optional
         Rows fitted.
     seconds : float, optional
-        What it took.
+        Time of the fit.
     sha256 : str, optional
         Digest of the record.
     file, input, output : str, optional
@@ -49,7 +49,7 @@ class Outcome:
     model : str, optional
         Digest of the file of the model.
     warning : str, optional
-        Why the model is not to be trusted; None where nothing says so.
+        Why the model is not to be trusted; None if there is no warning.
     """
 
     specimen: str
@@ -81,7 +81,7 @@ class Outlier:
     Parameters
     ----------
     specimen, figure : str
-        Which.
+        Names of both.
     value : float
         The figure.
     median : float
@@ -99,14 +99,14 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Summary:
-    """A fleet at a glance.
+    """Results of all specimens of a fleet.
 
     Parameters
     ----------
     outcomes : sequence of Outcome
         In the order of the manifest.
     strays : sequence of str
-        Files in the folder that are of none of these specimens.
+        Files in the folder that belong to none of these specimens.
     """
 
     outcomes: Sequence[Outcome]
@@ -140,8 +140,8 @@ class Summary:
     def outliers(self, far: float = FAR) -> list[Outlier]:
         """Figures further than ``far`` robust standard deviations from the median.
 
-        The deviation is 1.4826 times the median distance from the median, which is the standard
-        deviation of a normal distribution. With fewer than eight specimens nothing is judged.
+        The robust standard deviation is 1.4826 times the median absolute deviation. There are no
+        outliers among fewer than eight specimens.
         """
         found = []
         for figure in JUDGED:
@@ -185,7 +185,7 @@ class Summary:
         ]
         lines += [f"warning {one.specimen}: {one.warning}" for one in self.warned]
         lines += [f"failed {one.specimen}: {one.error}" for one in self.failures]
-        lines += [f"{file} is of no specimen of the manifest" for file in self.strays]
+        lines += [f"{file} belongs to no specimen in this manifest" for file in self.strays]
         return "\n".join(lines)
 
     def _values(self, figure: str) -> Any:
