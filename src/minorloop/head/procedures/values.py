@@ -93,13 +93,6 @@ class Request:
     frame: bool = False
     shots: int = 0
 
-    @property
-    def asks_nothing(self) -> bool:
-        """Whether nothing is asked for."""
-        wanted = (self.angles, self.sighted, self.lights, self.exposure, self.focus, self.water)
-        some = any(value is not None for value in wanted) or self.frame or self.shots > 0
-        return not some and not np.any(self.rates)
-
 
 NOTHING = Request()
 
