@@ -31,6 +31,16 @@ def settled(wire, currents, hold=40.0):
     return np.array([wire.apply(current, hold, hold).y[-1] for current in currents])
 
 
+def angle(twin):
+    """True angle of a twin of one wire, in degrees."""
+    return float(twin._output_now()[0])
+
+
+def temperature(twin):
+    """True temperature of a twin of one wire, in degrees Celsius."""
+    return float(twin._truth_now()[1][0])
+
+
 @cache
 def identified(bands=16, noise=0.05):
     """The nominal wire as a first loop, reversal curves and one step identify it."""

@@ -11,7 +11,8 @@ from minorloop.head.control.head import CONTROLLERS, controller
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.observer import PowerObserver
 from minorloop.head.control.sensing import SensorWatch
-from wires import made_up
+from minorloop.head.twins.wire import Wire
+from wires import TICK, angle, identified, temperature
 
 NAMES = pytest.mark.parametrize("name", CONTROLLERS)
 readings = st.one_of(
@@ -25,7 +26,7 @@ gaps = st.sampled_from([0.04, 0.04, 0.04, 0.0, -1.0, 3.0, math.nan, math.inf])
 
 
 def guarded(name="observer", **options):
-    wire = made_up()
+    wire = identified().model
     options = {"observer": PowerObserver(wire=wire), **options}
     return Guard(controller=controller(name, wire), **options)
 
@@ -34,16 +35,14 @@ def causes(state):
     return [event.cause for event in state.log]
 
 
-def loop(guard, reference, seconds, *, spoil=lambda t, y: y, state=None, plant=None, noise=0.05):
-    """Run a guard on its own model; gives currents, state and plant."""
-    wire, rng = guard.observer.wire, np.random.default_rng(1)
+def loop(guard, reference, seconds, *, spoil=lambda t, y: y, state=None, plant=None):
+    """Run a guard on the twin that its model was identified on; gives currents, state and plant."""
     state = guard.begin() if state is None else state
-    plant = wire.begin() if plant is None else plant
-    currents = []
-    for k in range(round(seconds / 0.04)):
-        reading = spoil(0.04 * k, plant.angle + noise * rng.normal())
-        current, state = guard.step(state, reference, reading)
-        plant = wire.step(plant, current**2, 0.04)
+    plant = Wire(noise=0.05, seed=1) if plant is None else plant
+    currents, seen = [], angle(plant)
+    for k in range(round(seconds / TICK)):
+        current, state = guard.step(state, reference, spoil(TICK * k, seen))
+        seen = plant.exchange(current)
         currents.append(current)
     return np.array(currents), state, plant
 
@@ -92,7 +91,7 @@ def test_a_sensor_at_fault_ends_in_cooling(name, fault, lasts):
     currents, state, plant = loop(guard, 40.0, 12.0, spoil=spoil)
     assert state.fault == fault
     assert (currents[round((4.0 + lasts + 0.08) / 0.04) :] == 0.0).all()
-    assert plant.power < 0.03
+    assert temperature(plant) < 50.0
     assert causes(state).count("sensor") == 1
 
 
@@ -101,7 +100,7 @@ def test_a_sensor_that_comes_back_is_believed_after_a_second():
     _, state, plant = loop(guard, 40.0, 40.0, spoil=lambda t, y: math.nan if 8.0 < t < 10.0 else y)
     assert causes(state)[-1] != "sensor"
     assert "sensor back" in causes(state)
-    assert plant.angle == pytest.approx(40.0, abs=0.5)
+    assert angle(plant) == pytest.approx(40.0, abs=0.5)
 
 
 def test_a_target_that_is_no_number_leaves_the_last_one():
@@ -109,7 +108,7 @@ def test_a_target_that_is_no_number_leaves_the_last_one():
     _, state, plant = loop(guard, 30.0, 20.0)
     _, state, plant = loop(guard, math.nan, 5.0, state=state, plant=plant)
     assert state.reference == 30.0
-    assert plant.angle == pytest.approx(30.0, abs=0.5)
+    assert angle(plant) == pytest.approx(30.0, abs=0.5)
     assert causes(state).count("reference") == 1
 
 
@@ -131,7 +130,8 @@ def test_a_clock_that_goes_backwards_is_noted_and_its_reading_left_out():
 
 
 def test_after_a_gap_the_wire_is_as_warm_as_its_current_made_it():
-    guard, wire = guarded(), made_up()
+    guard = guarded()
+    wire = guard.observer.wire
     current, state = guard.step(guard.begin(), 40.0, 0.01, t=0.0)
     _, state = guard.step(state, 40.0, math.nan, t=3.0)
     expected = wire.begin()
@@ -142,12 +142,12 @@ def test_after_a_gap_the_wire_is_as_warm_as_its_current_made_it():
 
 
 def test_a_target_that_is_too_fast_is_noted():
-    guard, wire = guarded(), made_up()
-    state, plant = guard.begin(), wire.begin()
+    guard, plant = guarded(), Wire(noise=0.05, seed=1)
+    state, seen = guard.begin(), 0.0
     for k in range(1500):
-        target = 25.0 + 20.0 * math.sin(2 * math.pi * k * 0.04 / 6.0)
-        current, state = guard.step(state, target, plant.angle + 0.01 * math.sin(k))
-        plant = wire.step(plant, current**2, 0.04)
+        target = 25.0 + 20.0 * math.sin(2 * math.pi * k * TICK / 6.0)
+        current, state = guard.step(state, target, seen)
+        seen = plant.exchange(current)
     assert "behind" in causes(state)
     assert state.unreachable is None
 
@@ -168,10 +168,10 @@ def test_a_target_beyond_the_stroke_is_held_near_the_end():
     guard = guarded()
     _, state, plant = loop(guard, 90.0, 25.0)
     assert state.unreachable.reason == "beyond the stroke"
-    assert 50.0 < plant.angle < 60.0
+    assert 50.0 < angle(plant) < 60.0
     _, state, plant = loop(guard, 30.0, 20.0, state=state, plant=plant)
     assert state.unreachable is None
-    assert plant.angle == pytest.approx(30.0, abs=0.5)
+    assert angle(plant) == pytest.approx(30.0, abs=0.5)
 
 
 @given(angle=st.floats(0, 60), current=st.floats(-1, 2) | st.just(math.nan))
@@ -184,7 +184,7 @@ def test_it_begins_wherever_the_wire_is_found(angle, current):
 
 
 def test_two_clocks_are_refused():
-    wire = made_up()
+    wire = identified().model
     with pytest.raises(ParameterError, match="the same interval"):
         Guard(
             controller=controller("pi", wire, interval=0.1),

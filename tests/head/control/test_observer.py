@@ -3,8 +3,11 @@ import math
 import numpy as np
 import pytest
 
+from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.observer import ObserverControl, PowerObserver
-from wires import made_up
+from minorloop.head.twins.surroundings import Surroundings
+from minorloop.head.twins.wire import Wire
+from wires import angle, identified, made_up
 
 
 def follow(observer, plant_bias, seconds, *, power=0.125, noise=0.0, delay=1):
@@ -57,14 +60,24 @@ def test_the_bias_stays_within_bounds_however_wrong_the_readings():
 
 
 def test_full_current_is_used_until_the_target_is_near_and_no_longer():
-    wire = made_up()
-    law, plant = ObserverControl(wire=wire), wire.begin()
+    law, plant = ObserverControl(wire=identified().model), Wire(noise=0.05, seed=1)
     state, seen = law.begin(), 0.0
     full = []
     for _ in range(400):
         current, state = law.step(state, 40.0, seen)
-        seen, plant = plant.angle, wire.step(plant, current**2, law.interval)
-        if plant.angle < 35.0:
+        seen = plant.exchange(current)
+        if angle(plant) < 35.0:
             full.append(current)
     assert min(full) == law.highest
-    assert plant.angle == pytest.approx(40.0, abs=0.2)
+    assert angle(plant) == pytest.approx(40.0, abs=0.3)
+
+
+def test_the_angle_of_a_wire_in_a_warmer_ambient_is_believed():
+    observer = PowerObserver(wire=identified().model)
+    plant = Wire(noise=0.05, seed=1, surroundings=Surroundings(ambient=27.0))
+    estimate, seen = observer.found(), 0.0
+    for _ in range(1500):
+        estimate = observer.update(estimate, 0.35, seen)
+        seen = plant.exchange(0.35)
+    assert estimate.wire.angle == pytest.approx(angle(plant), abs=0.3)
+    assert estimate.ambient == pytest.approx(7.0 / WireLimits().rise, abs=4e-3)

@@ -6,26 +6,27 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop.head.control.observer import PowerObserver
 from minorloop.head.control.reach import ReachState, ReachWatch
-from wires import made_up
+from minorloop.head.twins.surroundings import Surroundings
+from minorloop.head.twins.wire import Wire
+from wires import TICK, angle, identified, made_up
 
-RISE = 676.0
 
-
-def watched(reference, *, ambient=0.0, cooling=1.0, seconds=15.0, blind=False, stuck=False):
-    """What a watch says about a cold wire that is heated fully, and when it first did."""
-    wire = made_up()
-    watch = ReachWatch(wire=wire, cold_resistance=1.0)
-    observer = PowerObserver(wire=wire)
+def watched(reference, *, ambient=20.0, cooling=1.0, seconds=15.0, stuck=False):
+    """Verdict on a cold twin that is heated fully, and the time of the first one."""
+    wire = identified().model
+    watch, observer = ReachWatch(wire=wire), PowerObserver(wire=wire)
+    around = Surroundings(ambient=ambient, convection=75.0 * cooling)
+    plant = Wire(noise=0.05, seed=1, surroundings=around)
     state, estimate, rng = ReachState(), observer.found(), np.random.default_rng(0)
-    plant = wire.moved(wire.begin(), ambient / RISE)
-    for k in range(round(seconds / 0.04)):
-        current = 0.4 if stuck or plant.angle < reference else 0.0
-        plant = wire.step(plant, current**2, 0.04, ambient=ambient / RISE, cooling=cooling)
-        reading = math.nan if blind else 0.05 * rng.normal() + (0.0 if stuck else plant.angle)
+    seen = angle(plant)
+    for k in range(round(seconds / TICK)):
+        current = 0.4 if stuck or angle(plant) < reference else 0.0
+        reading = 0.05 * rng.normal() if stuck else seen
+        seen = plant.exchange(current)
         estimate = observer.update(estimate, current, reading)
         state = watch.step(state, reference, reading, current, estimate)
         if state.verdict is not None:
-            return state.verdict, 0.04 * (k + 1)
+            return state.verdict, TICK * (k + 1)
     return None, math.inf
 
 
@@ -38,7 +39,7 @@ def test_a_flooded_wire_is_told_within_ten_seconds():
 
 
 def test_an_ambient_that_is_too_cold_is_told_within_ten_seconds():
-    verdict, after = watched(55.0, ambient=-40.0)
+    verdict, after = watched(55.0, ambient=-20.0)
     assert verdict.reason == "ambient too cold"
     assert after <= 10.0
     assert "unreachable: ambient too cold" in str(verdict)
@@ -46,7 +47,7 @@ def test_an_ambient_that_is_too_cold_is_told_within_ten_seconds():
 
 @pytest.mark.parametrize("reference", [10.0, 30.0, 50.0])
 @pytest.mark.parametrize(
-    "surroundings", [{}, {"ambient": -10}, {"ambient": 20}, {"cooling": 1.2}, {"cooling": 0.8}]
+    "surroundings", [{}, {"ambient": 10}, {"ambient": 40}, {"cooling": 1.2}, {"cooling": 0.8}]
 )
 def test_a_wire_that_is_merely_slow_is_never_given_up(reference, surroundings):
     assert watched(reference, seconds=40.0, **surroundings)[0] is None

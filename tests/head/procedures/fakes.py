@@ -63,4 +63,4 @@ class Loop:
 
 
 def eye() -> CalibratedCamera:
-    return CALIBRATION.eye_at((1e-3, 0.0))
+    return CALIBRATION.camera_at((1e-3, 0.0))

@@ -5,7 +5,7 @@ from minorloop.lab.actuator import Shot
 
 from .fakes import CALIBRATION
 
-EAR = CALIBRATION.ear_at((12e-3, 0.2))
+EAR = CALIBRATION.probe_at((12e-3, 0.2))
 AIM = np.array([0.3, 0.0])
 
 

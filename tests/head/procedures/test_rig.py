@@ -80,9 +80,9 @@ def test_a_procedure_is_driven_to_its_end_in_the_units_of_the_plant():
 def test_frames_and_shots_are_taken_only_where_they_are_asked_for():
     it = rig()
     plain, full = it.reading(), it.reading(Request(frame=True, shots=3, focus=0.01))
-    assert (plain.image, plain.shots, plain.heard) == (None, (), False)
+    assert (plain.image, plain.shots, plain.fired) == (None, (), False)
     assert full.image is not None
-    assert (len(full.shots), full.heard) == (3, True)
+    assert (len(full.shots), full.fired) == (3, True)
     assert ("focus_at", 0.01) in it.tip.told
 
 

@@ -58,7 +58,8 @@ def test_a_scan_goes_home_where_there_is_one(scanned):
 def test_the_raster_is_moved_by_a_share_of_its_pitch():
     place = (CENTRE[1], CENTRE[0] - 0.3)
     spots = [
-        CALIBRATION.ear_at(place).spots(SCAN.targets(CENTRE, place, shift)) for shift in (0.0, 0.5)
+        CALIBRATION.probe_at(place).spots(SCAN.targets(CENTRE, place, shift))
+        for shift in (0.0, 0.5)
     ]
     moved = (spots[1] - spots[0])[:, :2] * (CALIBRATION.radius, 1.0)
     assert moved == pytest.approx(0.5 * SCAN.pitch)

@@ -36,12 +36,12 @@ def test_a_procedure_that_was_interrupted_asks_for_nothing(name):
     for _ in range(3):
         state, request = procedure.step(state, loop.reading())
         asked.append(request)
-    assert not all(request.asks_nothing for request in asked)
+    assert not all(request is NOTHING for request in asked)
     ended = replace(state, done=True)
     for _ in range(3):
         after, request = procedure.step(ended, loop.reading())
         assert after is ended
-        assert request.asks_nothing
+        assert request is NOTHING
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -52,14 +52,6 @@ def test_a_step_changes_neither_state_nor_configuration(name):
     for field in ("lights", "exposure", "focus", "water", "frame", "shots"):
         assert getattr(first, field) == getattr(again, field)
     np.testing.assert_array_equal(first.rates, again.rates)
-
-
-@pytest.mark.parametrize(
-    "some", [{"frame": True}, {"shots": 1}, {"water": False}, {"rates": np.array([0.0, 1e-9])}]
-)
-def test_anything_that_is_asked_for_is_something(some):
-    assert NOTHING.asks_nothing
-    assert not Request(**some).asks_nothing
 
 
 def test_a_tip_is_told_only_what_a_request_names():

@@ -290,7 +290,7 @@ def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
 
 def test_the_probe_is_told_of_wall_and_water_a_little_off(scene):
     rig, truth = draw_mission(1)
-    ear = rig.calibration.ear_at(rig.place)
+    ear = rig.calibration.probe_at(rig.place)
     assert ear.thickness != truth.wet.thickness
     assert ear.thickness == pytest.approx(truth.wet.thickness, rel=0.05)
     assert ear.temperature != truth.temperature

@@ -56,11 +56,11 @@ class PlantView(HeadCalibration):
 
     def eye(self, where: Where) -> CalibratedCamera:
         """The camera where the catheter is."""
-        return self.eye_at(reading_of(where).place)
+        return self.camera_at(reading_of(where).place)
 
     def ear(self, where: Where) -> CalibratedProbe:
         """The probe where the catheter is."""
-        return self.ear_at(reading_of(where).place)
+        return self.probe_at(reading_of(where).place)
 
     def told(self) -> dict[str, Any]:
         """As plain values, for messages."""

@@ -73,7 +73,7 @@ def scanned(
     scan: ConsoleScan, view: PlantView, where: Where, command: Pair, interval: float
 ) -> tuple[ConsoleScan, ScanRequest]:
     """The scan after a tick with the head commanded to angles in degrees, and what it asks for."""
-    reading = reading_of(where, t=scan.waited, heard=scan.heard)
+    reading = reading_of(where, t=scan.waited, fired=scan.heard)
     state, request = RasterScan(calibration=view).step(scan.state, reading)
     wishes: list[Wish] = []
     if request.water:

@@ -208,23 +208,6 @@ class Planner:
         best = min(tries, key=lambda plan: plan.cost)
         return replace(best, feedforward_cost=tries[0].cost)
 
-    def improve(self, plan: PlannedPowers, start: HeatedState | None = None) -> PlannedPowers:
-        """The plan after one damped Gauss-Newton step on all its powers; never a worse one.
-
-        Parameters
-        ----------
-        plan : PlannedPowers
-            A plan of this planner.
-        start : HeatedState, optional
-            State from which it begins; settled without power if not given.
-        """
-        check_kind("plan", plan, PlannedPowers)
-        state = self._start(start)
-        power = self._improved(plan.power, plan.targets, state, float(plan.power[0]))
-        new = self._plan(power, plan.targets, state)
-        better = new if new.cost < plan.cost else plan
-        return replace(better, feedforward_cost=plan.feedforward_cost)
-
     def _receding(self, first: PlannedPowers, start: HeatedState) -> PlannedPowers:
         """Improve the powers of a horizon, keep the first of them, move on."""
         power, state = first.power.copy(), start

@@ -1,4 +1,4 @@
-"""Camera and probe as calibrated, and how they sit on the head."""
+"""Calibration of camera and probe, and of how they are mounted on the head."""
 
 from __future__ import annotations
 
@@ -14,31 +14,32 @@ from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
 ROOM_TEMPERATURE = 20.0
-"""Of the water in a flooded pipe, in degrees Celsius, where nothing else is known."""
+"""Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
 STRAIGHT = math.radians(30.0)
-"""Pan and tilt of the joints at which the camera looks along the pipe; a wire pulls one way."""
+"""Pan and tilt of the joints at which the camera looks along the pipe. A wire pulls in one
+direction only, so that half of its stroke is on either side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeadCalibration:
-    """Camera and probe as calibrated, and how they sit on the head.
+    """Calibration of camera and probe, and of how they are mounted on the head.
 
     Parameters
     ----------
     lens : Pinhole
     leds : (N, 3) array
-        Places of the lights in the camera, in metres.
+        Positions of the lights in camera coordinates, in metres.
     offset : (float, float)
-        Of the pivot off the axis of the pipe, in metres.
+        Offset of the pivot from the axis of the pipe, in metres.
     roll : float
-        Of the head about the axis of the pipe where the catheter's roll reads 0, in radians.
+        Roll of the head about the axis of the pipe where the catheter's roll reads 0, in radians.
     lever : float
-        From the pivot of the head to the lens, in metres.
+        Distance from the pivot of the head to the lens, in metres.
     probe : Probe
     radius, thickness : float
         Of the pipe and its wall, in metres.
     temperature : float
-        Of the water that it is flooded with, in degrees Celsius.
+        Of the water with which the pipe is flooded, in degrees Celsius.
     """
 
     lens: Pinhole
@@ -52,16 +53,16 @@ class HeadCalibration:
     temperature: float = ROOM_TEMPERATURE
 
     def mount_at(self, place: npt.ArrayLike) -> Mount:
-        """How the head sits in the pipe at an advance and a roll of the catheter (2,)."""
+        """Return the mount of the head at an advance and a roll (2,) of the catheter."""
         advance, roll = np.asarray(place, dtype=np.float64).tolist()
         return Mount(lever=self.lever, offset=self.offset, roll=self.roll + roll, advance=advance)
 
-    def eye_at(self, place: npt.ArrayLike) -> CalibratedCamera:
-        """The camera at an advance and a roll (2,)."""
+    def camera_at(self, place: npt.ArrayLike) -> CalibratedCamera:
+        """Return the camera at an advance and a roll (2,) of the catheter."""
         return CalibratedCamera(self.lens, self.mount_at(place), self.leds, self.radius)
 
-    def ear_at(self, place: npt.ArrayLike) -> CalibratedProbe:
-        """The probe at an advance and a roll (2,)."""
+    def probe_at(self, place: npt.ArrayLike) -> CalibratedProbe:
+        """Return the probe at an advance and a roll (2,) of the catheter."""
         return CalibratedProbe(
             self.probe,
             self.mount_at(place),

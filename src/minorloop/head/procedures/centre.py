@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
-from minorloop.head.procedures.values import NOTHING, Reading, Request, passed
+from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth
@@ -22,19 +22,19 @@ from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
 
 CONE = Cone(half=math.radians(30.0))
-"""Where the head may look; beyond, the lens touches the wall."""
+"""Directions in which the head may look; beyond, the lens touches the wall."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CentreState:
-    """What centring remembers.
+    """State of centring.
 
     ``place`` (2,) is phi and z of the point, as the first frame shows it once there is one;
-    ``pixel`` (2,) where it is in the first frame, if that is known; ``shown`` (2,) the pixel where
-    it was tracked last; ``sighted`` (2,) the angles of a head without sensors by the last frame.
-    ``verdict`` is that of the tracker, or ``not in view`` where the first frame does not show the
-    point whole; ``error`` in pixels from the middle, NaN where it is not tracked. ``near_since``:
-    from when on it has been in the middle without a break.
+    ``pixel`` (2,) its pixel in the first frame, if known; ``shown`` (2,) the pixel where it was
+    tracked last; ``sighted`` (2,) the angles of a head without sensors by the last frame.
+    ``verdict`` is that of the tracker, or ``not in view`` if the first frame does not show the
+    point whole; ``error`` in pixels from the middle, NaN if the point is not tracked. The point
+    has been in the middle without a break from ``near_since``.
     """
 
     place: FloatArray
@@ -55,7 +55,7 @@ NOT_IN_VIEW = "not in view"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Centring:
+class Centring(Procedure[CentreState]):
     """Tracker and servo in one loop.
 
     Parameters
@@ -63,29 +63,30 @@ class Centring:
     calibration : HeadCalibration
     gain : float
         Of the servo, in 1/s: the error falls to a third in 2 s. With 0.8 a head with weak wires
-        overshoots, and takes 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image.
+        overshoots, and needs 9 s instead of 6 to stay within 2 pixels of a 320 by 240 image.
     delay : float
-        From a change of the wanted angles to its effect in the image, in seconds: that of the
-        sensors, and most of that of the wires.
+        Delay from the wanted angles to the image in seconds: that of the sensors, and most of
+        that of the wires.
     soft : float
-        Error in pixels below which the gain falls: closer, the noise of the joints is most of it.
+        Error in pixels below which the gain falls, since most of it is noise of the joints.
     rate_limit : float
-        Fastest change of the wanted direction, in rad/s; wires do not follow a faster one.
+        Fastest change of the wanted direction in rad/s; wires do not follow a faster one.
     cone : Cone
-        Where the head may look.
+        Directions in which the head may look.
     in_middle : float
-        How near the middle the point is there, in pixels.
+        Distance from the middle in pixels at which the point is centred.
     still : float
-        For how many seconds it is to stay there.
+        Seconds for which it stays there.
     patience : float
-        Seconds that centring may take.
+        Longest duration in seconds.
     interval : float
         Time between frames, in seconds.
     hold_after : float
-        Seconds from the beginning after which the point is held against sway: the head is sent
-        where its joints would have to be, instead of integrating rates. Infinite without sway.
+        Seconds from the beginning after which the point is held against sway: the wanted angles
+        are then computed directly instead of from rates. Infinite without sway.
     by_image : bool
-        Whether the point tells the angles of the head, as its joints have no sensors.
+        Whether the angles of the head are estimated from the image, because its joints have no
+        sensors.
     """
 
     calibration: HeadCalibration
@@ -102,14 +103,11 @@ class Centring:
     by_image: bool = False
 
     def begin(self, place: npt.ArrayLike, pixel: npt.ArrayLike | None = None) -> CentreState:
-        """State of a head that is to centre phi and z (2,) of the wall, or what is at a pixel."""
+        """Return the state before centring phi and z (2,) of the wall, or what a pixel shows."""
         shown = None if pixel is None else np.asarray(pixel, dtype=np.float64)
         return CentreState(place=np.asarray(place, dtype=np.float64), pixel=shown)
 
-    def step(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
-        """The next state, and the angles that are asked for."""
-        if state.done:
-            return state, NOTHING
+    def _next(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
         state = replace(state, began=reading.t if state.began is None else state.began)
         if reading.image is None:
             return state, Request(frame=True)
@@ -129,35 +127,35 @@ class Centring:
     def pick(
         self, image: Image, pixel: npt.ArrayLike, reading: Reading
     ) -> tuple[Track, TrackState]:
-        """Begin to follow what is at a pixel.
+        """Begin to track what a pixel shows.
 
         Raises
         ------
         SignalError
-            If the image does not show it whole, or shows nothing that could be found again.
+            If the image does not show it whole, or shows no texture that could be found again.
         """
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).begin(image, pixel, pan, tilt)
 
     def follow(self, track: TrackState, reading: Reading, image: Any) -> tuple[Track, TrackState]:
-        """Where what is followed is in a frame."""
+        """Track it in the next frame."""
         pan, tilt = reading.angles.tolist()
         return self._tracker(reading).step(track, image, pan, tilt)
 
     def turn(
         self, commanded: npt.ArrayLike, pixel: npt.ArrayLike | None, reading: Reading
     ) -> ServoStep:
-        """Where a head that is commanded to (2,) angles is to turn for what is at a pixel."""
+        """Return the next wanted angles of a head at (2,) wanted angles, to centre a pixel."""
         servo = self._servo(reading)
         step, _ = servo.step(servo.begin(commanded), pixel, reading.angles)
         return step
 
     def _tracker(self, reading: Reading) -> PatchTracker:
-        return PatchTracker(self.calibration.eye_at(reading.place))
+        return PatchTracker(self.calibration.camera_at(reading.place))
 
     def _servo(self, reading: Reading) -> Servo:
         return Servo(
-            self.calibration.eye_at(reading.place),
+            self.calibration.camera_at(reading.place),
             gain=self.gain,
             delay=self.delay,
             interval=self.interval,
@@ -167,11 +165,11 @@ class Centring:
         )
 
     def _picked(self, state: CentreState, reading: Reading, image: Image) -> CentreState:
-        """The state with the piece about the point, as the first frame shows it."""
-        eye = self.calibration.eye_at(reading.place)
+        """Return the state with the patch about the point, as the first frame shows it."""
+        camera = self.calibration.camera_at(reading.place)
         pixel = state.pixel
         if pixel is None:
-            pixel = np.asarray(eye.pixel(state.place, *reading.angles.tolist()))
+            pixel = np.asarray(camera.pixel(state.place, *reading.angles.tolist()))
         try:
             picked, track = self.pick(image, pixel, reading)
         except SignalError:
@@ -187,21 +185,21 @@ class Centring:
         )
 
     def _distance(self, state: CentreState, reading: Reading) -> float | None:
-        """Distance of the point that was picked, within the limits of the focus."""
+        """Return the distance of the point in the first frame, within the limits of the focus."""
         if state.shown is None:
             return None
-        eye = self.calibration.eye_at(reading.place)
-        point = eye.lens.normalised(state.shown)
-        return LIMITS.focus(wall_depth(eye, point, *reading.angles.tolist()))
+        camera = self.calibration.camera_at(reading.place)
+        point = camera.lens.normalised(state.shown)
+        return LIMITS.focus(wall_depth(camera, point, *reading.angles.tolist()))
 
     def _angles(
         self, place: FloatArray, seen: FloatArray | None, reading: Reading
     ) -> tuple[FloatArray, FloatArray | None]:
-        """Angles of the head, and what the image tells of them."""
+        """Return the angles of the head, and those that the image gives."""
         if not self.by_image or seen is None:
             return reading.angles, None
-        eye = self.calibration.eye_at(reading.place)
-        sighted = sighted_angles(eye, place, seen, reading.angles)
+        camera = self.calibration.camera_at(reading.place)
+        sighted = sighted_angles(camera, place, seen, reading.angles)
         return (reading.angles, None) if sighted is None else (sighted, sighted)
 
     def _steer(
@@ -218,9 +216,8 @@ class Centring:
         return move, replace(state, servo=servo, hold=hold.begin(move.angles))
 
     def _judged(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
-        """The state with the error, and whether it is small for long enough."""
-        near = move.error < self.in_middle
-        since = (t if state.near_since is None else state.near_since) if near else None
+        """Return the state with the error, done if that has been small for long enough."""
+        since = held_since(state.near_since, t, move.error < self.in_middle)
         still = since is not None and passed(since, t, self.still)
         late = passed(state.began or 0.0, t, self.patience)
         return replace(state, error=move.error, near_since=since, done=still or late)

@@ -1,4 +1,4 @@
-"""Take the frames under switched lights in which defects are looked for, and outline one."""
+"""Take the frames under switched lights in which defects are searched, and outline a defect."""
 
 from __future__ import annotations
 
@@ -10,18 +10,24 @@ import numpy.typing as npt
 
 from minorloop.head.geometry import wall_distance
 from minorloop.head.procedures.meter import LIMITS, LightLimits
-from minorloop.head.procedures.values import NOTHING, LitCamera, Reading, Request
+from minorloop.head.procedures.values import (
+    NOTHING,
+    LitCamera,
+    Procedure,
+    Reading,
+    Request,
+)
 from minorloop.head.vision.defects import ALONE, SEQUENCE, Hole
 from minorloop.head.vision.reflectance_map import LitFrame
 
 SAME = 1.5e-3
-"""Farthest from where it was picked that a defect is the same one when it is seen again, in metres:
-what the looks from two places may differ by, and less than the distance of two defects."""
+"""Farthest distance in metres between two views of one defect: more than views from two places
+differ by, and less than the distance between two defects."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AcquisitionState:
-    """Gain under all lights, the looks so far, and whether the next frame was asked for."""
+    """Gain under all lights, the frames so far, and whether the next one was requested."""
 
     gain: float
     looks: tuple[LitFrame, ...] = ()
@@ -30,7 +36,7 @@ class AcquisitionState:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Acquisition:
+class Acquisition(Procedure[AcquisitionState]):
     """A frame under each light alone, one under none, and one under all.
 
     Parameters
@@ -41,13 +47,10 @@ class Acquisition:
     limits: LightLimits = LIMITS
 
     def begin(self, gain: float) -> AcquisitionState:
-        """State of a camera whose gain under all lights is known."""
+        """Return the state of a camera whose gain under all lights is known."""
         return AcquisitionState(gain=gain)
 
-    def step(self, state: AcquisitionState, reading: Reading) -> tuple[AcquisitionState, Request]:
-        """The next state, and the lights, exposure and frame that are asked for."""
-        if state.done:
-            return state, NOTHING
+    def _next(self, state: AcquisitionState, reading: Reading) -> tuple[AcquisitionState, Request]:
         if state.asked and reading.image is not None:
             pan, tilt = reading.angles.tolist()
             look = LitFrame(reading.image, pan, tilt, SEQUENCE[len(state.looks)])
@@ -63,7 +66,7 @@ class Acquisition:
 
 
 def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> tuple[LitFrame, ...]:
-    """Frames of an acquisition by a camera that stands still.
+    """Return the frames of an acquisition by a camera that does not move.
 
     Parameters
     ----------
@@ -89,7 +92,7 @@ def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> t
 def nearest(
     holes: Sequence[Hole], place: npt.ArrayLike, radius: float, reach: float = SAME
 ) -> Hole | None:
-    """The hole nearest to phi and z (2,) in a pipe of a radius, if it is within some metres."""
+    """Return the hole nearest to phi and z (2,) in a pipe of a radius; None beyond the reach."""
     off = [float(wall_distance(hole.place, place, radius)) for hole in holes]
     best = min(range(len(holes)), key=off.__getitem__, default=None)
     return None if best is None or off[best] > reach else holes[best]

@@ -1,4 +1,4 @@
-"""Sweep the focus about a guess and leave it where a region of the image is sharpest."""
+"""Sweep the focus about a guess and set it where a region of the image is sharpest."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
 from minorloop.head.geometry import Pinhole
-from minorloop.head.procedures.values import NOTHING, Reading, Request, passed
+from minorloop.head.procedures.values import Procedure, Reading, Request, passed
 from minorloop.head.vision import frame_checks
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.focus import FocusPeak, peak_of, sharpness
 
 LEAST_TRIES = 5
-"""Sharp frames without which a peak cannot be told."""
+"""Number of usable frames that a peak needs at least."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FocusState:
-    """What a sweep remembers.
+    """State of a sweep.
 
-    ``pixel`` (2,) is the middle of the region, ``guess`` the distance in metres, ``steps`` (N,)
-    the inverse distances in 1/m, ``curve`` the sharpness at those that were tried, ``values`` that
-    of the frames at the next one, to which the focus was ``sent``; ``sweep`` counts from 0.
+    ``pixel`` (2,) is the middle of the region, ``guess`` a distance in metres, ``steps`` (N,) the
+    inverse distances in 1/m, ``curve`` the sharpness at those that were tried. The focus was set
+    to the next one at ``sent``; ``values`` are the sharpness of its frames. ``sweep`` counts
+    from 0.
     """
 
     pixel: FloatArray
@@ -41,22 +42,22 @@ class FocusState:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Focusing:
+class Focusing(Procedure[FocusState]):
     """A sweep of the focus.
 
     Parameters
     ----------
     lens : Pinhole
-        Tells the size of a frame.
+        Its size is that of a frame.
     spread : float
-        The sweep goes this share beyond the guess either way, and further where the best is at
-        an end. The guess is that of the calibrated wall, right within some percent.
+        Relative width of the sweep on either side of the guess; further sweeps follow where the
+        best is at an end. The guess is that of the calibrated wall, right within some percent.
     tries : int
         Steps of a sweep, even in the inverse of the distance.
     wait, travel : float
-        Seconds to let pass after a step, and before the first, while the lens moves.
+        Seconds for which the lens moves to a step, and in addition to the first one.
     frames : int
-        How many are taken at a step.
+        Frames at each step.
     sweeps : int
         Most sweeps, each about the best of the one before.
     nearest, farthest : float
@@ -87,7 +88,7 @@ class Focusing:
             )
 
     def begin(self, pixel: npt.ArrayLike, guess: float) -> FocusState:
-        """State of a camera that is to be focused on a pixel (2,), at about a distance in metres.
+        """Return the state of a camera that focuses on a pixel (2,) at about a distance in metres.
 
         Raises
         ------
@@ -102,10 +103,7 @@ class Focusing:
         region = np.asarray(pixel, dtype=np.float64)
         return FocusState(pixel=region, guess=guess, steps=self._steps(1 / guess))
 
-    def step(self, state: FocusState, reading: Reading) -> tuple[FocusState, Request]:
-        """The next state, and the focus and frame that are asked for."""
-        if state.done:
-            return state, NOTHING
+    def _next(self, state: FocusState, reading: Reading) -> tuple[FocusState, Request]:
         if state.sent is None:
             distance = 1 / float(state.steps[len(state.curve)])
             return replace(state, sent=reading.t), Request(
@@ -123,11 +121,11 @@ class Focusing:
         level = float(np.mean(good)) if good else math.nan
         state = replace(state, values=(), sent=None, curve=(*state.curve, level))
         if len(state.curve) < self.tries:
-            return self.step(state, replace(reading, image=None))
+            return self._next(state, replace(reading, image=None))
         return self._swept(state, reading)
 
     def _swept(self, state: FocusState, reading: Reading) -> tuple[FocusState, Request]:
-        """Go to the peak of a sweep, or begin another about its best."""
+        """Set the focus to the peak of a sweep, or begin another sweep about its best step."""
         levels = np.array(state.curve)
         curve = np.stack([1 / state.steps, levels], axis=1)
         if np.isfinite(levels).sum() >= LEAST_TRIES:
@@ -137,12 +135,12 @@ class Focusing:
             if not inside and not at_limit and state.sweep + 1 < self.sweeps:
                 steps = self._steps(float(state.steps[best]))
                 again = replace(state, steps=steps, curve=(), sweep=state.sweep + 1)
-                return self.step(again, replace(reading, image=None))
+                return self._next(again, replace(reading, image=None))
         found = peak_of(curve, state.guess, LEAST_TRIES)
         return replace(state, found=found, done=True), Request(focus=found.distance)
 
     def _steps(self, middle: float) -> FloatArray:
-        """(tries,) inverse distances about one, nearest first."""
+        """Return (tries,) inverse distances about one, nearest first."""
         low, high = 1 / self.farthest, 1 / self.nearest
         ends = np.clip([middle * (1 - self.spread), middle * (1 + self.spread)], low, high)
         return np.linspace(ends[1], ends[0], self.tries)
@@ -151,6 +149,6 @@ class Focusing:
         return self.wait if state.curve else self.travel + self.wait
 
     def _sharpness(self, image: Image, pixel: FloatArray) -> float:
-        """How sharp the region is; NaN where the frame is not good."""
+        """Return the sharpness of the region, NaN if the frame is not usable."""
         good = frame_checks.judge(image, self.lens) == frame_checks.GOOD
         return sharpness(image, pixel) if good else math.nan

@@ -13,11 +13,11 @@ from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import CONE, CentreState, Centring
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.meter import Metering, MeterState
-from minorloop.head.procedures.values import NOTHING, Reading, Request
+from minorloop.head.procedures.values import Procedure, Reading, Request
 
 APPROACH = 0.6
-"""Share of the deflection to which the head is turned before the servo takes over, so that it comes
-to a place from the side of the axis and is not driven past the cone."""
+"""Share of the deflection to which the head turns before the servo takes over. The servo then
+approaches from the side of the axis and does not drive the head beyond the cone."""
 
 
 def aim_at(
@@ -56,7 +56,7 @@ class MarkState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Marking:
+class Marking(Procedure[MarkState]):
     """Turn towards a place, meter the light, and centre it.
 
     Parameters
@@ -69,13 +69,10 @@ class Marking:
     go: Go = GO
 
     def begin(self, place: npt.ArrayLike, gain: float = 1.0) -> MarkState:
-        """State of an axis that is to meet phi and z (2,) of the wall, at a gain of the camera."""
+        """Return the state of a move of the axis to phi and z (2,), at a gain of the camera."""
         return MarkState(place=np.asarray(place, dtype=np.float64), gain=gain)
 
-    def step(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
-        """The next state, and what is asked for."""
-        if state.done:
-            return state, NOTHING
+    def _next(self, state: MarkState, reading: Reading) -> tuple[MarkState, Request]:
         if state.go is None or not state.go.done:
             aim = aim_at(self.calibration, state.place, reading.place, APPROACH)
             go, request = self.go.step(state.go or self.go.begin(angles=aim), reading)

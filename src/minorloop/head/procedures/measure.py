@@ -1,4 +1,4 @@
-"""Make a burst of shots into one trace, and the bursts of a raster into a depth and a map."""
+"""Average a burst of shots to one trace, and map the wall from the bursts of a raster."""
 
 from __future__ import annotations
 
@@ -18,45 +18,45 @@ from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.lab.actuator import Shot
 
 MOST_OFF = 0.8e-3
-"""How far off its point of the raster a burst may be, in metres. Each is fitted where it was, so
-that only what leaves the raster is refused: two and a half steps."""
+"""Farthest distance in metres of a burst from its point of the raster. Each is fitted where it was
+measured, so that only bursts outside the raster are refused: two and a half steps."""
 PATCH = 2.4e-3
-"""Side of the map about a finding, in metres: the raster, and a footprint of the beam beyond."""
+"""Side of the map about a finding in metres: the raster and a footprint of the beam around it."""
 NO_COUPLING = "no coupling"
 
 
-def hears_wall(shots: Sequence[Shot], ear: CalibratedProbe) -> bool:
-    """Whether the wall answers at all, as it does in water only."""
-    return choose_modality(shots, ear.radius - ear.probe.face, ear.speed) == "sonar"
+def wall_answers(shots: Sequence[Shot], probe: CalibratedProbe) -> bool:
+    """Whether there is an echo of the wall, as there is in water only."""
+    return choose_modality(shots, probe.radius - probe.probe.face, probe.speed) == "sonar"
 
 
 def burst_of(
     shots: Sequence[Shot],
     angles: npt.ArrayLike,
     wanted: npt.ArrayLike,
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     *,
     first: bool,
 ) -> Burst:
-    """One trace of a burst, with its verdict.
+    """Average a burst to one trace with a verdict.
 
     Parameters
     ----------
     shots : sequence of Shot
         Of the burst.
     angles, wanted : (2,) array_like
-        Line of sight in radians as measured, and as it was wanted.
-    ear : CalibratedProbe
-        The probe where the catheter is.
+        Line of sight as measured and as wanted, in radians.
+    probe : CalibratedProbe
+        At the place of the catheter.
     first : bool
-        Whether it is the first of a raster: the verdict is then ``no coupling`` where the wall
-        does not answer.
+        Whether it is the first of a raster: the verdict is then ``no coupling`` if there is no
+        echo of the wall.
     """
-    spot, aimed = ear.spots(np.array([angles, wanted]))[:, :2]
-    off = float(wall_distance(spot, aimed, ear.radius))
+    spot, aimed = probe.spots(np.array([angles, wanted]))[:, :2]
+    off = float(wall_distance(spot, aimed, probe.radius))
     count = len(shots)
     burst = average(shots, np.tile(angles, (count, 1)), np.full(count, off), most_off=MOST_OFF)
-    if first and not burst.verdict and not hears_wall(shots, ear):
+    if first and not burst.verdict and not wall_answers(shots, probe):
         return replace(burst, trace=np.empty(0), used=0, verdict=NO_COUPLING)
     return burst
 
@@ -64,29 +64,29 @@ def burst_of(
 def wall_about(
     pit: PitDepth,
     bursts: Sequence[Burst],
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     centre: tuple[float, float],
     diameter: float,
     *,
     seen: Callable[[Patch], FloatArray] | None = None,
 ) -> DepthMap:
-    """The map of depth about a pit.
+    """Map the depth of the wall about a pit.
 
     Parameters
     ----------
     pit : PitDepth
         As measured.
     bursts : sequence of Burst
-    ear : CalibratedProbe
+    probe : CalibratedProbe
     centre : (float, float)
-        Phi and z of the mouth as the camera saw it.
+        Phi and z of the mouth by the camera.
     diameter : float
-        Of the mouth as the camera saw it, in metres.
+        Of the mouth by the camera, in metres.
     seen : callable, optional
-        Gives the logarithm (rows, columns) of what a camera saw on a patch.
+        Returns the logarithm (rows, columns) of the image of a patch.
     """
-    patch = Patch.around(pit.phi, pit.z, size=PATCH, radius=ear.radius)
+    patch = Patch.around(pit.phi, pit.z, size=PATCH, radius=probe.radius)
     image = None if seen is None else seen(patch)
     outline = None if image is None else outline_of(image, patch, centre, diameter)
-    heard = mean_depths(bursts, ear, patch, pit) if np.isfinite(pit.depth) else None
-    return fuse(pit, heard, patch, image=image, outline=outline)
+    echoes = mean_depths(bursts, probe, patch, pit) if np.isfinite(pit.depth) else None
+    return fuse(pit, echoes, patch, image=image, outline=outline)

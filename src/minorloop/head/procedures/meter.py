@@ -9,26 +9,26 @@ import numpy as np
 
 from minorloop.errors import ParameterError
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.values import NOTHING, Reading, Request, passed
+from minorloop.head.procedures.values import Procedure, Reading, Request, passed
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.jacobian import wall_depth
 
 
 @dataclass(frozen=True, kw_only=True)
 class LightLimits:
-    """What camera and light are set to.
+    """Settings of camera and light, and their limits.
 
     Parameters
     ----------
     exposure : float
-        Seconds that the shutter is open: short enough not to smear at 10 degrees a second.
+        Exposure time in seconds: short enough not to smear at 10 degrees a second.
     grey : float
-        Mean grey level that the gain is set for: half of what saturates would leave no room for
+        Mean grey level for which the gain is set. Half of full scale would leave no room for
         glints.
     least_gain, most_gain : float
         Limits of the gain.
     nearest, farthest : float
-        Distances in metres that the focus is sent to: the camera's own limits, with a margin.
+        Limits of the focus in metres: those of the camera, with a margin.
     """
 
     exposure: float = 0.01
@@ -39,7 +39,7 @@ class LightLimits:
     farthest: float = 55e-3
 
     def focus(self, distance: float) -> float:
-        """A distance, or the nearest that the focus is sent to."""
+        """Return a distance, clipped to the limits of the focus."""
         return float(np.clip(distance, self.nearest, self.farthest))
 
 
@@ -48,7 +48,7 @@ LIMITS = LightLimits()
 
 @dataclass(frozen=True, kw_only=True)
 class MeterState:
-    """Gain; when metering began, a frame was metered last, and the focus was sent last."""
+    """Gain, and the times at which metering began, metered last and set the focus last."""
 
     gain: float = 1.0
     began: float | None = None
@@ -58,24 +58,24 @@ class MeterState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Metering:
-    """The gain follows the brightness, and the focus the wall in front of the camera.
+class Metering(Procedure[MeterState]):
+    """Gain that follows the brightness, and focus that follows the wall ahead.
 
     Parameters
     ----------
     calibration : HeadCalibration
     limits : LightLimits
     share : float
-        Exponent of grey wanted over grey seen, for each frame that is metered.
+        Exponent of the wanted grey level over the measured one, for each metered frame.
     every : float
-        Seconds from one frame that is metered to the next.
+        Seconds between metered frames.
     refocus : float
-        Seconds from one sending of the focus to the next.
+        Seconds between settings of the focus.
     focusing : bool
-        Whether the focus is sent at all.
+        Whether the focus is set at all.
     seconds : float
-        How long it takes; infinite for a loop that meters on and on. In 1 s the error of the
-        gain falls below the noise, and the focus arrives.
+        Duration; infinite for a loop that meters all the time. In 1 s the error of the gain
+        falls below the noise, and the focus arrives.
     """
 
     calibration: HeadCalibration
@@ -87,36 +87,32 @@ class Metering:
     seconds: float = 1.0
 
     def begin(self, gain: float = 1.0) -> MeterState:
-        """State of a camera whose gain is known."""
+        """Return the state of a camera whose gain is known."""
         return MeterState(gain=gain)
 
-    def step(self, state: MeterState, reading: Reading) -> tuple[MeterState, Request]:
-        """The next state, and the exposure and focus that are asked for."""
-        if state.done:
-            return state, NOTHING
+    def _next(self, state: MeterState, reading: Reading) -> tuple[MeterState, Request]:
         t = reading.t
         began = t if state.began is None else state.began
-        state = replace(state, began=began)
-        if passed(began, t, self.seconds):
-            state = replace(state, done=True)
+        state = replace(state, began=began, done=passed(began, t, self.seconds))
         exposure = focus = None
         if reading.image is not None and passed(state.metered, t, self.every):
             state = replace(state, gain=self._gain(state.gain, reading.image), metered=t)
             exposure = self.limits.exposure, state.gain
         if self.focusing and passed(state.focused, t, self.refocus):
             focus, state = self.ahead(reading), replace(state, focused=t)
-        # A frame that will be metered at the next tick or later is asked for now.
+        # A frame that is metered at the next tick or later is requested now.
         due = not state.done and passed(state.metered, t, self.every - 0.05)
         return state, Request(exposure=exposure, focus=focus, frame=due)
 
     def ahead(self, reading: Reading) -> float:
-        """Distance of the wall in front of the camera, within the limits of the focus."""
-        eye = self.calibration.eye_at(reading.place)
+        """Return the distance of the wall ahead, within the limits of the focus."""
+        camera = self.calibration.camera_at(reading.place)
+        pan, tilt = reading.angles.tolist()
         try:
-            far = wall_depth(eye, np.zeros(2), float(reading.angles[0]), float(reading.angles[1]))
+            distance = wall_depth(camera, np.zeros(2), pan, tilt)
         except ParameterError:
-            far = self.limits.farthest
-        return self.limits.focus(far)
+            distance = self.limits.farthest
+        return self.limits.focus(distance)
 
     def _gain(self, gain: float, image: Image) -> float:
         mean = max(float(image[::4, ::4].mean()), 1.0)

@@ -1,4 +1,4 @@
-"""A loop without an operator: it drives procedures to their end on a plant and a tip."""
+"""A loop without an operator: it runs procedures to their end on a plant and a tip."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from minorloop.head.procedures.values import (
 
 @dataclass(frozen=True)
 class LogEntry:
-    """A line of a log: when something was done, in seconds, what, and what came of it."""
+    """Entry of a log: the time in seconds, the action, and its result."""
 
     t: float
     what: str
@@ -42,10 +42,10 @@ class InspectionRig:
         Of the plant's head.
     calibration : HeadCalibration
     gyroscope : callable, optional
-        Gives the pan and tilt (2,), in radians, by which the base of the head is turned.
+        Returns the pan and tilt (2,) by which the base of the head is turned, in radians.
     sensors : bool
-        Whether the joints have sensors. Without them the model of the wires tells the angles,
-        and control uses what a procedure sights.
+        Whether the joints have sensors. Without them the angles are those of the model of the
+        wires, and control uses the angles that a procedure estimates from the image.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class InspectionRig:
 
     @property
     def t(self) -> float:
-        """Seconds since the rig was made."""
+        """Seconds since the rig was created."""
         return self._ticks * self.plant.tick
 
     @property
@@ -81,14 +81,14 @@ class InspectionRig:
 
     @property
     def angles(self) -> FloatArray:
-        """(2,) pan and tilt in radians as the joints, or the model of the wires, tell them."""
+        """(2,) pan and tilt in radians by the joints, or by the model of the wires."""
         if self._sensors:
             return np.asarray(np.radians(self._known[:2]) - STRAIGHT)
         own = np.array([axis.estimate.wire.angle for axis in self._state.axes])
         return np.asarray(np.radians(np.asarray(self.control.coupling) @ own) - STRAIGHT)
 
     def reading(self, request: Request | None = None) -> Reading:
-        """What is known now, with the frame and the burst of a request."""
+        """Carry out a request on the tip and return the reading, with its frame and its burst."""
         asked = request or Request()
         apply_to_tip(self.tip, asked)
         return Reading(
@@ -98,19 +98,19 @@ class InspectionRig:
             base=np.zeros(2) if self._gyroscope is None else self._gyroscope(),
             image=self.tip.frame().image if asked.frame else None,
             shots=tuple(self.tip.shots(asked.shots)) if asked.shots else (),
-            heard=asked.shots > 0,
+            fired=asked.shots > 0,
         )
 
     def run(
         self, procedure: Procedure[State], state: State, each: Callable[[State], None] | None = None
     ) -> State:
-        """Drive a procedure to its end.
+        """Run a procedure to its end and return its last state.
 
         Parameters
         ----------
         procedure : Procedure
         state : State
-            As its ``begin`` gives it.
+            From its ``begin``.
         each : callable, optional
             Called with the state after every tick.
         """
@@ -125,11 +125,11 @@ class InspectionRig:
                 each(state)
 
     def say(self, what: str, outcome: str) -> None:
-        """Write a line of the log."""
+        """Add an entry to the log."""
         self.log.append(LogEntry(self.t, what, outcome))
 
     def _tick(self, request: Request) -> None:
-        """Send the head towards its angles, and the catheter on, for one tick."""
+        """Move head and catheter as requested for one tick."""
         if request.angles is not None:
             self._commanded = request.angles
         read = self._read[:2]

@@ -1,4 +1,4 @@
-"""Trace cracks in acquisitions, tell one course from another, and say where to scan across one."""
+"""Trace cracks in acquisitions, compare courses, and choose where to scan across a crack."""
 
 from __future__ import annotations
 
@@ -15,21 +15,20 @@ from minorloop.head.vision.cracks import TracedCrack, trace_cracks
 from minorloop.head.vision.defects import Findings
 
 AGAIN = {"high": 0.25, "low": 0.12}
-"""Heights of a ridge that suffice where a course is not seen again by the usual ones: it is known
-where to look."""
+"""Lower heights of a ridge, used if the usual ones do not show a known course again."""
 BESIDE, SHARED = 0.6e-3, 0.5
-"""How far apart two courses may run, in metres, and over which share of the shorter, to be one."""
+"""Two courses are one if they are nearer than this, in metres, over this share of the shorter."""
 LONGER = 1.1
-"""How many times as long as by the nearer look a crack is by another, for that to be its course:
-the nearer look may end before the crack does."""
+"""Ratio of lengths from which the farther view of a crack is used as its course: the nearer image
+may not contain the whole crack."""
 EVEN = 0.5e-3
 """Length over which the width of a crack is averaged, in metres."""
 TEXEL, MARGIN = 0.05e-3, 0.6e-3
-"""Of the map of a crack: size of a texel, and what is shown around, in metres."""
+"""Size of a texel of the map of a crack, and margin about the crack, in metres."""
 
 
 def traces_of(looks: Findings, radius: float, **heights: float) -> tuple[TracedCrack, ...]:
-    """What looks like a crack in an acquisition, away from what looks like holes.
+    """Trace cracks in an acquisition, except at the rims of holes.
 
     Parameters
     ----------
@@ -47,7 +46,7 @@ def traces_of(looks: Findings, radius: float, **heights: float) -> tuple[TracedC
 
 
 def traced_again(looks: Findings, course: FloatArray, radius: float) -> tuple[TracedCrack, ...]:
-    """Traces of an acquisition that are those of a course (N, 2) which is known."""
+    """Return the traces of an acquisition that belong to a known course (N, 2)."""
     for traces in (traces_of(looks, radius), traces_of(looks, radius, **AGAIN)):
         same = tuple(trace for trace in traces if one_course(trace.places, course, radius))
         if same:
@@ -58,7 +57,7 @@ def traced_again(looks: Findings, course: FloatArray, radius: float) -> tuple[Tr
 def likely(
     traces: Sequence[TracedCrack], tried: Sequence[TracedCrack], radius: float
 ) -> list[tuple[TracedCrack, int]]:
-    """Courses that were not tried, in how many looks each was seen, the surest first."""
+    """Return untried courses, the surest first, and in how many acquisitions each was traced."""
     groups: list[list[TracedCrack]] = []
     for trace in sorted(traces, key=lambda trace: -trace.length):
         for group in groups:
@@ -76,24 +75,24 @@ def likely(
 
 
 def one_course(one: FloatArray, other: FloatArray, radius: float) -> bool:
-    """Whether two courses (N, 2) and (M, 2) are those of one crack."""
+    """Whether two courses (N, 2) and (M, 2) belong to one crack."""
     off = between(one, other, radius)
     shares = (off.min(axis=1) < BESIDE).mean(), (off.min(axis=0) < BESIDE).mean()
     return bool(max(shares) > SHARED)
 
 
 def between(one: npt.ArrayLike, other: npt.ArrayLike, radius: float) -> FloatArray:
-    """(N, M) metres along the wall between the places of two courses."""
+    """Return distances (N, M) along the wall between the places of two courses, in metres."""
     return wall_distance(np.asarray(one)[:, None], np.asarray(other)[None], radius)
 
 
 def whole_course(near: TracedCrack, far: TracedCrack) -> TracedCrack:
-    """Of a nearer and a farther look at one crack, that which shows its course."""
+    """Return the near view of a crack, or the far one if that is much longer."""
     return far if far.length > LONGER * near.length else near
 
 
 def widest(traced: TracedCrack) -> tuple[FloatArray, float]:
-    """Where a crack is widest, over half a millimetre, and how wide."""
+    """Return the widest place (2,) of a crack, averaged over half a millimetre, and its width."""
     step = traced.length / max(len(traced.places) - 1, 1)
     even = uniform_filter1d(traced.widths, max(round(EVEN / step), 1), mode="nearest")
     best = int(np.argmax(even))
@@ -101,7 +100,7 @@ def widest(traced: TracedCrack) -> tuple[FloatArray, float]:
 
 
 def patch_about(places: FloatArray, radius: float) -> Patch:
-    """A rectangle of the wall about a course (N, 2)."""
+    """Return a rectangle of the wall about a course (N, 2)."""
     middle = float(places[len(places) // 2, 0])
     around = radius * wrapped(places[:, 0] - middle)
     left, low = float(around.min()) - MARGIN, float(places[:, 1].min()) - MARGIN

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -21,7 +22,7 @@ def _zeros() -> FloatArray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reading:
-    """What a tick of the loop told.
+    """Measurements of one tick of the loop.
 
     Parameters
     ----------
@@ -32,14 +33,14 @@ class Reading:
     place : (2,) array
         Advance and roll of the catheter as measured.
     base : (2,) array
-        By how much the flow of the water has turned the base of the head, as a gyroscope
-        measures it; the joints do not measure that. Zero where there is no gyroscope.
+        Pan and tilt by which the flow of the water has turned the base of the head, as a
+        gyroscope measures them; the joints do not. Zero where there is no gyroscope.
     image : array, optional
-        A frame that was taken at these angles; None where none was asked for.
+        A frame that was taken at these angles; None where none was requested.
     shots : tuple of Shot
-        The burst that was asked for.
-    heard : bool
-        Whether the burst that was asked for has been fired.
+        The burst that was requested.
+    fired : bool
+        Whether the burst that was requested has been fired.
     """
 
     t: float
@@ -48,37 +49,37 @@ class Reading:
     base: FloatArray = field(default_factory=_zeros)
     image: Image | None = None
     shots: tuple[Shot, ...] = ()
-    heard: bool = False
+    fired: bool = False
 
     @property
     def line_of_sight(self) -> FloatArray:
-        """(2,) pan and tilt in the pipe: of the joints and of the base."""
+        """(2,) pan and tilt in the pipe: those of the joints plus those of the base."""
         return self.angles + self.base
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Request:
-    """What a procedure asks for; what it does not name stays as it is.
+    """Request of a procedure; what it does not name stays as it is.
 
     Parameters
     ----------
     angles : (2,) array, optional
-        Pan and tilt that the head is to go to.
+        Pan and tilt to which the head goes.
     rates : (2,) array
         Of advance and roll, for one tick.
     sighted : (2,) array, optional
-        Pan and tilt of the head as the image tells them; they stand for the readings of joints
+        Pan and tilt of the head estimated from the image. They replace the readings of joints
         that have no sensors.
     lights : tuple of bool, optional
         Which lights are on from the next frame.
     exposure : (float, float), optional
         Exposure time and gain from the next frame.
     focus : float, optional
-        Distance that the focus is sent to.
+        Distance of the focus.
     water : bool, optional
-        Whether the pipe is to be full of water.
+        Whether the pipe is flooded.
     frame : bool
-        Whether the next reading is to have a frame.
+        Whether the next reading contains a frame.
     shots : int
         Number of shots in the burst of the next reading.
     """
@@ -93,33 +94,31 @@ class Request:
     frame: bool = False
     shots: int = 0
 
-    @property
-    def asks_nothing(self) -> bool:
-        """Whether nothing is asked for."""
-        wanted = (self.angles, self.sighted, self.lights, self.exposure, self.focus, self.water)
-        some = any(value is not None for value in wanted) or self.frame or self.shots > 0
-        return not some and not np.any(self.rates)
-
 
 NOTHING = Request()
 
 
 class ProcedureState(Protocol):
-    """What a procedure remembers."""
+    """State of a procedure."""
 
     @property
     def done(self) -> bool:
-        """Whether the procedure has ended; it asks for nothing from then on."""
+        """Whether the procedure has ended; it requests nothing from then on."""
 
 
 State = TypeVar("State", bound=ProcedureState)
 
 
-class Procedure(Protocol[State]):
+class Procedure(ABC, Generic[State]):
     """Steps that a loop drives."""
 
     def step(self, state: State, reading: Reading) -> tuple[State, Request]:
-        """The next state, and what is asked for."""
+        """Return the next state and the request; both stay the same once the state is done."""
+        return (state, NOTHING) if state.done else self._next(state, reading)
+
+    @abstractmethod
+    def _next(self, state: State, reading: Reading) -> tuple[State, Request]:
+        """Return the state after one that is not done, and the request."""
 
 
 @runtime_checkable
@@ -128,7 +127,7 @@ class Plant(Protocol):
 
     @property
     def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
+        """Duration of one ``exchange``, in seconds."""
 
     def exchange(self, u: FloatArray) -> FloatArray:
         """Hold pan and tilt currents in A, advance in mm/s and roll in degrees/s for a tick.
@@ -140,20 +139,20 @@ class Plant(Protocol):
         """
 
     def stance(self) -> tuple[float, ...]:
-        """What a simulated tip has to be told of where it is; a real one needs nothing."""
+        """Return the pose that a simulated tip needs; a real tip needs none."""
 
     def safe(self) -> None:
-        """Let the wires cool and stop the catheter."""
+        """Switch off the currents of the wires and stop the catheter."""
 
 
 class LitCamera(FrameSource, Protocol):
     """A camera with lights that are switched one by one."""
 
     def switch(self, lights: Sequence[bool]) -> None:
-        """Say which lights are on from the next frame."""
+        """Set which lights are on from the next frame."""
 
     def expose(self, exposure: float, gain: float = 1.0) -> None:
-        """Set how long the shutter is open, in seconds, and the gain."""
+        """Set the exposure time in seconds, and the gain."""
 
 
 @runtime_checkable
@@ -161,20 +160,20 @@ class Tip(LitCamera, Protocol):
     """A camera with lights, and a probe."""
 
     def stand(self, stance: tuple[float, ...]) -> None:
-        """Take in what the plant says of where it is."""
+        """Take over the pose of the plant."""
 
     def focus_at(self, distance: float) -> None:
-        """Send the focus of the camera to a distance in metres."""
+        """Set the focus of the camera to a distance in metres."""
 
     def flood(self, on: bool) -> None:
-        """Fill the pipe with water for the probe, or let it out."""
+        """Fill the pipe with water for the probe, or drain it."""
 
     def shots(self, count: int) -> list[Shot]:
         """Fire pulses, one after the other."""
 
 
 def apply_to_tip(tip: Tip, request: Request) -> None:
-    """Set lights, exposure, focus and water as a request asks."""
+    """Set lights, exposure, focus and water as requested."""
     if request.lights is not None:
         tip.switch(request.lights)
     if request.exposure is not None:
@@ -186,5 +185,12 @@ def apply_to_tip(tip: Tip, request: Request) -> None:
 
 
 def passed(since: float, now: float, seconds: float) -> bool:
-    """Whether so many seconds have passed, rounding of the clock apart."""
+    """Whether a number of seconds has passed, up to rounding of the clock."""
     return now - since >= seconds - 1e-6
+
+
+def held_since(before: float | None, now: float, holds: bool = True) -> float | None:
+    """Return the time from which a condition has held without a break, None if it does not."""
+    if not holds:
+        return None
+    return now if before is None else before

@@ -24,7 +24,7 @@ from minorloop.head.procedures.centre import CONE, CentreState, Centring
 from minorloop.head.procedures.go import Go
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
-from minorloop.head.procedures.values import Reading, Request, apply_to_tip
+from minorloop.head.procedures.values import Procedure, Reading, Request, apply_to_tip
 from minorloop.head.studies import scoring
 from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.catheter import Catheter
@@ -211,8 +211,8 @@ def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
 
 
 @dataclass(frozen=True, eq=False)
-class Swinging:
-    """Track a point while the head is swung about it.
+class Swinging(Procedure[CentreState]):
+    """Track a point while the head swings about it.
 
     Parameters
     ----------
@@ -225,8 +225,7 @@ class Swinging:
     centring: Centring
     aim: FloatArray
 
-    def step(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
-        """The next state, and the swing."""
+    def _next(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
         state, request = self.centring.step(state, reading)
         phase = MOTION / 7.0 * (reading.t - (state.began or 0.0))
         swing = np.radians(7.0 * np.sin(phase) * np.array([1.0, 0.6]))

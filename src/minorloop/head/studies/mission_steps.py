@@ -61,7 +61,7 @@ def look(rig: InspectionRig) -> Findings:
     """Five frames and what is in them."""
     acquisition = Acquisition()
     looks = rig.run(acquisition, acquisition.begin(rig.gain)).looks
-    return find_holes(looks, rig.calibration.eye_at(rig.place))
+    return find_holes(looks, rig.calibration.camera_at(rig.place))
 
 
 def photo(rig: InspectionRig) -> Photo:
@@ -69,7 +69,7 @@ def photo(rig: InspectionRig) -> Photo:
     now = rig.reading(Request(frame=True))
     assert now.image is not None
     pan, tilt = now.angles.tolist()
-    return Photo(now.image, rig.calibration.eye_at(now.place), (pan, tilt))
+    return Photo(now.image, rig.calibration.camera_at(now.place), (pan, tilt))
 
 
 def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:

@@ -58,7 +58,7 @@ def scan(
     bursts = rig.run(scanning, scanning.begin(place, shift=shift)).bursts
     heard = bool(bursts) and bursts[0].verdict != NO_COUPLING
     rig.say("modality", "the wall is heard" if heard else "no echo: camera only")
-    return rig.calibration.ear_at(rig.place), list(bursts)
+    return rig.calibration.probe_at(rig.place), list(bursts)
 
 
 def drain(rig: InspectionRig) -> None:
@@ -81,7 +81,7 @@ def rebuilt(
 
 def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round: where the wall answers, and how far it is."""
-    ear = rig.calibration.ear_at(rig.place)
+    ear = rig.calibration.probe_at(rig.place)
     turn(rig, raster(ear, place, points=1)[0])
     profiles = []
     for k in range(TURNS):
@@ -89,7 +89,7 @@ def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, Wate
         now = rig.reading(Request(shots=RING_SHOTS))
         angles = np.tile(now.line_of_sight, (RING_SHOTS, 1))
         burst = average(now.shots, angles, np.zeros(RING_SHOTS))
-        profiles.append(wall_profile([burst], rig.calibration.ear_at(now.place)))
+        profiles.append(wall_profile([burst], rig.calibration.probe_at(now.place)))
     profile = joined(profiles)
     water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)
     band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
