@@ -296,19 +296,6 @@ class Pinhole:
         plain = self.normalised(pixels)
         return np.concatenate([plain, np.ones_like(plain[..., :1])], axis=-1)
 
-    def project_jacobian(self, point: npt.ArrayLike) -> FloatArray:
-        """(2, 3) derivative of ``project`` at one (3,) point in front of the camera."""
-        x, y, z = np.asarray(point, dtype=np.float64)
-        a, b = x / z, y / z
-        square = a * a + b * b
-        scale = 1 + square * (self.k1 + square * self.k2)
-        slope = 2 * self.k1 + 4 * self.k2 * square
-        plain = np.array([a, b])
-        distorted = scale * np.eye(2) + slope * np.outer(plain, plain)
-        perspective = np.array([[1 / z, 0.0, -a / z], [0.0, 1 / z, -b / z]])
-        jacobian: FloatArray = self.focal * distorted @ perspective
-        return jacobian
-
     def scaled(self, factor: float) -> Pinhole:
         """The same camera with pixels ``1 / factor`` times as large."""
         u, v = self.centre
@@ -375,21 +362,6 @@ def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -
     return np.stack([phi, z, length], axis=-1)
 
 
-def meet_wall_jacobian(
-    origin: npt.ArrayLike, direction: npt.ArrayLike, radius: float
-) -> FloatArray:
-    """(2, 3) derivative of (phi, z) of ``meet_wall`` with respect to one (3,) direction.
-
-    The wall point moves by s (I - d n^T / (n . d)) along the wall, n its normal.
-    """
-    d = np.asarray(direction, dtype=np.float64)
-    phi, _, length = meet_wall(origin, d, radius)
-    normal = np.array([np.cos(phi), np.sin(phi), 0.0])
-    shift = length * (np.eye(3) - np.outer(d, normal) / (normal @ d))
-    around = np.array([-np.sin(phi), np.cos(phi), 0.0]) / radius
-    return np.stack([around @ shift, shift[2]])
-
-
 def wall_point(phi: npt.ArrayLike, z: npt.ArrayLike, radius: float) -> FloatArray:
     """Points (..., 3) of the wall at phi in radians and z in metres."""
     angle, along = np.broadcast_arrays(
@@ -415,38 +387,3 @@ def wall_lengths(course: npt.ArrayLike, radius: float) -> FloatArray:
     """(N,) metres along the wall from the first of places (N, 2), each phi and z."""
     places = np.asarray(course, dtype=np.float64)
     return np.concatenate([[0.0], np.cumsum(wall_distance(places[1:], places[:-1], radius))])
-
-
-def cone_half_angle(lever: float, nose: float, radius: float, eccentricity: float = 0.0) -> float:
-    """Largest deflection, in radians, before the nose of the head touches the wall.
-
-    Parameters
-    ----------
-    lever : float
-        From the pivot to the front face, in metres.
-    nose : float
-        Radius of the front face, in metres.
-    radius : float
-        Of the pipe, in metres.
-    eccentricity : float
-        Of the pivot, towards the wall, in metres.
-
-    Notes
-    -----
-    The rim of the face is lever sin(a) + nose cos(a) off the axis; that must not pass
-    radius - eccentricity. A quarter turn is the most that is given.
-
-    Raises
-    ------
-    ParameterError
-        If the head does not fit even when it is straight.
-    """
-    room = radius - eccentricity
-    if not 0 < nose < room:
-        raise ParameterError(
-            f"a nose of radius {nose:.4g} m has {room:.4g} m of room; the head does not fit"
-        )
-    reach = float(np.hypot(lever, nose))
-    if room >= reach:
-        return float(np.pi / 2)
-    return float(np.arcsin(room / reach) - np.arctan2(nose, lever))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from minorloop.head.geometry import Mount, Pinhole, meet_wall
-from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Window
 
 LENS = Pinhole(k1=-0.12, k2=0.02)
 LEDS = np.array([[2.5e-3, 0, 0], [-1.25e-3, 2.165e-3, 0], [-1.25e-3, -2.165e-3, 0]])
@@ -31,3 +31,10 @@ def photograph(pan, tilt, paint=texture, *, eye=EYE, noise=1.5, seed=0, gain=1.0
     level = gain * (20 + 150 * paint(phi, np.minimum(z, 1.0)))
     level += noise * np.random.default_rng(seed).standard_normal(level.shape)
     return np.clip(np.rint(level), 0, 255).astype(np.uint8)
+
+
+def window_around(phi, z, *, size, step=0.05e-3):
+    """A square window of ``size`` metres about a place."""
+    half = round(size / 2 / step)
+    count = 2 * half + 1
+    return Window(phi - half * step / EYE.radius, z - half * step, step, count, count)

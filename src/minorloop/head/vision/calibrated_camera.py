@@ -118,14 +118,6 @@ class Window:
         )
 
 
-def window_around(
-    eye: CalibratedCamera, phi: float, z: float, *, size: float, step: float = 0.05e-3
-) -> Window:
-    """A square window of ``size`` metres about a place."""
-    half = round(size / 2 / step)
-    return Window(phi - half * step / eye.radius, z - half * step, step, 2 * half + 1, 2 * half + 1)
-
-
 def window_in_view(
     eye: CalibratedCamera, pan: float, tilt: float, *, step: float = 0.05e-3, least: float = 14e3
 ) -> Window | None:
