@@ -27,7 +27,7 @@ NO_COUPLING = "no coupling"
 
 def hears_wall(shots: Sequence[Shot], ear: CalibratedProbe) -> bool:
     """Whether the wall answers at all, as it does in water only."""
-    return choose_modality(shots, ear.radius - ear.probe.face, ear.speed) == "sonar"
+    return choose_modality(shots, ear.radius - ear.transducer.face, ear.speed) == "sonar"
 
 
 def burst_of(
