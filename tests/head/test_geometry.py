@@ -1,4 +1,4 @@
-"""Rays, cylinders, pinholes and rotations against finite differences and brute force."""
+"""Rays, cylinders, pinhole cameras and rotations, against finite differences."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_body_rates_are_those_of_a_small_turn(pan, tilt, rates):
 
 
 @given(pixel=pixels)
-def test_a_pixel_comes_back_through_the_lens(pixel):
+def test_a_pixel_projects_to_itself_through_the_lens(pixel):
     np.testing.assert_allclose(LENS.pixels(LENS.normalised(pixel)), pixel, atol=1e-9)
     np.testing.assert_allclose(LENS.project(7.0 * LENS.rays(pixel)), pixel, atol=1e-9)
 
@@ -107,7 +107,7 @@ def test_wrapping_takes_whole_turns(angle):
         lambda: Mount(lever=float("nan")),
     ],
 )
-def test_what_cannot_be_is_refused(make):
+def test_impossible_values_are_refused(make):
     with pytest.raises(ParameterError):
         make()
 

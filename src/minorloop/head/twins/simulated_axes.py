@@ -27,11 +27,11 @@ class SimulatedAxes(SimulatedPlant):
     parameters, specimen, noise, seed, tick, substeps
         As in ``SimulatedPlant``.
     delay : float
-        How old a reading is when it is given, in seconds.
+        Delay of the readings, in seconds.
     faults : sequence of Fault
-        When readings fail.
+        Times in which readings fail.
     log_truth : bool
-        Whether to keep the hidden state at the end of every call, for scoring after the run.
+        Whether to log the hidden state at the end of every call, for scoring after the run.
     """
 
     _rest_input: tuple[float, ...]
@@ -85,26 +85,26 @@ class SimulatedAxes(SimulatedPlant):
 
     @abstractmethod
     def _at_rest(self) -> FloatArray:
-        """The state at the start, with the resting input on for long."""
+        """Return the state after a long time at the resting input."""
 
     @abstractmethod
     def _check_state(self, state: FloatArray, clock: float) -> None:
-        """Refuse a state, of the right shape, that the physics cannot lead to."""
+        """Refuse a state, of the right shape, that the physics cannot reach."""
 
     @abstractmethod
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
-        """March the state to ``ends`` (T,) after the clock; delayed outputs (T, channels) there."""
+        """Integrate to ``ends`` (T,) after the clock; return delayed outputs (T, channels)."""
 
     @abstractmethod
     def _output_now(self) -> FloatArray:
-        """The outputs (channels,) at the present state, without noise. For scoring only."""
+        """Return the outputs (channels,) of the present state, without noise. For scoring only."""
 
     @abstractmethod
     def _truth_now(self) -> FloatArray:
-        """The hidden state (names, channels) in the order of ``_truth_names``. For scoring only."""
+        """Return the hidden state (names, channels), see ``_truth_names``. For scoring only."""
 
     def _truth(self) -> dict[str, FloatArray]:
-        """The log of the hidden state: ``t`` (N,), and (N, channels) of each name. For scoring."""
+        """Return the log of the hidden state: ``t`` (N,), and (N, channels) for each name."""
         shape = (len(self._log), 1 + len(self._truth_names), len(self.outputs))
         log = np.array(self._log).reshape(shape)
         named = {name: log[:, 1 + k] for k, name in enumerate(self._truth_names)}
@@ -144,18 +144,18 @@ class SimulatedAxes(SimulatedPlant):
     def _hold(self, value: FloatArray, ends: FloatArray) -> FloatArray:
         self._check_steps(ends)
         began = self._clock
-        y = self._pass(ends, value, np.tile(value, (ends.size, 1)))
+        y = self._advance(ends, value, np.tile(value, (ends.size, 1)))
         return self._sensor.read(began + ends, y)
 
     def _follow(self, t: FloatArray, u: FloatArray) -> FloatArray:
         ends = t[1:] - t[0]
         self._check_steps(ends)
         began, now = self._clock, self._delayed_now()
-        y = np.concatenate([now[None], self._pass(ends, u[0].copy(), u[1:].copy())])
+        y = np.concatenate([now[None], self._advance(ends, u[0].copy(), u[1:].copy())])
         return self._sensor.read(began + t - t[0], y)
 
-    def _pass(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
-        """Let the time to the last of ``ends`` pass; outputs without noise at each of them."""
+    def _advance(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
+        """Advance the clock to the last of ``ends``; return outputs without noise at each."""
         y = self._run(ends, first, u)
         self._clock += float(ends[-1])
         self._input = u[-1].copy()
@@ -165,7 +165,7 @@ class SimulatedAxes(SimulatedPlant):
         return y
 
     def _delayed_now(self) -> FloatArray:
-        """Output as it is seen now, the state left as it is."""
+        """Return the delayed output of now, without a change of the state."""
         kept = self._state.copy(), self._past.copy(), self._mark.copy()
         y: FloatArray = self._run(np.zeros(1), self._input, self._input.reshape(1, -1).copy())[0]
         self._state, self._past, self._mark = kept
