@@ -24,7 +24,7 @@ _RIVAL, _AMBIGUOUS = 0.8, 0.87
 and makes the depth ambiguous."""
 _APART = 0.02e-3
 """Depths nearer than this belong to one dip of the cost, in metres."""
-_TOLD_APART = 20.0
+_CLEAR_GAIN = 20.0
 """Cost by which the best depth must beat any other; noise at 4 dB changes the difference by 10."""
 _USUAL, _UNSURE = 1.06, 0.88  # times the cost of noise alone; gain of a floor
 _DISHES = (0.0, 0.03e-3, 0.05e-3)
@@ -60,7 +60,7 @@ def best_fit(fit: JointFit, start: FloatArray) -> JointSolution:
 def resolve_ambiguity(fit: JointFit, best: JointSolution) -> tuple[JointSolution, bool]:
     """Return the better of a solution and its rival at another depth, and whether it is ambiguous.
 
-    With a lens, only solutions half a wave apart are compared: the starts cover the others.
+    With a lens, the starts of ``best_fit`` cover other depths, and only noise may swap two dips.
     """
     if np.isfinite(fit.model.probe.transducer.focus):
         return _with_slips(fit, best)
@@ -90,20 +90,20 @@ def floor_gains_nothing(best: JointSolution, hole: float) -> bool:
 
 
 def _with_slips(fit: JointFit, best: JointSolution) -> tuple[JointSolution, bool]:
-    """Return the best of solutions half waves apart, and whether noise could swap two."""
+    """Return the best of a solution and near dips of the cost, and whether noise could swap two."""
     if best.unknowns[4] < WEAK:
         return best, False
     costs = fit.sweep(best.unknowns, DEPTHS)
     near = [
         float(DEPTHS[n])
         for n in _lowest(costs)
-        if abs(DEPTHS[n] - best.unknowns[3]) > _APART and costs[n] < best.cost + 3 * _TOLD_APART
+        if abs(DEPTHS[n] - best.unknowns[3]) > _APART and costs[n] < best.cost + 3 * _CLEAR_GAIN
     ]
     starts = [_at_depth(best.unknowns, depth) for depth in near[:_STARTS]]
     found = [best, *(fit.solve(start, rounds=4) for start in starts)]
     least = min(found, key=lambda solution: solution.cost)
     others = [one.cost for one in found if abs(one.unknowns[3] - least.unknowns[3]) > _APART]
-    return least, min(others, default=np.inf) < least.cost + _TOLD_APART
+    return least, min(others, default=np.inf) < least.cost + _CLEAR_GAIN
 
 
 def _rival(fit: JointFit, best: JointSolution) -> tuple[float, float]:
