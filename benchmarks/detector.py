@@ -1,12 +1,12 @@
-"""Fit the evidence of the hole finder on some scenes and score it on others.
+"""Fit the evidence of the hole detector on some scenes and score it on others.
 
     python -m benchmarks.detector fit --first 10000 --count 460 > evidence.py
     python -m benchmarks.detector score --first 30000 --count 500
 
 Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
-0.3 mm of the hole is it; one farther than 0.8 mm off, or where there is no hole, is false. Places
-are compared on the map of the eye, which knows the pivot to 0.2 mm and the angles to 0.05
-degrees, so that the pose is not scored again.
+0.3 mm of the hole is correct; one farther than 0.8 mm off, or without a hole, is false. Places are
+compared on the map of the camera, which knows the pivot to 0.2 mm and the angles to 0.05 degrees,
+so that the error of the pose is not scored.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PENALTY, LEAST_WEIGHT = 1.0, 0.2
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What was found in a scene, and what is true: place (2,) on the map, diameter, inside."""
+    """The findings in a scene, and the truth: place (2,) on the map, diameter, inside."""
 
     place: np.ndarray
     diameter: float
@@ -46,7 +46,7 @@ class Scene:
 
 
 def shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
-    """An acquisition of a view."""
+    """Take the frames of an acquisition of a view."""
     turns = np.zeros((len(SEQUENCE), 2))
     lights = SEQUENCE
     if mode == "single":
@@ -54,15 +54,15 @@ def shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame
     elif mode == "dither":
         lights = (SEQUENCE[-1],) * 5
         turns = DITHER * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
-    looks = []
+    frames = []
     for on, turn in zip(lights, turns, strict=True):
         pan, tilt = view.pan + turn[0], view.tilt + turn[1]
         view.camera.look(pan, tilt)
         view.camera.switch(on)
         view.camera.expose(0.01 if all(on) else 0.01 * ALONE, view.gain)
         seen = np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)
-        looks.append(LitFrame(view.camera.frame().image, float(seen[0]), float(seen[1]), on))
-    return looks
+        frames.append(LitFrame(view.camera.frame().image, float(seen[0]), float(seen[1]), on))
+    return frames
 
 
 def scene(seed: int, hole: bool, modes: tuple[str, ...]) -> Scene:
@@ -70,26 +70,27 @@ def scene(seed: int, hole: bool, modes: tuple[str, ...]) -> Scene:
     view, rng = draw_view(seed, hole=hole), np.random.default_rng([seed, int(hole), 7])
     way = rng.uniform(0, 2 * np.pi)
     off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
-    eye = CalibratedCamera(
+    camera = CalibratedCamera(
         view.camera.calibration, replace(view.mount, offset=tuple(off)), view.camera.leds
     )
-    place = eye.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
     found, seconds = {}, {}
     for mode in modes:
-        looks = shots(view, rng, mode)
+        frames = shots(view, rng, mode)
         start = time.thread_time()
-        wall = lay_flat(looks, eye)
-        round_things = candidates(wall) if wall is not None else []
+        wall = lay_flat(frames, camera)
+        objects = candidates(wall) if wall is not None else []
         seconds[mode] = time.thread_time() - start
         found[mode] = [
-            (thing, wall.window.place(thing.x, thing.y, eye.radius)) for thing in round_things
+            (candidate, wall.window.place(candidate.x, candidate.y, camera.radius))
+            for candidate in objects
         ]
     bore = view.hole
     return Scene(place, bore.diameter if bore else 0.0, bore.inside if bore else "", found, seconds)
 
 
 def errors(scene: Scene, place: np.ndarray, diameter: float) -> tuple[float, float]:
-    """How far off a finding is, in metres, and its relative error of size."""
+    """Return the error of a finding in metres, and its relative error of size."""
     turn = 10e-3 * float(wrapped(place[0] - scene.place[0]))
     size = diameter / scene.diameter - 1 if scene.diameter else np.inf
     return float(np.hypot(turn, place[1] - scene.place[1])), size
@@ -113,16 +114,16 @@ def logistic(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def fit_kind(scenes: list[Scene], mode: str, kind: str) -> tuple[float, dict[str, float]]:
-    """Weights of one kind of candidate; features that hardly weigh are left out."""
+    """Fit the weights of one kind of candidate; features with small weights are left out."""
     rows, labels = [], []
     for one in scenes:
-        for thing, place in one.found[mode]:
-            if thing.kind != kind:
+        for candidate, place in one.found[mode]:
+            if candidate.kind != kind:
                 continue
-            off, size = errors(one, place, thing.diameter)
+            off, size = errors(one, place, candidate.diameter)
             right = one.diameter > 0 and off < 0.2e-3 and abs(size) < 0.2
             if right or not one.diameter or off > FAR:
-                rows.append(thing.features)
+                rows.append(candidate.features)
                 labels.append(float(right))
     if not labels or sum(labels) < 3:
         return -20.0, {}
@@ -140,24 +141,26 @@ def fit_kind(scenes: list[Scene], mode: str, kind: str) -> tuple[float, dict[str
     return constant - float(raw @ middle), dict(zip(names, raw.tolist(), strict=True))
 
 
-def weigh(thing: Candidate, table: dict[str, tuple[float, dict[str, float]]]) -> float:
+def weigh(candidate: Candidate, table: dict[str, tuple[float, dict[str, float]]]) -> float:
     """Evidence of a candidate under a table of weights."""
-    constant, weights = table[thing.kind]
-    values = dict(zip(FEATURES, thing.features.tolist(), strict=True))
+    constant, weights = table[candidate.kind]
+    values = dict(zip(FEATURES, candidate.features.tolist(), strict=True))
     return constant + sum(weight * values[name] for name, weight in weights.items())
 
 
 def judged(scenes: list[Scene], mode: str, table: dict) -> tuple[list[float], list[tuple]]:
-    """Evidence of each false finding, and of the best right one of each hole.
+    """Return the evidence of each false finding, and the best correct finding of each hole.
 
-    The latter comes with its scene, how far off it is and its error of size; where there is
-    none, the evidence is minus infinity.
+    The latter are evidence, scene, distance and error of size; without a finding, the evidence
+    is minus infinity.
     """
     false, right = [], []
     for one in scenes:
         holes = [
-            Hole(place, thing.diameter, weigh(thing, table), thing.kind, np.empty((0, 2)))
-            for thing, place in one.found[mode]
+            Hole(
+                place, candidate.diameter, weigh(candidate, table), candidate.kind, np.empty((0, 2))
+            )
+            for candidate, place in one.found[mode]
         ]
         best = None
         for hole in strongest(holes, 10e-3, -np.inf):
@@ -180,7 +183,7 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 def threshold_of(false: list[float], count: int, share: float = FALSE) -> float:
-    """Evidence at which there is a share of false findings an acquisition."""
+    """Return the evidence with a given number of false findings an acquisition."""
     ordered = sorted(false, reverse=True)
     last = int(share * count)
     return float(ordered[last]) + 1e-6 if len(ordered) > last else -10.0
@@ -191,7 +194,7 @@ def table_of(scenes: list[Scene], mode: str) -> dict[str, tuple[float, dict[str,
 
 
 def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
-    """Weights, thresholds, and recall at the threshold on halves that were not fitted on."""
+    """Return weights, thresholds, and recall on the halves that were not fitted."""
     tables, thresholds, recall = {}, {}, {}
     for mode in modes:
         false, right = [], []
@@ -210,13 +213,13 @@ def fit(scenes: list[Scene], modes: tuple[str, ...]) -> tuple[dict, dict, dict]:
 def source(tables: dict, thresholds: dict, first: int, count: int) -> str:
     """The module ``_evidence.py``."""
     lines = [
-        '"""What each number that describes a candidate weighs, for each way to acquire.',
+        '"""Weights of the features of a candidate, for each acquisition mode.',
         "",
-        "The logarithm of the odds that a candidate is a hole, by logistic regression on scenes",
-        f"{first} to {first + count - 1}, each with and without a hole; printed by",
-        "``python -m benchmarks.detector fit``. At the thresholds there were, by cross-validation,",
+        "They give the logarithm of the odds that a candidate is a hole, by logistic regression on",
+        f"scenes {first} to {first + count - 1}, each with and without a hole; printed by",
+        "``python -m benchmarks.detector fit``. Cross-validation gives at the thresholds",
         *(f"{ASKED.get(mode, FALSE)} false findings an acquisition ({mode})," for mode in tables),
-        "the two sets of scenes being those of each half of the seeds.",
+        "where each half of the seeds is one set of scenes.",
         '"""',
         "",
         "from __future__ import annotations",
@@ -236,7 +239,7 @@ def source(tables: dict, thresholds: dict, first: int, count: int) -> str:
 
 
 def score(scenes: list[Scene], mode: str) -> dict:
-    """Figures of the finder as it is."""
+    """Score the detector."""
     from minorloop.head.vision._evidence import THRESHOLDS, WEIGHTS
 
     false, right = judged(scenes, mode, WEIGHTS[mode])

@@ -1,7 +1,6 @@
-"""What a frame of the camera, finding holes in an acquisition, and following a piece cost.
+"""Cost of a camera frame, of finding holes in an acquisition, and of tracking a patch.
 
-Processor time of one core, the median over frames and over acquisitions, so that what else the
-machine does is not counted.
+Median processor time of one core over frames and acquisitions, without that of other programs.
 """
 
 from __future__ import annotations
@@ -27,15 +26,15 @@ def rows(quick: bool = False) -> list[Row]:
     searches = [search_scene(FIRST + n, True)[0] for n in range(rounds)]
     followed = []
     for search in searches:
-        camera, eye = search.view.camera, search.eye
+        camera, calibrated = search.view.camera, search.eye
         aim = (search.view.pan, search.view.tilt)
         camera.look(*aim)
         frames += [_processor(camera.frame) for _ in range(4 * rounds)]
         finding.append(min(_processor(lambda s=search: find_holes(s.looks, s.eye)) for _ in "123"))
         best = search.holes[0]
         found += best.evidence >= LEAST_EVIDENCE["switched"] and search.off(best) < NEAR
-        tracker = PatchTracker(replace(eye))
-        _, state = tracker.begin(camera.frame().image, eye.pixel(search.place, *aim), *aim)
+        tracker = PatchTracker(replace(calibrated))
+        _, state = tracker.begin(camera.frame().image, calibrated.pixel(search.place, *aim), *aim)
         for _ in range(2 * rounds):
             image = camera.frame().image
             began = time.thread_time()

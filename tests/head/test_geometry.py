@@ -1,8 +1,8 @@
-"""Rays, cylinders, pinholes and rotations against finite differences and brute force."""
+"""Rays, cylinders, pinhole cameras and rotations, against finite differences."""
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
@@ -37,18 +37,9 @@ def test_body_rates_are_those_of_a_small_turn(pan, tilt, rates):
 
 
 @given(pixel=pixels)
-def test_a_pixel_comes_back_through_the_lens(pixel):
+def test_a_pixel_projects_to_itself_through_the_lens(pixel):
     np.testing.assert_allclose(LENS.pixels(LENS.normalised(pixel)), pixel, atol=1e-9)
     np.testing.assert_allclose(LENS.project(7.0 * LENS.rays(pixel)), pixel, atol=1e-9)
-
-
-@given(x=st.floats(-0.4, 0.4), y=st.floats(-0.3, 0.3), z=st.floats(0.5, 2.0))
-def test_the_slope_of_projection_is_its_finite_difference(x, y, z):
-    point, h = np.array([x, y, z]), 1e-6
-    slope = [
-        (LENS.project(point + h * e) - LENS.project(point - h * e)) / (2 * h) for e in np.eye(3)
-    ]
-    np.testing.assert_allclose(LENS.project_jacobian(point), np.transpose(slope), atol=1e-4)
 
 
 def test_what_is_behind_the_camera_has_no_pixel():
@@ -67,8 +58,7 @@ def test_half_the_size_sees_the_same_directions():
     d=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
 )
 def test_a_ray_ends_on_the_wall_ahead_of_it(off, d):
-    if np.hypot(d[0], d[1]) < 1e-3:
-        return
+    assume(np.hypot(d[0], d[1]) > 1e-3)
     origin = np.array([*off, 0.02])
     phi, z, length = geometry.meet_wall(origin, d, 10e-3)
     np.testing.assert_allclose(
@@ -79,21 +69,6 @@ def test_a_ray_ends_on_the_wall_ahead_of_it(off, d):
 
 def test_a_ray_along_the_axis_never_ends():
     assert np.isinf(geometry.meet_wall([0, 0, 0], [0, 0, 1.0], 10e-3)[2])
-
-
-@given(d=st.tuples(st.floats(0.2, 1), st.floats(0.2, 1), st.floats(-1, 1)))
-def test_the_slope_of_the_wall_point_is_its_finite_difference(d):
-    origin, d, h = np.array([1e-3, -2e-3, 0.0]), np.array(d), 1e-7
-    slope = [
-        (
-            geometry.meet_wall(origin, d + h * e, 10e-3)[:2]
-            - geometry.meet_wall(origin, d - h * e, 10e-3)[:2]
-        )
-        / (2 * h)
-        for e in np.eye(3)
-    ]
-    found = geometry.meet_wall_jacobian(origin, d, 10e-3)
-    np.testing.assert_allclose(found, np.transpose(slope), atol=1e-5)
 
 
 def test_a_camera_outside_the_pipe_is_refused():
@@ -123,16 +98,6 @@ def test_wrapping_takes_whole_turns(angle):
     assert np.isclose(np.cos(wrapped - angle), 1.0)
 
 
-@given(lever=st.floats(1e-3, 20e-3), nose=st.floats(1e-3, 8e-3), off=st.floats(0, 1e-3))
-def test_the_nose_just_touches_the_wall_at_the_edge_of_the_cone(lever, nose, off):
-    half = geometry.cone_half_angle(lever, nose, 10e-3, off)
-    turns = np.linspace(0, half, 200)
-    reach = lever * np.sin(turns) + nose * np.cos(turns)
-    assert reach.max() <= 10e-3 - off + 1e-12
-    if half < np.pi / 2:
-        assert np.isclose(reach[-1], 10e-3 - off)
-
-
 @pytest.mark.parametrize(
     "make",
     [
@@ -140,10 +105,9 @@ def test_the_nose_just_touches_the_wall_at_the_edge_of_the_cone(lever, nose, off
         lambda: Pinhole(focal=-1.0),
         lambda: Pinhole(k1=-3.0),
         lambda: Mount(lever=float("nan")),
-        lambda: geometry.cone_half_angle(8e-3, 11e-3, 10e-3),
     ],
 )
-def test_what_cannot_be_is_refused(make):
+def test_impossible_values_are_refused(make):
     with pytest.raises(ParameterError):
         make()
 

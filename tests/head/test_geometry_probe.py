@@ -28,7 +28,7 @@ def test_the_default_probe_meets_the_wall_squarely_at_18_degrees():
     assert origin == pytest.approx([2e-3, 0, 0], abs=1e-12)
 
 
-def test_what_cannot_be_is_refused():
+def test_impossible_values_are_refused():
     with pytest.raises(ParameterError, match="squint"):
         Probe(squint=2.0)
     with pytest.raises(ParameterError, match="positive lengths"):

@@ -1,6 +1,6 @@
-"""Rays, cylinders, pinholes and rotations: pure functions that twins and eyes share.
+"""Rays, cylinders, pinhole cameras and rotations, for twins and estimators alike.
 
-Two frames are used throughout. In the camera's, x points right, y down and z along the optical
+Two coordinate frames are used. In the camera's, x points right, y down and z along the optical
 axis. In the pipe's, z is the axis of the pipe, and a point of the wall is (phi, z), at
 ``(R cos phi, R sin phi, z)``. The head turns about a pivot: first the tilt about the x axis of
 the camera, then the pan about the y axis of the base, so R = Ry(pan) Rx(tilt). Positive pan looks
@@ -22,78 +22,79 @@ _NEWTON_STEPS = 40
 
 
 def rotation_x(angle: float) -> FloatArray:
-    """(3, 3) rotation about x, in radians."""
+    """Return the (3, 3) rotation about x by an angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def rotation_y(angle: float) -> FloatArray:
-    """(3, 3) rotation about y, in radians."""
+    """Return the (3, 3) rotation about y by an angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def rotation_z(angle: float) -> FloatArray:
-    """(3, 3) rotation about z, in radians."""
+    """Return the (3, 3) rotation about z by an angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def pan_tilt(pan: float, tilt: float) -> FloatArray:
-    """(3, 3) rotation Ry(pan) Rx(tilt) that takes directions from the camera to the base."""
+    """Return the (3, 3) rotation Ry(pan) Rx(tilt) from the camera to the base."""
     return rotation_y(pan) @ rotation_x(tilt)
 
 
 def pan_tilt_of(axis: npt.ArrayLike) -> tuple[float, float]:
-    """Pan and tilt, in radians, that turn the optical axis to a (3,) direction in the base."""
+    """Return pan and tilt, in radians, that turn the optical axis to a (3,) direction."""
     x, y, z = np.asarray(axis, dtype=np.float64)
     return float(np.arctan2(x, z)), float(np.arctan2(-y, np.hypot(x, z)))
 
 
 def body_rates(tilt: float) -> FloatArray:
-    """(3, 2) matrix from the rates of pan and tilt to the angular velocity in the camera.
+    """Return the (3, 2) matrix from the rates of pan and tilt to the angular velocity.
 
-    The columns are those of pan and of tilt; from R^T dR of R = Ry(pan) Rx(tilt).
+    The angular velocity is that of the camera, in its own frame, from R^T dR of
+    R = Ry(pan) Rx(tilt).
     """
     return np.array([[0.0, 1.0], [np.cos(tilt), 0.0], [-np.sin(tilt), 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a camera is in the pipe and how it is turned.
+    """Position and orientation of a camera in the pipe.
 
     Parameters
     ----------
     rotation : (3, 3) array
-        Takes directions from the camera to the pipe.
+        From the camera to the pipe.
     position : (3,) array
-        The centre of the lens in the pipe, in metres.
+        Centre of the lens in the pipe, in metres.
     """
 
     rotation: FloatArray
     position: FloatArray
 
     def to_pipe(self, points: npt.ArrayLike) -> FloatArray:
-        """Points (..., 3) in the camera, as points in the pipe."""
+        """Return points (..., 3) of the camera in the pipe."""
         moved: FloatArray = np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position
         return moved
 
     def to_camera(self, points: npt.ArrayLike) -> FloatArray:
-        """Points (..., 3) in the pipe, as points in the camera."""
+        """Return points (..., 3) of the pipe in the camera."""
         moved: FloatArray = (np.asarray(points, dtype=np.float64) - self.position) @ self.rotation
         return moved
 
 
 @dataclass(frozen=True)
 class Mount:
-    """How the head sits in the pipe.
+    """Place of the head in the pipe.
 
     Parameters
     ----------
     lever : float
         From the pivot to the lens along the optical axis, in metres.
     offset : (float, float)
-        The pivot off the axis of the pipe, along x and y of the pipe, in metres.
+        Of the pivot from the axis, along x and y of the pipe, in metres.
     roll : float
         Of the base about the axis of the pipe, in radians.
     advance : float
@@ -121,15 +122,15 @@ class Mount:
             as_finite(name, value)
 
     def pose(self, pan: float, tilt: float) -> Pose:
-        """Where the lens is with the head at a pan and a tilt, in radians."""
+        """Return the pose of the camera at a pan and a tilt, in radians."""
         rotation = rotation_z(self.roll) @ pan_tilt(pan, tilt)
         pivot = np.array([self.offset[0], self.offset[1], self.advance])
         return Pose(rotation, pivot + self.lever * rotation[:, 2])
 
     def aim(self, point: npt.ArrayLike) -> tuple[float, float]:
-        """Pan and tilt, in radians, that centre a (3,) point of the pipe in the image.
+        """Return pan and tilt, in radians, that centre a (3,) point of the pipe in the image.
 
-        The lens moves along the line from the pivot, so the lever does not matter.
+        The lens is on the line from the pivot, so the lever does not matter.
         """
         pivot = np.array([self.offset[0], self.offset[1], self.advance])
         return pan_tilt_of((np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(self.roll))
@@ -137,7 +138,7 @@ class Mount:
 
 @dataclass(frozen=True)
 class Probe:
-    """An ultrasonic disc on the head, whose beam goes through the pivot and on to the wall.
+    """An ultrasonic disc on the head, whose beam passes through the pivot.
 
     Parameters
     ----------
@@ -157,8 +158,8 @@ class Probe:
 
     Notes
     -----
-    The default squint of 72 degrees meets the wall squarely at a pan of 18 degrees: a raster takes
-    5 degrees more, and a weak head reaches no more than 23. The default face leaves 8 mm of water.
+    With the default squint of 72 degrees the beam is normal to the wall at a pan of 18 degrees: a
+    raster needs 5 degrees more, and a weak head reaches 23. The default face leaves 8 mm of water.
     """
 
     squint: float = float(np.radians(72.0))
@@ -176,19 +177,19 @@ class Probe:
             )
 
     def beam(self, mount: Mount, pan: float, tilt: float) -> tuple[FloatArray, FloatArray]:
-        """Centre (3,) of the face and direction (3,) of the beam, in the pipe."""
+        """Return the centre (3,) of the face and the direction (3,) of the beam, in the pipe."""
         local = np.array([np.sin(self.squint), 0.0, np.cos(self.squint)])
         along = mount.pose(pan, tilt).rotation @ local
         pivot = np.array([mount.offset[0], mount.offset[1], mount.advance])
         return pivot + self.face * along, along
 
     def aim(self, mount: Mount, point: npt.ArrayLike) -> tuple[float, float]:
-        """Pan and tilt, in radians, that send the beam to a (3,) point of the pipe.
+        """Return pan and tilt, in radians, that aim the beam at a (3,) point of the pipe.
 
         Raises
         ------
         ParameterError
-            If no pan and tilt does; turn the roll of the mount towards the point then.
+            If there are none; turn the roll of the mount towards the point then.
         """
         pivot = np.array([mount.offset[0], mount.offset[1], mount.advance])
         way = (np.asarray(point, dtype=np.float64) - pivot) @ rotation_z(mount.roll)
@@ -252,14 +253,14 @@ class Pinhole:
             )
 
     def distort(self, points: npt.ArrayLike) -> FloatArray:
-        """Normalised coordinates (..., 2) as the lens moves them."""
+        """Return normalised coordinates (..., 2) after distortion."""
         plain = np.asarray(points, dtype=np.float64)
         square = (plain**2).sum(axis=-1, keepdims=True)
         moved: FloatArray = plain * (1 + square * (self.k1 + square * self.k2))
         return moved
 
     def undistort(self, points: npt.ArrayLike) -> FloatArray:
-        """Inverse of ``distort``, by Newton's method on the radius."""
+        """Invert ``distort``, by Newton's method on the radius."""
         moved = np.asarray(points, dtype=np.float64)
         reach = np.sqrt((moved**2).sum(axis=-1, keepdims=True))
         radius = reach.copy()
@@ -276,41 +277,28 @@ class Pinhole:
         return plain
 
     def project(self, points: npt.ArrayLike) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) in the camera; NaN behind it."""
+        """Return pixels (..., 2) of points (..., 3) in the camera; NaN behind it."""
         x = np.asarray(points, dtype=np.float64)
         depth = np.where(x[..., 2:] > 0, x[..., 2:], np.nan)
         return self.pixels(x[..., :2] / depth)
 
     def pixels(self, points: npt.ArrayLike) -> FloatArray:
-        """Pixels (..., 2) of normalised coordinates (..., 2)."""
+        """Return pixels (..., 2) of normalised coordinates (..., 2)."""
         moved: FloatArray = self.focal * self.distort(points) + np.asarray(self.centre)
         return moved
 
     def normalised(self, pixels: npt.ArrayLike) -> FloatArray:
-        """Normalised coordinates (..., 2), without distortion, of pixels (..., 2)."""
+        """Return normalised coordinates (..., 2), without distortion, of pixels (..., 2)."""
         seen = np.asarray(pixels, dtype=np.float64)
         return self.undistort((seen - np.asarray(self.centre)) / self.focal)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
-        """Directions (..., 3) in the camera, with z = 1, of pixels (..., 2)."""
+        """Return directions (..., 3) in the camera, with z = 1, of pixels (..., 2)."""
         plain = self.normalised(pixels)
         return np.concatenate([plain, np.ones_like(plain[..., :1])], axis=-1)
 
-    def project_jacobian(self, point: npt.ArrayLike) -> FloatArray:
-        """(2, 3) derivative of ``project`` at one (3,) point in front of the camera."""
-        x, y, z = np.asarray(point, dtype=np.float64)
-        a, b = x / z, y / z
-        square = a * a + b * b
-        scale = 1 + square * (self.k1 + square * self.k2)
-        slope = 2 * self.k1 + 4 * self.k2 * square
-        plain = np.array([a, b])
-        distorted = scale * np.eye(2) + slope * np.outer(plain, plain)
-        perspective = np.array([[1 / z, 0.0, -a / z], [0.0, 1 / z, -b / z]])
-        jacobian: FloatArray = self.focal * distorted @ perspective
-        return jacobian
-
     def scaled(self, factor: float) -> Pinhole:
-        """The same camera with pixels ``1 / factor`` times as large."""
+        """Return the same camera with pixels ``1 / factor`` times as large."""
         u, v = self.centre
         return Pinhole(
             round(self.width * factor),
@@ -322,7 +310,7 @@ class Pinhole:
         )
 
     def _corner_radius(self) -> float:
-        """Radius, in normalised distorted coordinates, of the farthest corner."""
+        """Return the radius of the farthest corner, in normalised distorted coordinates."""
         u, v = self.centre
         across = max(abs(u), abs(self.width - 1 - u)) / self.focal
         down = max(abs(v), abs(self.height - 1 - v)) / self.focal
@@ -330,21 +318,21 @@ class Pinhole:
 
 
 def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -> FloatArray:
-    """Where rays from inside a pipe meet its wall.
+    """Intersect rays from inside a pipe with its wall.
 
     Parameters
     ----------
     origin : (3,) array_like
-        Where the rays start, inside the pipe.
+        Start of the rays, inside the pipe.
     directions : (..., 3) array_like
-        In the pipe; they need not have length 1.
+        In the pipe, of any length.
     radius : float
         Of the pipe, in metres.
 
     Returns
     -------
     (..., 3) array
-        phi in (-pi, pi], z in metres, and the length along the ray in units of the direction;
+        Phi in (-pi, pi], z in metres, and the length along the ray in units of the direction;
         infinite along the axis.
 
     Raises
@@ -375,23 +363,8 @@ def meet_wall(origin: npt.ArrayLike, directions: npt.ArrayLike, radius: float) -
     return np.stack([phi, z, length], axis=-1)
 
 
-def meet_wall_jacobian(
-    origin: npt.ArrayLike, direction: npt.ArrayLike, radius: float
-) -> FloatArray:
-    """(2, 3) derivative of (phi, z) of ``meet_wall`` with respect to one (3,) direction.
-
-    The wall point moves by s (I - d n^T / (n . d)) along the wall, n its normal.
-    """
-    d = np.asarray(direction, dtype=np.float64)
-    phi, _, length = meet_wall(origin, d, radius)
-    normal = np.array([np.cos(phi), np.sin(phi), 0.0])
-    shift = length * (np.eye(3) - np.outer(d, normal) / (normal @ d))
-    around = np.array([-np.sin(phi), np.cos(phi), 0.0]) / radius
-    return np.stack([around @ shift, shift[2]])
-
-
 def wall_point(phi: npt.ArrayLike, z: npt.ArrayLike, radius: float) -> FloatArray:
-    """Points (..., 3) of the wall at phi in radians and z in metres."""
+    """Return points (..., 3) of the wall at phi in radians and z in metres."""
     angle, along = np.broadcast_arrays(
         np.asarray(phi, dtype=np.float64), np.asarray(z, dtype=np.float64)
     )
@@ -399,54 +372,19 @@ def wall_point(phi: npt.ArrayLike, z: npt.ArrayLike, radius: float) -> FloatArra
 
 
 def wrapped(angle: npt.ArrayLike) -> FloatArray:
-    """Angles brought into [-pi, pi)."""
+    """Return angles wrapped to [-pi, pi)."""
     turned: FloatArray = (np.asarray(angle, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
     return turned
 
 
 def wall_distance(one: npt.ArrayLike, other: npt.ArrayLike, radius: float) -> FloatArray:
-    """Metres along the wall of a pipe between places (..., 2), each phi and z."""
+    """Return distances in metres along the wall between places (..., 2) of phi and z."""
     a, b = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     apart = np.hypot(radius * wrapped(a[..., 0] - b[..., 0]), a[..., 1] - b[..., 1])
     return np.asarray(apart)
 
 
 def wall_lengths(course: npt.ArrayLike, radius: float) -> FloatArray:
-    """(N,) metres along the wall from the first of places (N, 2), each phi and z."""
+    """Return path lengths (N,) in metres along the wall from the first of places (N, 2)."""
     places = np.asarray(course, dtype=np.float64)
     return np.concatenate([[0.0], np.cumsum(wall_distance(places[1:], places[:-1], radius))])
-
-
-def cone_half_angle(lever: float, nose: float, radius: float, eccentricity: float = 0.0) -> float:
-    """Largest deflection, in radians, before the nose of the head touches the wall.
-
-    Parameters
-    ----------
-    lever : float
-        From the pivot to the front face, in metres.
-    nose : float
-        Radius of the front face, in metres.
-    radius : float
-        Of the pipe, in metres.
-    eccentricity : float
-        Of the pivot, towards the wall, in metres.
-
-    Notes
-    -----
-    The rim of the face is lever sin(a) + nose cos(a) off the axis; that must not pass
-    radius - eccentricity. A quarter turn is the most that is given.
-
-    Raises
-    ------
-    ParameterError
-        If the head does not fit even when it is straight.
-    """
-    room = radius - eccentricity
-    if not 0 < nose < room:
-        raise ParameterError(
-            f"a nose of radius {nose:.4g} m has {room:.4g} m of room; the head does not fit"
-        )
-    reach = float(np.hypot(lever, nose))
-    if room >= reach:
-        return float(np.pi / 2)
-    return float(np.arcsin(room / reach) - np.arctan2(nose, lever))

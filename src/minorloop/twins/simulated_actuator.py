@@ -1,4 +1,4 @@
-"""What the simulated actuators share: clock, sensor noise, time steps, checkpoints."""
+"""The bases of the simulated actuators: clock, sensor noise, time steps, checkpoints."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ MAX_SAMPLES = 20_000_000
 MAX_STEPS = 200_000_000
 
 
-class SimulatedActuator(ABC):
-    """A plant with one input and one output that lives in simulated time.
+class SimulatedPlant(ABC):
+    """A plant that lives in simulated time: its clock, holds, waveforms and checkpoints.
 
     The physics is hidden: only private attributes know the parameters and the output without
     noise, and they are there for scoring after a run, never for an estimator.
@@ -36,14 +36,12 @@ class SimulatedActuator(ABC):
         [0.9, 1.1] by ``numpy.random.default_rng(specimen)``, in the order given. Without it
         the parameters are nominal.
     noise : float
-        Standard deviation of the sensor, in the unit of the output.
+        Standard deviation of the sensors, in the unit of each output.
     seed : int
         Seed of the noise. The noise of the n-th sample since the start depends on the seed and
         n alone.
     tick : float
         How long one ``exchange`` takes, in seconds.
-    drift : float
-        Relative change of the coupling gain per hour, compounding.
     substeps : int
         Divides every time step of the integration by this number; more is slower and nearer.
     """
@@ -51,6 +49,184 @@ class SimulatedActuator(ABC):
     kind: str
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
+
+    def __init__(
+        self,
+        parameters: dict[str, float],
+        *,
+        specimen: int | None,
+        noise: float,
+        seed: int,
+        tick: float,
+        substeps: int,
+    ) -> None:
+        self.specimen = None if specimen is None else whole_number("specimen", specimen)
+        self.noise = as_finite("noise", noise)
+        self.seed = whole_number("seed", seed)
+        self.tick = positive("tick", tick)
+        self.substeps = whole_number("substeps", substeps)
+        if self.noise < 0:
+            raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
+        if self.substeps < 1:
+            raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
+        self._parameters = spread(parameters, self.specimen)
+        self._one_tick = np.array([self.tick])
+        self._clock = 0.0
+
+    @property
+    def clock(self) -> float:
+        """Simulated time since the start, in seconds."""
+        return self._clock
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold an input and record it and the output.
+
+        Parameters
+        ----------
+        u : float or (channels,) array
+            The input to hold, in the units of the channels.
+        duration : float
+            How long, in seconds.
+        sample_interval : float
+            Time between samples, in seconds; the last sample is taken at the end of the hold.
+
+        Returns
+        -------
+        Record
+            On the clock of the twin; the first sample comes one interval after the start.
+
+        Raises
+        ------
+        LimitError
+            If the input is beyond the limits; nothing is applied then.
+        ParameterError
+            If a time is not positive, or there would be too many samples or steps.
+        """
+        value = check_input(self.inputs, u)
+        ends = sample_times(duration, sample_interval)
+        began = self._clock
+        y = self._hold(value, ends)
+        return self._record(began + ends, np.tile(value, (ends.size, 1)), y)
+
+    def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
+        """Drive with a sampled waveform, straight from sample to sample.
+
+        Parameters
+        ----------
+        t : (T,) array_like
+            Strictly increasing times in seconds; the first is now, whatever its value. The
+            steps of the integration end at these times, and at others in between if they are
+            far apart; 240 samples a period are enough for a sine.
+        u : (T,) or (channels, T) array_like
+            Input at these times, in the units of the channels. The step to the first value
+            takes no time.
+
+        Returns
+        -------
+        Record
+            T samples on the clock of the twin, the first of them before any motion.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond the limits; nothing is applied then.
+        SignalError
+            If the shapes differ, a number is not finite, or time does not increase.
+        """
+        times, given = as_waveform(t, u, len(self.inputs))
+        values = np.ascontiguousarray(given.reshape(-1, times.size).T)
+        for extreme in (values.min(axis=0), values.max(axis=0)):
+            check_input(self.inputs, extreme)
+        began = self._clock
+        y = self._follow(times, values)
+        return self._record(began + times - times[0], values, y)
+
+    def exchange(self, u: Value) -> Value:
+        """Hold an input for one tick and give the output at its end.
+
+        Returns
+        -------
+        float or (channels,) array
+            A number for one channel; NaN where a sensor is lost.
+
+        Raises
+        ------
+        LimitError
+            If the input is beyond the limits; nothing is applied then.
+        """
+        read = self._hold(check_input(self.inputs, u), self._one_tick)[0]
+        return float(read[0]) if len(self.outputs) == 1 else read
+
+    def checkpoint(self) -> dict[str, Any]:
+        """All that a later ``restore`` needs to go on exactly from here, ready for JSON.
+
+        It holds the hidden state of the physics: keep it, do not look into it.
+        """
+        return {**self._identity(), "clock": self._clock, **self._snapshot()}
+
+    def restore(self, checkpoint: dict[str, Any]) -> None:
+        """Go back to a checkpoint; what follows repeats exactly.
+
+        Raises
+        ------
+        ParameterError
+            If the checkpoint is damaged or impossible, or was taken from a twin with other
+            options; the twin stays as it was then.
+        """
+        self._take_up(Checkpoint(checkpoint, self._identity()))
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Go back to the start: the state at rest, clock at 0, the noise from its beginning."""
+
+    @abstractmethod
+    def safe(self) -> None:
+        """Go to the resting input; it takes no time, and is not sampled."""
+
+    @abstractmethod
+    def _hold(self, value: FloatArray, ends: FloatArray) -> FloatArray:
+        """Readings (T, channels) at times ``ends`` (T,) from now, under a constant input."""
+
+    @abstractmethod
+    def _follow(self, t: FloatArray, u: FloatArray) -> FloatArray:
+        """Readings (T, channels) under a waveform (T, channels); the first is of now."""
+
+    @abstractmethod
+    def _snapshot(self) -> dict[str, Any]:
+        """The parts of a checkpoint beside the options and the clock."""
+
+    @abstractmethod
+    def _take_up(self, found: Checkpoint) -> None:
+        """Continue from a checkpoint with the options of this twin."""
+
+    def _identity(self) -> dict[str, Any]:
+        """What must agree for a checkpoint to be taken up."""
+        return {
+            "twin": self.kind,
+            "specimen": self.specimen,
+            "noise": self.noise,
+            "seed": self.seed,
+            "tick": self.tick,
+            "substeps": self.substeps,
+        }
+
+    def _record(self, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:
+        if len(self.inputs) == 1:
+            return Record(t, u[:, 0], y[:, 0], str(self.inputs[0]), str(self.outputs[0]))
+        return Record(t, u.T, y.T, [str(c) for c in self.inputs], [str(c) for c in self.outputs])
+
+
+class SimulatedActuator(SimulatedPlant):
+    """A plant with one input and one output, whose sensor does not fail.
+
+    Parameters
+    ----------
+    parameters, specimen, noise, seed, tick, substeps
+        As in ``SimulatedPlant``.
+    drift : float
+        Relative change of the coupling gain per hour, compounding.
+    """
+
     _rest: tuple[float, ...]
     _rest_input: float
     _first_step: float
@@ -68,25 +244,15 @@ class SimulatedActuator(ABC):
         drift: float,
         substeps: int,
     ) -> None:
-        self.specimen = None if specimen is None else whole_number("specimen", specimen)
-        self.noise = as_finite("noise", noise)
-        self.seed = whole_number("seed", seed)
-        self.tick = positive("tick", tick)
+        super().__init__(
+            parameters, specimen=specimen, noise=noise, seed=seed, tick=tick, substeps=substeps
+        )
         self.drift = as_finite("drift", drift)
-        self.substeps = whole_number("substeps", substeps)
-        if self.noise < 0:
-            raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
         if self.drift <= -1:
-            raise ParameterError(f"drift is {drift} per hour; give more than -1, a gain stays one")
-        if self.substeps < 1:
-            raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
-        self._parameters = spread(parameters, self.specimen)
+            raise ParameterError(
+                f"drift is {self.drift} per hour; give more than -1, a gain stays one"
+            )
         self.reset()
-
-    @property
-    def clock(self) -> float:
-        """Simulated time since the start, in seconds."""
-        return self._clock
 
     def reset(self) -> None:
         """Go back to the start: the state at rest, clock at 0, the noise from its beginning."""
@@ -96,116 +262,9 @@ class SimulatedActuator(ABC):
         self._held = 0.0
         self._samples = 0
 
-    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input and record it and the output.
-
-        Parameters
-        ----------
-        u : float
-            The input to hold, in its unit.
-        duration : float
-            How long, in seconds.
-        sample_interval : float
-            Time between samples, in seconds; the last sample is taken at the end of the hold.
-
-        Returns
-        -------
-        Record
-            On the clock of the twin; the first sample comes one interval after the start.
-
-        Raises
-        ------
-        LimitError
-            If the input is beyond the limits; nothing is applied then.
-        ParameterError
-            If a time is not positive, or there would be more than twenty million samples.
-        """
-        value = float(check_input(self.inputs, u)[0])
-        ends = sample_times(duration, sample_interval)
-        began = self._clock
-        y = self._sensed(self._hold(value, ends))
-        return self._record(began + ends, np.full(ends.size, value), y)
-
-    def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
-        """Drive with a sampled waveform, straight from sample to sample.
-
-        Parameters
-        ----------
-        t : (T,) array_like
-            Strictly increasing times in seconds; the first is now, whatever its value. The
-            steps of the integration end at these times, and at others in between if they are
-            far apart; 240 samples a period are enough for a sine.
-        u : (T,) array_like
-            Input at these times, in its unit. The step to the first value takes no time.
-
-        Returns
-        -------
-        Record
-            (T,) samples on the clock of the twin.
-
-        Raises
-        ------
-        LimitError
-            If an input is beyond the limits; nothing is applied then.
-        SignalError
-            If the shapes differ, a number is not finite, or time does not increase.
-        """
-        times, values = as_waveform(t, u)
-        for extreme in (values.min(), values.max()):
-            check_input(self.inputs, extreme)
-        began = self._clock
-        first = self._output_now()
-        y = self._sensed(np.concatenate([[first], self._follow(times, values)]))
-        return self._record(began + times - times[0], values, y)
-
-    def exchange(self, u: Value) -> float:
-        """Hold an input for one tick and give the output at its end.
-
-        Raises
-        ------
-        LimitError
-            If the input is beyond the limits; nothing is applied then.
-        """
-        value = float(check_input(self.inputs, u)[0])
-        return float(self._sensed(self._hold(value, np.array([self.tick])))[0])
-
     def safe(self) -> None:
         """Go to the resting input; it takes no time, and is not sampled."""
         self._switch(self._rest_input)
-
-    def checkpoint(self) -> dict[str, Any]:
-        """All that a later ``restore`` needs to go on exactly from here, ready for JSON.
-
-        It holds the hidden state of the physics: keep it, do not look into it.
-        """
-        return {
-            **self._identity(),
-            "state": self._state.tolist(),
-            "clock": self._clock,
-            "input": self._input,
-            "held": self._held,
-            "samples": self._samples,
-        }
-
-    def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go back to a checkpoint; what follows repeats exactly.
-
-        Raises
-        ------
-        ParameterError
-            If the checkpoint is damaged or impossible, or was taken from a twin with other
-            options; the twin stays as it was then.
-        """
-        found = Checkpoint(checkpoint, self._identity())
-        state, clock = found.array("state", self._state), found.clock()
-        held = found.number("held", 0.0, clock * (1 + 1e-9))
-        before = None
-        if not found.absent("input"):
-            before = float(found.inputs("input", self.inputs, np.zeros(())))
-        samples = found.count("samples")
-        check_within(state, *self._bounds(clock), "state")
-        self._state, self._clock, self._input = state, clock, before
-        self._held, self._samples = held, samples
 
     @abstractmethod
     def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
@@ -220,16 +279,26 @@ class SimulatedActuator(ABC):
         """The output without noise, at the present state. For scoring only."""
 
     def _identity(self) -> dict[str, Any]:
-        """What must agree for a checkpoint to be taken up."""
+        return {**super()._identity(), "drift": self.drift}
+
+    def _snapshot(self) -> dict[str, Any]:
         return {
-            "twin": self.kind,
-            "specimen": self.specimen,
-            "noise": self.noise,
-            "seed": self.seed,
-            "tick": self.tick,
-            "substeps": self.substeps,
-            "drift": self.drift,
+            "state": self._state.tolist(),
+            "input": self._input,
+            "held": self._held,
+            "samples": self._samples,
         }
+
+    def _take_up(self, found: Checkpoint) -> None:
+        state, clock = found.array("state", self._state), found.clock()
+        held = found.number("held", 0.0, clock * (1 + 1e-9))
+        before = None
+        if not found.absent("input"):
+            before = float(found.inputs("input", self.inputs, np.zeros(())))
+        samples = found.count("samples")
+        check_within(state, *self._bounds(clock), "state")
+        self._state, self._clock, self._input = state, clock, before
+        self._held, self._samples = held, samples
 
     def _gain(self, clock: FloatArray | float) -> FloatArray:
         return np.exp(math.log1p(self.drift) * np.asarray(clock) / 3600.0)
@@ -238,19 +307,18 @@ class SimulatedActuator(ABC):
         if value != self._input:
             self._input, self._held = value, 0.0
 
-    def _hold(self, value: float, ends: FloatArray) -> FloatArray:
-        """Output without noise at times ``ends`` (T,) from now, under a constant input."""
-        self._switch(value)
+    def _hold(self, value: FloatArray, ends: FloatArray) -> FloatArray:
+        self._switch(float(value[0]))
         samples = self._held + ends
         points = np.union1d(self._grid(self._held, float(samples[-1])), samples)
         last = np.searchsorted(points, samples)
         h = np.diff(points, prepend=self._held)
-        y = self._march(np.full(h.size, value), h)[last]
+        y = self._march(np.full(h.size, float(value[0])), h)[last]
         self._held += float(ends[-1])
-        return y
+        return self._sensed(y)
 
     def _follow(self, t: FloatArray, u: FloatArray) -> FloatArray:
-        """Output without noise at all samples but the first, under a waveform."""
+        first, u = self._output_now(), u[:, 0]
         self._input, self._held = float(u[-1]), 0.0
         gaps = np.diff(t)
         parts = np.maximum(np.ceil(gaps / self._first_step - 1e-9), 1)
@@ -259,7 +327,8 @@ class SimulatedActuator(ABC):
         h = np.repeat(gaps / parts, parts.astype(np.int64))
         inside = t[0] + np.cumsum(h)
         inside[last] = t[1:]
-        return self._march(np.interp(inside, t, u), h, since=float(u[0]))[last]
+        y = self._march(np.interp(inside, t, u), h, since=float(u[0]))[last]
+        return self._sensed(np.concatenate([[first], y]))
 
     def _march(self, u: FloatArray, h: FloatArray, since: float | None = None) -> FloatArray:
         """Run steps ``h``, each cut into substeps, with the input straight within a step."""
@@ -285,14 +354,11 @@ class SimulatedActuator(ABC):
         return grid[(grid > since) & (grid < until)]
 
     def _sensed(self, y: FloatArray) -> FloatArray:
-        """Outputs as the sensor gives them."""
+        """Outputs (T,) as the sensor gives them, (T, 1)."""
         began, self._samples = self._samples, self._samples + y.size
-        if self.noise == 0:
-            return y
-        return y + self.noise * gaussian(self.seed, began, y.size)
-
-    def _record(self, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:
-        return Record(t, u, y, str(self.inputs[0]), str(self.outputs[0]))
+        if self.noise > 0:
+            y = y + self.noise * gaussian(self.seed, began, y.size)
+        return y[:, None]
 
 
 def gaussian(seed: int, first: int, count: int) -> FloatArray:
@@ -331,12 +397,16 @@ def sample_times(duration: float, sample_interval: float) -> FloatArray:
     return times
 
 
-def as_waveform(t: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Times and values of a sampled waveform, (T,) each, refused unless time increases."""
+def as_waveform(
+    t: npt.ArrayLike, u: npt.ArrayLike, channels: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """Times (T,) and values (T,) or (channels, T), refused unless time increases."""
     times, values = as_samples(t, name="t"), as_samples(u, name="u")
-    if times.ndim != 1 or times.shape != values.shape or times.size < 2:
+    wanted = times.shape if channels == 1 else (channels, *times.shape)
+    if times.ndim != 1 or values.shape != wanted or times.size < 2:
+        needed = "(T,) of both" if channels == 1 else f"(T,) times and ({channels}, T) inputs"
         raise SignalError(
-            f"t has shape {times.shape} and u {values.shape}; give (T,) of both, T at least 2"
+            f"t has shape {times.shape} and u {values.shape}; give {needed}, T at least 2"
         )
     if not (np.diff(times) > 0).all():
         index = int(np.argmin(np.diff(times) > 0)) + 1

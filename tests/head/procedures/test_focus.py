@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from head.vision.walls import EYE, photograph
+from head.vision.walls import CAMERA, photograph
 from minorloop.errors import ParameterError
 from minorloop.head.geometry import wall_point
 from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.values import Reading
 from minorloop.lab.actuator import Frame
 
-AIM = EYE.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
 PLAIN = photograph(*AIM, noise=0.0).astype(float)
 MIDDLE = (319.5, 239.5)
 
 
-def autofocus(lens, eye, pixel, guess, wait=0.0, travel=0.0, **options):
+def autofocus(lens, camera, pixel, guess, wait=0.0, travel=0.0, **options):
     """A sweep, driven to its end."""
-    focusing = Focusing(lens=eye.lens, wait=wait, travel=travel, **options)
+    focusing = Focusing(lens=camera.lens, wait=wait, travel=travel, **options)
     state, image = focusing.begin(pixel, guess), None
     for tick in range(200):
         reading = Reading(t=0.04 * tick, angles=np.zeros(2), image=image)
@@ -53,7 +53,7 @@ class Lens:
 @pytest.mark.parametrize(("best", "guess"), [(10e-3, 9e-3), (14e-3, 10e-3), (8e-3, 12e-3)])
 def test_the_sharpest_distance_is_found_from_a_poor_guess(best, guess):
     lens = Lens(best)
-    found = autofocus(lens, EYE, MIDDLE, guess)
+    found = autofocus(lens, CAMERA, MIDDLE, guess)
     assert found.verdict == "sharp"
     assert 1 / found.distance == pytest.approx(1 / best, abs=4)
     assert lens.now == found.distance
@@ -61,7 +61,7 @@ def test_the_sharpest_distance_is_found_from_a_poor_guess(best, guess):
 
 
 def test_what_is_nearer_than_the_lens_can_go_is_said_to_be_at_the_end():
-    found = autofocus(Lens(3e-3), EYE, MIDDLE, 5e-3)
+    found = autofocus(Lens(3e-3), CAMERA, MIDDLE, 5e-3)
     assert found.verdict == "at the end"
     assert found.distance == pytest.approx(4e-3, rel=0.05)
 
@@ -71,7 +71,7 @@ def test_an_even_wall_has_nothing_to_focus_on():
         noise = np.random.default_rng(int(image.sum()) % 1000).normal(100, 1, image.shape)
         return noise.astype(np.uint8)
 
-    found = autofocus(Lens(10e-3, even), EYE, MIDDLE, 9e-3)
+    found = autofocus(Lens(10e-3, even), CAMERA, MIDDLE, 9e-3)
     assert found.verdict == "nothing to focus on"
     assert found.distance == 9e-3
 
@@ -79,7 +79,7 @@ def test_an_even_wall_has_nothing_to_focus_on():
 @pytest.mark.parametrize("spoil", [lambda image: image * 0, lambda image: image[:10]])
 def test_bad_frames_leave_the_focus_at_the_guess(spoil):
     lens = Lens(10e-3, spoil)
-    found = autofocus(lens, EYE, MIDDLE, 9e-3)
+    found = autofocus(lens, CAMERA, MIDDLE, 9e-3)
     assert found.verdict == "no frames"
     assert lens.now == 9e-3
 
@@ -87,4 +87,4 @@ def test_bad_frames_leave_the_focus_at_the_guess(spoil):
 @pytest.mark.parametrize("options", [{"guess": 1e-3}, {"tries": 3}, {"spread": 1.5}, {"wait": -1}])
 def test_options_out_of_range_are_refused(options):
     with pytest.raises(ParameterError):
-        autofocus(Lens(10e-3), EYE, MIDDLE, **{"guess": 9e-3, **options})
+        autofocus(Lens(10e-3), CAMERA, MIDDLE, **{"guess": 9e-3, **options})

@@ -97,7 +97,7 @@ def test_the_water_line_is_found_within_its_gap(height):
     assert (line.wet(phi, 10e-3) == (10e-3 * np.sin(phi) > height)).all()
 
 
-def test_of_water_below_the_axis_the_face_of_the_probe_tells():
+def test_below_the_axis_the_face_of_the_probe_gives_the_water_line():
     phi = np.radians(np.arange(-180, 180, 5.0))
     line = find_water(phi, 2e-3 * np.sin(phi) > 1.1e-3, 10e-3, face=2e-3)
     assert line.height == pytest.approx(1.1e-3, abs=0.15e-3)
@@ -128,7 +128,7 @@ def test_what_does_not_fit_is_refused():
         DepthMap(PATCH, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2), dtype=np.uint8))
     with pytest.raises(SignalError, match="different patches"):
         blend(unseen_map(PATCH), unseen_map(Patch.around(0.0, 0.0, size=2e-3)))
-    with pytest.raises(SignalError, match="2 answers"):
+    with pytest.raises(SignalError, match="2 echoes"):
         find_water([0.0], [True, False], 10e-3)
     with pytest.raises(SignalError, match="1 spots"):
         sonar_map(PATCH, [(0.0, 0.0)], [0.0, 1.0], [1.0])

@@ -38,7 +38,7 @@ def test_a_wall_that_was_only_seen_is_not_known_to_micrometres():
     assert (wall.sd[OFF > 0.8e-3] >= 10e-6).all()
 
 
-def test_echoes_tell_of_a_dimple_beside_the_pit():
+def test_echoes_show_a_dimple_beside_the_pit():
     dimple = 0.15e-3 * np.exp(-0.5 * (PATCH.off(0.0, 20.9e-3) ** 2).sum(axis=-1) / 0.25e-3**2)
     wall = fuse(PIT, heard(TRUTH + np.where(OFF > 0.5e-3, dimple, 0.0)), PATCH)
     there = np.linalg.norm(PATCH.off(0.0, 20.8e-3), axis=-1) < 0.1e-3
@@ -52,7 +52,7 @@ def test_the_rim_is_the_least_sure():
     assert np.isfinite(wall.sd).all()
 
 
-def test_without_a_fitted_depth_the_traces_alone_tell_it():
+def test_without_a_fitted_depth_the_traces_give_it():
     unsure = PitDepth("too few echoes", 0.0, 20e-3, 1e-3, place_sd=30e-6, diameter_sd=50e-6)
     wall = fuse(unsure, heard(TRUTH), PATCH)
     middle = OFF < 0.25e-3

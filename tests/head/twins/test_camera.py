@@ -1,4 +1,4 @@
-"""A camera in a pipe, held to optics."""
+"""The simulated camera, against optics."""
 
 import math
 
@@ -29,7 +29,7 @@ def looking_at(pipe, *, lights=(True, True, True), gain=1.0, focus=None, **optio
     depth = MOUNT.pose(*AIM).to_camera(wall_point(*PLACE, 10e-3))[2]
     camera.focus_at(float(depth if focus is None else focus))
     for _ in range(25):
-        camera._pass(camera.sensor.interval)
+        camera._advance(camera.sensor.interval)
     return camera
 
 
@@ -38,7 +38,7 @@ def middle(image, half=3):
     return float(image[v - half : v + half, u - half : u + half].mean())
 
 
-def test_stands_behind_the_door():
+def test_it_implements_the_protocol():
     camera = Camera(Pipe(length=6.4e-3))
     assert isinstance(camera, FrameSource)
     frame = camera.frame()
@@ -47,7 +47,7 @@ def test_stands_behind_the_door():
     assert 0 < frame.t < camera.clock == pytest.approx(0.04)
 
 
-def test_a_seed_gives_the_same_frames_again():
+def test_a_seed_gives_the_same_frames():
     pipe = Pipe.draw(2, length=12.8e-3, holes=1)
     first, again, other = (Camera(pipe, seed=n) for n in (1, 1, 2))
     image = first.frame().image
@@ -113,7 +113,7 @@ def test_a_highlight_follows_the_light_and_not_the_wall():
     assert min(gaps) > 2
 
 
-def test_a_hole_is_where_the_scorer_is_told_it_is():
+def test_a_hole_is_where_the_score_expects_it():
     pipe = Pipe(length=25.6e-3, finish=MATT, bores=(Bore(*PLACE, 1e-3, lining=0.01),))
     camera = looking_at(pipe, sensor=CLEAN)
     camera.look(AIM[0] + 0.1, AIM[1] - 0.05)
@@ -239,6 +239,6 @@ def test_a_specimen_differs_from_its_calibration_by_little_and_from_the_drawing_
         (lambda c: ImageSensor(electrons=0.0), ParameterError),
     ],
 )
-def test_what_cannot_be_is_refused(act, error):
+def test_impossible_values_are_refused(act, error):
     with pytest.raises(error):
         act(Camera(Pipe(length=6.4e-3)))

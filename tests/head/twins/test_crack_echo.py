@@ -27,7 +27,7 @@ def test_without_depth_it_is_the_wall_over_its_mouth():
     assert COURSE.echo(beam(), PART, K, 0.0) == pytest.approx(2j * K * area, rel=0.02)
 
 
-def test_a_narrow_beam_comes_back_earlier_and_weaker_than_a_plane_wave():
+def test_the_echo_of_a_narrow_beam_is_earlier_and_weaker_than_of_a_plane_wave():
     echo = COURSE.echo(beam(0.06e-3), PART, K, 0.5e-3)
     plain = COURSE.echo(beam(0.06e-3), PART, K, 0.0)
     assert (np.abs(echo / plain) < 0.97).all()

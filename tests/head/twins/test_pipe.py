@@ -1,4 +1,4 @@
-"""What can be on the wall of a pipe."""
+"""Defects and marks on the wall of a pipe."""
 
 import math
 
@@ -9,7 +9,7 @@ from minorloop.errors import ParameterError
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Dirt, Pipe, Scratch
 
 
-def test_a_seed_draws_the_same_pipe_again():
+def test_a_seed_draws_the_same_pipe():
     assert Pipe.draw(5, holes=2, pits=1, cracks=1) == Pipe.draw(5, holes=2, pits=1, cracks=1)
     assert Pipe.draw(5, holes=2) != Pipe.draw(6, holes=2)
 
@@ -60,6 +60,6 @@ def test_a_dished_floor_is_shallower_at_its_rim():
         lambda: Pipe(water=10e-3),
     ],
 )
-def test_what_cannot_be_is_refused(make):
+def test_impossible_values_are_refused(make):
     with pytest.raises(ParameterError):
         make()

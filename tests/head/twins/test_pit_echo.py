@@ -8,7 +8,7 @@ K = np.array([30e3, 42e3, 55e3])
 FLAT = 1e9  # m, a pipe so wide that its wall is flat
 
 
-def test_a_plane_wave_comes_back_from_the_floor_later_by_twice_the_depth():
+def test_the_echo_of_a_plane_wave_is_delayed_by_twice_the_depth():
     basis = basis_of(Bore(0.0, 0.0, 1e-3, depth=0.4e-3), FLAT, K[-1])
     heard = basis.echo(np.ones((3, len(basis.places)), dtype=complex), K)
     expected = 2j * K * np.pi * 0.25e-6 * np.exp(2j * K * 0.4e-3)

@@ -58,7 +58,7 @@ def test_limits_of_a_rig_are_kept():
             Rig().exchange(np.array(u))
 
 
-def test_a_tip_hears_in_water_only_and_sees_what_a_camera_there_sees():
+def test_a_tip_has_echoes_in_water_only_and_the_image_of_a_camera_there():
     tip = SimulatedTip(Pipe.draw(1))
     tip.stand((0.31, 0.0, 0.0, 0.0, 0.02, 0.0))
     camera = Camera(Pipe.draw(1), Mount(advance=0.02))

@@ -1,4 +1,4 @@
-"""What every twin of one or several axes does at its door."""
+"""The interface of all simulated axes."""
 
 import json
 import math
@@ -34,7 +34,7 @@ def wave(kind, count, seed=0):
 
 
 @every_kind
-def test_stands_behind_the_door(kind):
+def test_it_implements_the_protocol(kind):
     twin = kind()
     assert isinstance(twin, Actuator)
     y = twin.exchange(inputs(kind, [0.5, 0.5]))

@@ -1,4 +1,4 @@
-"""The wall laid flat."""
+"""The unrolled surface of a pipe."""
 
 import numpy as np
 import pytest

@@ -14,14 +14,14 @@ PIT = Bore(0.0, 20e-3, 1e-3, depth=0.5e-3)
 SPEED = 1482.38
 
 
-def ear(pipe=None, *, probe=None, z=20e-3, phi=0.0, **options):
+def probe_at(pipe=None, *, probe=None, z=20e-3, phi=0.0, **options):
     options = {"noise": 0.0, "grain": 0.0, "roughness": 0.0, **options}
     sonar = Ultrasound(pipe or Pipe(water=FULL), MOUNT, probe, **options)
     sonar.look(*sonar.probe.aim(MOUNT, wall_point(phi, z, 10e-3)))
     return sonar
 
 
-def heard(sonar):
+def received(sonar):
     return sonar.shot().trace[250:]
 
 
@@ -29,8 +29,8 @@ def peak(trace):
     return np.abs(trace).max()
 
 
-def test_it_stands_behind_the_door_of_an_echo_source():
-    sonar = ear()
+def test_it_implements_the_protocol_of_an_echo_source():
+    sonar = probe_at()
     assert isinstance(sonar, EchoSource)
     first, second = sonar.shot(), sonar.shot()
     assert first.trace.shape == (2048,)
@@ -38,8 +38,8 @@ def test_it_stands_behind_the_door_of_an_echo_source():
 
 
 @pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0])
-def test_a_plain_wall_is_heard_after_twice_its_distance(temperature):
-    sonar = ear(temperature=temperature)
+def test_a_plain_wall_echoes_after_twice_its_distance(temperature):
+    sonar = probe_at(temperature=temperature)
     spectrum = np.fft.rfft(sonar.shot().trace * (np.arange(2048) > 500))
     envelope = np.abs(np.fft.ifft(np.r_[2 * spectrum, np.zeros(2048 - len(spectrum))]))
     speed = 1402.39 + 5.04 * temperature - 0.058 * temperature**2 + 3.3e-4 * temperature**3
@@ -47,25 +47,28 @@ def test_a_plain_wall_is_heard_after_twice_its_distance(temperature):
 
 
 def test_the_wall_fills_half_of_the_range():
-    assert peak(heard(ear())) == pytest.approx(0.5, rel=0.1)
+    assert peak(received(probe_at())) == pytest.approx(0.5, rel=0.1)
 
 
-def test_through_air_nothing_comes_back():
-    assert peak(heard(ear(Pipe(water=None)))) < 1e-3
+def test_in_air_there_is_no_echo():
+    assert peak(received(probe_at(Pipe(water=None)))) < 1e-3
     half = Pipe(water=0.0)
     roll = Mount(roll=-np.pi / 2, advance=20e-3)
     dry = Ultrasound(half, roll, noise=0.0)
     dry.look(*dry.probe.aim(roll, wall_point(-np.pi / 2, 20e-3, 10e-3)))
-    assert peak(heard(dry)) < 1e-3
+    assert peak(received(dry)) < 1e-3
     roll = Mount(roll=np.pi / 2, advance=20e-3)
     wet = Ultrasound(half, roll, noise=0.0)
     wet.look(*wet.probe.aim(roll, wall_point(np.pi / 2, 20e-3, 10e-3)))
-    assert peak(heard(wet)) > 0.3
+    assert peak(received(wet)) > 0.3
 
 
-def test_a_lens_hears_the_floor_of_a_pit_as_loud_as_the_wall_and_a_bare_disc_does_not():
+def test_with_a_lens_the_floor_of_a_pit_echoes_as_loud_as_the_wall_and_without_it_does_not():
     pipe = Pipe(bores=(PIT,), water=FULL)
-    lens, bare = ear(pipe)._floor_level(), ear(pipe, probe=Probe(focus=np.inf))._floor_level()
+    lens, bare = (
+        probe_at(pipe)._floor_level(),
+        probe_at(pipe, probe=Probe(focus=np.inf))._floor_level(),
+    )
     assert -3 < 20 * np.log10(lens) < -0.5
     assert -17 < 20 * np.log10(bare) < -12
 
@@ -73,7 +76,7 @@ def test_a_lens_hears_the_floor_of_a_pit_as_loud_as_the_wall_and_a_bare_disc_doe
 def test_tilt_costs_a_bare_disc_far_more_than_a_lens():
     def loss(probe):
         z = 20e-3 + 10e-3 * np.tan(np.radians(1.0))
-        return peak(heard(ear(probe=probe))) / peak(heard(ear(probe=probe, z=z)))
+        return peak(received(probe_at(probe=probe))) / peak(received(probe_at(probe=probe, z=z)))
 
     assert 20 * np.log10(loss(Probe())) < 0.6
     assert 8 < 20 * np.log10(loss(Probe(focus=np.inf))) < 25
@@ -85,48 +88,48 @@ def test_a_floor_is_late_by_twice_its_depth_and_a_hole_has_none():
         return np.sum(trace[n - 8 : n + 9] ** 2)
 
     late = 2 * 8.5e-3 / SPEED
-    pit = energy_about(heard(ear(Pipe(bores=(PIT,), water=FULL))), late)
+    pit = energy_about(received(probe_at(Pipe(bores=(PIT,), water=FULL))), late)
     through = Bore(0.0, 20e-3, 1e-3)
-    assert energy_about(heard(ear(Pipe(bores=(through,), water=FULL))), late) < 0.02 * pit
+    assert energy_about(received(probe_at(Pipe(bores=(through,), water=FULL))), late) < 0.02 * pit
 
 
 def test_the_steel_rings_behind_the_wall_at_its_own_time():
-    thin = heard(ear(Pipe(water=FULL, thickness=2e-3)))
+    thin = received(probe_at(Pipe(water=FULL, thickness=2e-3)))
     n = int((2 * 8e-3 / SPEED + 2 * 2e-3 / 5900) / 10e-9) - 250
     ringing = peak(thin[n - 10 : n + 11]) / peak(thin)
     assert 0.04 < ringing < 0.13
 
 
 def test_cracks_and_dents_change_the_echo():
-    plain = heard(ear())
+    plain = received(probe_at())
     crack = Crack(((-0.1, 20e-3), (0.1, 20e-3)), (0.3e-3, 0.3e-3), depth=0.5e-3)
     dent = Dent(0.0, 20e-3, 0.5e-3, -0.1e-3)
     for pipe in (Pipe(cracks=(crack,), water=FULL), Pipe(dents=(dent,), water=FULL)):
-        assert peak(heard(ear(pipe)) - plain) > 0.1 * peak(plain)
+        assert peak(received(probe_at(pipe)) - plain) > 0.1 * peak(plain)
 
 
 def test_noise_repeats_with_its_seed_and_not_without():
-    a, b, c = (ear(noise=0.1, seed=seed).shot().trace for seed in (1, 1, 2))
+    a, b, c = (probe_at(noise=0.1, seed=seed).shot().trace for seed in (1, 1, 2))
     assert (a == b).all()
     assert (a != c).any()
 
 
 def test_specimens_differ():
-    assert peak(heard(ear(specimen=1)) - heard(ear(specimen=2))) > 0.02
+    assert peak(received(probe_at(specimen=1)) - received(probe_at(specimen=2))) > 0.02
 
 
-def test_a_moving_head_hears_something_else_and_a_still_one_the_same():
-    sonar = ear(Pipe(bores=(PIT,), water=FULL))
-    assert (heard(sonar) == heard(sonar)).all()
+def test_echoes_change_with_a_moving_head_and_stay_with_a_still_one():
+    sonar = probe_at(Pipe(bores=(PIT,), water=FULL))
+    assert (received(sonar) == received(sonar)).all()
     sonar.look(*sonar.probe.aim(MOUNT, wall_point(0.0, 20.3e-3, 10e-3)), rates=(0.5, 0.0))
-    first = heard(sonar)
+    first = received(sonar)
     sonar.wait(0.1)
-    assert peak(heard(sonar) - first) > 0.02
+    assert peak(received(sonar) - first) > 0.02
 
 
 def test_faults_freeze_or_lose_traces():
     faults = (Fault("echo", "lost", 0.001, 0.002), Fault("echo", "stuck", 0.002, 0.003))
-    sonar = ear(noise=0.1, faults=faults)
+    sonar = probe_at(noise=0.1, faults=faults)
     good, lost, stuck, again = (sonar.shot().trace for _ in range(4))
     assert peak(lost) == 0
     assert (stuck == lost).all()
@@ -135,17 +138,17 @@ def test_faults_freeze_or_lose_traces():
 
 
 def test_loud_echoes_clip():
-    sonar = ear()
+    sonar = probe_at()
     sonar.amplify(3.0)
-    assert peak(heard(sonar)) == pytest.approx(1.0, abs=1e-3)
+    assert peak(received(sonar)) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_what_cannot_be_is_refused():
+def test_impossible_values_are_refused():
     with pytest.raises(LimitError, match="gain 1000"):
-        ear().amplify(1000.0)
+        probe_at().amplify(1000.0)
     with pytest.raises(ParameterError, match="noise"):
-        ear(noise=-1.0)
+        probe_at(noise=-1.0)
     with pytest.raises(ParameterError, match="120"):
-        ear(temperature=120.0)
+        probe_at(temperature=120.0)
     with pytest.raises(ParameterError, match="wait"):
-        ear().wait(-1.0)
+        probe_at().wait(-1.0)

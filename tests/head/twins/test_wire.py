@@ -208,7 +208,7 @@ def test_more_current_never_means_less_angle(currents):
 
 
 @pytest.mark.parametrize("specimen", range(20))
-def test_every_specimen_holds_forty_degrees_and_comes_back(specimen):
+def test_every_specimen_holds_forty_degrees_and_returns(specimen):
     y = settled([1.2, 0.0], specimen=specimen)
     assert y[0] > 44
     assert abs(y[1]) < 1e-9

@@ -14,7 +14,7 @@ from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pits import raster
 
 MOUNT = Mount(advance=20e-3)
-EAR = CalibratedProbe(Probe(), MOUNT)
+PROBE = CalibratedProbe(Probe(), MOUNT)
 CENTRE = (0.0, 20e-3)
 COURSE = np.array([(-0.3, 20.1e-3), (0.3, 19.9e-3)])
 
@@ -23,7 +23,7 @@ def scan(width, depth, noise=0.05, points=4):
     crack = Crack(tuple(map(tuple, COURSE)), (width, width), depth=depth)
     sonar = Ultrasound(Pipe(cracks=(crack,), water=-9.99e-3), MOUNT, seed=1, noise=noise)
     bursts = []
-    for place in raster(EAR, CENTRE, points=points):
+    for place in raster(PROBE, CENTRE, points=points):
         sonar.look(*place)
         shots = [sonar.shot() for _ in range(4)]
         bursts.append(average(shots, np.tile(place, (4, 1)), np.zeros(4)))
@@ -31,26 +31,26 @@ def scan(width, depth, noise=0.05, points=4):
 
 
 def test_a_wide_crack_has_a_depth():
-    found = crack_depth(scan(0.3e-3, 0.5e-3, points=5), EAR, COURSE, 0.3e-3)
+    found = crack_depth(scan(0.3e-3, 0.5e-3, points=5), PROBE, COURSE, 0.3e-3)
     assert found.verdict == "measured"
     assert found.depth == pytest.approx(0.5e-3, abs=max(3 * found.depth_sd, 10e-6))
     assert found.depth_sd < 50e-6
 
 
 def test_beyond_its_range_no_depth_is_given():
-    found = crack_depth(scan(0.2e-3, 1.35e-3), EAR, COURSE, 0.2e-3)
+    found = crack_depth(scan(0.2e-3, 1.35e-3), PROBE, COURSE, 0.2e-3)
     assert found.verdict in ("deeper than 1.25 mm", "no floor heard")
     assert np.isnan(found.depth)
 
 
 def test_a_traced_width_is_not_surer_than_tracing_is():
-    found = crack_depth([], EAR, COURSE, 0.3e-3)
+    found = crack_depth([], PROBE, COURSE, 0.3e-3)
     assert crack_finding(COURSE, 0.3e-3, found, 10e-3).width_sd >= 0.15e-3
 
 
-def test_a_hair_is_too_narrow_and_the_bound_is_told():
+def test_a_hair_is_too_narrow_and_the_bound_is_given():
     bursts = scan(0.02e-3, 0.5e-3, noise=0.3)
-    found = crack_depth(bursts, EAR, COURSE, 0.02e-3)
+    found = crack_depth(bursts, PROBE, COURSE, 0.02e-3)
     assert found.verdict == "too narrow for a depth"
     assert np.isnan(found.depth)
     assert 0.02e-3 < found.least_width < 0.3e-3
@@ -77,6 +77,6 @@ def test_the_map_is_as_deep_as_was_measured_and_open_where_it_was_not():
 
 
 def test_without_echoes_there_is_no_depth():
-    assert crack_depth([], EAR, COURSE, 0.2e-3).verdict == "too few echoes"
+    assert crack_depth([], PROBE, COURSE, 0.2e-3).verdict == "too few echoes"
     with pytest.raises(SignalError, match="crack"):
-        crack_depth([], EAR, COURSE[:1], 0.2e-3)
+        crack_depth([], PROBE, COURSE[:1], 0.2e-3)

@@ -8,9 +8,9 @@ from minorloop.head.ultrasound.echoes import (
     Pulse,
     average,
     choose_modality,
-    fault_of,
     find_echoes,
     front_echo,
+    trace_fault,
 )
 from minorloop.lab.actuator import Shot
 
@@ -54,13 +54,13 @@ def test_two_echoes_come_in_the_order_of_their_times():
     assert second.amplitude == pytest.approx(2.5 * first.amplitude, rel=0.02)
 
 
-def test_noise_alone_holds_no_echo():
+def test_noise_contains_no_echo():
     found = [find_echoes(noisy(seed), DT) for seed in range(20)]
     assert sum(len(echoes) for echoes in found) <= 4
     assert find_echoes(np.zeros(2048), DT) == ()
 
 
-def test_a_gate_shuts_others_out():
+def test_echoes_outside_of_a_gate_are_ignored():
     trace = echo_at(10e-6) + echo_at(12e-6)
     (found,) = find_echoes(trace, DT, gate=(11e-6, 13e-6))
     assert found.time == pytest.approx(12e-6, abs=1e-9)
@@ -78,8 +78,8 @@ def test_a_gate_shuts_others_out():
         (np.zeros((4, 2048)), "not a trace"),
     ],
 )
-def test_what_is_wrong_with_a_trace_is_said(trace, fault):
-    assert fault_of(shot(trace)) == fault
+def test_the_fault_of_a_trace_is_named(trace, fault):
+    assert trace_fault(shot(trace)) == fault
 
 
 def test_the_modality_follows_the_front_echo():
@@ -151,7 +151,7 @@ def test_what_does_not_fit_is_refused():
 )
 def test_what_is_no_row_of_numbers_is_a_verdict(trace):
     odd = Shot(0.0, trace, DT)
-    assert fault_of(odd) == "not a trace"
+    assert trace_fault(odd) == "not a trace"
     assert np.isnan(front_echo(odd, 8e-3, SPEED).time)
     assert choose_modality([odd] * 3, 8e-3, SPEED) == "camera"
     burst = average([odd, shot(noisy(1))], np.zeros((2, 2)), np.zeros(2))
@@ -160,7 +160,7 @@ def test_what_is_no_row_of_numbers_is_a_verdict(trace):
 
 @pytest.mark.parametrize("interval", [0.0, -DT, np.nan, np.inf, None])
 def test_a_shot_without_a_sample_interval_is_a_verdict(interval):
-    assert fault_of(Shot(0.0, noisy(1), interval)) == "not a trace"
+    assert trace_fault(Shot(0.0, noisy(1), interval)) == "not a trace"
 
 
 @pytest.mark.parametrize(("distance", "speed"), [(np.nan, SPEED), (-1.0, SPEED), (8e-3, 0.0)])

@@ -5,7 +5,7 @@ from minorloop.errors import ParameterError
 from minorloop.head.geometry import Mount, Probe
 from minorloop.head.ultrasound.field import CalibratedProbe, sound_field
 
-EAR = CalibratedProbe(Probe(), Mount())
+PROBE = CalibratedProbe(Probe(), Mount())
 
 
 def test_a_bare_disc_on_its_axis_is_as_in_the_closed_form():
@@ -18,17 +18,17 @@ def test_a_bare_disc_on_its_axis_is_as_in_the_closed_form():
 
 
 def test_it_is_reciprocal_with_its_own_table():
-    field = sound_field(EAR)
+    field = sound_field(PROBE)
     origin, axis = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]])
     points = np.array([[field.steps[1] + 3 * field.steps[2], 5 * field.steps[0], 0.0]])
     found = field.at(origin, axis, np.array([points[0, 0]]), points)[0, :, 0]
     assert found == pytest.approx(field.table[5, 3], rel=1e-6)
 
 
-def test_a_wall_beside_the_beam_is_not_heard():
-    field = sound_field(EAR)
-    origin, axis = EAR.beams([[np.radians(25.0), 0.0]])
-    spots = EAR.spots([[np.radians(25.0), 0.0]])
+def test_a_wall_beside_the_beam_has_no_echo():
+    field = sound_field(PROBE)
+    origin, axis = PROBE.beams([[np.radians(25.0), 0.0]])
+    spots = PROBE.spots([[np.radians(25.0), 0.0]])
     heard = field.wall(origin, axis, spots[:, 2].copy(), spots[:, :2].copy(), 10e-3)
     beside = spots[:, :2] + [[0.0, 6e-3]]
     unheard = field.wall(origin, axis, spots[:, 2].copy(), beside, 10e-3)
@@ -38,6 +38,6 @@ def test_a_wall_beside_the_beam_is_not_heard():
 @pytest.mark.parametrize(
     "options", [{"radius": 0.0}, {"thickness": -1.0}, {"temperature": 200.0}, {"radius": 1e-3}]
 )
-def test_an_ear_that_cannot_be_is_refused(options):
+def test_an_impossible_probe_is_refused(options):
     with pytest.raises(ParameterError):
         CalibratedProbe(Probe(), Mount(), **options)

@@ -6,13 +6,13 @@ from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pit_model import NAMES, PitModel, unit_disc
 from minorloop.head.ultrasound.pits import raster
 
-EAR = CalibratedProbe(Probe(), Mount(advance=20e-3))
+PROBE = CalibratedProbe(Probe(), Mount(advance=20e-3))
 CENTRE = (0.0, 20e-3)
 
 
 @pytest.fixture(scope="module")
 def model():
-    return PitModel(EAR, raster(EAR, CENTRE), CENTRE, 0.5e-3)
+    return PitModel(PROBE, raster(PROBE, CENTRE), CENTRE, 0.5e-3)
 
 
 def pit(**unknowns):
@@ -36,7 +36,7 @@ def test_a_pit_without_depth_is_a_wall(model):
 
 
 def test_a_raster_surrounds_its_centre():
-    off = PitModel(EAR, raster(EAR, CENTRE), CENTRE, 0.5e-3).off()
+    off = PitModel(PROBE, raster(PROBE, CENTRE), CENTRE, 0.5e-3).off()
     assert off.mean(axis=0) == pytest.approx([0, 0], abs=1e-6)
     assert np.abs(off).max() == pytest.approx(0.8e-3, rel=1e-3)
 

@@ -16,30 +16,30 @@ ROLLS = np.radians(np.arange(-180, 180, 15.0))
 
 @pytest.fixture(scope="module")
 def swept():
-    """A sweep round a pipe that is a little more than half full, the pivot off its place."""
+    """A sweep round a pipe that is a little more than half full, with a misplaced pivot."""
     sonar = Ultrasound(Pipe(water=WATER), noise=0.03)
     profiles = []
     for roll in ROLLS:
         known = Mount(roll=float(roll), advance=20e-3)
-        ear = CalibratedProbe(Probe(), known)
-        angles = ear.probe.aim(known, wall_point(roll, 20e-3, 10e-3))
+        probe = CalibratedProbe(Probe(), known)
+        angles = probe.transducer.aim(known, wall_point(roll, 20e-3, 10e-3))
         sonar.move(Mount(offset=OFFSET, roll=float(roll), advance=20e-3))
         sonar.look(*angles)
         shots = [sonar.shot() for _ in range(4)]
-        profiles.append(wall_profile([average(shots, np.tile(angles, (4, 1)), np.zeros(4))], ear))
+        profiles.append(wall_profile([average(shots, np.tile(angles, (4, 1)), np.zeros(4))], probe))
     return joined(profiles)
 
 
-def test_the_wall_is_heard_under_water_only(swept):
+def test_the_wall_echoes_under_water_only(swept):
     under = 10e-3 * np.sin(ROLLS) > WATER + 0.4e-3
     above = 10e-3 * np.sin(ROLLS) < WATER - 0.4e-3
-    assert swept.heard[under].all()
-    assert not swept.heard[above].any()
+    assert swept.detected[under].all()
+    assert not swept.detected[above].any()
     assert np.isnan(swept.depths[above]).all()
 
 
 def test_the_water_line_is_found(swept):
-    line = find_water(swept.spots[:, 0], swept.heard, 10e-3, face=2e-3)
+    line = find_water(swept.spots[:, 0], swept.detected, 10e-3, face=2e-3)
     assert line.height == pytest.approx(WATER, abs=np.sqrt(12) * line.sd)
     assert line.sd < 1e-3
 
@@ -57,8 +57,8 @@ def test_too_few_echoes_are_left_as_they_are():
     assert centred(few) is few
 
 
-def test_a_burst_with_a_verdict_is_not_heard():
+def test_a_burst_with_a_verdict_has_no_echo():
     bad = average([], np.zeros((0, 2)), np.zeros(0))
     found = wall_profile([bad], CalibratedProbe(Probe(), Mount()))
-    assert not found.heard.any()
+    assert not found.detected.any()
     assert np.isnan(found.depths).all()

@@ -1,4 +1,4 @@
-"""Round things on painted maps."""
+"""Round objects on painted maps."""
 
 import numpy as np
 import pytest

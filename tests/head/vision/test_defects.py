@@ -1,4 +1,4 @@
-"""Finding holes beside glints, and what is said of frames that are bad."""
+"""Holes beside glints, and verdicts on bad frames."""
 
 from dataclasses import replace
 
@@ -11,16 +11,16 @@ from minorloop.head.procedures.extract import acquire
 from minorloop.head.twins.scene_view import draw_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.defects import SEQUENCE, find_holes
-from minorloop.head.vision.reflectance_map import LitFrame, judge_looks, lay_flat
+from minorloop.head.vision.reflectance_map import LitFrame, check_frames, lay_flat
 
 
 def taken(seed, **options):
     view = draw_view(seed, **options)
-    eye = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
-    return view, eye, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
+    camera = CalibratedCamera(view.camera.calibration, view.mount, view.camera.leds)
+    return view, camera, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
 
 
-VIEW, EYE, LOOKS = taken(1, hole=True, inside="backlit")
+VIEW, CAMERA, LOOKS = taken(1, hole=True, inside="backlit")
 NOISE = np.random.default_rng(5)
 
 
@@ -33,10 +33,10 @@ def turned():
 
 @pytest.mark.parametrize("inside", ["dark", "white", "backlit"])
 def test_a_hole_beside_a_glint_is_found_and_measured(inside):
-    view, eye, looks = taken(21, hole=True, inside=inside)
-    findings = find_holes(looks, eye)
+    view, camera, looks = taken(21, hole=True, inside=inside)
+    findings = find_holes(looks, camera)
     assert findings.verdict == "good"
-    place = eye.place(view.camera._pixel(*view.place), view.pan, view.tilt)
+    place = camera.place(view.camera._pixel(*view.place), view.pan, view.tilt)
     first = findings.holes[0]
     turn = 10e-3 * float(wrapped(first.place[0] - place[0]))
     assert np.hypot(turn, first.place[1] - place[1]) < 0.1e-3
@@ -53,7 +53,7 @@ def test_an_acquisition_is_each_led_alone_none_and_all():
 
 
 def test_more_evidence_asked_for_leaves_less():
-    few, many = (find_holes(LOOKS, EYE, least=least).holes for least in (5.0, -25.0))
+    few, many = (find_holes(LOOKS, CAMERA, least=least).holes for least in (5.0, -25.0))
     assert len(few) < len(many)
     assert [hole.evidence for hole in many] == sorted((h.evidence for h in many), reverse=True)
     apart = [
@@ -97,7 +97,7 @@ def spoilt(index, image):
     ],
 )
 def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
-    findings = find_holes(looks, EYE)
+    findings = find_holes(looks, CAMERA)
     assert findings.verdict == verdict
     assert findings.holes == ()
     assert findings.wall is None
@@ -114,83 +114,85 @@ def again(index):
 @pytest.mark.parametrize("old", [lambda index: LOOKS[index].image, again])
 def test_a_frame_that_holds_rows_of_the_one_before_is_torn(index, row, old):
     halves = [LOOKS[index].image[:row], old(index - 1)[row:]]
-    assert find_holes(spoilt(index, np.vstack(halves)), EYE).verdict == "torn"
+    assert find_holes(spoilt(index, np.vstack(halves)), CAMERA).verdict == "torn"
     upside = [old(index - 1)[:row], LOOKS[index].image[row:]]
-    assert find_holes(spoilt(index, np.vstack(upside)), EYE).verdict == "torn"
+    assert find_holes(spoilt(index, np.vstack(upside)), CAMERA).verdict == "torn"
 
 
 def test_the_first_frame_may_hold_rows_of_the_acquisition_before():
     torn = np.vstack([LOOKS[0].image[:300], again(4)[300:]])
-    assert find_holes(spoilt(0, torn), EYE).verdict == "torn"
+    assert find_holes(spoilt(0, torn), CAMERA).verdict == "torn"
 
 
 def test_a_light_that_was_not_switched_is_a_frozen_picture():
-    assert find_holes(spoilt(2, again(1)), EYE).verdict == "frozen"
-    assert find_holes(spoilt(3, again(2)), EYE).verdict == "frozen"
+    assert find_holes(spoilt(2, again(1)), CAMERA).verdict == "frozen"
+    assert find_holes(spoilt(3, again(2)), CAMERA).verdict == "frozen"
 
 
 def test_rows_of_another_frame_tear_a_turned_one_as_well():
     looks = [LOOKS[-1], turned()]
     torn = np.vstack([looks[1].image[:200], looks[0].image[200:]])
-    findings = find_holes([looks[0], replace(looks[1], image=torn)], EYE, mode="dither")
+    findings = find_holes([looks[0], replace(looks[1], image=torn)], CAMERA, mode="dither")
     assert findings.verdict == "torn"
 
 
 def test_a_finding_is_read_in_degrees_and_millimetres():
-    findings = find_holes(LOOKS, EYE)
+    findings = find_holes(LOOKS, CAMERA)
     hole = findings.holes[0]
     first, *rest = repr(findings).splitlines()
     assert first == "1 hole; frames good"
     assert len(rest) == 1
     assert f"phi {np.degrees(hole.place[0]):+.2f} deg, z {1e3 * hole.place[1]:.2f} mm" in rest[0]
-    assert str(find_holes(spoilt(2, None), EYE)) == "no holes; frames wrong size"
+    assert str(find_holes(spoilt(2, None), CAMERA)) == "no holes; frames wrong size"
 
 
 def test_a_lens_that_would_be_outside_the_pipe_has_a_verdict():
-    narrow = CalibratedCamera(EYE.lens, replace(EYE.mount, lever=6e-3), EYE.leds, radius=4e-3)
+    narrow = CalibratedCamera(
+        CAMERA.lens, replace(CAMERA.mount, lever=6e-3), CAMERA.leds, radius=4e-3
+    )
     aside = [replace(look, pan=1.2) for look in LOOKS]
     assert find_holes(aside, narrow).verdict == "angle unknown"
 
 
 def test_a_wall_too_far_away_is_not_in_view():
     ahead = [replace(look, pan=0.0, tilt=0.0) for look in LOOKS]
-    far = replace(EYE, lens=replace(EYE.lens, focal=EYE.lens.focal))
+    far = replace(CAMERA, lens=replace(CAMERA.lens, focal=CAMERA.lens.focal))
     narrow = CalibratedCamera(replace(far.lens, focal=5000.0), far.mount, far.leds)
     assert find_holes(ahead, narrow).verdict == "no wall in view"
 
 
 def test_unknown_ways_and_no_frames_are_refused():
     with pytest.raises(ParameterError, match="mode"):
-        find_holes(LOOKS, EYE, mode="guess")
+        find_holes(LOOKS, CAMERA, mode="guess")
     with pytest.raises(ParameterError, match="no frames"):
-        find_holes([], EYE)
+        find_holes([], CAMERA)
     with pytest.raises(ParameterError, match="evidence"):
-        find_holes(LOOKS, EYE, least=np.nan)
+        find_holes(LOOKS, CAMERA, least=np.nan)
 
 
 @pytest.mark.parametrize("lights", [(), (True,), (True, False, False, True)])
 def test_a_look_says_of_each_light_whether_it_was_on(lights):
-    with pytest.raises(ParameterError, match="look 1 has"):
-        find_holes([LOOKS[0], replace(LOOKS[1], lights=lights), *LOOKS[2:]], EYE)
+    with pytest.raises(ParameterError, match="frame 1 has"):
+        find_holes([LOOKS[0], replace(LOOKS[1], lights=lights), *LOOKS[2:]], CAMERA)
 
 
-def test_lights_may_be_told_as_ones_and_noughts():
+def test_lights_may_be_given_as_0_and_1():
     looks = [replace(look, lights=tuple(map(int, look.lights))) for look in LOOKS]
-    assert repr(find_holes(looks, EYE)) == repr(find_holes(LOOKS, EYE))
+    assert repr(find_holes(looks, CAMERA)) == repr(find_holes(LOOKS, CAMERA))
 
 
 @pytest.mark.parametrize("mode", ["single", "dither"])
 def test_other_ways_to_acquire(mode):
     looks = LOOKS[-1:] if mode == "single" else [LOOKS[-1], turned()]
-    assert find_holes(looks, EYE, mode=mode).verdict == "good"
+    assert find_holes(looks, CAMERA, mode=mode).verdict == "good"
 
 
 def test_reflectance_does_not_depend_on_which_light_is_on():
     view = draw_view(3, hole=False)
-    eye = CalibratedCamera(view.camera._optics, view.mount, view.camera.leds)
+    camera = CalibratedCamera(view.camera._optics, view.mount, view.camera.leds)
     looks = acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
-    assert judge_looks(looks, eye) == "good"
-    wall = lay_flat(looks, eye)
+    assert check_frames(looks, camera) == "good"
+    wall = lay_flat(looks, camera)
     assert wall.stack.shape[0] == 3
     raw = np.array([np.log(look.image[200:280, 280:360] + 2.0).mean() for look in looks[:3]])
     level = np.nanmedian(wall.stack - wall.stack.mean(axis=0), axis=(1, 2))
@@ -199,6 +201,6 @@ def test_reflectance_does_not_depend_on_which_light_is_on():
 
 
 def test_looks_may_have_been_taken_without_the_dark_one():
-    wall = lay_flat([look for look in LOOKS if any(look.lights)], EYE)
+    wall = lay_flat([look for look in LOOKS if any(look.lights)], CAMERA)
     assert wall.glow is None
-    assert lay_flat([LitFrame(LOOKS[4].image, VIEW.pan, VIEW.tilt)], EYE).stack.shape[0] == 1
+    assert lay_flat([LitFrame(LOOKS[4].image, VIEW.pan, VIEW.tilt)], CAMERA).stack.shape[0] == 1

@@ -1,4 +1,4 @@
-"""How sharp a region of an image is."""
+"""Sharpness of a region of an image."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,9 @@ import pytest
 from minorloop.head.geometry import wall_point
 from minorloop.head.vision.focus import sharpness
 
-from .walls import EYE, photograph
+from .walls import CAMERA, photograph
 
-AIM = EYE.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
 MIDDLE = (319.5, 239.5)
 
 

@@ -6,9 +6,9 @@ import pytest
 from minorloop.head.geometry import wall_point
 from minorloop.head.vision.frame_checks import judge
 
-from .walls import EYE, LENS, photograph
+from .walls import CAMERA, LENS, photograph
 
-AIM = EYE.mount.aim(wall_point(0.5, 20e-3, 10e-3))
+AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
 IMAGE = photograph(*AIM)
 OTHER = photograph(AIM[0] + 0.2, AIM[1] - 0.1, seed=1)
 

@@ -7,22 +7,22 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.hold import PointHold
 from minorloop.head.vision.servo import Cone, Servo
 
-EYE = CalibratedCamera(Pinhole(), Mount(), np.zeros((3, 3)))
-HOLD = PointHold(servo=Servo(EYE, cone=Cone(half=np.radians(40))), lead=0.0)
+CAMERA = CalibratedCamera(Pinhole(), Mount(), np.zeros((3, 3)))
+HOLD = PointHold(servo=Servo(CAMERA, cone=Cone(half=np.radians(40))), lead=0.0)
 AIM = np.radians([22.0, 8.0])
 
 
 def seen(angles):
     """Pixel of the point that is in the middle at AIM."""
-    pose = EYE.mount.pose(*AIM)
+    pose = CAMERA.mount.pose(*AIM)
     ray = pose.rotation[:, 2]
     along = np.roots([ray[:2] @ ray[:2], 2 * pose.position[:2] @ ray[:2],
                       pose.position[:2] @ pose.position[:2] - 1e-4]).max()  # fmt: skip
     point = pose.position + along * ray
     assert np.hypot(*point[:2]) == pytest.approx(10e-3)
     phi = np.arctan2(point[1], point[0])
-    camera = EYE.mount.pose(*angles).to_camera(wall_point(phi, point[2], 10e-3))
-    return EYE.lens.project(camera)
+    camera = CAMERA.mount.pose(*angles).to_camera(wall_point(phi, point[2], 10e-3))
+    return CAMERA.lens.project(camera)
 
 
 def test_a_still_point_is_sent_to_the_middle():
@@ -34,7 +34,7 @@ def test_a_still_point_is_sent_to_the_middle():
     np.testing.assert_allclose(joints, AIM, atol=1e-5)
 
 
-def test_a_sway_is_foretold():
+def test_a_sway_is_predicted():
     """The angles that are wanted go ahead of the sway by the lead."""
     hold = PointHold(servo=HOLD.servo, lead=0.3)
     state, wanted = hold.begin(AIM), []

@@ -1,8 +1,8 @@
-"""How points move in the image, against finite differences of the geometry."""
+"""Motion of points in the image, against finite differences of the geometry."""
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
@@ -10,29 +10,30 @@ from minorloop.head.geometry import Mount, Pinhole, wall_point
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.jacobian import (
     pan_tilt_jacobian,
+    rates_for,
     rotation_columns,
     translation_columns,
-    undo,
     wall_depth,
 )
 
-EYE = CalibratedCamera(Pinhole(k1=-0.12), Mount(offset=(0.5e-3, -1e-3), roll=0.7), np.zeros((3, 3)))
+CAMERA = CalibratedCamera(
+    Pinhole(k1=-0.12), Mount(offset=(0.5e-3, -1e-3), roll=0.7), np.zeros((3, 3))
+)
 coordinates = st.floats(-0.6, 0.6)
 angles = st.floats(-0.5, 0.5)
 
 
 def seen(point, pan, tilt):
     """Normalised coordinates of a point of the pipe."""
-    local = EYE.mount.pose(pan, tilt).to_camera(point)
+    local = CAMERA.mount.pose(pan, tilt).to_camera(point)
     return local[:2] / local[2]
 
 
 @given(pan=angles, tilt=angles, phi=st.floats(-3, 3), z=st.floats(15e-3, 40e-3))
 def test_pan_and_tilt_move_a_point_of_the_wall_as_finite_differences_say(pan, tilt, phi, z):
     point, h = wall_point(phi, z, 10e-3), 1e-6
-    local = EYE.mount.pose(pan, tilt).to_camera(point)
-    if local[2] < 2e-3 or np.abs(local[:2] / local[2]).max() > 1.5:
-        return
+    local = CAMERA.mount.pose(pan, tilt).to_camera(point)
+    assume(local[2] >= 2e-3 and np.abs(local[:2] / local[2]).max() <= 1.5)
     columns = [
         (seen(point, pan + h * a, tilt + h * b) - seen(point, pan - h * a, tilt - h * b)) / (2 * h)
         for a, b in ((1, 0), (0, 1))
@@ -50,7 +51,7 @@ def test_an_untilted_head_without_a_lever_is_the_two_columns_of_the_camera(x, y)
 
 @given(x=coordinates, y=coordinates)
 def test_without_tilt_the_error_as_angles_is_y_and_minus_x(x, y):
-    back = undo(pan_tilt_jacobian((x, y), 0.0), (x, y))
+    back = rates_for(pan_tilt_jacobian((x, y), 0.0), (x, y))
     np.testing.assert_allclose(back, np.array([-x, y]) / (1 + x * x + y * y), atol=1e-12)
 
 
@@ -61,13 +62,13 @@ def test_coming_nearer_spreads_points():
 
 
 def test_a_quarter_turn_of_tilt_cannot_be_undone():
-    assert undo(pan_tilt_jacobian((0.0, 0.0), np.pi / 2), (0.1, 0.1)) is None
-    assert undo(np.full((2, 2), np.nan), (0.1, 0.1)) is None
+    assert rates_for(pan_tilt_jacobian((0.0, 0.0), np.pi / 2), (0.1, 0.1)) is None
+    assert rates_for(np.full((2, 2), np.nan), (0.1, 0.1)) is None
 
 
 @given(x=coordinates, y=coordinates, pan=angles, tilt=st.floats(0.2, 0.5))
 def test_the_depth_of_the_wall_is_on_the_wall(x, y, pan, tilt):
-    depth = wall_depth(EYE, (x, y), pan, tilt)
-    if np.isfinite(depth) and depth < 1:
-        point = EYE.mount.pose(pan, tilt).to_pipe(depth * np.array([x, y, 1.0]))
-        assert np.isclose(np.hypot(point[0], point[1]), 10e-3)
+    depth = wall_depth(CAMERA, (x, y), pan, tilt)
+    assume(np.isfinite(depth) and depth < 1)
+    point = CAMERA.mount.pose(pan, tilt).to_pipe(depth * np.array([x, y, 1.0]))
+    assert np.isclose(np.hypot(point[0], point[1]), 10e-3)

@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from minorloop.head.geometry import wall_point
 from minorloop.head.vision.sighting import sighted_angles
 
-from .walls import EYE
+from .walls import CAMERA
 
 PLACE = np.array([0.5, 20e-3])
-AIM = EYE.mount.aim(wall_point(*PLACE, 10e-3))
+AIM = CAMERA.mount.aim(wall_point(*PLACE, 10e-3))
 TURN = st.floats(-0.25, 0.25)
 
 
@@ -20,8 +20,8 @@ TURN = st.floats(-0.25, 0.25)
 @given(TURN, TURN)
 def test_the_angles_are_those_that_show_the_point_there(pan, tilt):
     true = AIM + np.array([pan, tilt])
-    pixel = EYE.pixel(PLACE, *true)
-    assert_allclose(sighted_angles(EYE, PLACE, pixel, AIM), true, atol=1e-6)
+    pixel = CAMERA.pixel(PLACE, *true)
+    assert_allclose(sighted_angles(CAMERA, PLACE, pixel, AIM), true, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -34,4 +34,4 @@ def test_the_angles_are_those_that_show_the_point_there(pan, tilt):
     ],
 )
 def test_what_cannot_be_seen_gives_none(asked):
-    assert sighted_angles(EYE, *asked) is None
+    assert sighted_angles(CAMERA, *asked) is None

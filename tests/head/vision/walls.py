@@ -3,12 +3,12 @@
 import numpy as np
 
 from minorloop.head.geometry import Mount, Pinhole, meet_wall
-from minorloop.head.vision.calibrated_camera import CalibratedCamera
+from minorloop.head.vision.calibrated_camera import CalibratedCamera, Window
 
 LENS = Pinhole(k1=-0.12, k2=0.02)
 LEDS = np.array([[2.5e-3, 0, 0], [-1.25e-3, 2.165e-3, 0], [-1.25e-3, -2.165e-3, 0]])
 MOUNT = Mount(offset=(0.4e-3, -0.3e-3), roll=0.3, advance=1e-3)
-EYE = CalibratedCamera(LENS, MOUNT, LEDS)
+CAMERA = CalibratedCamera(LENS, MOUNT, LEDS)
 SEEN = np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), axis=-1)
 RAYS = LENS.rays(SEEN)
 
@@ -23,11 +23,18 @@ def texture(phi, z, seed=0):
     return 1 / (1 + np.exp(-level / 4))
 
 
-def photograph(pan, tilt, paint=texture, *, eye=EYE, noise=1.5, seed=0, gain=1.0):
+def photograph(pan, tilt, paint=texture, *, camera=CAMERA, noise=1.5, seed=0, gain=1.0):
     """A frame of a wall painted by ``paint(phi, z)``, evenly lit."""
-    pose = eye.mount.pose(pan, tilt)
-    phi, z, _ = np.moveaxis(meet_wall(pose.position, RAYS @ pose.rotation.T, eye.radius), -1, 0)
+    pose = camera.mount.pose(pan, tilt)
+    phi, z, _ = np.moveaxis(meet_wall(pose.position, RAYS @ pose.rotation.T, camera.radius), -1, 0)
     z = np.where(np.isfinite(z), z, 1.0)
     level = gain * (20 + 150 * paint(phi, np.minimum(z, 1.0)))
     level += noise * np.random.default_rng(seed).standard_normal(level.shape)
     return np.clip(np.rint(level), 0, 255).astype(np.uint8)
+
+
+def window_around(phi, z, *, size, step=0.05e-3):
+    """A square window of ``size`` metres about a place."""
+    half = round(size / 2 / step)
+    count = 2 * half + 1
+    return Window(phi - half * step / CAMERA.radius, z - half * step, step, count, count)

@@ -1,4 +1,4 @@
-"""The wall laid flat: what is known of its depth, how well, and by whom it was seen."""
+"""Maps of the depth of the wall, its standard deviation, and the sensors that measured it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wrapped
 
 STEP = 0.1e-3
+"""Size of a texel in metres, a tenth of the footprint of an echo."""
 UNSEEN, CAMERA, SONAR, BOTH = 0, 1, 2, 3
 Bytes = npt.NDArray[np.uint8]
 
@@ -24,7 +25,7 @@ class Patch:
     Parameters
     ----------
     phi, z : float
-        Of the middle of its first texel, in radians and metres.
+        Of the centre of its first texel, in radians and metres.
     rows, columns : int
         Texels along and around the pipe.
     radius : float
@@ -62,20 +63,20 @@ class Patch:
     def around(
         cls, phi: float, z: float, *, size: float, radius: float = 10e-3, step: float = STEP
     ) -> Patch:
-        """A square patch of about ``size`` metres about a place."""
+        """Return a square patch of about ``size`` metres about a place."""
         half = round(size / 2 / step)
         count = 2 * half + 1
         return cls(phi - half * step / radius, z - half * step, count, count, radius, step)
 
     @property
     def places(self) -> FloatArray:
-        """(rows, columns, 2) phi and z of the texels."""
+        """Phi and z (rows, columns, 2) of the texels."""
         phi = self.phi + np.arange(self.columns) * self.step / self.radius
         z = self.z + np.arange(self.rows) * self.step
         return np.stack(np.broadcast_arrays(phi[None, :], z[:, None]), axis=-1)
 
     def off(self, phi: float, z: float) -> FloatArray:
-        """(rows, columns, 2) metres around and along from a place."""
+        """Return offsets (rows, columns, 2) from a place, around and along, in metres."""
         places = self.places
         around = wrapped(places[..., 0] - phi)
         return np.stack([self.radius * around, places[..., 1] - z], axis=-1)
@@ -83,15 +84,15 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """Depth of the wall under its nominal radius.
+    """Depth of the wall below its nominal surface.
 
     Parameters
     ----------
     patch : Patch
-        Where.
+        Its texels.
     depth, sd : (rows, columns) arrays
-        In metres, with its standard deviation; NaN and infinite where unknown. A depth is
-        infinite in a hole that goes through.
+        Depth and standard deviation in metres; NaN and infinite where unknown. In a through-hole
+        the depth is infinite.
     source : (rows, columns) array of uint8
         ``UNSEEN``, ``CAMERA``, ``SONAR`` or ``BOTH``.
     """
@@ -111,12 +112,12 @@ class DepthMap:
 
     @property
     def unseen(self) -> float:
-        """Share of the patch that nothing has seen."""
+        """Share of the patch that no sensor has covered."""
         return float((self.source == UNSEEN).mean())
 
 
 def unseen_map(patch: Patch) -> DepthMap:
-    """A map of which nothing is known."""
+    """Return a map without any data."""
     shape = (patch.rows, patch.columns)
     return DepthMap(
         patch, np.full(shape, np.nan), np.full(shape, np.inf), np.zeros(shape, dtype=np.uint8)
@@ -126,18 +127,18 @@ def unseen_map(patch: Patch) -> DepthMap:
 def camera_map(
     patch: Patch, seen: BoolArray, defect: npt.ArrayLike, *, sd: float = 0.05e-3
 ) -> DepthMap:
-    """What a camera tells of depth: the wall is on its cylinder, except where there is a defect.
+    """Return the map of a camera: depth 0 where the wall is seen, unknown where there is a defect.
 
     Parameters
     ----------
     patch : Patch
-        Where.
+        The texels of the map.
     seen : (rows, columns) array of bool
-        What the camera has seen.
+        Where the camera has seen the wall.
     defect : (rows, columns) array_like
-        Probability of a defect, 0 to 1; from 0.5 on the depth is unknown.
+        Probability of a defect, 0 to 1; the depth is unknown from 0.5 on.
     sd : float
-        Of the radius of a pipe off nominal, in metres.
+        Standard deviation of the radius of the pipe, in metres.
     """
     open_to = seen & (np.asarray(defect, dtype=np.float64) < 0.5)
     depth = np.where(open_to, 0.0, np.nan)
@@ -153,24 +154,24 @@ def sonar_map(
     *,
     footprint: float = 0.25e-3,
 ) -> DepthMap:
-    """The profile of the wall from echoes along a sweep.
+    """Return the map of the wall from echoes along a sweep.
 
     Parameters
     ----------
     patch : Patch
-        Where.
+        The texels of the map.
     spots : (K, 2) array_like
         Phi and z of each echo.
     depths, sds : (K,) array_like
-        Distance beyond the nominal wall and its standard deviation, in metres; NaN where there
-        was no echo.
+        Distance beyond the nominal wall and its standard deviation, in metres; NaN without an
+        echo.
     footprint : float
-        Standard deviation of what one echo speaks for, in metres.
+        Standard deviation of the footprint of an echo, in metres.
 
     Notes
     -----
-    Means weighted by footprint and inverse variance; texels farther than two footprints from any
-    echo stay unseen.
+    Means are weighted by footprint and inverse variance; texels farther than two footprints from
+    every echo stay unseen.
     """
     where = np.asarray(spots, dtype=np.float64).reshape(-1, 2)
     values, widths = np.asarray(depths, dtype=np.float64), np.asarray(sds, dtype=np.float64)
@@ -186,14 +187,14 @@ def sonar_map(
         weight += share / width**2
         total += share * value / width**2
         nearest = np.maximum(nearest, share)
-    told = nearest > 0
-    depth = np.divide(total, weight, out=np.full_like(total, np.nan), where=told)
-    sd = np.sqrt(np.divide(1.0, weight, out=np.full_like(total, np.inf), where=told))
-    return DepthMap(patch, depth, sd, np.where(told, SONAR, UNSEEN).astype(np.uint8))
+    reached = nearest > 0
+    depth = np.divide(total, weight, out=np.full_like(total, np.nan), where=reached)
+    sd = np.sqrt(np.divide(1.0, weight, out=np.full_like(total, np.inf), where=reached))
+    return DepthMap(patch, depth, sd, np.where(reached, SONAR, UNSEEN).astype(np.uint8))
 
 
 def blend(first: DepthMap, second: DepthMap) -> DepthMap:
-    """Two maps of one patch in one: by inverse variance where both know, by whoever knows else.
+    """Merge two maps of one patch: by inverse variance where both have data.
 
     Raises
     ------
@@ -217,14 +218,14 @@ def blend(first: DepthMap, second: DepthMap) -> DepthMap:
 
 
 def paste(wall: DepthMap, part: DepthMap) -> DepthMap:
-    """A map with the texels of another, where it knows something, in place of its own.
+    """Return a map in which the texels of a part with data replace its own.
 
     Parameters
     ----------
     wall : DepthMap
-        Of the larger patch.
+        The map of the larger patch.
     part : DepthMap
-        Of a smaller one; the nearest of its texels counts.
+        The map of a smaller patch; its nearest texel counts.
     """
     places, patch = wall.patch.places, part.patch
     middle = patch.phi + 0.5 * (patch.columns - 1) * patch.step / patch.radius
@@ -249,12 +250,12 @@ class WaterLine:
     Parameters
     ----------
     height : float
-        As y in the pipe, which points down, in metres: water is where y is larger. NaN where
-        nothing was swept.
+        As y in the pipe, which points down, in metres: water is where y is larger. NaN without
+        data.
     sd : float
         Standard deviation, in metres.
     wrong : float
-        Share of the echoes that contradict it.
+        Share of the directions that contradict it.
     """
 
     height: float
@@ -262,47 +263,47 @@ class WaterLine:
     wrong: float
 
     def wet(self, phi: npt.ArrayLike, radius: float) -> BoolArray:
-        """Whether the wall at phi is under water."""
+        """Return whether the wall at phi is under water."""
         under: BoolArray = radius * np.sin(np.asarray(phi, dtype=np.float64)) > self.height
         return under
 
 
 def find_water(
     phi: npt.ArrayLike,
-    heard: Sequence[bool] | BoolArray,
+    detected: Sequence[bool] | BoolArray,
     radius: float,
     *,
     face: float | None = None,
 ) -> WaterLine:
-    """The water line from where the wall was heard in a sweep round the pipe.
+    """Find the water line from where a sweep round the pipe gave echoes.
 
     Parameters
     ----------
     phi : (K,) array_like
-        Where the beam met the wall, in radians.
-    heard : (K,) sequence of bool
-        Whether the wall answered.
+        Where each beam meets the wall, in radians.
+    detected : (K,) sequence of bool
+        Whether there was an echo.
     radius : float
         Of the pipe, in metres.
     face : float, optional
-        Distance of the face of the probe from the axis, in metres. A probe hears with its face
-        under water only: of water below the axis, the face tells and not the wall.
+        Distance of the face of the probe from the axis, in metres. A probe works only with its
+        face under water: below the axis, the height of the face counts and not that of the wall.
 
     Returns
     -------
     WaterLine
-        Midway between the highest place heard and the lowest not heard, or at the top or bottom
-        of the pipe where all or none was.
+        Midway between the highest place with an echo and the lowest without, or at the top or
+        bottom of the pipe if all or none has one.
 
     Notes
     -----
-    The height with the fewest contradictions, so that a lost echo does not move it.
+    The height with the fewest contradictions: a lost echo does not move it.
     """
     up = np.sin(np.asarray(phi, dtype=np.float64).ravel())
     y = np.where(up > 0, radius if face is None else face, radius) * up
-    wet = np.asarray(heard, dtype=bool).ravel()
+    wet = np.asarray(detected, dtype=bool).ravel()
     if y.size != wet.size:
-        raise SignalError(f"{y.size} places and {wet.size} answers")
+        raise SignalError(f"{y.size} places and {wet.size} echoes; give one flag for each place")
     if y.size == 0:
         return WaterLine(np.nan, np.inf, np.nan)
     order = np.argsort(y)

@@ -1,4 +1,4 @@
-"""Findings as a table: where, how wide, how long, how deep, and how sure."""
+"""Findings: place, size and depth of defects with standard deviations, and their table."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from minorloop.head.ultrasound.pits import PitDepth
 
 @dataclass(frozen=True)
 class Finding:
-    """One defect of the wall; lengths in metres, angles in radians, NaN where not known.
+    """One defect of the wall; lengths in metres, angles in radians, NaN if unknown.
 
     Parameters
     ----------
     kind : str
-        ``pit``, ``hole``, ``crack`` or ``mark``; ``hole or pit`` where echoes have not decided.
+        ``pit``, ``hole``, ``crack`` or ``mark``; ``hole or pit`` if the echoes do not decide.
     verdict : str
-        Of the echoes, as in ``PitDepth``, with what was heard of an interrupted scan.
+        Of the echoes, as in ``PitDepth``, with the places measured in an interrupted scan.
     phi, z, width, length, depth : float
-        Centre, extents around and along the pipe, and depth under the wall.
+        Centre, extents around and along the pipe, and depth below the wall.
     phi_sd, z_sd, width_sd, length_sd, depth_sd : float
         Standard deviations.
     """
@@ -57,18 +57,18 @@ _KINDS = {
 
 
 def kind_of(verdict: str) -> str:
-    """What a round thing is by the verdict of its echoes; ``hole or pit`` where they leave it open.
+    """Return the kind of a round defect by the verdict of its echoes.
 
     Parameters
     ----------
     verdict : str
-        As in ``PitDepth``; any other, such as of a scan that never was, decides nothing.
+        As in ``PitDepth``; for any other, the kind is ``hole or pit``.
     """
     return _KINDS.get(verdict, UNDECIDED)
 
 
 def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
-    """A pit that was heard, or not, as a finding.
+    """Return the measurement of a pit as a finding.
 
     Parameters
     ----------
@@ -97,12 +97,12 @@ def finding_of(pit: PitDepth, *, radius: float = 10e-3) -> Finding:
 
 
 def finding_table(findings: Sequence[Finding]) -> str:
-    """Findings as CSV, degrees and millimetres named in the header; empty where not known."""
+    """Return findings as CSV, in degrees and millimetres as the header says; empty if unknown."""
     names = [field.name for field in fields(Finding)]
     units = [_UNITS.get(name.removesuffix("_sd"), "") for name in names]
     header = [f"{n} [{unit}]" if unit else n for n, unit in zip(names, units, strict=True)]
     values = (zip(astuple(finding), units, strict=True) for finding in findings)
-    rows = ((_told(value, unit) for value, unit in row) for row in values)
+    rows = ((_cell(value, unit) for value, unit in row) for row in values)
     numbered = ([number, *row] for number, row in enumerate(rows, start=1))
     return table_text(["number", *header], numbered)
 
@@ -123,7 +123,7 @@ def save_findings(findings: Sequence[Finding], path: str | os.PathLike[str]) -> 
     return place
 
 
-def _told(value: float | str, unit: str) -> str:
+def _cell(value: float | str, unit: str) -> str:
     if isinstance(value, str):
         return value
     scaled = np.degrees(value) if unit == "deg" else value * 1e3

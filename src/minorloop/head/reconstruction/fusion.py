@@ -1,4 +1,4 @@
-"""One map of depth from the image and the echoes: outline from the picture, floor from sound."""
+"""Fuse image and echoes into one depth map: outline from the image, floor from the echoes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import SignalError
 from minorloop.head.geometry import wall_point
 from minorloop.head.reconstruction.depth_map import CAMERA, SONAR, UNSEEN, DepthMap, Patch
-from minorloop.head.ultrasound.burst_checks import covered, usable
+from minorloop.head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.joint_fit import JointFit
@@ -25,21 +25,22 @@ from minorloop.head.ultrasound.spectra import spectra_of
 from minorloop.threads import one_thread
 
 SHARE_ERROR = 0.08
-"""Standard deviation of what a two-echo share misses of the waves in a pit, as a share of depth."""
+"""Error of a depth from two echoes, without the waves in a pit, as a share of the depth."""
 STIFFNESS = 1 / 0.05e-3**2
 """Weight of a squared difference of neighbours inside an outline without edges, in 1/m^2."""
 EDGE = 0.15
 """Step of the logarithm of the image from neighbour to neighbour that counts as an edge."""
 _UNKNOWN = 0.6e-3
+"""Prior standard deviation of an unknown depth, in metres."""
 _LEAST_RIM = 0.03e-3
+"""Least standard deviation of the place of a rim, in metres: a third of a texel."""
 _WALL = 0.05e-3
-"""How far off its cylinder a wall that was only seen may be; a picture tells no depth."""
-_RIM = 1.0
+"""Standard deviation of a wall that only the camera sees, in metres; images show no depth."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeanDepths:
-    """Depth averaged over the footprint of each averaged trace.
+    """Mean depth over the footprint of each trace.
 
     Parameters
     ----------
@@ -56,52 +57,52 @@ class MeanDepths:
 
 @one_thread()
 def mean_depths(
-    bursts: Sequence[Burst], ear: CalibratedProbe, patch: Patch, pit: PitDepth
+    bursts: Sequence[Burst], probe: CalibratedProbe, patch: Patch, pit: PitDepth
 ) -> MeanDepths | None:
-    """What each trace says of the depth under its footprint; None where no wall was heard.
+    """Return the mean depth under the footprint of each trace; None without an echo of the wall.
 
     Notes
     -----
-    A trace is split into an echo of the wall and one as late as the floor. The share of the
-    second times its depth is, to first order, the mean of the depth over the footprint, which is
+    A trace is split into an echo of the wall and one delayed by the depth of the floor. The share
+    of the second times its depth is, to first order, the mean depth over the footprint, which is
     the square of the pressure.
     """
-    good = usable(bursts)
-    enough = len(good) >= 5 and covered(good, ear)
-    spectra = spectra_of(good, ear, (pit.phi, pit.z)) if enough else None
+    good = usable_bursts(bursts)
+    enough = len(good) >= 5 and long_enough(good, probe)
+    spectra = spectra_of(good, probe, (pit.phi, pit.z)) if enough else None
     if spectra is None:
         return None
     mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
-    model = PitModel(ear, spectra.angles, (pit.phi, pit.z), mouth / 2)
+    model = PitModel(probe, spectra.angles, (pit.phi, pit.z), mouth / 2)
     fit = JointFit(model, spectra)
     k = model.sound.wavenumbers
     expected = fit.pulse * model.plain
     power = np.abs(expected) ** 2
-    depth = pit.depth if np.isfinite(pit.depth) else _common_depth(spectra.heard, expected, k)
-    values, sds = _shares(spectra.heard, expected, k, depth, spectra.noise)
+    depth = pit.depth if np.isfinite(pit.depth) else _common_depth(spectra.received, expected, k)
+    values, sds = _shares(spectra.received, expected, k, depth, spectra.noise)
     return MeanDepths(values, sds, footprints_of(model, patch, power))
 
 
 def footprints_of(model: PitModel, patch: Patch, power: FloatArray | None = None) -> FloatArray:
-    """Share (K, P) of the echo of a plain wall that each texel sends back to each beam.
+    """Return the share (K, P) of each texel in the echo of a plain wall, for each beam.
 
     Parameters
     ----------
     model : PitModel
         Of the beams.
     patch : Patch
-        Where.
+        The texels of the map.
     power : (K, F) array, optional
-        Weights of the frequencies; without it, as the middle third of them has it.
+        Weights of the frequencies; without it, the middle third counts.
     """
-    ear, k = model.ear, model.sound.wavenumbers
+    probe, k = model.probe, model.sound.wavenumbers
     if power is None:
         third = len(k) // 3
         middle = np.abs(np.arange(len(k)) - len(k) / 2) < third / 2
         power = np.tile(middle.astype(np.float64), (len(model.angles), 1))
-    origins, axes = ear.beams(model.angles)
+    origins, axes = probe.beams(model.angles)
     places = patch.places.reshape(-1, 2)
-    points = wall_point(places[:, 0], places[:, 1], ear.radius)
+    points = wall_point(places[:, 0], places[:, 1], probe.radius)
     pressure = model.sound.at(origins, axes, model.spots[:, 2].copy(), points)
     square = 2j * k[:, None] * pressure**2 * patch.step**2
     ratio = square / model.plain[:, :, None]
@@ -111,17 +112,17 @@ def footprints_of(model: PitModel, patch: Patch, power: FloatArray | None = None
 
 
 def _shares(
-    heard: npt.NDArray[np.complex128],
+    received: npt.NDArray[np.complex128],
     expected: npt.NDArray[np.complex128],
     k: FloatArray,
     depth: float,
     noise: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean depths (K,) and their standard deviations for a floor at one depth."""
+    """Return mean depths (K,) and their standard deviations for a floor at one depth."""
     late = expected * np.exp(2j * k * depth)
     a, b = (np.abs(expected) ** 2).sum(axis=1), (np.conj(expected) * late).real.sum(axis=1)
-    p = (np.conj(expected) * heard).real.sum(axis=1)
-    q = (np.conj(late) * heard).real.sum(axis=1)
+    p = (np.conj(expected) * received).real.sum(axis=1)
+    q = (np.conj(late) * received).real.sum(axis=1)
     determinant = np.maximum(a * a - b * b, 1e-12 * a * a)
     front, floor = (a * p - b * q) / determinant, (a * q - b * p) / determinant
     total = np.maximum(front + floor, 0.2)
@@ -131,31 +132,31 @@ def _shares(
 
 
 def _common_depth(
-    heard: npt.NDArray[np.complex128], expected: npt.NDArray[np.complex128], k: FloatArray
+    received: npt.NDArray[np.complex128], expected: npt.NDArray[np.complex128], k: FloatArray
 ) -> float:
-    """The depth at which two echoes explain most of all traces."""
+    """Return the depth at which two echoes explain most of all traces."""
     kept = []
     for depth in DEPTHS:
         late = expected * np.exp(2j * k * depth)
         basis = np.stack([expected, late], axis=-1)
         gram = np.einsum("kfi,kfj->kij", np.conj(basis), basis).real
-        right = np.einsum("kfi,kf->ki", np.conj(basis), heard).real
+        right = np.einsum("kfi,kf->ki", np.conj(basis), received).real
         solved = np.linalg.solve(gram + 1e-9 * np.eye(2) * gram[:, :1, :1], right[..., None])
         kept.append(float((right * solved[..., 0]).sum()))
     return float(DEPTHS[int(np.argmax(kept))])
 
 
 def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | None) -> FloatArray:
-    """Probability (rows, columns) that a texel is in the mouth of a pit.
+    """Return the probability (rows, columns) that a texel is in the mouth of a pit.
 
     Parameters
     ----------
     patch : Patch
-        Where.
+        The texels of the map.
     pit : PitDepth
         Place and size with their standard deviations.
     outline : (rows, columns) array_like, optional
-        Probability of a defect by the image; the mean of the logits of both counts then.
+        Probability of a defect by the image; the logits of both are then averaged.
     """
     off = np.linalg.norm(patch.off(pit.phi, pit.z), axis=-1)
     rim = np.sqrt(
@@ -178,23 +179,24 @@ def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | Non
 def outline_of(
     image: npt.ArrayLike, patch: Patch, place: tuple[float, float], diameter: float
 ) -> FloatArray:
-    """Probability (rows, columns) by the image that a texel is in a mouth; NaN where not seen.
+    """Return the probability (rows, columns) by the image that a texel is in a mouth.
 
     Parameters
     ----------
     image : (rows, columns) array_like
-        Logarithm of the image laid flat; NaN where nothing is seen.
+        Logarithm of the unrolled image; NaN where the wall is not seen.
     patch : Patch
-        Where.
+        The texels of the map.
     place : (float, float)
-        Phi and z of the mouth as the camera saw it.
+        Phi and z of the mouth in the image.
     diameter : float
         In metres.
 
     Notes
     -----
-    The level half way between the median inside and that of a ring around, with the scatter of
-    both; texels farther than a third of the diameter from the outline follow the outline alone.
+    The threshold is half way between the median inside and that of a ring around. Texels farther
+    than a third of the diameter from the outline follow the outline alone. The result is NaN where
+    the image is.
     """
     shade = np.asarray(image, dtype=np.float64)
     off = np.linalg.norm(patch.off(*place), axis=-1)
@@ -221,42 +223,42 @@ def outline_of(
 @one_thread()
 def fuse(
     pit: PitDepth,
-    heard: MeanDepths | None,
+    means: MeanDepths | None,
     patch: Patch,
     *,
     image: npt.ArrayLike | None = None,
     outline: npt.ArrayLike | None = None,
 ) -> DepthMap:
-    """The map of depth about a finding.
+    """Fuse the measurements of a pit into a depth map.
 
     Parameters
     ----------
     pit : PitDepth
-        Of the joint fit.
-    heard : MeanDepths, optional
+        Result of the joint fit.
+    means : MeanDepths, optional
         Of the same bursts on the same patch.
     patch : Patch
-        Where.
+        The texels of the map.
     image : (rows, columns) array_like, optional
-        Logarithm of the image laid flat, NaN where nothing is seen; neighbours across its edges
-        are not tied together. Without it the camera counts as having seen all of the patch.
+        Logarithm of the unrolled image, NaN where the wall is not seen; smoothing stops at its
+        edges. Without it, the whole patch counts as seen.
     outline : (rows, columns) array_like, optional
-        Probability of a defect by the image, NaN where nothing is seen.
+        Probability of a defect by the image, NaN where the wall is not seen.
 
     Returns
     -------
     DepthMap
-        Infinitely deep inside a through-hole. Where there was no echo, the wall outside the
-        outline is that of the camera and inside it nothing is known; where neither has been,
-        nothing is.
+        Infinitely deep inside a through-hole. Without an echo, the depth is 0 outside of the
+        outline, where the camera sees the wall, and unknown inside. Without camera and echo it is
+        unknown.
 
     Notes
     -----
-    The least of
+    The minimum of
     ``sum (a - H d)^2 / sd^2 + stiffness * sum g |grad d|^2 + sum (d - m)^2 / s^2``:
-    the mean m and deviation s of a texel are those of a mixture of wall and floor by the
-    probability that it is inside. The posterior is Gaussian about it; its deviations are the
-    roots of the diagonal of the inverse.
+    the mean m and deviation s of a texel are those of a mixture of wall and floor, weighted by
+    the probability that it is inside. The posterior is Gaussian; its deviations are the roots of
+    the diagonal of the inverse.
     """
     inside = inside_probability(patch, pit, outline)
     seen = np.ones(inside.shape, bool)
@@ -265,17 +267,17 @@ def fuse(
         if seen.shape != inside.shape:
             raise SignalError(f"the image has shape {seen.shape}; the patch has {inside.shape}")
     source = np.where(seen, CAMERA, UNSEEN)
-    if heard is not None:
-        source = source | np.where(_reached(heard, patch), SONAR, UNSEEN)
+    if means is not None:
+        source = source | np.where(_reached(means, patch), SONAR, UNSEEN)
     if pit.verdict == "through-hole":
         depth, sd = (
             np.where(inside >= 0.5, np.inf, 0.0),
             np.where(inside >= 0.5, np.nan, _WALL),
         )
-    elif heard is None:
+    elif means is None:
         depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, _WALL, np.inf)
     else:
-        depth, sd = _fused(pit, heard, patch, inside, image)
+        depth, sd = _fused(pit, means, patch, inside, image)
     known = source != UNSEEN
     return DepthMap(
         patch,
@@ -285,36 +287,36 @@ def fuse(
     )
 
 
-def _reached(heard: MeanDepths, patch: Patch) -> BoolArray:
-    """Where the footprint of any trace is more than a twentieth of its highest."""
-    height = np.abs(heard.footprints).max(axis=0, initial=0.0).reshape(patch.rows, patch.columns)
+def _reached(means: MeanDepths, patch: Patch) -> BoolArray:
+    """Return where any footprint is above a twentieth of the highest."""
+    height = np.abs(means.footprints).max(axis=0, initial=0.0).reshape(patch.rows, patch.columns)
     reached: BoolArray = height > 0.05 * max(float(height.max()), 1e-12)
     return reached
 
 
 def _fused(
     pit: PitDepth,
-    heard: MeanDepths,
+    means: MeanDepths,
     patch: Patch,
     inside: FloatArray,
     image: npt.ArrayLike | None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Depth and its deviation where there were echoes."""
-    mean, spread, rim = _before(patch, pit, inside)
-    mask = ((inside > 0.003) | _reached(heard, patch)).ravel()
+    """Return depth and deviation where there are echoes."""
+    mean, spread, rim = _prior_of(patch, pit, inside)
+    mask = ((inside > 0.003) | _reached(means, patch)).ravel()
     depth, sd = np.zeros(mask.size), np.full(mask.size, _WALL)
     if mask.any():
         ties = _ties(patch, inside, image, mask)
-        depth[mask], sd[mask] = _solve(heard, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
-    # No footprint is fine enough to tell on which side of the rim a single texel lies.
-    sd = np.hypot(sd, _RIM * rim.ravel())
+        depth[mask], sd[mask] = _solve(means, mask, ties, mean.ravel()[mask], spread.ravel()[mask])
+    # No footprint resolves on which side of the rim a single texel lies.
+    sd = np.hypot(sd, rim.ravel())
     return depth.reshape(inside.shape), sd.reshape(inside.shape)
 
 
-def _before(
+def _prior_of(
     patch: Patch, pit: PitDepth, inside: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean and deviation of each texel before the traces are asked, and that of its side."""
+    """Return prior mean and deviation of each texel, and the deviation by its side of the rim."""
     side = np.sqrt(inside * (1 - inside))
     if not np.isfinite(pit.depth):
         spread = np.hypot(_UNKNOWN * inside, (1 - inside) * _WALL)
@@ -332,7 +334,7 @@ def _before(
 def _ties(
     patch: Patch, inside: FloatArray, image: npt.ArrayLike | None, mask: BoolArray
 ) -> FloatArray:
-    """(M, M) matrix of the squared differences of neighbours inside, weak across edges."""
+    """Return the (M, M) matrix of squared differences of neighbours inside, weak across edges."""
     shade = np.zeros(inside.shape) if image is None else np.asarray(image, dtype=np.float64)
     shade = np.nan_to_num(shade)
     flat = np.full(mask.size, -1)
@@ -354,12 +356,12 @@ def _ties(
 
 
 def _solve(
-    heard: MeanDepths, mask: BoolArray, ties: FloatArray, mean: FloatArray, spread: FloatArray
+    means: MeanDepths, mask: BoolArray, ties: FloatArray, mean: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and deviation of the texels inside."""
-    weighted = heard.footprints[:, mask] / heard.sds[:, None]
+    """Return mean and deviation of the texels inside."""
+    weighted = means.footprints[:, mask] / means.sds[:, None]
     normal = weighted.T @ weighted + ties + np.diag(1 / spread**2)
-    right = weighted.T @ (heard.values / heard.sds) + ties @ mean + mean / spread**2
+    right = weighted.T @ (means.values / means.sds) + ties @ mean + mean / spread**2
     factor = cho_factor(normal)
     covariance = cho_solve(factor, np.eye(len(normal)))
     return cho_solve(factor, right), np.sqrt(np.diag(covariance))

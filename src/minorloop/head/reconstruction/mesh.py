@@ -1,4 +1,4 @@
-"""The wall with its findings as a mesh, for viewers of PLY and glTF."""
+"""Meshes of a depth map, for viewers of PLY and glTF."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _DEEP = (200, 60, 30)
 
 
 def vertices_of(wall: DepthMap, *, exaggeration: float = 1.0) -> FloatArray:
-    """(rows, columns, 3) points of the wall in the pipe, in metres.
+    """Return points (rows, columns, 3) of the wall in the pipe, in metres.
 
     Parameters
     ----------
     wall : DepthMap
-        What is unknown lies on the cylinder; it and holes are cut out by ``faces_of``.
+        Texels of unknown depth lie on the cylinder; ``faces_of`` leaves them and holes out.
     exaggeration : float
-        Of the depth.
+        Factor of the depth.
     """
     places = wall.patch.places
     depth = np.where(np.isfinite(wall.depth), wall.depth, 0.0)
@@ -43,7 +43,7 @@ def vertices_of(wall: DepthMap, *, exaggeration: float = 1.0) -> FloatArray:
 
 
 def faces_of(wall: DepthMap) -> npt.NDArray[np.int64]:
-    """(N, 3) triangles between neighbours that face the axis, none over holes or the unknown."""
+    """Return (N, 3) triangles that face the axis, none over holes or unknown depths."""
     rows, columns = wall.depth.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:-1, :-1], index[:-1, 1:]
@@ -56,7 +56,7 @@ def faces_of(wall: DepthMap) -> npt.NDArray[np.int64]:
 
 
 def colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
-    """(rows, columns, 4) colours: grey by who saw it, red with depth, dark where unseen."""
+    """Return colours (rows, columns, 4): grey by sensor, red by depth, dark where unseen."""
     table = np.array([_COLOURS[n] for n in range(4)], dtype=np.float64)
     base = table[wall.source]
     depth = np.where(np.isfinite(wall.depth), np.maximum(wall.depth, 0.0), 0.0)
@@ -67,7 +67,7 @@ def colours_of(wall: DepthMap) -> npt.NDArray[np.uint8]:
 
 
 def mesh_of(wall: DepthMap, *, exaggeration: float = 1.0) -> Any:
-    """The wall as a ``trimesh.Trimesh`` with colours.
+    """Return the wall as a ``trimesh.Trimesh`` with colours.
 
     Raises
     ------
@@ -87,16 +87,16 @@ def mesh_of(wall: DepthMap, *, exaggeration: float = 1.0) -> Any:
 
 
 def save_mesh(wall: DepthMap, path: str | os.PathLike[str], *, exaggeration: float = 1.0) -> Path:
-    """Write the wall as PLY or glTF, by the suffix of the path; units are metres.
+    """Write the wall as PLY or glTF, by the suffix of the path, in metres.
 
     Parameters
     ----------
     wall : DepthMap
-        What to write.
+        The depth map.
     path : path
         Ends in ``.ply``, ``.glb``, or ``.gltf`` (which carries its data inside).
     exaggeration : float
-        Of the depth.
+        Factor of the depth.
 
     Raises
     ------

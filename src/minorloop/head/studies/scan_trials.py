@@ -16,7 +16,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.head.geometry import Mount, Probe, wall_distance
-from minorloop.head.procedures.measure import hears_wall, wall_about
+from minorloop.head.procedures.measure import wall_answers, wall_about
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.studies import scoring
@@ -258,7 +258,7 @@ def sound(sounding: ScanTrial) -> ScoredScan:
     target = raster(sounding.ear, sounding.centre, points=1)[0]
     sounding.sonar.look(float(target[0]), float(target[1]))
     shots = [sounding.sonar.shot() for _ in range(RasterScan.shots)]
-    modality = "sonar" if hears_wall(shots, sounding.ear) else "camera"
+    modality = "sonar" if wall_answers(shots, sounding.ear) else "camera"
     return examined(sounding, bursts, modality)
 
 

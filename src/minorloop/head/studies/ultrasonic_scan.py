@@ -91,10 +91,10 @@ def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, Wate
         burst = average(now.shots, angles, np.zeros(RING_SHOTS))
         profiles.append(wall_profile([burst], rig.calibration.probe_at(now.place)))
     profile = joined(profiles)
-    water = find_water(profile.spots[:, 0], profile.heard, RADIUS, face=Probe().face)
+    water = find_water(profile.spots[:, 0], profile.detected, RADIUS, face=Probe().face)
     band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
     words = f"{1e3 * water.height:+.1f} {band} from the axis"
-    rig.say("water line", f"{words}; {profile.heard.sum()} of {TURNS} places heard")
+    rig.say("water line", f"{words}; {profile.detected.sum()} of {TURNS} places heard")
     return centred(profile), water
 
 

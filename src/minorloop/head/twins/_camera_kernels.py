@@ -1,4 +1,4 @@
-"""Compiled loops of the camera: arrays in, arrays out.
+"""Compiled loops for the camera: arrays in, arrays out.
 
 Rays meet the wall exactly at nodes every ``CELL`` pixels; ``fields`` (F, V, U) float32 holds what
 varies smoothly there, and a row of pixels lies on straight lines between them:
@@ -28,7 +28,7 @@ _FARTHEST = 0.15
 
 @njit(cache=True, nogil=True)
 def fill_nodes(rays, rotations, positions, radius, leds, strengths, lobe, optics, fields):
-    """Meet the wall at the nodes.
+    """Intersect the rays of the nodes with the wall.
 
     ``rays`` (V, U, 3) in the camera, ``rotations`` (V, 3, 3) and ``positions`` (V, 3) of each row
     of nodes, ``leds`` (N, 3) in the camera, ``optics`` (focal length in pixels, aperture, distance
@@ -93,7 +93,7 @@ def fill_nodes(rays, rotations, positions, radius, leds, strengths, lobe, optics
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _unwrap(fields, i, j):
-    """Nodes of phi round a cell, without a jump: upper left and right, lower left and right."""
+    """Return phi at the corners of a cell without jumps: upper left, right, lower left, right."""
     turn = _F(2 * np.pi)
     a, b = fields[0, i, j], fields[0, i, j + 1]
     c, d = fields[0, i + 1, j], fields[0, i + 1, j + 1]
@@ -105,7 +105,7 @@ def _unwrap(fields, i, j):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _rows_between(fields, row, edge, lines):
-    """Fields along a row of pixels, into lines (F, W), all but phi; edge (U,) is spare room."""
+    """Fill lines (F, W) with fields along a row of pixels, all but phi; edge (U,) is scratch."""
     i, share = row // CELL, _F(row % CELL) / _F(CELL)
     part = _ONE / _F(CELL)
     for f in range(1, fields.shape[0]):
@@ -120,7 +120,7 @@ def _rows_between(fields, row, edge, lines):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _look_up(fields, row, lines, texels, shapes, size, look):
-    """Albedo, slopes and gloss along a row, into look (4, W)."""
+    """Fill look (4, W) with albedo, slopes and gloss along a row."""
     top = shapes.shape[0] - 1
     i0, share = row // CELL, _F(row % CELL) / _F(CELL)
     albedo, slope_around, slope_along, gloss = look[0], look[1], look[2], look[3]
@@ -168,7 +168,7 @@ def _look_up(fields, row, lines, texels, shapes, size, look):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _shade(lines, look, metal, spare, out):
-    """Radiance along a row; short loops, as the compiler makes vectors of those."""
+    """Compute the radiance along a row, in short loops that the compiler vectorises."""
     around, along = _ONE / metal[2], _ONE / metal[3]
     peak, ambient = metal[1] * around * along / _F(np.pi), metal[4]
     albedo, a, b, gloss, others = look[0], look[1], look[2], look[3], lines[4]
@@ -195,7 +195,7 @@ def _shade(lines, look, metal, spare, out):
 
 @njit(cache=True, nogil=True)
 def shade(fields, texels, shapes, size, metal, radiance):
-    """Radiance (V, U) of the wall without its bores and cracks.
+    """Fill radiance with that of the wall, without its bores and cracks.
 
     ``size`` is (texel around, texel along, angle of a texel), ``metal`` (diffuse, specular,
     roughness around, roughness along, ambient), all float32.
@@ -212,7 +212,7 @@ def shade(fields, texels, shapes, size, metal, radiance):
 
 @njit(cache=True, nogil=True)
 def _place_at(fields, v, u, slope):
-    """Phi and z of one pixel; their slopes over u and v, into slope (2, 2)."""
+    """Return phi and z of one pixel; fill slope (2, 2) with their slopes over u and v."""
     i, j = v // CELL, u // CELL
     sv, su = (v % CELL) / CELL, (u % CELL) / CELL
     a, b, c, d = _unwrap(fields, i, j)
@@ -228,7 +228,7 @@ def _place_at(fields, v, u, slope):
 
 @njit(cache=True, nogil=True)
 def _light_at(fields, v, u, out):
-    """The other fields at one pixel, into out (F,)."""
+    """Fill out (F,) with the other fields at one pixel."""
     i, j = v // CELL, u // CELL
     sv, su = (v % CELL) / CELL, (u % CELL) / CELL
     for f in range(2, fields.shape[0]):
@@ -239,7 +239,7 @@ def _light_at(fields, v, u, out):
 
 @njit(cache=True, nogil=True)
 def _pixel_size(radius, slope, x, y, off):
-    """Width of a pixel on the wall in the direction (x, y), of length off."""
+    """Return the width of a pixel on the wall in the direction (x, y), of length off."""
     step_u = (radius * slope[0, 0] * x + slope[1, 0] * y) / off
     step_v = (radius * slope[0, 1] * x + slope[1, 1] * y) / off
     return np.sqrt(step_u * step_u + step_v * step_v) + 1e-12
@@ -247,13 +247,13 @@ def _pixel_size(radius, slope, x, y, off):
 
 @njit(cache=True, nogil=True)
 def _turned(angle):
-    """An angle brought within half a turn of 0."""
+    """Return an angle wrapped to half a turn about 0."""
     return angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
 
 
 @njit(cache=True, nogil=True)
 def _tilted(now, a, b, albedo, metal):
-    """Radiance of metal with slopes a and b."""
+    """Return the radiance of metal with slopes a and b."""
     out = metal[0] * metal[4] * albedo * now[4]
     for first in range(COMMON, now.size, PER_LED):
         face = max(now[first] - a * now[first + 1] - b * now[first + 2], 0.0)
@@ -266,7 +266,7 @@ def _tilted(now, a, b, albedo, metal):
 
 @njit(cache=True, nogil=True)
 def _in_bore(now, x, y, mouth, depth, lining, kind, brightness, metal):
-    """Radiance of what is seen through a mouth at (x, y) from its centre."""
+    """Return the radiance seen in a mouth at (x, y) from its centre."""
     if kind == 2:
         light = metal[4] * now[4]
         for first in range(COMMON, now.size, PER_LED):
@@ -301,7 +301,7 @@ def _in_bore(now, x, y, mouth, depth, lining, kind, brightness, metal):
 
 @njit(cache=True, nogil=True)
 def add_bore(fields, radius, bore, box, metal, radiance):
-    """Lay a bore over the image, its edges weighted by how much of a pixel they cover.
+    """Draw a bore over the image, its edges weighted by their coverage of a pixel.
 
     ``bore`` is (phi, z, radius of the mouth, depth to the floor or to the exit, kind: 0 pit or
     1 hole or 2 deposit, brightness, chamfer, slope of the chamfer, lining, light from behind),
@@ -333,7 +333,7 @@ def add_bore(fields, radius, bore, box, metal, radiance):
 
 @njit(cache=True, nogil=True)
 def add_crack(fields, radius, corners, albedo, box, metal, radiance):
-    """Lay a crack over the image; ``corners`` is (N, 3): phi, z, half the width."""
+    """Draw a crack over the image; ``corners`` is (N, 3): phi, z, half the width."""
     now, slope = np.empty(fields.shape[0]), np.empty((2, 2))
     middle_z = 0.5 * (corners[:, 1].min() + corners[:, 1].max())
     middle_phi = 0.5 * (corners[:, 0].min() + corners[:, 0].max())
@@ -375,7 +375,7 @@ def add_crack(fields, radius, corners, albedo, box, metal, radiance):
 
 @njit(cache=True, nogil=True)
 def add_water(fields, radius, height, rays, rotations, positions, leds, strengths, lobe, radiance):
-    """Lay the surface of the water over what is below it: dull, with a mirrored spot an LED."""
+    """Draw the surface of the water: dull, with a mirrored spot for each LED."""
     slope, d, way = np.empty((2, 2)), np.empty(3), np.empty(3)
     for v in range(radiance.shape[0]):
         i = v // CELL
@@ -416,7 +416,7 @@ def add_water(fields, radius, height, rays, rotations, positions, leds, strength
 
 @njit(cache=True, nogil=True, fastmath=True)
 def drag(radiance, du, dv, out):
-    """Average along the way (du, dv) in pixels that the image moves while the shutter is open."""
+    """Average along the motion (du, dv) of the image during the exposure, in pixels."""
     rows, columns = radiance.shape
     taps = int(np.ceil(max(abs(du), abs(dv)))) + 1
     out[:] = _ZERO
@@ -441,7 +441,7 @@ def drag(radiance, du, dv, out):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def nudge(radiance, du, dv, out):
-    """As ``drag`` for a way of a pixel or so: by the second derivatives."""
+    """Average as ``drag`` for a motion of about a pixel, by the second derivatives."""
     rows, columns = radiance.shape
     a, b, c = _F(du * du / 24.0), _F(dv * dv / 24.0), _F(du * dv / 48.0)
     here = _ONE - _F(2.0) * (a + b)
@@ -460,7 +460,7 @@ def nudge(radiance, du, dv, out):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _variances(fields, row, line):
-    """Variance of the blur along one row of pixels."""
+    """Compute the variance of the blur along one row of pixels."""
     i, share = row // CELL, _F(row % CELL) / _F(CELL)
     for j in range(fields.shape[2] - 1):
         left = fields[3, i, j] + share * (fields[3, i + 1, j] - fields[3, i, j])
@@ -474,7 +474,7 @@ def _variances(fields, row, line):
 def blur(image, fields, spare):
     """Blur in place by the variance in ``fields``: three taps, then again twice as far apart.
 
-    A pass with taps ``a, 1 - 2 a, a`` at distance d adds variance 2 a d^2; 0.3 is the most for a.
+    A pass with taps ``a, 1 - 2 a, a`` at distance d adds variance 2 a d^2; a is at most 0.3.
     """
     rows, columns = image.shape
     most = _ZERO
@@ -511,7 +511,7 @@ def blur(image, fields, spare):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def shrink(image, most, small):
-    """Means of cells, each pixel counted up to ``most``."""
+    """Compute means of cells, with pixels clipped to ``most``."""
     for i in range(small.shape[0]):
         for j in range(small.shape[1]):
             total = _ZERO
@@ -525,7 +525,7 @@ def shrink(image, most, small):
 def expose(image, veil, dirt, scale, noise, starts, read, shot, out):
     """Turn radiance into grey levels with noise.
 
-    ``veil`` (V, U) glare at nodes, ``dirt`` (H, W) what the lens lets through, ``noise`` (M,)
+    ``veil`` (V, U) glare at nodes, ``dirt`` (H, W) the transmission of the lens, ``noise`` (M,)
     standard normal numbers of which each row takes a run from ``starts`` (H,), ``read`` standard
     deviation in grey levels, ``shot`` variance per grey level.
     """

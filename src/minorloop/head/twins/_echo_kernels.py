@@ -1,4 +1,4 @@
-"""Compiled loops of the echo: arrays in, arrays out.
+"""Compiled loops for echoes: arrays in, arrays out.
 
 Positions are in metres in the pipe; a beam is a table (off, along, frequency) without its
 carrier exp(i k along).
@@ -12,7 +12,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def height_at(phi, z, radius, texture, cell, rough, dents):
-    """How far the wall stands in towards the axis: roughness, dents and beads."""
+    """Return the height of the wall towards the axis: roughness, dents and beads."""
     size = texture.shape[0]
     u, v = radius * phi / cell, z / cell
     i, j = int(np.floor(u)), int(np.floor(v))
@@ -40,7 +40,7 @@ def echo_of_wall(
     """Add 2 p dp/dn over the facets of the wall about the spot, for each frequency.
 
     ``bores`` are (N, 5): phi, z, radius of the mouth, width and slope of the chamfer. ``out`` and
-    ``grain_out`` are (F,) complex; the second takes what grains under the wall send back.
+    ``grain_out`` are (F,) complex; the second takes the echoes of grains under the wall.
     """
     count = out.shape[0]
     across = axis[0] * axis[0] + axis[1] * axis[1]
@@ -106,7 +106,7 @@ def echo_of_wall(
 
 @njit(cache=True, nogil=True)
 def pressure_at(table, grid, k0, dk, origin, axis, reference, points, out):
-    """Pressure (F, N) at points (N, 3), with the carrier from ``reference`` on."""
+    """Fill out (F, N) with the pressure at points (N, 3), with the carrier from ``reference``."""
     for q in range(points.shape[0]):
         dx, dy, dz = points[q, 0] - origin[0], points[q, 1] - origin[1], points[q, 2] - origin[2]
         along = dx * axis[0] + dy * axis[1] + dz * axis[2]

@@ -1,4 +1,4 @@
-"""Compiled loops that lay features into the map of a wall: arrays in, arrays changed in place.
+"""Compiled loops that draw features into the map of a wall, in place.
 
 A map is (Z, P, 4) float32: albedo, slope around, slope along, share of the specular reflection.
 ``size`` is (texel around, texel along); the map wraps around and ends along.

@@ -1,4 +1,4 @@
-"""Compiled physics of the heated wires: arrays in, arrays out.
+"""Compiled physics of heated wires: arrays in, arrays out.
 
 ``axis`` (19,) are the parameters of a wire per metre, in the order of ``wire.wire_numbers``:
 heat capacity, latent heat, resistance as martensite and as austenite, circumference, length,
@@ -17,15 +17,15 @@ from minorloop.twins._kernels import course, recall, remember
 
 ITERATIONS = 200
 NEAR = 1e-11
-"""How near the effective temperature is found, in K."""
+"""Tolerance of the effective temperature, in K."""
 
 
 @njit(cache=True, nogil=True)
 def martensite(z, z0, xi0, axis):
-    """Fraction after the effective temperature went one way from z0 to z: (fraction, slope).
+    """Return the fraction after a monotone change of effective temperature, z0 to z, and its slope.
 
-    The differential form of the cosine laws of Liang and Rogers (1990), integrated exactly:
-    one long way and many short ones end at the same fraction.
+    The differential form of the cosine laws of Liang and Rogers (1990), integrated exactly: one
+    long step and many short ones give the same fraction.
     """
     start, finish, begin, end = axis[11], axis[12], axis[13], axis[14]
     if z > z0:
@@ -51,7 +51,7 @@ def martensite(z, z0, xi0, axis):
 
 @njit(cache=True, nogil=True)
 def wire_stress(xi, axis, recoverable, force):
-    """Stress of a wire that holds its spring and a force: (stress, slope over the fraction)."""
+    """Return the stress of a wire with its spring and a force, and its slope over the fraction."""
     length, area, austenite, soft = axis[5], axis[6], axis[8], axis[9]
     spring = axis[16]
     modulus = austenite + xi * (soft - austenite)
@@ -65,9 +65,9 @@ def wire_stress(xi, axis, recoverable, force):
 
 @njit(cache=True, nogil=True)
 def heat_left(z, start, axis, around, h):
-    """What is missing in the heat of a step that ends at effective temperature z.
+    """Return the error of the heat balance of a step that ends at effective temperature z.
 
-    Gives (error, its slope, temperature, fraction, stress). ``start`` is the state before;
+    Returns (error, its slope, temperature, fraction, stress). ``start`` is the state before;
     ``around`` is current, ambient, film coefficient, force and age at the end of the step.
     """
     current, ambient, film, force, age = around
@@ -84,7 +84,7 @@ def heat_left(z, start, axis, around, h):
 
 @njit(cache=True, nogil=True)
 def wire_step(state, axis, around, h):
-    """March one wire through a step, by implicit Euler and guarded Newton; nothing is returned.
+    """Integrate one wire over a step, in place, by implicit Euler and safeguarded Newton.
 
     ``state`` is temperature, martensite fraction, effective temperature, spring compression,
     hottest temperature so far, highest stress so far. The unknown is the effective temperature
@@ -117,7 +117,7 @@ def wire_step(state, axis, around, h):
 
 @njit(cache=True, nogil=True)
 def heads_at_rest(axes, cross, around, loads, age):
-    """State (axes, 6) of wires that have been cold for long, at time 0."""
+    """Return the state (axes, 6) of wires that have been cold for long, at time 0."""
     count = axes.shape[0]
     state = np.empty((count, 6))
     ambient = course(around[0], 0.0)
@@ -137,7 +137,7 @@ def heads_at_rest(axes, cross, around, loads, age):
 
 @njit(cache=True, nogil=True)
 def head_angles(state, axes, cross, out):
-    """Angles in degrees that the sensors see, with the cross-coupling of two axes."""
+    """Fill out with the angles at the sensors in degrees, with the cross-coupling of two axes."""
     for a in range(axes.shape[0]):
         out[a] = state[a, 3] / axes[a, 17]
     if axes.shape[0] == 2:
@@ -152,12 +152,12 @@ def head_angles(state, axes, cross, out):
 def head_run(
     state, axes, cross, around, loads, ageing, clock, ends, first, u, pace, delay, past, mark
 ):
-    """One wire, or two that push on each other, under currents straight between samples.
+    """Integrate one wire, or two coupled ones, under currents linear between samples.
 
     ``u`` (T, axes) are the currents at ``ends`` (T,) after ``clock``, ``first`` (axes,) those
     now; each gap is cut into equal steps of at most ``pace[0]``, and each of those into
-    ``pace[1]``. Gives the angles (T, axes) as they were ``delay`` before each end. ``cross`` is
-    the two couplings of angles, how they grow with the angle, the push in N/m, and the
+    ``pace[1]``. Returns the angles (T, axes) as they were ``delay`` before each end. ``cross`` is
+    the two couplings of angles, their growth with the angle, the push in N/m, and the
     compression of the other spring at which it vanishes.
     """
     count = axes.shape[0]

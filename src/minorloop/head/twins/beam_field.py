@@ -1,7 +1,7 @@
-"""The pressure in front of a disc with or without a lens, as a sum of Hankel waves.
+"""The pressure in front of a disc with or without a lens, by Hankel transforms.
 
-In homogeneous water the beam has one axis, so a table over distance off the axis and along it,
-one for each frequency, holds all of it.
+In homogeneous water the beam is symmetric about its axis, so that a table over the distances off
+and along the axis, for each frequency, contains it.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from minorloop.arrays import FloatArray
 
 Complex32 = npt.NDArray[np.complex64]
 
-_OFF_STEP = 0.012e-3
-_ALONG_STEP = 0.05e-3
-_RINGS = 400
+_OFF_STEP = 0.012e-3  # m
+_ALONG_STEP = 0.05e-3  # m, without the carrier
+_RINGS = 400  # quadrature points on the disc
 
 
 @dataclass(frozen=True, eq=False)
 class Beam:
-    """Pressure p = table * exp(i k z) for a disc that moves with unit pressure.
+    """Pressure p = table * exp(i k z) of a disc with unit pressure.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def beam_of(
     far: float,
     off: float,
 ) -> Beam:
-    """The beam of a disc by its angular spectrum.
+    """Compute the beam of a disc by its angular spectrum.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ def beam_of(
 
     Notes
     -----
-    The Hankel transform of the pressure on the aperture, carried along by
+    The Hankel transform of the pressure on the aperture, propagated by
     exp(i z sqrt(k^2 - kappa^2)) and transformed back (Goodman, Introduction to Fourier Optics,
-    2005, section 3.10). Waves steeper than the edge of the lens and a margin are left out.
+    2005, section 3.10). Waves steeper than the edge of the lens plus a margin are left out.
     """
     return _beam_of(aperture, focus, tuple(wavenumbers.tolist()), near, far, off)
 

@@ -1,7 +1,7 @@
-"""A camera on a pan-tilt head in a metal pipe, with three lights that are switched one by one.
+"""A simulated camera on a pan-tilt head in a metal pipe, with three switched LEDs.
 
-Every ray meets the wall by the equation of the cylinder. The lights sit on the head and turn with
-it, so their reflections creep over the wall as optics says. A loop is::
+Every ray is intersected with the cylinder of the wall. The LEDs are fixed to the head and turn with
+it, so that their reflections move over the wall. A loop is::
 
     camera = Camera(Pipe.draw(3, holes=1))
     camera.look(0.4, 0.1)              # radians; where the head is now
@@ -28,35 +28,35 @@ from minorloop.head.twins.surface import lay_out
 from minorloop.lab.actuator import Frame
 
 LENS = Pinhole(k1=-0.12, k2=0.02)
-LED_CIRCLE = 2.5e-3
-NEAREST, FARTHEST = 4e-3, 60e-3
+LED_CIRCLE = 2.5e-3  # m, radius
+NEAREST, FARTHEST = 4e-3, 60e-3  # m, of the focus
 _FOCUS_RATE = 250.0  # of 1/distance, in 1/m per second
 _FULL_SCALE = 100.0  # grey levels at radiance 1, 10 ms and gain 1
 _NOISE_BANK = 1 << 20
-_NUDGE = 2.5  # pixels
+_NUDGE = 2.5  # pixels of motion up to which second derivatives describe the blur
 _KINDS = {"pit": 0.0, "hole": 1.0, "white": 2.0}
 
 Bytes = npt.NDArray[np.uint8]
 
 
 def led_positions(count: int = 3, circle: float = LED_CIRCLE) -> FloatArray:
-    """(count, 3) places of LEDs on a circle round the lens, in the camera, in metres."""
+    """Return (count, 3) places of LEDs on a circle round the lens, in the camera, in metres."""
     angles = np.pi / 2 + 2 * np.pi * np.arange(count) / count
     return np.stack([circle * np.cos(angles), circle * np.sin(angles), np.zeros(count)], axis=1)
 
 
 @dataclass(frozen=True)
 class ImageSensor:
-    """What becomes of light behind the lens.
+    """Image sensor and optics: blur, noise, glare and read-out.
 
     Parameters
     ----------
     aperture : float
-        Diameter of the entrance pupil, in metres; it sets how fast focus is lost.
+        Diameter of the entrance pupil, in metres, which sets the depth of field.
     sharpest : float
         Standard deviation of the blur in focus, in pixels.
     read : float
-        Standard deviation of the noise in the dark at gain 1, in grey levels.
+        Standard deviation of the read noise at gain 1, in grey levels.
     electrons : float
         Electrons for one grey level at gain 1.
     veil_near, veil_far : float
@@ -71,7 +71,7 @@ class ImageSensor:
     Raises
     ------
     ParameterError
-        If a number is negative, or no electrons are left.
+        If a number is negative, or electrons or interval are 0.
     """
 
     aperture: float = 0.2e-3
@@ -98,9 +98,9 @@ class Camera:
     Parameters
     ----------
     pipe : Pipe
-        What there is to see.
+        The pipe, with its defects.
     mount : Mount
-        How the head sits in the pipe.
+        Place of the head in the pipe.
     optics : Pinhole
         The lens; sizes are multiples of 8 pixels.
     specimen : int, optional
@@ -108,9 +108,9 @@ class Camera:
         calibrated to 0.1 %; the principal point moves by up to 1 % of the width; the strength of
         each LED is drawn within +-10 % and not calibrated. Without it, the nominal camera.
     seed : int
-        Of the noise and of the spots on the lens.
+        Seed of the noise and of the spots on the lens.
     sensor : ImageSensor
-        What becomes of light behind the lens.
+        Blur, noise, glare and read-out.
 
     Raises
     ------
@@ -122,8 +122,8 @@ class Camera:
     An LED at distance r gives the wall k_d albedo max(n.l, 0) / r^2 + k_s D(h) / (4 (n.v) r^2)
     with D the anisotropic distribution of Trowbridge and Reitz (Burley, Physically based shading
     at Disney, 2012, equation 13), about the slopes of brush marks, dents and beads. Blur follows
-    the circle of confusion of a thin lens, motion blurs along its way on the image, glare veils
-    everything, and shot noise, read noise and rounding to 8 bit come last.
+    the circle of confusion of a thin lens, motion blurs along its path in the image, glare is
+    added, then shot noise, read noise and rounding to 8 bit.
     """
 
     kind = "camera"
@@ -166,7 +166,7 @@ class Camera:
         return 1 / self._focus
 
     def look(self, pan: float, tilt: float, *, rates: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Say where the head is when the next frame begins, and how fast it turns.
+        """Set the angles of the head at the start of the next frame, and their rates.
 
         Parameters
         ----------
@@ -179,23 +179,23 @@ class Camera:
         self._rates = (as_finite("rate of pan", rates[0]), as_finite("rate of tilt", rates[1]))
 
     def move(self, mount: Mount) -> None:
-        """Put the head elsewhere in the pipe."""
+        """Move the head to another place in the pipe."""
         self._mount = mount
 
     def switch(self, lights: Sequence[bool]) -> None:
-        """Say which LEDs are on from the next frame.
+        """Switch LEDs on or off from the next frame on.
 
         Raises
         ------
         ParameterError
-            If there is not one truth value for each LED.
+            If the number of truth values is not that of the LEDs.
         """
         if len(lights) != len(self.leds):
             raise ParameterError(f"{len(lights)} lights; give one truth value for each of the 3")
         self._on = tuple(bool(light) for light in lights)
 
     def expose(self, exposure: float, gain: float = 1.0) -> None:
-        """Set how long the shutter is open, in seconds, and the gain.
+        """Set the exposure time, in seconds, and the gain.
 
         Raises
         ------
@@ -212,7 +212,7 @@ class Camera:
         self._exposure, self._gain = float(exposure), float(gain)
 
     def focus_at(self, distance: float) -> None:
-        """Send the focus to a distance in metres; it takes up to a second to arrive.
+        """Move the focus to a distance in metres, which takes up to a second.
 
         Raises
         ------
@@ -226,15 +226,15 @@ class Camera:
         self._focus_wanted = 1 / distance
 
     def frame(self) -> Frame:
-        """The next image; its time is the middle of the exposure of the middle row."""
+        """Return the next image; its time is the middle of the exposure of the middle row."""
         radiance = self._radiance()
         image = self._exposed(radiance)
         t = self._clock + 0.5 * (self._exposure + self.sensor.readout)
-        self._pass(self.sensor.interval)
+        self._advance(self.sensor.interval)
         return Frame(t, image)
 
-    def _pass(self, seconds: float) -> None:
-        """Let time go by: the head turns on and the focus moves."""
+    def _advance(self, seconds: float) -> None:
+        """Advance the clock: the head continues to turn and the focus to move."""
         self._clock += seconds
         self._pan += seconds * self._rates[0]
         self._tilt += seconds * self._rates[1]
@@ -242,19 +242,19 @@ class Camera:
         self._focus += float(np.clip(self._focus_wanted - self._focus, -reach, reach))
 
     def _pose(self, row: float) -> Pose:
-        """Where the camera is in the middle of the exposure of a row."""
+        """Return the pose of the camera in the middle of the exposure of a row."""
         after = 0.5 * self._exposure + self.sensor.readout * row / self._optics.height
         return self._mount.pose(
             self._pan + after * self._rates[0], self._tilt + after * self._rates[1]
         )
 
     def _node_poses(self) -> tuple[FloatArray, FloatArray]:
-        """Rotations (V, 3, 3) and positions (V, 3) of the camera for each row of nodes."""
+        """Return rotations (V, 3, 3) and positions (V, 3) of the camera for each row of nodes."""
         count = len(self._rays)
         if self._rates == (0.0, 0.0):
             pose = self._pose(0.0)
             return np.tile(pose.rotation, (count, 1, 1)), np.tile(pose.position, (count, 1))
-        # So short a turn is straight, to 1e-6 of a radian.
+        # Linear interpolation of such a short turn errs by 1e-6 of a radian.
         ends = [self._pose(0.0), self._pose(float(kernels.CELL * (count - 1)))]
         share = np.linspace(0.0, 1.0, count)[:, None, None]
         first, last = (end.rotation for end in ends)
@@ -262,7 +262,7 @@ class Camera:
         return first + share * (last - first), start + share[..., 0] * (stop - start)
 
     def _pixel(self, phi: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
-        """Pixels (..., 2) where places of the wall are in the next frame. For scoring only."""
+        """Return pixels (..., 2) of places of the wall in the next frame. For scoring only."""
         points = wall_point(phi, z, self._pipe.radius)
         found = self._optics.project(self._pose(self._optics.height / 2).to_camera(points))
         for _ in range(3):
@@ -276,7 +276,7 @@ class Camera:
         return found
 
     def _prepare(self) -> None:
-        """What does not change from frame to frame."""
+        """Prepare what is the same for all frames."""
         surface, finish, optics = lay_out(self._pipe), self._pipe.finish, self._optics
         angle = surface.size[0] / self._pipe.radius
         self._texels, self._shapes = surface.texels, surface.shapes
@@ -300,7 +300,7 @@ class Camera:
         self._spare = np.empty_like(self._image)
 
     def _radiance(self) -> npt.NDArray[np.float32]:
-        """Light on the sensor (H, W), before glare."""
+        """Return the light on the sensor (H, W), before glare."""
         on = np.array(self._on)
         turns, lenses = self._node_poses()
         leds, strengths = self.leds[on], self._strengths[on]
@@ -341,11 +341,11 @@ class Camera:
                 )
 
     def _boxes(self) -> npt.NDArray[np.int64]:
-        """(N, 4) pixels that may see each bore and crack: rows from, to, columns from, to."""
+        """Return (N, 4) rows and columns, from and to, that may see each bore and crack."""
         pose = self._pose(self._optics.height / 2)
         local = pose.to_camera(self._outlines)
         ahead = local[..., 2].min(axis=1) > 1e-4
-        # Past the corners the distortion may fold back into the image.
+        # Beyond the corners the distortion may fold back into the image.
         plain = np.clip(local[..., :2] / np.maximum(local[..., 2:], 1e-4), -1.0, 1.0)
         pixels = self._optics.pixels(plain)
         low, high = pixels.min(axis=1) - 6, pixels.max(axis=1) + 7
@@ -357,7 +357,7 @@ class Camera:
     def _blurred(
         self, fields: npt.NDArray[np.float32], image: npt.NDArray[np.float32]
     ) -> npt.NDArray[np.float32]:
-        """The image after motion and defocus."""
+        """Return the image after motion blur and defocus."""
         du, dv = self._smear()
         if max(abs(du), abs(dv)) > 0.3:
             move = kernels.nudge if max(abs(du), abs(dv)) < _NUDGE else kernels.drag
@@ -368,7 +368,7 @@ class Camera:
         return image
 
     def _smear(self) -> tuple[float, float]:
-        """How far the middle of the image moves while the shutter is open, in pixels."""
+        """Return the motion of the middle of the image during an exposure, in pixels."""
         if self._rates == (0.0, 0.0):
             return 0.0, 0.0
         middle = ((self._optics.width - 1) / 2, (self._optics.height - 1) / 2)
@@ -387,7 +387,7 @@ class Camera:
         return float(moved[0]), float(moved[1])
 
     def _exposed(self, radiance: npt.NDArray[np.float32]) -> Bytes:
-        """Grey levels of an image of light."""
+        """Return the grey levels of a radiance image."""
         sensor, optics = self.sensor, self._optics
         scale = _FULL_SCALE * self._gain * self._exposure / 0.01
         starts = self._rng.integers(0, _NOISE_BANK - optics.width, optics.height)
@@ -406,7 +406,7 @@ class Camera:
         return out
 
     def _veil(self, radiance: npt.NDArray[np.float32], most: float) -> npt.NDArray[np.float32]:
-        """Scattered light at the nodes."""
+        """Return the scattered light at the nodes."""
         rows, columns = (n // kernels.CELL for n in radiance.shape)
         cells = np.empty((rows, columns), dtype=np.float32)
         kernels.shrink(radiance, np.float32(most), cells)
@@ -415,7 +415,7 @@ class Camera:
             ndimage.uniform_filter(cells, 19, mode="constant"), 19, mode="constant"
         )
         veil = (self.sensor.veil_near * near + self.sensor.veil_far * far).astype(np.float32)
-        # Cells have their middle between the nodes.
+        # The centres of cells lie between the nodes.
         padded = np.pad(veil, 1, mode="edge")
         nodes: npt.NDArray[np.float32] = 0.25 * (
             padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]
@@ -424,7 +424,7 @@ class Camera:
 
 
 def _specimen(optics: Pinhole, specimen: int | None) -> tuple[Pinhole, Pinhole, FloatArray]:
-    """The true lens, the calibrated one, and the strengths of the LEDs."""
+    """Return the true lens, the calibrated one, and the strengths of the LEDs."""
     if specimen is None:
         return optics, optics, np.ones(3)
     rng = np.random.default_rng(specimen)
@@ -445,7 +445,7 @@ def _specimen(optics: Pinhole, specimen: int | None) -> tuple[Pinhole, Pinhole, 
 def _lens_dirt(
     optics: Pinhole, strength: float, rng: np.random.Generator
 ) -> npt.NDArray[np.float32]:
-    """(H, W) share of the light that spots on the lens and the edge of the field let through."""
+    """Return the transmission (H, W) of a lens with spots and vignetting."""
     v, u = np.mgrid[0 : optics.height, 0 : optics.width].astype(np.float64)
     x, y = (u - optics.centre[0]) / optics.focal, (v - optics.centre[1]) / optics.focal
     through = (1 + x * x + y * y) ** -1.5
@@ -459,7 +459,7 @@ def _lens_dirt(
 
 
 def _outlines(pipe: Pipe, cracks: list[FloatArray]) -> FloatArray:
-    """(N, 24, 3) points round each bore and along each crack."""
+    """Return (N, 24, 3) points round each bore and along each crack."""
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     outlines = []
     for bore in pipe.bores:
@@ -479,7 +479,7 @@ def _outlines(pipe: Pipe, cracks: list[FloatArray]) -> FloatArray:
 
 
 def _bore_values(bore: Bore, thickness: float) -> tuple[float, ...]:
-    """A bore as its kernel takes it."""
+    """Return a bore as numbers for its kernel."""
     kind = ("white" if bore.inside == "white" else "hole") if bore.through else "pit"
     lit = bore.through and bore.inside == "backlit"
     return (
@@ -497,6 +497,6 @@ def _bore_values(bore: Bore, thickness: float) -> tuple[float, ...]:
 
 
 def _corners(crack: Crack) -> FloatArray:
-    """(N, 3) phi, without jumps, z and half the width."""
+    """Return (N, 3) phi, without jumps, z and half the width."""
     places = np.array(crack.points)
     return np.stack([np.unwrap(places[:, 0]), places[:, 1], 0.5 * np.array(crack.widths)], axis=1)

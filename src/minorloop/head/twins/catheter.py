@@ -1,7 +1,7 @@
-"""The catheter behind the head: it advances in the pipe and rolls about the pipe's axis.
+"""The catheter that carries the head: it advances in the pipe and rolls about the axis.
 
-A motor at the entrance pushes and turns a long elastic tube that drags along the wall: the tip
-follows late, not at all for small motions, and jumps a little when it lets go.
+A motor at the entrance pushes and turns a long elastic tube with friction on the wall: the tip
+follows with a delay, does not follow small motions, and jumps a little when it breaks away.
 
 Channels, in this order: ``advance rate`` in mm/s, -20 to 20, and ``roll rate`` in deg/s, -60
 to 60, in; ``advance`` in mm and ``roll`` in degrees, of the tip, out.
@@ -21,11 +21,11 @@ from minorloop.twins import _kernels
 from minorloop.twins.checkpoints import check_within, damaged
 
 TRAVEL = 1500.0
-"""How far the catheter goes into the pipe, in mm."""
+"""Travel of the catheter in the pipe, in mm."""
 TURNS = 720.0
-"""How far it rolls either way before its cables are wound up, in degrees."""
+"""Largest roll in either direction before the cables are wound up, in degrees."""
 
-# A tube of some N/mm and N m/deg against some newtons of drag: a choice.
+# A choice: a tube of a few N/mm and N m/deg against a few newtons of friction.
 _NOMINAL = {
     "advance_acceleration": 40.0,  # mm/s^2
     "advance_breakaway": 1.2,  # mm
@@ -40,7 +40,7 @@ _NOMINAL = {
 
 
 class Catheter(SimulatedAxes):
-    """A motor, an elastic tube and the friction of the wall: two rates in, where the tip is out.
+    """A motor, an elastic tube and friction: two rates in, the place of the tip out.
 
     Parameters
     ----------
@@ -52,15 +52,15 @@ class Catheter(SimulatedAxes):
     seed : int
         Seed of the noise.
     tick : float
-        How long one ``exchange`` takes, in seconds.
+        Duration of one ``exchange``, in seconds.
     delay : float
-        How old a reading is when it is given, in seconds.
+        Delay of the readings, in seconds.
     faults : sequence of Fault
-        When readings are stuck or lost, channel ``advance`` or ``roll``.
+        Times in which readings are stuck or lost, channel ``advance`` or ``roll``.
     substeps : int
         Divides every time step of the integration, 10 ms at most.
     log_truth : bool
-        Whether to keep the hidden state at the end of every call, for scoring after the run.
+        Whether to log the hidden state at the end of every call, for scoring after the run.
 
     Raises
     ------
@@ -69,10 +69,10 @@ class Catheter(SimulatedAxes):
 
     Notes
     -----
-    The motor takes up a commanded rate with a limited acceleration and stops at the ends of
-    its travel, 0 to 1500 mm and -720 to 720 degrees. The tip q sticks until it lags the motor
-    p by more than the breakaway; then tau dq/dt = p - q -+ s until it comes to rest, with the
-    lag s that sliding friction holds. Both lags grow with the length in the pipe.
+    The motor reaches a commanded rate with limited acceleration and stops at the ends of its
+    travel, 0 to 1500 mm and -720 to 720 degrees. The tip q sticks until it lags the motor p by
+    more than the breakaway; then tau dq/dt = p - q -+ s until it stops, where s is the lag of
+    sliding friction. Both lags grow with the length in the pipe.
     """
 
     kind = "catheter"

@@ -1,4 +1,4 @@
-"""What a crack sends back: waves between its rigid flanks, down to its floor and up again."""
+"""Echo of a crack: waves between its rigid flanks, down to its floor and back."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MODES = 9
 
 @dataclass(frozen=True, eq=False)
 class CrackBasis:
-    """A crack laid straight, with modes across it.
+    """A straightened crack, with modes across it.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class CrackBasis:
     modes: FloatArray
 
     def near(self, phi: float, z: float, radius: float, reach: float) -> npt.NDArray[np.intp]:
-        """Steps of the course within a distance of a place."""
+        """Return the steps of the course within a distance of a place."""
         off = np.hypot(radius * wrapped(self.phi - phi), self.z - z)
         return np.flatnonzero(off < reach)
 
@@ -53,7 +53,7 @@ class CrackBasis:
         wavenumbers: FloatArray,
         depth: float,
     ) -> npt.NDArray[np.complex128]:
-        """Sum of 2 p dp/dn (F,) at a depth, of the pressure (F, P, Q) on part of the mouth.
+        """Return the sum of 2 p dp/dn (F,) at a depth, for pressure (F, P, Q) on part of the mouth.
 
         Notes
         -----
@@ -75,7 +75,7 @@ class CrackBasis:
 
 
 def basis_of_crack(crack: Crack, radius: float) -> CrackBasis:
-    """Points and modes of a crack in a pipe of a radius."""
+    """Return points and modes of a crack in a pipe of a radius."""
     corners = np.array(crack.points, dtype=np.float64)
     around = np.unwrap(corners[:, 0])
     steps = np.hypot(radius * np.diff(around), np.diff(corners[:, 1]))

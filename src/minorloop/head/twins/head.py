@@ -22,8 +22,8 @@ from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.wire import HIGHEST_CURRENT, WIRE, HeatedWires
 from minorloop.lab.actuator import Channel
 
-# The sensors see 6 to 9 % of the other axis, more of it when deflected; the springs add up to
-# 10 MPa to the other wire, or take it off.
+# The sensors read 6 to 9 % of the other axis, more when deflected; the springs change the stress of
+# the other wire by up to 10 MPa.
 _COUPLING = {
     "cross_pan": 0.07,
     "cross_tilt": 0.06,
@@ -46,19 +46,19 @@ class Head(HeatedWires):
     seed : int
         Seed of the noise.
     tick : float
-        How long one ``exchange`` takes, in seconds.
+        Duration of one ``exchange``, in seconds.
     delay : float
-        How old a reading of the angles is when it is given, in seconds.
+        Delay of the measured angles, in seconds.
     surroundings : Surroundings, optional
         Ambient, convection and load over time; still air at 20 degrees without it.
     ageing, drift : float
         As in ``Wire``, of both wires.
     faults : sequence of Fault
-        When readings are stuck or lost, channel ``pan`` or ``tilt``.
+        Times in which readings are stuck or lost, channel ``pan`` or ``tilt``.
     substeps : int
         Divides every time step of the integration, 10 ms at most.
     log_truth : bool
-        Whether to keep the hidden state at the end of every call, for scoring after the run.
+        Whether to log the hidden state at the end of every call, for scoring after the run.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""A metal pipe of 20 mm and what is on its wall: the truth that a camera and an echo see.
+"""A metal pipe of 20 mm with its defects: the truth behind images and echoes.
 
 Places on the wall are phi in radians and z in metres along the pipe; sizes are in metres along
-the wall. Everything here is a frozen value. What estimates must not read it: it is for the twins
-that look at it, and for scoring after a run.
+the wall. All classes are frozen values. They are for twins, and for scoring after a run; estimators
+must not read them.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class Bore:
     diameter : float
         Of its mouth, without the chamfer.
     depth : float
-        Of its floor under the wall; infinite for a hole that goes through.
+        Of its floor below the wall; infinite for a through-hole.
     inside : {"dark", "backlit", "white"}
-        What is seen through a hole: nothing, light from behind, or a white deposit that fills
-        the mouth.
+        What is seen in a hole: nothing, light from behind, or a white deposit that fills the
+        mouth.
     brightness : float
         Of the light from behind, or albedo of the deposit or of the floor of a pit.
     chamfer : float
@@ -45,7 +45,7 @@ class Bore:
     floor_tilt : (float, float)
         Slopes of the floor of a pit around and along the pipe.
     dish : float
-        How much shallower the floor is at its rim than in the middle.
+        Depth of the floor in the middle less that at its rim.
 
     Raises
     ------
@@ -67,8 +67,8 @@ class Bore:
 
     def __post_init__(self) -> None:
         check_option("inside", self.inside, INSIDES)
-        _place(self.phi, self.z)
-        _positive("diameter of a bore", self.diameter)
+        _check_place(self.phi, self.z)
+        _check_positive("diameter of a bore", self.diameter)
         if not self.depth > 0:
             raise ParameterError(f"depth of a bore is {self.depth}; give a positive depth in m")
         if not self.chamfer >= 0:
@@ -76,7 +76,7 @@ class Bore:
 
     @property
     def through(self) -> bool:
-        """Whether it goes through the wall."""
+        """Whether it is a through-hole."""
         return math.isinf(self.depth)
 
 
@@ -89,16 +89,16 @@ class Crack:
     points : tuple of (phi, z)
         Its corners, at least two.
     widths : tuple of float
-        At the corners.
+        Widths at the corners.
     depth : float
-        Under the wall.
+        Depth below the wall.
     albedo : float
-        Of what is seen in it.
+        Albedo of what is seen in it.
 
     Raises
     ------
     ParameterError
-        If there are fewer than two corners or not one width a corner.
+        If there are fewer than two corners, or not one width for each corner.
     """
 
     points: tuple[tuple[float, float], ...]
@@ -113,8 +113,8 @@ class Crack:
                 "least two corners and a width for each"
             )
         for (phi, z), width in zip(self.points, self.widths, strict=True):
-            _place(phi, z)
-            _positive("width of a crack", width)
+            _check_place(phi, z)
+            _check_positive("width of a crack", width)
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ class Dent:
     height: float
 
     def __post_init__(self) -> None:
-        _place(self.phi, self.z)
-        _positive("size of a dent", self.size)
+        _check_place(self.phi, self.z)
+        _check_positive("size of a dent", self.size)
         as_finite("height of a dent", self.height)
 
 
@@ -145,9 +145,9 @@ class Scratch:
     albedo: float = 1.0
 
     def __post_init__(self) -> None:
-        _place(self.phi, self.z)
-        _positive("length of a scratch", self.length)
-        _positive("width of a scratch", self.width)
+        _check_place(self.phi, self.z)
+        _check_positive("length of a scratch", self.length)
+        _check_positive("width of a scratch", self.width)
 
 
 @dataclass(frozen=True)
@@ -163,11 +163,11 @@ class Dirt:
     albedo : float
         Relative to the metal.
     softness : float
-        Width over which its edge fades.
+        Width of its edge.
     raggedness : float
         Relative depth of the lobes of its outline; 0 is a disc.
     seed : int
-        Of the lobes.
+        Seed of the lobes.
     """
 
     phi: float
@@ -179,14 +179,14 @@ class Dirt:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _place(self.phi, self.z)
-        _positive("size of dirt", self.size)
-        _positive("softness of dirt", self.softness)
+        _check_place(self.phi, self.z)
+        _check_positive("size of dirt", self.size)
+        _check_positive("softness of dirt", self.softness)
 
 
 @dataclass(frozen=True)
 class Finish:
-    """How the metal itself looks.
+    """Optical properties of the metal.
 
     Parameters
     ----------
@@ -199,9 +199,9 @@ class Finish:
     streak, stain : float
         Standard deviations of the logarithm of the albedo: along brush marks, and in patches.
     ambient : float
-        Share of the light that comes round by way of the other walls.
+        Share of light reflected by the other walls.
     seed : int
-        Of the texture.
+        Seed of the texture.
     """
 
     roughness_around: float = 0.22
@@ -215,8 +215,8 @@ class Finish:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _positive("roughness around the pipe", self.roughness_around)
-        _positive("roughness along the pipe", self.roughness_along)
+        _check_positive("roughness around the pipe", self.roughness_around)
+        _check_positive("roughness along the pipe", self.roughness_along)
 
 
 @dataclass(frozen=True)
@@ -226,11 +226,11 @@ class Pipe:
     Parameters
     ----------
     radius, length, thickness : float
-        Of the bore of the pipe, of the pipe, and of its wall, in metres.
+        Inner radius and length of the pipe, and thickness of its wall, in metres.
     finish : Finish
-        How the metal looks.
+        Optical properties of the metal.
     bores, cracks, dents, scratches, dirt : tuples
-        What is on the wall.
+        Defects and marks on the wall.
     water : float, optional
         Height of the surface of the water that fills the bottom, as y in the pipe, in metres;
         y points down, so that 0 is half full and 5e-3 a quarter of the way up. None when dry.
@@ -254,7 +254,7 @@ class Pipe:
 
     def __post_init__(self) -> None:
         for name in ("radius", "length", "thickness"):
-            _positive(f"{name} of the pipe", getattr(self, name))
+            _check_positive(f"{name} of the pipe", getattr(self, name))
         if self.water is not None and not abs(self.water) < self.radius:
             raise ParameterError(
                 f"water at y = {self.water} m is outside a pipe of radius {self.radius} m; "
@@ -272,42 +272,42 @@ class Pipe:
         cracks: int = 0,
         water: float | None = None,
     ) -> Pipe:
-        """A pipe with dents, beads, scratches and dirt all over, and the defects asked for.
+        """Draw a pipe with dents, beads, scratches and dirt, and a number of defects.
 
         Parameters
         ----------
         seed : int
-            Of everything drawn.
+            Seed of the pipe.
         length : float
             Of the pipe, in metres.
         holes, pits, cracks : int
-            How many of each; holes of 0.85 to 1.15 mm, pits of 0.85 to 1.5 mm by 0.2 to 1 mm.
+            Number of each; holes of 0.85 to 1.15 mm, pits of 0.85 to 1.5 mm by 0.2 to 1 mm.
         water : float, optional
             As in the class.
         """
         rng = np.random.default_rng(seed)
         area = 2 * np.pi * 10e-3 * length
-        bores = [draw_hole(rng, *_anywhere(rng, length)) for _ in range(holes)]
-        bores += [draw_pit(rng, *_anywhere(rng, length)) for _ in range(pits)]
+        bores = [draw_hole(rng, *_position(rng, length)) for _ in range(holes)]
+        bores += [draw_pit(rng, *_position(rng, length)) for _ in range(pits)]
         return cls(
             length=length,
             finish=draw_finish(rng),
             bores=tuple(bores),
-            cracks=tuple(draw_crack(rng, *_anywhere(rng, length)) for _ in range(cracks)),
+            cracks=tuple(draw_crack(rng, *_position(rng, length)) for _ in range(cracks)),
             dents=tuple(
-                draw_dent(rng, *_anywhere(rng, length)) for _ in range(rng.poisson(area * 1.2e4))
+                draw_dent(rng, *_position(rng, length)) for _ in range(rng.poisson(area * 1.2e4))
             ),
             scratches=tuple(
-                draw_scratch(rng, *_anywhere(rng, length)) for _ in range(rng.poisson(area * 1.5e4))
+                draw_scratch(rng, *_position(rng, length)) for _ in range(rng.poisson(area * 1.5e4))
             ),
             dirt=tuple(
-                draw_dirt(rng, *_anywhere(rng, length)) for _ in range(rng.poisson(area * 1.5e4))
+                draw_dirt(rng, *_position(rng, length)) for _ in range(rng.poisson(area * 1.5e4))
             ),
             water=water,
         )
 
     def depth(self, phi: FloatArray, z: FloatArray) -> FloatArray:
-        """Depth under the wall at places (...), in metres; infinite in holes. For scoring only."""
+        """Return the depth at places (...), in metres; infinite in holes. For scoring only."""
         phi, z = np.broadcast_arrays(np.asarray(phi, float), np.asarray(z, float))
         deepest = np.zeros(phi.shape)
         for bore in self.bores:
@@ -323,7 +323,7 @@ class Pipe:
         return deepest
 
     def _in_crack(self, crack: Crack, phi: FloatArray, z: FloatArray) -> FloatArray:
-        """Whether places are within half a width of a crack."""
+        """Return whether places are within half a width of a crack."""
         hit = np.zeros(phi.shape, dtype=bool)
         corners = zip(crack.points, crack.points[1:], crack.widths, crack.widths[1:], strict=False)
         for (phi0, z0), (phi1, z1), width0, width1 in corners:
@@ -336,7 +336,7 @@ class Pipe:
 
 
 def draw_finish(rng: np.random.Generator) -> Finish:
-    """A brushed finish, from dull to polished."""
+    """Draw a brushed finish, from dull to polished."""
     around = rng.uniform(0.12, 0.3)
     return Finish(
         roughness_around=around,
@@ -352,7 +352,7 @@ def draw_finish(rng: np.random.Generator) -> Finish:
 
 
 def draw_hole(rng: np.random.Generator, phi: float, z: float) -> Bore:
-    """A hole of 0.85 to 1.15 mm, dark, back-lit or white, with or without a chamfer."""
+    """Draw a hole of 0.85 to 1.15 mm, dark, back-lit or white, with or without a chamfer."""
     inside = INSIDES[int(rng.integers(3))]
     brightness = {"dark": 0.0, "backlit": rng.uniform(0.5, 2.0), "white": rng.uniform(1.6, 2.4)}
     return Bore(
@@ -368,7 +368,7 @@ def draw_hole(rng: np.random.Generator, phi: float, z: float) -> Bore:
 
 
 def draw_pit(rng: np.random.Generator, phi: float, z: float) -> Bore:
-    """A pit of 0.85 to 1.5 mm by 0.2 to 1 mm, with a floor tilted up to 4 degrees."""
+    """Draw a pit of 0.85 to 1.5 mm by 0.2 to 1 mm, with a floor tilted up to 4 degrees."""
     tilt, way = math.tan(math.radians(rng.uniform(0, 4))), rng.uniform(0, 2 * np.pi)
     return Bore(
         phi,
@@ -383,7 +383,7 @@ def draw_pit(rng: np.random.Generator, phi: float, z: float) -> Bore:
 
 
 def draw_crack(rng: np.random.Generator, phi: float, z: float) -> Crack:
-    """A crack of 3 to 8 mm with 8 corners, 0.1 to 0.3 mm wide and narrower at its ends."""
+    """Draw a crack of 3 to 8 mm with 8 corners, 0.1 to 0.3 mm wide and narrower at its ends."""
     heading, step = rng.uniform(0, np.pi), rng.uniform(3e-3, 8e-3) / 7
     ways = heading + np.cumsum(rng.normal(0, 0.35, 7))
     x = np.concatenate([[0.0], np.cumsum(step * np.cos(ways))])
@@ -399,7 +399,7 @@ def draw_crack(rng: np.random.Generator, phi: float, z: float) -> Crack:
 
 
 def draw_dent(rng: np.random.Generator, phi: float, z: float) -> Dent:
-    """A shallow dent, or a steep bead of spatter; both throw glints of their own."""
+    """Draw a shallow dent or a steep bead of spatter; both make glints."""
     if rng.random() < 0.6:
         size = rng.uniform(0.4e-3, 1.5e-3)
         return Dent(phi, z, size, -size * rng.uniform(0.1, 0.45))
@@ -408,7 +408,7 @@ def draw_dent(rng: np.random.Generator, phi: float, z: float) -> Dent:
 
 
 def draw_scratch(rng: np.random.Generator, phi: float, z: float) -> Scratch:
-    """A scratch of 1 to 8 mm in any direction."""
+    """Draw a scratch of 1 to 8 mm in any direction."""
     return Scratch(
         phi,
         z,
@@ -421,7 +421,7 @@ def draw_scratch(rng: np.random.Generator, phi: float, z: float) -> Scratch:
 
 
 def draw_dirt(rng: np.random.Generator, phi: float, z: float) -> Dirt:
-    """A patch of dirt of albedo 0.4 or more, sharp or soft, ragged or nearly round."""
+    """Draw a patch of dirt of albedo 0.4 or more, sharp or soft, ragged or nearly round."""
     return Dirt(
         phi,
         z,
@@ -433,15 +433,15 @@ def draw_dirt(rng: np.random.Generator, phi: float, z: float) -> Dirt:
     )
 
 
-def _anywhere(rng: np.random.Generator, length: float) -> tuple[float, float]:
+def _position(rng: np.random.Generator, length: float) -> tuple[float, float]:
     return float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(0, length))
 
 
-def _place(phi: float, z: float) -> None:
+def _check_place(phi: float, z: float) -> None:
     as_finite("phi", phi)
     as_finite("z", z)
 
 
-def _positive(name: str, value: float) -> None:
+def _check_positive(name: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
         raise ParameterError(f"{name} is {value}; give a positive number in m")

@@ -1,4 +1,4 @@
-"""What a round pit sends back: waves between rigid walls, down to a floor of any shape and up."""
+"""Echo of a round pit: waves between rigid walls, down to a floor of any shape and back."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class PitBasis:
     across : (M,) array
         Their wavenumbers across the pit, in rad/m.
     floor : (Q,) array
-        How much deeper the floor is than the depth of the pit, in metres.
+        Depth of the floor beyond that of the pit, in metres.
     depth : float
-        Of the pit, in metres.
+        Depth of the pit, in metres.
     """
 
     places: FloatArray
@@ -45,7 +45,7 @@ class PitBasis:
     def echo(
         self, pressure: npt.NDArray[np.complex128], wavenumbers: FloatArray
     ) -> npt.NDArray[np.complex128]:
-        """Sum of 2 p dp/dn over the floor (F,) for the pressure (F, Q) on the mouth."""
+        """Return the sum of 2 p dp/dn over the floor (F,), for pressure (F, Q) on the mouth."""
         k = wavenumbers[:, None]
         down = np.sqrt(k * k - self.across**2 + 0j)
         amplitudes = _times(pressure * self.weights, self.modes) * np.exp(1j * down * self.depth)
@@ -57,7 +57,7 @@ class PitBasis:
 
 
 def basis_of(bore: Bore, radius: float, wavenumber: float) -> PitBasis:
-    """Modes of a pit in a pipe of a radius, up to a wavenumber in rad/m.
+    """Return the modes of a pit in a pipe of a radius, up to a wavenumber in rad/m.
 
     Notes
     -----
@@ -82,14 +82,14 @@ def basis_of(bore: Bore, radius: float, wavenumber: float) -> PitBasis:
                 across.append(chi / mouth)
     x, y = places.T
     floor = bore.floor_tilt[0] * x + bore.floor_tilt[1] * y - bore.dish * rr**2
-    # Depth is counted under the wall, which curves in towards the axis.
+    # Depth counts from the wall, which curves towards the axis.
     floor = floor - x**2 / (2 * radius)
     stacked = np.stack(modes, axis=1).astype(np.float32)
     return PitBasis(places, area, stacked, np.array(across), floor, bore.depth)
 
 
 def _zeros(order: int, limit: float) -> FloatArray:
-    """Zeros of J' of an order up to a limit, with the uniform mode for order 0."""
+    """Return the zeros of J' of an order up to a limit, with the uniform mode for order 0."""
     count = int(limit / np.pi) + 2
     found = np.concatenate([[0.0], jn_zeros(1, count)]) if order == 0 else jnp_zeros(order, count)
     return np.asarray(found[found <= limit], dtype=np.float64)
@@ -98,7 +98,7 @@ def _zeros(order: int, limit: float) -> FloatArray:
 def _times(
     left: npt.NDArray[np.complex128], right: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.complex128]:
-    """Complex times real matrix, in single precision: the scale of ``left`` is taken out first."""
+    """Multiply a complex by a real matrix in single precision, with ``left`` scaled to 1."""
     scale = complex(float(np.abs(left).max()) or 1.0)
     flat = (left / scale).astype(np.complex64)
     real, imaginary = np.ascontiguousarray(flat.real), np.ascontiguousarray(flat.imag)

@@ -1,9 +1,9 @@
-"""A head in a pipe that sees and hears: wires, joints, catheter, lens and probe.
+"""The simulated inspection head in a pipe: wires, catheter, camera and probe.
 
-Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, for a wire pulls
-one way only. Flow may sway the base of the head; camera and probe feel that, the sensors of the
-joints do not. A `Rig` and its `SimulatedTip` may be in processes of their own, for all that passes
-between them is a `Stance`.
+Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, since a wire pulls in
+one direction only. Flow may sway the base of the head; this moves camera and probe, but the joint
+sensors do not measure it. A `Rig` and its `SimulatedTip` may run in separate processes: only a
+`Stance` passes between them.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ STRAIGHT = 30.0
 """Pan and tilt of the joints of a head that looks along the pipe, in degrees."""
 MOST_SWAY = 10.0
 GYROSCOPE_NOISE = 0.05
-"""Standard deviation of a reading of the gyroscope in the base, in degrees."""
-_BRIM = 0.9999  # of the radius, as the height of the water in a pipe that is full
+"""Standard deviation of the gyroscope in the base, in degrees."""
+_FULL = 0.9999  # height of the water in a full pipe, as a share of the radius
 
 Stance: TypeAlias = tuple[float, float, float, float, float, float]
 """True pan and tilt in radians, their rates, advance in metres and roll in radians."""
@@ -39,7 +39,7 @@ Stance: TypeAlias = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True)
 class Sway:
-    """How flow turns the base of the head, one sine for each axis.
+    """Motion of the base of the head in a flow, one sine for each axis.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Sway:
             raise ParameterError(f"a sway of {self.amplitude} degrees; give 0 to {MOST_SWAY:g}")
 
     def at(self, t: float) -> FloatArray:
-        """(2,) degrees at a time in seconds."""
+        """Return (2,) degrees at a time in seconds."""
         phases = 2 * math.pi * t * np.array([self.pan, self.tilt])
         return np.asarray(self.amplitude * np.sin(phases))
 
@@ -105,7 +105,7 @@ class Rig:
         self._before = self._line_of_sight()
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold the four inputs for one tick and give the four outputs at its end.
+        """Hold the four inputs for one tick and return the four outputs at its end.
 
         Raises
         ------
@@ -123,14 +123,14 @@ class Rig:
         self.catheter.safe()
 
     def gyroscope(self) -> FloatArray:
-        """(2,) radians by which the base of the head is turned, with noise; no sway, no noise."""
+        """Return the measured turn of the base, (2,) radians; zeros without sway."""
         if self.sway is None:
             return np.zeros(2)
         noise = GYROSCOPE_NOISE * self._gyro.standard_normal(2)
         return np.radians(self.sway.at(self.head.clock) + noise)
 
     def stance(self) -> Stance:
-        """Where it truly is, for the twins of what it carries and for scoring after a run."""
+        """Return the true state, for the simulated tip and for scoring after a run."""
         now = self._line_of_sight()
         pan_rate, tilt_rate = ((now - self._before) / self.tick).tolist()
         advance, roll = self.catheter._output_now().tolist()
@@ -138,32 +138,32 @@ class Rig:
         return pan, tilt, pan_rate, tilt_rate, 1e-3 * advance, math.radians(roll)
 
     def _line_of_sight(self) -> FloatArray:
-        """(2,) pan and tilt of the camera in radians."""
+        """Return (2,) pan and tilt of the camera in radians."""
         swayed = np.zeros(2) if self.sway is None else self.sway.at(self.head.clock)
         return np.asarray(np.radians(self.head._output_now() - STRAIGHT + swayed))
 
 
 class SimulatedTip:
-    """What a rig carries: a camera with its lights, and a probe that hears in water.
+    """The tip of a rig: a camera with its lights, and a probe for use in water.
 
     Parameters
     ----------
     pipe : Pipe
-        Dry; the picture stays that of the dry pipe.
+        The dry pipe; images always show it dry.
     mount : Mount, optional
-        How the head sits in the pipe where the catheter is at 0; on the axis without it.
+        Place of the head in the pipe with the catheter at 0; on the axis without it.
     specimen : int, optional
-        Of camera and probe; nominal without it.
+        Seed of the specimens of camera and probe; nominal without it.
     seed : int
-        Of their noise.
+        Seed of their noise.
     optics : Pinhole, optional
         Of the camera; its own without it.
     flooded : Pipe, optional
-        What ``flood`` makes of the pipe for the probe; the same one full of water without it.
+        The pipe after ``flood``, for the probe; the same pipe full of water without it.
     probe : mapping, optional
         Further options of `Ultrasound`.
     flow : callable, optional
-        Called with whether the water is let in, such as for the sway that its flow makes.
+        Called when the pipe is flooded or emptied, with a flag, such as to change the sway.
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class SimulatedTip:
         self._mount, self._flow = mount or Mount(), flow
         self.pipe = pipe
         self.camera = Camera(pipe, self._mount, optics, specimen=specimen, seed=seed)
-        full = flooded or replace(pipe, water=-_BRIM * pipe.radius)
+        full = flooded or replace(pipe, water=-_FULL * pipe.radius)
         self._probe_of = {
             wet: partial(
                 Ultrasound, filled, self._mount, specimen=specimen, seed=seed, **(probe or {})
@@ -193,39 +193,39 @@ class SimulatedTip:
         self._stance: tuple[float, ...] = (0.0,) * 6
 
     def stand(self, stance: tuple[float, ...]) -> None:
-        """Say where the rig stands, by its `Stance`; a camera without a frame since waited one."""
+        """Set the place of the rig; a camera without a frame since the last call waits for one."""
         if not self._framed:
-            self.camera._pass(self.camera.sensor.interval)
+            self.camera._advance(self.camera.sensor.interval)
         self._stance, self._framed = stance, False
         pan, tilt, pan_rate, tilt_rate, *_ = stance
         self.camera.move(self._mount_now())
         self.camera.look(pan, tilt, rates=(pan_rate, tilt_rate))
 
     def frame(self) -> Frame:
-        """The image that begins now."""
+        """Return the image that begins now."""
         self._framed = True
         return self.camera.frame()
 
     def switch(self, lights: Sequence[bool]) -> None:
-        """Say which lights are on from the next frame."""
+        """Switch lights on or off from the next frame on."""
         self.camera.switch(lights)
 
     def expose(self, exposure: float, gain: float = 1.0) -> None:
-        """Set how long the shutter is open, in seconds, and the gain."""
+        """Set the exposure time, in seconds, and the gain."""
         self.camera.expose(exposure, gain)
 
     def focus_at(self, distance: float) -> None:
-        """Send the focus to a distance in metres."""
+        """Move the focus to a distance in metres."""
         self.camera.focus_at(distance)
 
     def flood(self, on: bool) -> None:
-        """Fill the pipe with water, or let it out."""
+        """Fill the pipe with water, or empty it."""
         self._wet = on
         if self._flow is not None:
             self._flow(on)
 
     def shots(self, count: int) -> list[Shot]:
-        """Fire pulses, one after the other."""
+        """Fire pulses, one after the other, and return their shots."""
         if self._wet not in self._probes:
             self._probes[self._wet] = self._probe_of[self._wet]()
         probe = self._probes[self._wet]

@@ -1,9 +1,9 @@
-"""Views drawn by seed for finding a hole beside a glint, or nothing beside a glint.
+"""Random views of a place with or without a hole, beside a glint, for scoring the detector.
 
-A view is a camera that looks at a wall with a place in the middle of the question. Around it lie
-dents, beads, scratches and dirt, and at least one LED is mirrored to saturation within 3 mm of
-the place and not within 0.2 mm of the rim, whether there is a hole or not. A plain view has
-none of these: a dark hole with a sharp edge in a brushed wall.
+A view is a camera that looks at a place of the wall. Around the place are dents, beads, scratches
+and dirt, and at least one LED is mirrored to saturation within 3 mm of the place but not within
+0.2 mm of the rim, with and without a hole. A plain view has none of these: a dark hole with a sharp
+edge in a brushed wall.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from minorloop.head.twins.pipe import Bore, Dent, Pipe
 
 LEAST_AXIS = 9.0
 """Least minor axis of a hole in the image, in pixels of a 320 by 240 image."""
-_MARGIN = 70
-_CLEAR, _REACH = 0.2e-3, 3e-3
-_METERED = 70.0
+_MARGIN = 70  # pixels
+_CLEAR, _REACH = 0.2e-3, 3e-3  # m
+_METERED = 70.0  # grey levels
 _TRIES = 60
 
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """A camera in place, and what is true of what it sees.
+    """A camera in place, and the truth of what it sees.
 
     Parameters
     ----------
     camera : Camera
         Exposed for all LEDs on, looking where the head is.
     mount : Mount
-        Where the head truly is.
+        True place of the head.
     pan, tilt : float
         Of the head, in radians.
     gain : float
         Of the exposure with all LEDs on.
     place : (float, float)
-        phi and z in the middle of the question.
+        Phi and z of the place in question.
     hole : Bore, optional
-        The hole at that place, None when there is none.
+        The hole at that place, or None.
     """
 
     camera: Camera
@@ -64,13 +64,13 @@ def draw_view(
     Parameters
     ----------
     seed : int
-        Of everything drawn. The head turns 18 to 30 degrees from the axis, its pivot is up to
-        1 mm off it, and the gain spreads over 4 to 1 about the metered one.
+        Seed of the view. The head turns 18 to 30 degrees from the axis, its pivot is up to 1 mm
+        off it, and the gain varies by 4 to 1 about the metered one.
     hole : bool
         Whether there is a hole. Its diameter is 0.85 to 1.15 mm, its minor axis at least 9
         pixels of a 320 by 240 image.
     inside : {"dark", "backlit", "white"}, optional
-        What is seen in the hole; drawn when it is not given.
+        What is seen in the hole; drawn if not given.
     plain : bool
         Leave out dents, beads, scratches, dirt, the chamfer of the hole, and views with a
         saturated pixel within 3 mm of the place; the hole is dark.
@@ -78,14 +78,14 @@ def draw_view(
     Raises
     ------
     ParameterError
-        If no view could be drawn, which a seed in a hundred thousand may do.
+        If no view could be drawn, which happens for one seed in a hundred thousand.
     """
     rng = np.random.default_rng([seed, int(hole)])
     for _ in range(_TRIES):
         view = _try_view(rng, hole, "dark" if plain else inside, plain)
         if view is not None:
             return view
-    raise ParameterError(f"no view came of seed {seed} in {_TRIES} tries; give another seed")
+    raise ParameterError(f"no view found for seed {seed} in {_TRIES} tries; give another seed")
 
 
 def _try_view(
@@ -128,14 +128,17 @@ def _head(rng: np.random.Generator) -> tuple[Mount, float, float]:
 
 
 def _place(rng: np.random.Generator, pose: Pose) -> tuple[float, float]:
-    """Where a pixel away from the edges meets the wall."""
+    """Return where a pixel away from the edges meets the wall."""
     pixel = rng.uniform([_MARGIN, _MARGIN], [LENS.width - _MARGIN, LENS.height - _MARGIN])
     phi, z, _ = meet_wall(pose.position, pose.rotation @ LENS.rays(pixel), 10e-3)
     return float(phi), float(np.clip(z, 0.0, 50e-3))
 
 
 def _minor_axis(pose: Pose, bore: Bore) -> float:
-    """Of the image of the mouth, in pixels of a 320 by 240 image; 0 when it is not seen whole."""
+    """Return the minor axis of the image of the mouth, in pixels of a 320 by 240 image.
+
+    It is 0 if the mouth is not seen whole.
+    """
     angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     edge = bore.diameter / 2 / 10e-3
     rim = wall_point(
@@ -150,7 +153,7 @@ def _minor_axis(pose: Pose, bore: Bore) -> float:
 
 
 def _wall(rng: np.random.Generator, bore: Bore, pose: Pose, hole: bool) -> Pipe:
-    """A wall with clutter over the view, and a bead that mirrors an LED beside the place."""
+    """Return a wall with clutter, and a bead that mirrors an LED beside the place."""
     low, high = bore.z - 10e-3, bore.z + 10e-3
 
     def somewhere() -> tuple[float, float]:
@@ -171,7 +174,7 @@ def _wall(rng: np.random.Generator, bore: Bore, pose: Pose, hole: bool) -> Pipe:
 
 
 def _mirror(rng: np.random.Generator, bore: Bore, pose: Pose) -> Dent:
-    """A bead or dent whose flank mirrors one LED into the lens, beside the rim."""
+    """Return a bead or dent beside the rim whose flank mirrors one LED into the lens."""
     way, far = rng.uniform(0, 2 * np.pi), rng.uniform(bore.diameter / 2 + _CLEAR + 1e-4, 2.5e-3)
     phi, z = bore.phi + far * np.cos(way) / 10e-3, bore.z + far * np.sin(way)
     point = wall_point(phi, z, 10e-3)
@@ -193,7 +196,7 @@ def _mirror(rng: np.random.Generator, bore: Bore, pose: Pose) -> Dent:
 
 
 def _half_slopes(point: FloatArray, led: FloatArray, lens: FloatArray) -> FloatArray:
-    """Slopes (2,) around and along of the direction half way between an LED and the lens."""
+    """Return the slopes (2,) of the wall, around and along, that mirror an LED into the lens."""
     to_led, to_lens = led - point, lens - point
     half = to_led / np.linalg.norm(to_led) + to_lens / np.linalg.norm(to_lens)
     normal = -np.array([point[0], point[1], 0.0]) / np.hypot(point[0], point[1])
@@ -203,28 +206,28 @@ def _half_slopes(point: FloatArray, led: FloatArray, lens: FloatArray) -> FloatA
 
 
 def _focus(rng: np.random.Generator, camera: Camera, pose: Pose) -> None:
-    """Focus on the middle of the image, within 15 %, and wait until it is there."""
+    """Focus on the middle of the image, within 15 %, and wait for the focus."""
     _, _, length = meet_wall(pose.position, pose.rotation[:, 2], 10e-3)
     camera.focus_at(float(np.clip(length * rng.uniform(0.85, 1.15), 4e-3, 60e-3)))
     while abs(camera.focus * camera._focus_wanted - 1) > 1e-9:
-        camera._pass(camera.sensor.interval)
+        camera._advance(camera.sensor.interval)
 
 
 def _meter(camera: Camera) -> float:
-    """Gain at which the brighter parts of the image are of middle grey."""
+    """Return the gain at which the brighter parts of the image are of middle grey."""
     camera.expose(0.01, 1.0)
     level = float(np.percentile(camera.frame().image, 60))
     return _METERED / max(level, 2.0)
 
 
 def _has_a_glint(view: SceneView, bore: Bore) -> bool:
-    """Whether pixels saturate within 3 mm of the place, and none within 0.2 mm of the rim."""
+    """Return whether pixels saturate within 3 mm of the place, and none near the rim."""
     off, rim = _saturated(view, bore), bore.diameter / 2 + bore.chamfer
     return bool((off > rim + _CLEAR).all() and (off < _REACH).sum() >= 4)
 
 
 def _saturated(view: SceneView, bore: Bore) -> FloatArray:
-    """How far off the place, outside the rim, the saturated pixels of an image are."""
+    """Return the distances of saturated pixels outside the rim from the place."""
     v, u = np.nonzero(view.camera.frame().image == 255)
     pose = view.mount.pose(view.pan, view.tilt)
     rays = view.camera._optics.rays(np.stack([u, v], axis=1)) @ pose.rotation.T

@@ -1,4 +1,4 @@
-"""The sensors of the simulated axes: noise, and faults to try a loop on."""
+"""The sensors of the simulated axes: noise, and faults to test a loop with."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Fault:
         ``stuck`` repeats the last reading before the fault, noise and all (the first reading
         of the fault where there is none before); ``lost`` reads NaN.
     at, until : float
-        From when to when, on the clock of the twin in seconds; for good without ``until``.
+        Start and end on the clock of the twin, in seconds; permanent without ``until``.
 
     Raises
     ------
@@ -57,18 +57,18 @@ class Sensor:
     Parameters
     ----------
     outputs : tuple of Channel
-        What is read.
+        The output channels.
     noise : float
         Standard deviation, in the unit of each channel.
     seed : int
         Seed of the noise.
     faults : sequence of Fault
-        When readings fail.
+        Times in which readings fail.
 
     Raises
     ------
     ParameterError
-        If the noise is negative, what is given is no fault, or a fault names no channel.
+        If the noise is negative, an item is not a fault, or a fault names no channel.
     """
 
     def __init__(
@@ -90,12 +90,12 @@ class Sensor:
         self.reset()
 
     def reset(self) -> None:
-        """Begin the noise anew and forget the last reading."""
+        """Restart the noise and forget the last reading."""
         self.samples = 0
         self.last: FloatArray = np.full(self._count, math.nan)
 
     def read(self, t: FloatArray, y: FloatArray) -> FloatArray:
-        """Readings (T, channels) of the true outputs y (T, channels) at times t (T,)."""
+        """Return readings (T, channels) of true outputs y (T, channels) at times t (T,)."""
         if self.noise > 0:
             y = y + self.noise * self._numbers(self.samples * self._count, y.size).reshape(y.shape)
         self.samples += len(y)
@@ -113,9 +113,9 @@ class Sensor:
         return float(y[first, column] if np.isnan(before) else before)
 
     def _numbers(self, first: int, count: int) -> FloatArray:
-        """Standard normal numbers (count,), by blocks: drawing them singly costs more than a step.
+        """Return standard normal numbers (count,), drawn in blocks, which is faster.
 
-        Number n is the same whichever block brings it.
+        Number n does not depend on the block.
         """
         number, block = self._block
         begin = first - number * _BLOCK

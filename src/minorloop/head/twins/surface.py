@@ -1,4 +1,4 @@
-"""The wall of a pipe laid out flat: albedo, slopes and gloss, fine to coarse."""
+"""The unrolled surface of a pipe: albedo, slopes and gloss, fine to coarse."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from minorloop.head.twins.pipe import Dirt, Pipe
 
 COLUMNS = 1280
 LEVELS = 4
-TEXEL = 0.05e-3
-_STREAK = 1.2e-3
-_STAIN = 2.5e-3
+TEXEL = 0.05e-3  # m
+_STREAK = 1.2e-3  # m, length of brush marks
+_STAIN = 2.5e-3  # m, size of stains
 
 Map32 = npt.NDArray[np.float32]
 
@@ -28,8 +28,8 @@ class Surface:
     ----------
     texels : (N, 4) array of float32
         Albedo, slope around, slope along, share of the specular reflection; all levels one
-        after the other, row by row. Each has one row and one column more than its shape says,
-        which repeat the last row and the first column.
+        after the other, row by row. Each level has one more row and column than its shape, which
+        repeat the last row and the first column.
     shapes : (L, 3) array of int64
         First texel, rows and columns of each level.
     size : (float, float)
@@ -42,7 +42,7 @@ class Surface:
 
 
 def lay_out(pipe: Pipe) -> Surface:
-    """Draw the wall of a pipe, without its bores and cracks."""
+    """Return the surface of a pipe, without its bores and cracks."""
     step = 2 ** (LEVELS - 1)
     rows = max(step * round(pipe.length / TEXEL / step), step)
     size = (2 * np.pi * pipe.radius / COLUMNS, pipe.length / rows)
@@ -64,7 +64,7 @@ def lay_out(pipe: Pipe) -> Surface:
 
 
 def _metal(pipe: Pipe, rows: int, size: tuple[float, float]) -> Map32:
-    """The finish alone."""
+    """Return the surface of the finish alone."""
     finish = pipe.finish
     rng = np.random.default_rng(finish.seed)
     marks = _streaks(rng, rows, size[1])
@@ -78,7 +78,7 @@ def _metal(pipe: Pipe, rows: int, size: tuple[float, float]) -> Map32:
 
 
 def _streaks(rng: np.random.Generator, rows: int, along: float) -> Map32:
-    """Noise of unit variance that is white around the pipe and long along it."""
+    """Return noise of unit variance, white around the pipe and correlated along it."""
     noise = rng.standard_normal((rows, COLUMNS), dtype=np.float32)
     length = max(int(_STREAK / along), 1)
     for _ in range(2):
@@ -88,7 +88,7 @@ def _streaks(rng: np.random.Generator, rows: int, along: float) -> Map32:
 
 
 def _stains(rng: np.random.Generator, rows: int, size: tuple[float, float]) -> Map32:
-    """Smooth noise of unit variance in patches."""
+    """Return smooth noise of unit variance."""
     coarse_rows = max(round(rows * size[1] / _STAIN), 2)
     coarse_columns = round(COLUMNS * size[0] / _STAIN)
     coarse = rng.standard_normal((coarse_rows, coarse_columns)).astype(np.float32)
@@ -98,7 +98,7 @@ def _stains(rng: np.random.Generator, rows: int, size: tuple[float, float]) -> M
 
 
 def _lobes(patch: Dirt) -> npt.NDArray[np.float64]:
-    """(4, 2) amplitudes and phases of the outline of dirt."""
+    """Return (4, 2) amplitudes and phases of the outline of dirt."""
     rng = np.random.default_rng(patch.seed)
     sizes = patch.raggedness * rng.uniform(0.2, 1.0, 4) / np.arange(2, 6)
     return np.stack([sizes, rng.uniform(0, 2 * np.pi, 4)], axis=1)

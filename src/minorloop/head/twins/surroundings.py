@@ -1,6 +1,6 @@
-"""What surrounds a wire, and how it changes with time: ambient, convection, load.
+"""Surroundings of a wire over time: ambient, convection, load.
 
-The operator of the head knows none of it; a study sets it to disturb the head.
+The operator of the head does not know them; a study sets them to disturb the head.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ATMOSPHERE = 101_325.0
 # Film coefficient in W/(m^2 K) of a 0.2 mm wire, and how it grows with the pressure. The
 # exponents are those of Morgan, The overall convective heat transfer from smooth circular
 # cylinders, 1975: Nu ~ Ra^0.148 in still gas (Ra ~ p^2), Nu ~ Re^0.384 in a stream. Liquids
-# do not thin out; a sleeve hides them.
+# do not get thinner; a sleeve keeps them off.
 _MEDIA = {
     "air": (75.0, 0.296),
     "forced gas": (150.0, 0.384),
@@ -32,7 +32,7 @@ MOST_LOAD = 4e-3
 
 @dataclass(frozen=True)
 class Course:
-    """How a quantity goes with the clock of the twin: it may change once, and swing from then on.
+    """A quantity over the clock of the twin: it may change once, and oscillate from then on.
 
     Parameters
     ----------
@@ -78,19 +78,19 @@ class Course:
             raise ParameterError(f"period is {self.period}; give a positive number of seconds")
 
     def __call__(self, t: float) -> float:
-        """Value at a time in seconds."""
+        """Return the value at a time in seconds."""
         from minorloop.twins import _kernels
 
         return float(_kernels.course(self.numbers, float(t)))
 
     @property
     def numbers(self) -> FloatArray:
-        """The six parameters, as the compiled loops read them."""
+        """The six parameters, for the compiled loops."""
         return np.array([getattr(self, field.name) for field in fields(self)], dtype=np.float64)
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Values that it never leaves."""
+        """Least and greatest value."""
         _, end, *_ = self.numbers.tolist()
         swing = abs(self.amplitude)
         swung = (self.start, end) if self.duration > 0 else (end,)
@@ -109,13 +109,13 @@ class Surroundings:
     convection : float or Course
         Film coefficient in W/(m^2 K), positive; ``convection`` gives it for a medium.
     load : float, Course, or one of them for each axis
-        Torque of the flow against the wire, in N m, up to 4 mN m either way; one alone acts
-        on every axis.
+        Torque of the flow against the wire, in N m, up to 4 mN m in either direction; a single
+        one acts on every axis.
 
     Raises
     ------
     ParameterError
-        If a value is, or could come to be, out of its range.
+        If a value is out of its range at any time.
     """
 
     ambient: float | Course = 20.0
@@ -130,15 +130,15 @@ class Surroundings:
 
     @property
     def reach(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Values that ambient and convection never leave."""
+        """Least and greatest ambient and convection."""
         return _as_course(self.ambient).bounds, _as_course(self.convection).bounds
 
     def courses(self) -> FloatArray:
-        """Ambient and convection as the compiled loops read them, (2, 6)."""
+        """Return ambient and convection for the compiled loops, (2, 6)."""
         return np.array([_as_course(each).numbers for each in (self.ambient, self.convection)])
 
     def loads(self, axes: int) -> FloatArray:
-        """Load of each axis as the compiled loops read it, (axes, 6).
+        """Return the load of each axis for the compiled loops, (axes, 6).
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Surroundings:
         Raises
         ------
         ParameterError
-            If there are loads for another number of axes.
+            If the number of loads is neither one nor that of the axes.
         """
         each = self.load if isinstance(self.load, tuple) else (self.load,) * axes
         if len(each) != axes:
@@ -157,7 +157,7 @@ class Surroundings:
 
 
 def convection(medium: str, *, pressure: float = ATMOSPHERE) -> float:
-    """Film coefficient of a 0.2 mm wire in a medium.
+    """Return the film coefficient of a 0.2 mm wire in a medium.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""An ultrasonic probe on the head in a flooded pipe: what comes back after each pulse.
+"""A simulated ultrasonic probe on the head in a flooded pipe.
 
 The disc, with a fixed lens or without, is 5 mm wide and less than 10 mm from the wall: it works
-in its near field, where nothing but the integral over the wall tells what it hears. A loop is::
+in its near field, where an echo is an integral over the wall. A loop is::
 
     sonar = Ultrasound(Pipe.draw(3, pits=1, water=-9.9e-3))
     sonar.look(0.44, 0.0)      # radians; where the head is now
@@ -26,17 +26,17 @@ from minorloop.head.twins.pit_echo import PitBasis, basis_of
 from minorloop.head.twins.sensor import Fault
 from minorloop.lab.actuator import Shot
 
-SAMPLE_INTERVAL = 10e-9
+SAMPLE_INTERVAL = 10e-9  # s
 SAMPLES = 2048
-INTERVAL = 1e-3
-WATER_TO_STEEL = 0.938
+INTERVAL = 1e-3  # s, between pulses
+WATER_TO_STEEL = 0.938  # reflection coefficient
 FULL_SCALE = 1.0
-_RESOLUTION = 0.125e6  # of the spectrum, in Hz: echoes of one shot are heard for 8 us
-_LOWEST, _HIGHEST = 2e6, 18e6
+_RESOLUTION = 0.125e6  # of the spectrum, in Hz: echoes of one shot last 8 us
+_LOWEST, _HIGHEST = 2e6, 18e6  # Hz
 _LEAD = 1e-6  # s before the first echo
-_FACET = 0.03e-3
-_CELL = 0.12e-3
-_STEEL = 5900.0
+_FACET = 0.03e-3  # m, a fifth of a wavelength at 10 MHz
+_CELL = 0.12e-3  # m, of the roughness
+_STEEL = 5900.0  # m/s, of longitudinal waves
 _STEPS = 4096  # of the converter, from -FULL_SCALE to FULL_SCALE
 _SETTINGS = {"frequency": 10e6, "bandwidth": 0.6, "skew": 0.0, "steel": _STEEL, "loss": 0.75}
 
@@ -45,38 +45,38 @@ Features = tuple[FloatArray, FloatArray]
 
 
 class Ultrasound:
-    """Pulse and echo of a disc in water between metal walls.
+    """Pulse and echo of a disc in a flooded metal pipe.
 
     Parameters
     ----------
     pipe : Pipe
-        What there is to hear; only what is under water is heard, and only with the face of the
-        probe under water too.
+        The pipe with its defects. Only the wall under water gives echoes, and only while the face
+        of the probe is under water.
     mount : Mount
-        How the head sits in the pipe.
+        Place of the head in the pipe.
     probe : Probe
-        The disc, its lens, and how it sits on the head.
+        The disc, its lens, and its place on the head.
     specimen : int, optional
         Seed of a specimen: frequency, bandwidth, phase of the pulse, focal length, direction of
         the beam, sound speed of the steel and loss in it are drawn about nominal. Without it,
         the nominal probe.
     seed : int
-        Of the noise, the roughness and the grains.
+        Seed of the noise, the roughness and the grains.
     noise : float
         Standard deviation of a sample, as a share of the peak of the echo of a plain wall.
     temperature : float
         Of the water, in degrees Celsius.
     gain : float
-        As `amplify` sets it.
+        As in `amplify`.
     roughness : float
         Standard deviation of the height of the wall, in metres.
     grain : float
-        Amplitude of what grains under the wall send back, as a share of the echo of the wall.
+        Amplitude of the echoes of grains under the wall, as a share of that of the wall.
     faults : sequence of Fault
-        When traces are ``lost`` (flat) or ``stuck`` (the one before), on channel ``echo``.
+        Times in which traces are ``lost`` (flat) or ``stuck`` (the last one), channel ``echo``.
     settle : float
-        Spectra are computed again where the face or the spot has moved farther than this, in
-        metres; 0 computes each.
+        Spectra are computed again only if face or spot have moved farther than this, in metres;
+        0 computes each.
 
     Raises
     ------
@@ -85,10 +85,10 @@ class Ultrasound:
 
     Notes
     -----
-    The echo is the integral of 2 p dp/dn over the wall by reciprocity, p from the angular
-    spectrum of the disc. Pits are waves between rigid walls down to a floor of any shape and up
-    again, and so are cracks between flat ones. Behind every surface the steel
-    rings with the reflection of its outer face in air. Through-holes end in water.
+    By reciprocity, the echo is the integral of 2 p dp/dn over the wall, with p from the angular
+    spectrum of the disc. In pits, waves travel between rigid walls to a floor of any shape and
+    back; in cracks, between flat ones. Behind every surface the steel rings with the reflection
+    at its outer face in air. Through-holes end in water.
     """
 
     kind = "ultrasound"
@@ -131,7 +131,7 @@ class Ultrasound:
         return self._clock
 
     def look(self, pan: float, tilt: float, *, rates: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Say where the head is when the next pulse is fired, and how fast it turns.
+        """Set the angles of the head at the next pulse, and their rates.
 
         Parameters
         ----------
@@ -144,11 +144,11 @@ class Ultrasound:
         self._rates = (as_finite("rate of pan", rates[0]), as_finite("rate of tilt", rates[1]))
 
     def move(self, mount: Mount) -> None:
-        """Put the head elsewhere in the pipe."""
+        """Move the head to another place in the pipe."""
         self._mount = mount
 
     def wait(self, seconds: float) -> None:
-        """Let time go by without a pulse; the head turns on.
+        """Advance the clock without a pulse; the head continues to turn.
 
         Raises
         ------
@@ -174,19 +174,19 @@ class Ultrasound:
         self._gain = float(gain)
 
     def shot(self) -> Shot:
-        """Fire one pulse and listen for 20 us."""
+        """Fire one pulse and record 20 us."""
         clean = self._ring_down + self._echo()
         noisy = clean + self._noise * self._rng.standard_normal(SAMPLES)
         half = _STEPS // 2
         counts = np.round(np.clip(self._gain * noisy / FULL_SCALE, -1.0, 1.0) * half)
         trace: FloatArray = np.clip(counts, -half, half - 1) * (FULL_SCALE / half)
-        trace = self._failed(trace)
+        trace = self._with_faults(trace)
         shot = Shot(self._clock, trace, SAMPLE_INTERVAL)
         self._before = trace
         self.wait(INTERVAL)
         return shot
 
-    def _failed(self, trace: FloatArray) -> FloatArray:
+    def _with_faults(self, trace: FloatArray) -> FloatArray:
         for fault in self._faults:
             if fault.channel == "echo" and fault.at <= self._clock < fault.until:
                 if fault.kind == "lost":
@@ -195,15 +195,15 @@ class Ultrasound:
         return trace
 
     def _prepare(self) -> None:
-        """What does not change from shot to shot."""
+        """Prepare what is the same for all shots."""
         self._frequencies = np.arange(_LOWEST, _HIGHEST + 1.0, _RESOLUTION)
         self._k = 2 * np.pi * self._frequencies / self._speed
         radius, probe = self._pipe.radius, self._true_probe
         self._reach = 1.6e-3 if np.isfinite(probe.focus) else 0.5 * probe.aperture + 1.4e-3
-        stand = radius - probe.face
+        stand_off = radius - probe.face
         self._beam: Beam = beam_of(
             probe.aperture, probe.focus, self._k,
-            near=stand - 2e-3, far=stand + 1.6e-3, off=self._reach + 0.8e-3,
+            near=stand_off - 2e-3, far=stand_off + 1.6e-3, off=self._reach + 0.8e-3,
         )  # fmt: skip
         pits = [bore for bore in self._pipe.bores if not bore.through]
         self._bases: list[PitBasis] = [basis_of(pit, radius, self._k[-1]) for pit in pits]
@@ -213,13 +213,13 @@ class Ultrasound:
         self._ring_down = _ring_down(self._settings["frequency"])
         self._scale = 1.0
         plain = Pipe(radius=radius, thickness=self._pipe.thickness)
-        squarely = np.array([radius - stand, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
+        squarely = np.array([radius - stand_off, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
         quiet = (self._surface[0], 0.0 * self._surface[1], 0.0)
         spectrum = self._pulse() * self._wall(*squarely, _features(plain), quiet, -np.inf)[0]
-        self._scale = 1 / np.abs(self._to_time(spectrum, 2 * stand / self._speed)).max()
+        self._scale = 1 / np.abs(self._to_time(spectrum, 2 * stand_off / self._speed)).max()
 
     def _pulse(self) -> Spectrum:
-        """Spectrum of the pulse there and back, with the reflection of steel in water."""
+        """Return the spectrum of the pulse there and back, reflected by steel in water."""
         set_ = self._settings
         width = set_["bandwidth"] * set_["frequency"] / 2 / np.sqrt(2 * np.log(2))
         off = (self._frequencies - set_["frequency"]) / width
@@ -228,7 +228,7 @@ class Ultrasound:
         return pulse * water ** (2 * (self._pipe.radius - self.probe.face))
 
     def _steel(self, thickness: float) -> Spectrum:
-        """Share of an echo that the ringing of the steel behind a surface adds, times it."""
+        """Return the ringing of the steel behind a surface, as a share of its echo."""
         if thickness <= 0:
             return np.zeros(len(self._frequencies), dtype=np.complex128)
         loss = self._settings["loss"] * 10 ** (-0.1e3 * 2 * thickness / 20)
@@ -245,7 +245,7 @@ class Ultrasound:
         surface: tuple[FloatArray, FloatArray, float],
         water: float,
     ) -> tuple[Spectrum, Spectrum]:
-        """Integral (F,) over the wall, and what the grains under it add."""
+        """Return the integral (F,) over the wall, and the echo of the grains under it."""
         texture, grains, rough = surface
         bores, dents = features
         out = np.zeros(len(self._k), dtype=np.complex128)
@@ -253,17 +253,17 @@ class Ultrasound:
         kernels.echo_of_wall(
             self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
             self._pipe.radius, self._reach, _FACET, water, bores, dents, texture,
-            grains, _CELL, rough, self._stand, out, extra,
+            grains, _CELL, rough, self._stand_off, out, extra,
         )  # fmt: skip
         return out, extra
 
     @property
-    def _stand(self) -> float:
-        """From the face to the wall along a square beam, in metres."""
+    def _stand_off(self) -> float:
+        """Distance from the face to the wall at right angles, in metres."""
         return self._pipe.radius - self.probe.face
 
     def _echo(self) -> FloatArray:
-        """The trace without noise, computed again when the head has moved."""
+        """Return the trace without noise, computed again if the head has moved."""
         origin, axis = self._true_probe.beam(
             self._mount, self._pan + self._boresight[0], self._tilt + self._boresight[1]
         )
@@ -273,28 +273,28 @@ class Ultrasound:
         if self._kept is not None:
             old_origin, old_axis, trace = self._kept
             moved = np.linalg.norm(origin - old_origin)
-            turned = self._stand * np.linalg.norm(axis - old_axis)
+            turned = self._stand_off * np.linalg.norm(axis - old_axis)
             if max(moved, turned) < self._settle:
                 return trace
         spectrum = self._spectrum(origin, axis, water)
-        trace = self._to_time(spectrum, 2 * self._stand / self._speed)
+        trace = self._to_time(spectrum, 2 * self._stand_off / self._speed)
         self._kept = (origin, axis, trace)
         return trace
 
     def _spectrum(self, origin: FloatArray, axis: FloatArray, water: float) -> Spectrum:
         wall, grain = self._wall(origin, axis, self._features, self._surface, water)
-        heard = wall * (1 + self._steel(self._pipe.thickness)) + grain
+        received = wall * (1 + self._steel(self._pipe.thickness)) + grain
         for pit, basis in zip(self._pits, self._bases, strict=True):
-            heard += self._floor(pit, basis, origin, axis, water)
+            received += self._floor(pit, basis, origin, axis, water)
         for crack, course in zip(self._pipe.cracks, self._courses, strict=True):
-            heard += self._crack(crack, course, origin, axis, water)
-        spectrum: Spectrum = heard * self._pulse()
+            received += self._crack(crack, course, origin, axis, water)
+        spectrum: Spectrum = received * self._pulse()
         return spectrum
 
     def _crack(
         self, crack: Crack, course: CrackBasis, origin: FloatArray, axis: FloatArray, water: float
     ) -> Spectrum:
-        """What comes from the floor of a crack, less the wall that is not there over it."""
+        """Return the echo of the floor of a crack, less that of the missing wall over it."""
         spot_phi, spot_z, _ = meet_wall(origin, axis, self._pipe.radius)
         part = course.near(spot_phi, spot_z, self._pipe.radius, self._reach)
         part = part[course.points[part][..., 1].max(axis=1, initial=-np.inf) >= water]
@@ -304,7 +304,7 @@ class Ultrasound:
         pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
         kernels.pressure_at(
             self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
-            self._stand, points, pressure,
+            self._stand_off, points, pressure,
         )  # fmt: skip
         mouth = pressure.reshape(len(self._k), part.size, -1)
         thickness = self._pipe.thickness
@@ -317,7 +317,7 @@ class Ultrasound:
     def _floor(
         self, pit: Bore, basis: PitBasis, origin: FloatArray, axis: FloatArray, water: float
     ) -> Spectrum:
-        """What comes from the floor of a pit, if the beam is near."""
+        """Return the echo of the floor of a pit, if the beam is near."""
         radius = self._pipe.radius
         spot_phi, spot_z, _ = meet_wall(origin, axis, radius)
         far = np.hypot(radius * float(wrapped(spot_phi - pit.phi)), spot_z - pit.z)
@@ -331,14 +331,14 @@ class Ultrasound:
         pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
         kernels.pressure_at(
             self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
-            self._stand, points, pressure,
+            self._stand_off, points, pressure,
         )  # fmt: skip
         under = self._steel(self._pipe.thickness - pit.depth)
         floor: Spectrum = basis.echo(pressure, self._k) * (1 + under)
         return floor
 
     def _to_time(self, spectrum: Spectrum, at: float) -> FloatArray:
-        """The trace (T,) of a spectrum whose phase is counted from time ``at``."""
+        """Return the trace (T,) of a spectrum whose phases count from time ``at``."""
         count = round(1 / (_RESOLUTION * SAMPLE_INTERVAL))
         first = int((at - _LEAD) / SAMPLE_INTERVAL)
         early = first * SAMPLE_INTERVAL - at
@@ -353,16 +353,16 @@ class Ultrasound:
         return trace
 
     def _floor_level(self, pit: int = 0) -> float:
-        """Peak of the floor echo of a pit heard squarely, re a plain wall. For scoring only."""
+        """Return the peak of the floor echo of a pit at right angles, over that of a plain wall."""
         bore, basis = self._pits[pit], self._bases[pit]
         axis = np.array([np.cos(bore.phi), np.sin(bore.phi), 0.0])
         origin = axis * self.probe.face + np.array([0.0, 0.0, bore.z])
         spectrum = self._floor(bore, basis, origin, axis, -np.inf) * self._pulse()
-        return float(np.abs(self._to_time(spectrum, 2 * self._stand / self._speed)).max())
+        return float(np.abs(self._to_time(spectrum, 2 * self._stand_off / self._speed)).max())
 
 
 def _speed_of_sound(temperature: float) -> float:
-    """Of pure water, in m/s (Bilaniuk and Wong, J. Acoust. Soc. Am. 93, 1609, 1993)."""
+    """Return that of pure water, in m/s (Bilaniuk and Wong, J. Acoust. Soc. Am. 93, 1609, 1993)."""
     if not 0 <= as_finite("temperature of the water", temperature) <= 95:
         raise ParameterError(
             f"water at {temperature} degrees; give a temperature from 0 to 95 degrees Celsius"
@@ -376,7 +376,7 @@ def _speed_of_sound(temperature: float) -> float:
 def _specimen(
     probe: Probe, specimen: int | None
 ) -> tuple[dict[str, float], Probe, tuple[float, float]]:
-    """Settings of the pulse, the probe as it is, and how far its beam points off."""
+    """Return the settings of the pulse, the true probe, and the error of its beam."""
     settings = dict(_SETTINGS)
     if specimen is None:
         return settings, probe, (0.0, 0.0)
@@ -394,18 +394,18 @@ def _specimen(
 def _surface(
     rng: np.random.Generator, roughness: float, grain: float
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Heights of unit variance, grains (amplitude and delay in metres of water), roughness."""
+    """Return heights of unit variance, grains (amplitude, delay in m of water), roughness."""
     texture = rng.standard_normal((256, 256))
     grains = np.zeros((128, 128, 2))
     grains[..., 0] = rng.standard_normal((128, 128)) * (rng.random((128, 128)) < 0.2)
     grains[..., 1] = rng.uniform(0.05e-3, 2e-3, (128, 128))
-    # A fifth of the facets hold a grain; some two hundred of them share the spot.
+    # A fifth of the facets contain a grain; some two hundred are in the spot.
     grains[..., 0] *= grain * 10.0 * np.exp(-grains[..., 1] / 1e-3)
     return texture, grains, roughness
 
 
 def _features(pipe: Pipe) -> Features:
-    """What is on the wall, as arrays for the kernels."""
+    """Return bores and dents as arrays for the kernels."""
     bores = [(b.phi, b.z, b.diameter / 2, b.chamfer, b.chamfer_slope) for b in pipe.bores]
     dents = [(d.phi, d.z, d.size, d.height) for d in pipe.dents]
     return (
@@ -415,7 +415,7 @@ def _features(pipe: Pipe) -> Features:
 
 
 def _ring_down(frequency: float) -> FloatArray:
-    """What the disc itself rings after the pulse: 1 us of it is louder than any echo."""
+    """Return the ring-down of the disc: for 1 us it is louder than any echo."""
     t = SAMPLE_INTERVAL * np.arange(SAMPLES)
     ring: FloatArray = 20.0 * np.exp(-t / 0.13e-6) * np.sin(2 * np.pi * frequency * t)
     return ring

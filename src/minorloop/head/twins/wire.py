@@ -1,9 +1,9 @@
-"""A nickel-titanium wire against a spring, heated by a current: the muscle of the head.
+"""A nickel-titanium wire against a spring, heated by a current: an actuator of the head.
 
-A current heats the wire; hot, it turns from martensite to austenite, shortens and winds up a
-pulley against a spring; cold, the spring pulls it out again. Stress shifts the temperatures of
-the transformation, and heating and cooling go different ways, which is where the hysteresis
-comes from. There is no Preisach operator in it.
+A current heats the wire. When hot, it transforms from martensite to austenite, shortens and turns a
+pulley against a spring; when cold, the spring pulls it out again. Stress shifts the temperatures of
+the transformation, and heating and cooling take different paths: this is the hysteresis. The model
+contains no Preisach operator.
 
 Channels: ``current`` in A, 0 to 0.4, in; ``angle`` in degrees, 0 when cold, about 60 at 0.4 A,
 out. A command u of the catheter paper, 0 to 1.2 V, is the current u * 0.4 / 1.2.
@@ -28,14 +28,13 @@ from minorloop.twins.checkpoints import check_within, damaged
 
 HIGHEST_CURRENT = 0.4
 _AGREE = 1e-3
-"""How near the temperatures of a state must agree, in K."""
+"""Largest disagreement of the temperatures of a state, in K."""
 _STRONGEST = 1e10
-"""In Pa: no wire bears it."""
+"""Upper bound of a stress, in Pa; every wire breaks before."""
 _MARGIN = 100.0
-"""How far latent heat and hysteresis carry a wire beyond the temperatures it settles at, in K."""
+"""Largest overshoot over settled temperatures, by latent heat and hysteresis, in K."""
 DIAMETER = 0.2e-3
-"""In m. It does not vary between specimens: a die draws wire to a hundredth, and the
-resistance and the surface would follow it."""
+"""In m, equal for all specimens: wire is drawn to 1 %, and resistance and surface depend on it."""
 
 WIRE = {
     "density": 6450.0,  # kg/m^3
@@ -59,7 +58,7 @@ WIRE = {
 
 
 class HeatedWires(SimulatedAxes):
-    """Wires that are heated, each by its own current, in the same surroundings."""
+    """Wires, each heated by its own current, in the same surroundings."""
 
     _longest_step = 0.01
     _farthest = 180.0
@@ -93,11 +92,11 @@ class HeatedWires(SimulatedAxes):
         super().reset()
 
     def _wires(self) -> list[dict[str, float]]:
-        """Parameters of each wire."""
+        """Return the parameters of each wire."""
         raise NotImplementedError
 
     def _coupling(self) -> FloatArray:
-        """How the axes act on each other, (5,); see ``_wire_kernels.head_run``."""
+        """Return the coupling of the axes, (5,); see ``_wire_kernels.head_run``."""
         raise NotImplementedError
 
     def _at_rest(self) -> FloatArray:
@@ -107,7 +106,7 @@ class HeatedWires(SimulatedAxes):
         return state
 
     def _check_state(self, state: FloatArray, clock: float) -> None:
-        """Refuse temperatures out of reach, and what contradicts the equations of ``Wire``."""
+        """Refuse unreachable temperatures and states that contradict the equations of ``Wire``."""
         temperature, fraction, effective, compression, hottest, highest = state.T
         (coldest, warmest), (film, _) = self.surroundings.reach
         wire = self._axes.T
@@ -160,7 +159,7 @@ class HeatedWires(SimulatedAxes):
         return np.array([self._output_now(), temperature, stress, martensite])
 
     def _peaks(self) -> tuple[FloatArray, FloatArray]:
-        """Highest temperature and stress of each wire since the start. For scoring only."""
+        """Return the highest temperature and stress of each wire so far. For scoring only."""
         return self._state[:, 4].copy(), self._state[:, 5].copy()
 
     def _identity(self) -> dict[str, Any]:
@@ -185,22 +184,22 @@ class Wire(HeatedWires):
     seed : int
         Seed of the noise.
     tick : float
-        How long one ``exchange`` takes, in seconds.
+        Duration of one ``exchange``, in seconds.
     delay : float
-        How old a reading of the angle is when it is given, in seconds.
+        Delay of the measured angle, in seconds.
     surroundings : Surroundings, optional
         Ambient, convection and load over time; still air at 20 degrees without it.
     ageing : float
-        Share of its life that the wire has lived. At 1 it has lost 10 % of its stroke, for
-        good and at the hot end, and all its transformations need 5 K more.
+        Used share of the life of the wire. At 1 it has lost 10 % of its stroke, at the hot end,
+        and all its transformations need 5 K more.
     drift : float
-        Ageing gained per hour.
+        Increase of the ageing per hour.
     faults : sequence of Fault
-        When readings are stuck or lost.
+        Times in which readings are stuck or lost.
     substeps : int
         Divides every time step of the integration, 10 ms at most.
     log_truth : bool
-        Whether to keep the hidden state at the end of every call, for scoring after the run.
+        Whether to log the hidden state at the end of every call, for scoring after the run.
 
     Raises
     ------
@@ -219,10 +218,10 @@ class Wire(HeatedWires):
     x = L (e_0 - e_L xi - s / E(xi)), angle = x / r.
 
     The third and fourth are the cosine laws of Liang and Rogers (1990) in differential form,
-    which gives smooth minor loops. Implicit Euler for the heat; the kinetics are integrated
-    exactly, and the feedback of the stress is solved for in every step. The constants of the
-    material are those of Brinson (1993) and of a maker's data sheet; those of the mechanism
-    are a choice that gives the 60 degrees at 400 mA of Boudjabi, Ferreira and Krupa (2003).
+    which gives smooth minor loops. The heat is integrated by implicit Euler, the kinetics
+    exactly, and every step solves for the stress. The constants of the material are those of
+    Brinson (1993) and of a data sheet; those of the mechanism are chosen to give the 60 degrees
+    at 400 mA of Boudjabi, Ferreira and Krupa (2003).
     """
 
     kind = "wire"
@@ -268,15 +267,15 @@ class Wire(HeatedWires):
 
 
 def wire_numbers(wire: dict[str, float], offset: float = 0.0) -> FloatArray:
-    """The parameters of a wire per metre, as the compiled loops read them (19,).
+    """Return the parameters of a wire per metre, (19,) for the compiled loops.
 
     Parameters
     ----------
     wire : dict of str to float
         The parameters by the names of ``WIRE``.
     offset : float
-        Force on the cold wire beside its spring's preload, in N; its length is trimmed so that
-        the angle is 0 then.
+        Force on the cold wire besides the preload, in N; the length is trimmed so that the angle
+        is then 0.
     """
     area = 0.25 * math.pi * DIAMETER**2
     mass = wire["density"] * area

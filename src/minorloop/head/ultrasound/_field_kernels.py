@@ -1,4 +1,4 @@
-"""Compiled loops of the sound field in front of a disc: arrays in, arrays out."""
+"""Compiled loops for the sound field in front of a disc: arrays in, arrays out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def rayleigh(off, along, rings, areas, lags, cosines, k0, dk, count):
-    """Field (N, M, F) without exp(i k along): exp(i k (r - lag)) / r over rings of the disc.
+    """Sum exp(i k (r - lag)) / r over the rings of a disc, without exp(i k along): (N, M, F).
 
     ``cosines`` are of angles spread evenly over half a turn; ``areas`` are of a whole ring.
     """
@@ -31,7 +31,7 @@ def rayleigh(off, along, rings, areas, lags, cosines, k0, dk, count):
 
 @njit(cache=True, nogil=True)
 def field_at(table, steps, origins, axes, starts, points, k0, dk, out):
-    """Field (K, F, N) at points (N, 3) of K beams; phases count from ``starts`` (K,)."""
+    """Interpolate the field (K, F, N) of K beams at points (N, 3); phases from ``starts`` (K,)."""
     for b in range(origins.shape[0]):
         for q in range(points.shape[0]):
             x, y, z = (

@@ -1,4 +1,4 @@
-"""Which bursts of a raster can be used together, and why others cannot."""
+"""Check which bursts of a raster can be used together, and give reasons for the others."""
 
 from __future__ import annotations
 
@@ -16,28 +16,27 @@ SHORT, FEW, SMALL, MISSING = "too short", "too few echoes", "raster too small", 
 ONE_PLACE, BESIDE = "all at one place", "raster beside the mouth"
 _FEWEST_INSIDE, _FEWEST_OUTSIDE = 3, 5
 _INSIDE, _BESIDE, _ONE = 0.4e-3, 0.2e-3, 0.1e-3
-"""Least radius of the middle of a mouth, how far beside it the wall is told, and how far apart
-places are at least, in metres."""
+"""Smallest radius that counts as inside a mouth, distance from its rim from which on a spot is on
+plain wall, and smallest distance between two places, in metres. A footprint is 1 mm wide."""
 
 
-def usable(bursts: Sequence[Burst]) -> list[Burst]:
-    """Bursts that can be used together: heard, finite, new, and of one length and interval."""
-    return [burst for burst, reason in zip(bursts, reasons_of(bursts), strict=True) if not reason]
+def usable_bursts(bursts: Sequence[Burst]) -> list[Burst]:
+    """Return the bursts without a fault, of the most frequent length and sample interval."""
+    return [burst for burst, reason in zip(bursts, rejections(bursts), strict=True) if not reason]
 
 
-def reasons_of(bursts: Sequence[Burst]) -> list[str]:
-    """Why each burst cannot be used, or nothing.
+def rejections(bursts: Sequence[Burst]) -> list[str]:
+    """Return for each burst why it cannot be used, or an empty string.
 
-    Without noise between its shots, or with the very trace of the one before, a burst was not
-    heard anew.
+    A burst without noise between its shots, or equal to the one before, is ``frozen``.
     """
     found = [_reason(burst) for burst in bursts]
     for n in range(1, len(bursts)):
         if not found[n] and np.array_equal(bursts[n].trace, bursts[n - 1].trace):
             found[n] = FROZEN
     kinds = [(burst.trace.size, burst.sample_interval) for burst in bursts]
-    told = [kind for kind, reason in zip(kinds, found, strict=True) if not reason]
-    usual = max(set(told), key=lambda kind: (told.count(kind), kind), default=None)
+    good = [kind for kind, reason in zip(kinds, found, strict=True) if not reason]
+    usual = max(set(good), key=lambda kind: (good.count(kind), kind), default=None)
     return [
         reason or ("" if kind == usual else "not a trace")
         for kind, reason in zip(kinds, found, strict=True)
@@ -58,33 +57,33 @@ def _reason(burst: Burst) -> str:
     return "" if 0 < burst.noise < np.inf else "not a trace"
 
 
-def too_little(
+def coverage_fault(
     bursts: Sequence[Burst],
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     centre: tuple[float, float],
     diameter: float,
     *,
     whole: bool = True,
 ) -> str:
-    """Why usable bursts hold no depth of a mouth, or nothing.
+    """Return why usable bursts do not cover a mouth, or an empty string.
 
     Parameters
     ----------
     bursts : sequence of Burst
         Usable ones.
-    ear : CalibratedProbe
+    probe : CalibratedProbe
         The probe and what is known of the pipe.
     centre : (float, float)
-        Of the mouth, phi and z.
+        Phi and z of the mouth.
     diameter : float
         Of the mouth, in metres.
     whole : bool
         Whether these are all that were planned.
     """
-    if not covered(bursts, ear):
+    if not long_enough(bursts, probe):
         return SHORT
-    spots = ear.spots(np.array([burst.angles for burst in bursts]))
-    around = ear.radius * wrapped(spots[:, 0] - centre[0])
+    spots = probe.spots(np.array([burst.angles for burst in bursts]))
+    around = probe.radius * wrapped(spots[:, 0] - centre[0])
     off = np.stack([around, spots[:, 1] - centre[1]], axis=1)
     if np.linalg.norm(off - off.mean(axis=0), axis=1).max() < _ONE:
         return ONE_PLACE
@@ -94,15 +93,15 @@ def too_little(
     outside = int((away > diameter / 2 + _BESIDE).sum())
     if outside >= _FEWEST_OUTSIDE:
         return ""
-    # A raster is as wide on one side of its centre as on the other.
+    # A raster is symmetric: half a raster that lacks wall may be completed by the other half.
     return SMALL if whole or 2 * outside < _FEWEST_OUTSIDE else MISSING
 
 
-def covered(bursts: Sequence[Burst], ear: CalibratedProbe) -> bool:
-    """Whether the traces of usable bursts are long enough for the wall and all that is under it."""
+def long_enough(bursts: Sequence[Burst], probe: CalibratedProbe) -> bool:
+    """Return whether the traces of usable bursts last until the end of the window of the fit."""
     if not bursts:
         return True
-    spots = ear.spots(np.array([burst.angles for burst in bursts]))
-    needed = 2 * spots[:, 2] / ear.speed + WINDOW - LEAD
+    spots = probe.spots(np.array([burst.angles for burst in bursts]))
+    needed = 2 * spots[:, 2] / probe.speed + WINDOW - LEAD
     lasted = np.array([burst.trace.size * burst.sample_interval for burst in bursts])
     return bool((lasted >= needed).all())

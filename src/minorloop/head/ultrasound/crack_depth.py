@@ -1,4 +1,4 @@
-"""How deep a crack is, as far as the beam can tell: most are too narrow for its footprint."""
+"""Measure the depth of a crack; most cracks are too narrow for the footprint of the beam."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from minorloop.head.geometry import wall_distance, wall_lengths
 from minorloop.head.reconstruction.depth_map import BOTH, DepthMap, Patch, camera_map
 from minorloop.head.reconstruction.findings import Finding
 from minorloop.head.reconstruction.fusion import footprints_of
-from minorloop.head.ultrasound.burst_checks import covered, usable
+from minorloop.head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.joint_fit import JointFit
@@ -26,33 +26,35 @@ from minorloop.threads import one_thread
 
 MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
 _FEWEST, _REACH = 12, 2.4e-3
+"""Fewest bursts for a depth, and side of the patch that contains all footprints, in metres."""
 _TEXEL = 0.04e-3
 _CROSSED = 1e-3  # m, half the side of a raster
 _ENOUGH = 60.0
-"""Half the energy over the noise that the floor must return for a depth to be tried."""
+"""Half the energy over the noise that the floor must return before a depth is searched for."""
 _SURE = 20.0
-"""How much the cost must gain by a floor, and how much by the best depth over any other."""
-_APART = 0.03e-3
+"""Cost by which a floor must beat no floor, and the best depth any other."""
+_APART = 0.03e-3  # m, between depths of different dips of the cost
 _UNMODELLED = 12e-6
-"""What waves between the flanks do to a depth, as scans of the twin show."""
+"""Error of a depth by waves between the flanks, in metres, from scans of the twin."""
 _DEPTHS: FloatArray = np.arange(0.08e-3, 1.6e-3, 0.01e-3)
+"""Depths that are tried, in metres, down to the end of the window."""
 
 
 @dataclass(frozen=True)
 class CrackDepth:
-    """What the echoes tell of a crack.
+    """Depth of a crack by ultrasound.
 
     Parameters
     ----------
     verdict : str
         ``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor heard``
-        (wide enough, but nothing comes back from its floor, or not from one depth);
-        ``too few echoes``; ``too short`` (traces end before a floor would be heard);
+        (wide enough, but no echo from its floor, or none that fits one depth);
+        ``too few echoes``; ``too short`` (traces end before the echo of a floor);
         ``no coupling``.
     depth, depth_sd : float
-        Mean over what the beams crossed, in metres; NaN where not measured.
+        Mean over the part under the beams, in metres; NaN where not measured.
     least_width : float
-        Width from which on these echoes would tell a depth, in metres; NaN where none were heard.
+        Smallest width for which these echoes would give a depth, in metres; NaN without echoes.
     """
 
     verdict: str
@@ -63,52 +65,52 @@ class CrackDepth:
 
 @one_thread()
 def crack_depth(
-    bursts: Sequence[Burst], ear: CalibratedProbe, places: npt.ArrayLike, width: float
+    bursts: Sequence[Burst], probe: CalibratedProbe, places: npt.ArrayLike, width: float
 ) -> CrackDepth:
-    """The depth of a crack from the bursts of a raster across it, or why there is none.
+    """Measure the depth of a crack from the bursts of a raster across it.
 
     Parameters
     ----------
     bursts : sequence of Burst
         As ``average`` made them.
-    ear : CalibratedProbe
+    probe : CalibratedProbe
         The probe and what is known of the pipe.
     places : (N, 2) array_like
         Phi and z along the crack as the camera traced it.
     width : float
-        Of the crack as the camera saw it, in metres.
+        Width of the crack in the image, in metres.
 
     Raises
     ------
     SignalError
-        If there are fewer than two places, or the width is not positive.
+        If fewer than two places are given, or the width is not positive.
 
     Notes
     -----
-    The share of each footprint that falls on the crack is known from the image; that share comes
-    late by the depth, for which alone there is a search. Waves between the flanks are left out.
+    The image gives the share of each footprint that falls on the crack. That share of the echo is
+    delayed by the depth, which is the only unknown. Waves between the flanks are neglected.
     """
     course = np.asarray(places, dtype=np.float64)
     if course.ndim != 2 or course.shape[1:] != (2,) or len(course) < 2 or not width > 0:
         raise SignalError(f"a crack of shape {course.shape}, {width} m wide; give (N, 2) places")
-    good = usable(bursts)
+    good = usable_bursts(bursts)
     if len(good) < _FEWEST:
         return CrackDepth("too few echoes")
-    if not covered(good, ear):
+    if not long_enough(good, probe):
         return CrackDepth("too short")
-    middle = _middle(good, ear, _dense(course, ear.radius))
-    spectra = spectra_of(good, ear, middle)
+    middle = _middle(good, probe, _dense(course, probe.radius))
+    spectra = spectra_of(good, probe, middle)
     if spectra is None:
         return CrackDepth("no coupling")
-    model = PitModel(ear, spectra.angles, middle, 0.5e-3)
-    patch = Patch.around(*middle, size=_REACH, radius=ear.radius, step=_TEXEL)
+    model = PitModel(probe, spectra.angles, middle, 0.5e-3)
+    patch = Patch.around(*middle, size=_REACH, radius=probe.radius, step=_TEXEL)
     share = footprints_of(model, patch) @ _cover(patch, course, width).ravel()
     fit = JointFit(model, spectra, far=np.argsort(np.abs(share))[:FAR])
-    return _told(fit, share, width)
+    return _estimate(fit, share, width)
 
 
 def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius: float) -> Finding:
-    """A traced crack as a finding; its width and length are extents along its course.
+    """Return a traced crack as a finding; width and length are those along its course.
 
     Parameters
     ----------
@@ -117,7 +119,7 @@ def crack_finding(places: npt.ArrayLike, width: float, found: CrackDepth, radius
     width : float
         In metres.
     found : CrackDepth
-        By the echoes.
+        Its depth by ultrasound.
     radius : float
         Of the pipe, in metres.
     """
@@ -141,7 +143,7 @@ def crack_map(
     middle: tuple[float, float],
     patch: Patch,
 ) -> DepthMap:
-    """The wall with a crack in it, as deep as it was measured, where it was.
+    """Return the depth map of the wall with a crack, as deep as measured under the raster.
 
     Parameters
     ----------
@@ -150,12 +152,12 @@ def crack_map(
     width : float
         In metres.
     found : CrackDepth
-        By the echoes.
+        Its depth by ultrasound.
     middle : (float, float)
-        Phi and z in the middle of the raster; farther than half its side from there, and where
-        no depth was measured, that of the crack is unknown.
+        Phi and z in the middle of the raster. Farther than half its side from there the depth of
+        the crack is unknown, and everywhere if none was measured.
     patch : Patch
-        Where.
+        The texels of the map.
     """
     course = _dense(np.asarray(places, dtype=np.float64), patch.radius)
     inside = _cover(patch, course, width) >= 0.5
@@ -172,7 +174,7 @@ def crack_map(
 
 
 def _dense(course: FloatArray, radius: float) -> FloatArray:
-    """The course in steps of 0.1 mm."""
+    """Return the course in steps of 0.1 mm."""
     around = np.unwrap(course[:, 0])
     along = wall_lengths(course, radius)
     fine = np.linspace(0.0, along[-1], max(int(along[-1] / 0.1e-3), 1) + 1)
@@ -180,17 +182,17 @@ def _dense(course: FloatArray, radius: float) -> FloatArray:
 
 
 def _middle(
-    bursts: Sequence[Burst], ear: CalibratedProbe, course: FloatArray
+    bursts: Sequence[Burst], probe: CalibratedProbe, course: FloatArray
 ) -> tuple[float, float]:
-    """The place of a dense course nearest to the middle of the raster."""
-    spots = ear.spots(np.array([burst.angles for burst in bursts]))[:, :2]
+    """Return the place of a dense course nearest to the middle of the raster."""
+    spots = probe.spots(np.array([burst.angles for burst in bursts]))[:, :2]
     phi, z = np.angle(np.exp(1j * spots[:, 0]).mean()), spots[:, 1].mean()
-    near = course[int(np.argmin(wall_distance(course, (phi, z), ear.radius)))]
+    near = course[int(np.argmin(wall_distance(course, (phi, z), probe.radius)))]
     return float(near[0]), float(near[1])
 
 
 def _cover(patch: Patch, course: FloatArray, width: float) -> FloatArray:
-    """Share (rows, columns) of each texel that is on the crack."""
+    """Return the share (rows, columns) of each texel that is on the crack."""
     off = np.full((patch.rows, patch.columns), np.inf)
     for start, stop in pairwise(course):
         first, last = -patch.off(*start), -patch.off(*stop)
@@ -202,8 +204,8 @@ def _cover(patch: Patch, course: FloatArray, width: float) -> FloatArray:
     return covered
 
 
-def _told(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
-    """The depth at which the late share explains the traces, if one stands out."""
+def _estimate(fit: JointFit, share: FloatArray, width: float) -> CrackDepth:
+    """Return the depth at which the delayed share explains the traces, if one stands out."""
     expected = np.abs(fit.pulse * fit.model.plain) ** 2
     energy = float((share**2 * expected.sum(axis=1) / fit.spectra.noise**2).sum() / 2)
     least = width * float(np.sqrt(_ENOUGH / max(energy, 1e-12)))

@@ -1,7 +1,6 @@
-"""Echoes in a trace: are they usable, when did they come, and how many shots make one good trace.
+"""Find echoes in traces, check traces for faults, and average the shots of a burst.
 
-Nothing here raises on a bad trace: what is wrong with it is a word in the result, so that a loop
-goes on and no depth is made up.
+A bad trace raises no error: the result names its fault, so that a loop continues.
 """
 
 from __future__ import annotations
@@ -18,23 +17,26 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.lab.actuator import Shot
 
 DEAD_TIME = 2.5e-6
-"""How long the disc rings after its pulse, in seconds: nothing is read before."""
+"""How long the disc rings after its pulse, in seconds; samples before are ignored."""
 MOST_OFF = 0.3e-3
-"""How far off its target the spot of a shot may be, in metres."""
+"""How far off its target the spot of a shot may be, in metres: about the pitch of a raster."""
 _LEAST_SNR = 4.0
+"""Amplitude over noise from which on a peak counts as an echo; noise alone reaches it in one of
+3000 samples."""
 _CLIPPED = 0.985
+"""Share of full scale from which on a sample counts as clipped."""
 
 
 @dataclass(frozen=True)
 class Pulse:
-    """The pulse there and back, as far as it is known.
+    """The expected pulse after its way there and back.
 
     Parameters
     ----------
     frequency : float
-        Centre, in Hz.
+        Centre frequency, in Hz.
     bandwidth : float
-        At half the amplitude, as a share of the frequency.
+        Full width at half the amplitude, as a share of the frequency.
 
     Raises
     ------
@@ -53,7 +55,7 @@ class Pulse:
             )
 
     def samples(self, interval: float) -> FloatArray:
-        """(T,) samples, the middle one at the peak of the envelope."""
+        """Return (T,) samples, the middle one at the peak of the envelope."""
         width = self.bandwidth * self.frequency / 2 / np.sqrt(2 * np.log(2))
         reach = int(4 / (2 * np.pi * width) / interval)
         t = interval * np.arange(-reach, reach + 1)
@@ -71,9 +73,9 @@ class Echo:
     time : float
         Since the pulse, in seconds; NaN where there is none.
     amplitude : float
-        Of its envelope behind the matched filter, in the unit of the trace.
+        Of its envelope after the matched filter, in the unit of the trace.
     snr : float
-        Amplitude over the standard deviation of the noise behind the filter.
+        Amplitude over the standard deviation of the noise after the filter.
     """
 
     time: float
@@ -84,15 +86,15 @@ class Echo:
 NO_ECHO = Echo(np.nan, 0.0, 0.0)
 
 
-def fault_of(shot: Shot, full_scale: float = 1.0) -> str:
-    """What is wrong with a trace, or nothing.
+def trace_fault(shot: Shot, full_scale: float = 1.0) -> str:
+    """Return what is wrong with a trace, or an empty string.
 
     Parameters
     ----------
     shot : Shot
         As fired.
     full_scale : float
-        Of the converter.
+        Full scale of the converter.
 
     Returns
     -------
@@ -107,22 +109,22 @@ def fault_of(shot: Shot, full_scale: float = 1.0) -> str:
     dead = int(min(DEAD_TIME / shot.sample_interval, trace.size))
     if trace.size < dead + 200:
         return "not a trace"
-    heard = trace[dead:]
-    # A stretch of 1 us without the least noise was not measured.
+    received = trace[dead:]
+    # A stretch of 1 us without any noise was not measured.
     stretch = max(int(1e-6 / shot.sample_interval), 8)
-    whole = heard[: heard.size // stretch * stretch].reshape(-1, stretch)
-    if (np.ptp(whole, axis=1) == 0).any() and (np.ptp(heard) == 0 or heard.std() > 2e-3):
+    whole = received[: received.size // stretch * stretch].reshape(-1, stretch)
+    if (np.ptp(whole, axis=1) == 0).any() and (np.ptp(received) == 0 or received.std() > 2e-3):
         return "dropout"
-    return "clipped" if np.abs(heard).max() >= _CLIPPED * full_scale else ""
+    return "clipped" if np.abs(received).max() >= _CLIPPED * full_scale else ""
 
 
 def _positive(value: object) -> bool:
-    """Whether something is a finite number above 0."""
+    """Return whether a value is a finite number above 0."""
     return isinstance(value, (int, float, np.number)) and 0 < float(value) < np.inf
 
 
 def _numbers(values: object) -> FloatArray | None:
-    """Something as (T,) finite samples, or None where it is not such."""
+    """Return values as (T,) finite samples, or None if they are not."""
     try:
         found = np.asarray(values)
     except ValueError:
@@ -133,7 +135,7 @@ def _numbers(values: object) -> FloatArray | None:
 
 
 def matched(trace: npt.ArrayLike, interval: float, pulse: Pulse) -> npt.NDArray[np.complex128]:
-    """Analytic correlation (T,) of a trace with a pulse of unit energy."""
+    """Return the analytic correlation (T,) of a trace with a pulse of unit energy."""
     samples = pulse.samples(interval)
     samples = samples / np.linalg.norm(samples)
     filtered = np.convolve(np.asarray(trace, dtype=np.float64), samples[::-1], mode="same")
@@ -151,7 +153,7 @@ def find_echoes(
     most: int = 4,
     fine: bool = True,
 ) -> tuple[Echo, ...]:
-    """The echoes of a trace in the order of their times.
+    """Return the echoes of a trace in the order of their times.
 
     Parameters
     ----------
@@ -160,21 +162,21 @@ def find_echoes(
     interval : float
         Between samples, in seconds.
     pulse : Pulse, optional
-        To match; 10 MHz and 60 % without.
+        To match; 10 MHz and 60 % without it.
     gate : (float, float), optional
-        Where to look, in seconds; all after the dead time without.
+        First and last time of an echo, in seconds; without it, all after the dead time.
     share : float
-        Of the loudest echo in the gate that another must have.
+        Least amplitude of an echo, as a share of the loudest one in the gate.
     most : int
-        How many to give, the loudest.
+        How many echoes are returned, the loudest.
     fine : bool
-        Whether to time the wave rather than its envelope: six times less scatter, but off by
-        whole waves where noise is loud, or where the phase of the pulse is not known.
+        Whether to time the wave rather than its envelope: the scatter is six times smaller, but
+        the time is off by whole waves where noise is loud or the phase of the pulse is unknown.
 
     Returns
     -------
     tuple of Echo
-        Empty where nothing stands out of the noise by 4 standard deviations.
+        Empty if no peak is above 4 standard deviations of the noise.
 
     Raises
     ------
@@ -215,7 +217,7 @@ def find_echoes(
 
 
 def _vertex(values: FloatArray, n: int) -> tuple[float, float]:
-    """Place, in samples, and height of the parabola through a peak and its neighbours."""
+    """Return place, in samples, and height of the parabola through a peak and its neighbours."""
     before, here, after = values[n - 1], values[n], values[n + 1]
     bend = before - 2 * here + after
     shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
@@ -223,7 +225,7 @@ def _vertex(values: FloatArray, n: int) -> tuple[float, float]:
 
 
 def _crest(wave: FloatArray, place: float) -> float:
-    """The crest of a wave nearest to a place, in samples; the place itself where none is near."""
+    """Return the crest nearest to a place, in samples; the place itself if none is near."""
     first = max(int(place) - 8, 1)
     near = np.arange(first, min(first + 18, wave.size - 1))
     crests = near[(wave[near] >= wave[near - 1]) & (wave[near] > wave[near + 1]) & (wave[near] > 0)]
@@ -235,7 +237,7 @@ def _crest(wave: FloatArray, place: float) -> float:
 def front_echo(
     shot: Shot, distance: float, speed: float, *, pulse: Pulse | None = None, slack: float = 1.5e-3
 ) -> Echo:
-    """The first echo near the distance at which the wall is expected.
+    """Return the first echo near the expected distance of the wall.
 
     Parameters
     ----------
@@ -248,15 +250,15 @@ def front_echo(
     pulse : Pulse, optional
         To match.
     slack : float
-        How far off the wall may be, in metres.
+        How far the wall may be from there, in metres.
 
     Returns
     -------
     Echo
-        ``NO_ECHO`` where there is none, the trace is unusable, or distance or speed is not a
-        positive number.
+        ``NO_ECHO`` if there is none, the trace is faulty, or distance or speed is not a positive
+        number.
     """
-    if fault_of(shot) in ("not a trace", "dropout"):
+    if trace_fault(shot) in ("not a trace", "dropout"):
         return NO_ECHO
     if not (_positive(distance) and _positive(speed)):
         return NO_ECHO
@@ -268,47 +270,47 @@ def front_echo(
 def choose_modality(
     shots: Sequence[Shot], distance: float, speed: float, *, least: float = 0.02
 ) -> str:
-    """``"sonar"`` where the wall is heard, ``"camera"`` where it is not.
+    """Return ``"sonar"`` where the wall gives an echo, else ``"camera"``.
 
     Parameters
     ----------
     shots : sequence of Shot
-        At one place; one will do, more are surer.
+        At one place; more shots are more certain.
     distance : float
         Of the wall along the beam, in metres.
     speed : float
         Of sound in water, in m/s.
     least : float
-        Amplitude of an echo that counts, in the unit of the traces.
+        Least amplitude of an echo, in the unit of the traces.
 
     Notes
     -----
-    Through air nothing of the pulse comes back from steel, so the loudest echo near the wall
-    tells; more than half of the shots must have one.
+    Air couples no ultrasound into steel: there is no echo near the wall. More than half of the
+    shots must have one.
     """
-    heard = [front_echo(shot, distance, speed) for shot in shots]
-    count = sum(echo.amplitude >= least and echo.snr >= _LEAST_SNR for echo in heard)
+    echoes = [front_echo(shot, distance, speed) for shot in shots]
+    count = sum(echo.amplitude >= least and echo.snr >= _LEAST_SNR for echo in echoes)
     return "sonar" if shots and count > len(shots) / 2 else "camera"
 
 
 @dataclass(frozen=True, eq=False)
 class Burst:
-    """Shots at one place made into one trace.
+    """The mean of the shots at one place.
 
     Parameters
     ----------
     trace : (T,) array
-        Their mean; empty where no shot was usable.
+        Mean of the usable shots; empty if there was none.
     sample_interval : float
         In seconds.
     angles : (2,) array
         Mean pan and tilt as measured, in radians.
     used, fired : int
-        How many shots are in the mean, and how many there were.
+        How many shots are in the mean, and how many were fired.
     noise : float
         Standard deviation of a sample of the mean.
     verdict : str
-        Why there is no trace, or nothing.
+        Why there is no trace, or an empty string.
     """
 
     trace: FloatArray
@@ -328,41 +330,39 @@ def average(
     most_off: float = MOST_OFF,
     full_scale: float = 1.0,
 ) -> Burst:
-    """Make the shots of one burst into one trace.
+    """Average the usable shots of one burst.
 
     Parameters
     ----------
     shots : sequence of Shot
-        In at most some 16 ms, in which the head hardly moves.
+        Fired within some 16 ms, in which the head hardly moves.
     angles : (N, 2) array_like
         Pan and tilt of the head at each shot as measured, in radians.
     off : (N,) array_like
-        How far the spot of each shot was off its target as tracked, in metres; NaN where it was
-        not tracked.
+        Distance of the spot of each shot from its target as tracked, in metres; NaN if it was not
+        tracked.
     most_off : float
-        Shots farther off are left out.
+        Shots farther away are left out.
     full_scale : float
-        Of the converter.
+        Full scale of the converter.
 
     Returns
     -------
     Burst
-        The verdict is that of most of the unusable shots where none is usable.
+        If no shot is usable, its verdict is the most frequent fault.
 
     Notes
     -----
-    A shot equal to the one before it to the last sample is of a sonar that repeats itself; both
-    are ``frozen``, since nobody can tell whether the first was new. Of shots of several lengths
-    or sample intervals, those of the most frequent kind are used.
-
-    Shots whose distance from the median of all is more than three times the usual are left out
-    too; the mean of the others is that of Huber for what is not noise but accident.
+    Two equal shots in a row are both ``frozen``: the device repeats itself, and the first may
+    already be old. Of shots of several lengths or sample intervals, those of the most frequent
+    kind are used. Of four shots or more, outliers are left out: those whose distance from the
+    median trace is more than three times the median distance.
     """
     places = np.asarray(angles, dtype=np.float64).reshape(-1, 2)
     far = np.asarray(off, dtype=np.float64).ravel()
     if not len(shots) == len(places) == far.size:
         raise SignalError(f"{len(shots)} shots, {len(places)} angles and {far.size} distances")
-    faults = [fault_of(shot, full_scale) for shot in shots]
+    faults = [trace_fault(shot, full_scale) for shot in shots]
     faults = _with_frozen(shots, faults)
     with np.errstate(invalid="ignore"):
         tracked = far <= most_off
@@ -370,8 +370,8 @@ def average(
         (len(shot.trace), float(shot.sample_interval)) if not fault else None
         for shot, fault in zip(shots, faults, strict=True)
     ]
-    told = [kind for kind in kinds if kind is not None]
-    usual = max(set(told), key=lambda kind: (told.count(kind), kind), default=None)
+    known = [kind for kind in kinds if kind is not None]
+    usual = max(set(known), key=lambda kind: (known.count(kind), kind), default=None)
     good = [
         n
         for n, fault in enumerate(faults)
@@ -385,7 +385,7 @@ def average(
 
 
 def _with_frozen(shots: Sequence[Shot], faults: list[str]) -> list[str]:
-    """The faults, with ``frozen`` for each of two usable shots in a row that are the same."""
+    """Return the faults, with ``frozen`` for each of two usable shots in a row that are equal."""
     found = list(faults)
     for n in range(1, len(shots)):
         fine = not faults[n - 1] and not faults[n]
@@ -399,8 +399,8 @@ def _mean(shots: Sequence[Shot], places: FloatArray, good: list[int]) -> Burst:
     traces = np.array([shots[n].trace for n in good], dtype=np.float64)
     kept = np.array(good)
     if len(good) >= 4:
-        heard = traces[:, int(DEAD_TIME / interval) :]
-        distance = np.sqrt(((heard - np.median(heard, axis=0)) ** 2).mean(axis=1))
+        received = traces[:, int(DEAD_TIME / interval) :]
+        distance = np.sqrt(((received - np.median(received, axis=0)) ** 2).mean(axis=1))
         near = distance <= 3 * np.median(distance) + 1e-12
         traces, kept = traces[near], kept[near]
     count = len(kept)

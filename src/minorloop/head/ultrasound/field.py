@@ -1,4 +1,4 @@
-"""What an estimate knows of its probe, and the sound field of that probe on the wall."""
+"""The calibrated probe and its sound field on the wall."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from minorloop.head.geometry import Mount, Probe, meet_wall
 from minorloop.head.ultrasound import _field_kernels as kernels
 from minorloop.head.ultrasound.water import sound_speed
 
-LOWEST, HIGHEST = 5e6, 15e6
+LOWEST, HIGHEST = 5e6, 15e6  # Hz, the band of a pulse of 10 MHz and 60 %, with its flanks
 RESOLUTION = 0.3125e6
 """Of the spectra that are compared, in Hz: one over the window of 3.2 us."""
 FACET = 0.06e-3
+"""Step of the integral over the wall, in metres: less than half a wavelength at 10 MHz."""
 
 ComplexArray = npt.NDArray[np.complex128]
 
@@ -28,10 +29,10 @@ class CalibratedProbe:
 
     Parameters
     ----------
-    probe : Probe
-        As calibrated.
+    transducer : Probe
+        Its geometry, as calibrated.
     mount : Mount
-        How the head sits in the pipe, as far as is known.
+        Estimated place of the head in the pipe.
     radius, thickness : float
         Of the pipe and its wall, in metres.
     temperature : float
@@ -46,7 +47,7 @@ class CalibratedProbe:
         temperature is out of range.
     """
 
-    probe: Probe
+    transducer: Probe
     mount: Mount
     radius: float = 10e-3
     thickness: float = 2e-3
@@ -57,28 +58,28 @@ class CalibratedProbe:
         for name in ("radius", "thickness", "steel"):
             if not as_finite(name, getattr(self, name)) > 0:
                 raise ParameterError(f"{name} is {getattr(self, name)}; give a positive number")
-        if not self.probe.face < self.radius:
+        if not self.transducer.face < self.radius:
             raise ParameterError(
-                f"a face {self.probe.face:.4g} m from the pivot is not inside a pipe of radius "
-                f"{self.radius:.4g} m"
+                f"a face {self.transducer.face:.4g} m from the pivot is not inside a pipe of "
+                f"radius {self.radius:.4g} m"
             )
         sound_speed(self.temperature)
 
     @property
     def speed(self) -> float:
-        """Of sound in the water, in m/s."""
+        """Speed of sound in the water, in m/s."""
         return sound_speed(self.temperature)
 
     def beams(self, angles: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Centres (K, 3) of the face and directions (K, 3) of the beam at (K, 2) pan, tilt."""
+        """Return (K, 3) centres of the face and (K, 3) beam directions at (K, 2) pan and tilt."""
         pairs = [
-            self.probe.beam(self.mount, float(pan), float(tilt))
+            self.transducer.beam(self.mount, float(pan), float(tilt))
             for pan, tilt in np.reshape(np.asarray(angles, dtype=np.float64), (-1, 2))
         ]
         return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
 
     def spots(self, angles: npt.ArrayLike) -> FloatArray:
-        """(K, 3) phi, z and distance of the wall along the beam at (K, 2) pan and tilt."""
+        """Return (K, 3) phi, z and distance of the wall along the beam at (K, 2) pan and tilt."""
         origins, axes = self.beams(angles)
         return np.array(
             [
@@ -101,7 +102,7 @@ class SoundField:
     wavenumbers : (F,) array
         In rad/m.
     reach : float
-        How far off its axis the probe hears the wall, in metres.
+        Distance from its axis within which the wall contributes to an echo, in metres.
     """
 
     table: ComplexArray
@@ -122,7 +123,7 @@ class SoundField:
     def at(
         self, origins: FloatArray, axes: FloatArray, starts: FloatArray, points: FloatArray
     ) -> ComplexArray:
-        """Pressure (K, F, N) of K beams at points (N, 3), phases counted from starts (K,)."""
+        """Return the pressure (K, F, N) of K beams at points (N, 3); phases from starts (K,)."""
         out = np.empty((len(origins), len(self.wavenumbers), len(points)), dtype=np.complex128)
         kernels.field_at(
             self.table, self.steps, origins, axes, starts, points, self.first, self.step, out
@@ -137,7 +138,7 @@ class SoundField:
         spots: FloatArray,
         radius: float,
     ) -> ComplexArray:
-        """Echo (K, F) of a plain wall, 2 i k times the integral of p^2 over it."""
+        """Return the echo (K, F) of a plain wall, 2 i k times the integral of p^2 over it."""
         out = np.zeros((len(origins), len(self.wavenumbers)), dtype=np.complex128)
         kernels.wall_sum(
             self.table, self.steps, origins, axes, starts, spots, radius, self.reach, FACET,
@@ -146,8 +147,8 @@ class SoundField:
         return 2j * self.wavenumbers * out
 
 
-def sound_field(ear: CalibratedProbe) -> SoundField:
-    """The field of a probe near the wall, by the integral of Rayleigh over the disc.
+def sound_field(probe: CalibratedProbe) -> SoundField:
+    """Compute the field of a probe near the wall, by the Rayleigh integral over the disc.
 
     Notes
     -----
@@ -155,7 +156,10 @@ def sound_field(ear: CalibratedProbe) -> SoundField:
     radiators, J. Acoust. Soc. Am. 21, 516, 1949), the lens as a delay of each ring.
     """
     return _sound_field(
-        ear.probe.aperture, ear.probe.focus, round(ear.speed, 2), ear.radius - ear.probe.face
+        probe.transducer.aperture,
+        probe.transducer.focus,
+        round(probe.speed, 2),
+        probe.radius - probe.transducer.face,
     )
 
 

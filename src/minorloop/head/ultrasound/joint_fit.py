@@ -1,8 +1,8 @@
-"""One pit fitted to all traces of a raster at once.
+"""Fit one pit to all traces of a raster at once.
 
-Each trace holds the rim of the pit and its floor in shares that depend on where the beam was, and
-the beam moves as the head sways. The pulse comes from the traces far from the pit, the distance
-of each trace is free, and one pit explains them all.
+Each trace contains echoes of the rim and of the floor of the pit, in shares that depend on the
+place of the beam. The pulse is estimated from the traces far from the pit; each trace has a free
+distance from the wall, and all share one pit.
 """
 
 from __future__ import annotations
@@ -19,26 +19,29 @@ from minorloop.head.ultrasound.spectra import FAR, Spectra
 
 CENTRE = np.array([0.0, 0.0, 0.0, 0.6e-3, 1.0, 0.0, 0.0, 0.0])
 PRIOR = np.array([0.085e-3, 0.085e-3, 0.08, 1e-3, 0.3, 0.05, 0.05, 0.04e-3])
-"""Means and standard deviations of the unknowns before the scan, as in ``pitmodel.NAMES``."""
+"""Means and standard deviations of the unknowns before the scan, as in ``pit_model.NAMES``: place
+and size come from the image."""
+# Bounds of the unknowns, steps of finite differences, and largest steps of an iteration.
 _LOW = np.array([-4e-4, -4e-4, -0.4, 0.03e-3, 0.0, -0.2, -0.2, -1.5e-4])
 _HIGH = np.array([4e-4, 4e-4, 0.4, 1.4e-3, 2.0, 0.2, 0.2, 1.5e-4])
 _STEPS = np.array([2e-6, 2e-6, 2e-3, 0.5e-6, 0.01, 1e-3, 1e-3, 0.5e-6])
 _LEAPS = np.array([6e-5, 6e-5, 0.08, 3e-5, 0.5, 0.05, 0.05, 3e-5])
-_SLIP = 12e-6  # m, of the range of a trace off the smooth fit
+_SLIP = 12e-6
+"""Standard deviation of the distance of a trace from the plane through all, in metres."""
 _ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class JointSolution:
-    """Where a fit ended.
+    """The result of a fit.
 
     Parameters
     ----------
     unknowns : (8,) array
-        In the order of ``pitmodel.NAMES``.
+        In the order of ``pit_model.NAMES``.
     cost : float
-        Half the sum of squares over the noise, traces that do not fit counted less, and the
-        prior.
+        Half the sum of squares over the noise, with less weight for traces that do not fit, plus
+        that of the prior.
     """
 
     unknowns: FloatArray
@@ -47,18 +50,18 @@ class JointSolution:
 
 @dataclass(eq=False)
 class JointFit:
-    """One pit and the traces of a raster.
+    """A fit of one pit to the traces of a raster.
 
     Parameters
     ----------
     model : PitModel
-        What they should be.
+        Of the echoes of the same beams.
     spectra : Spectra
-        What they are.
+        Of the traces.
     scale : float
-        Misfit of a trace from which on it counts less, in units of its noise.
+        Misfit above which a trace has less weight, in units of its noise.
     far : array of int, optional
-        Traces of plain wall, which tell the pulse; without it, the farthest from the pit.
+        Traces of plain wall, which give the pulse; without it, the farthest from the pit.
     """
 
     model: PitModel
@@ -73,35 +76,37 @@ class JointFit:
         if far is None:
             far = np.argsort(-np.linalg.norm(self.model.off(), axis=1))[:FAR]
         self._k = self.model.sound.wavenumbers
-        self.shift = np.zeros(len(self.spectra.heard))
-        plain, heard = self.model.plain[far], self.spectra.heard[far]
+        self.shift = np.zeros(len(self.spectra.received))
+        plain, received = self.model.plain[far], self.spectra.received[far]
         for _ in range(4):
-            self.pulse = _pulse(plain, heard, self._turn()[far])
+            self.pulse = _pulse(plain, received, self._turn()[far])
             self.shift[far] = self._shifts(self.pulse * plain, far)
         self._far = far
-        self._weights = np.ones(len(self.spectra.heard))
+        self._weights = np.ones(len(self.spectra.received))
 
     @property
     def usual_cost(self) -> float:
-        """Cost where nothing but noise is left."""
-        count = self.spectra.heard.size
+        """Cost where the residual is noise alone."""
+        count = self.spectra.received.size
         return float(4 * self.scale * np.log1p(1 / (4 * self.scale)) * count)
 
     @property
-    def strayed(self) -> float:
-        """How far the wall is off the smooth fit in the traces that tell the pulse, in metres.
+    def range_error(self) -> float:
+        """Distance of the wall from its plane in the traces that give the pulse, in metres.
 
-        The root mean square without the worst quarter, so that another pit near by counts
-        little, and without what noise adds.
+        The root mean square of three quarters of the traces, the smallest, so that another pit
+        near by counts little; the part that noise adds is subtracted.
         """
         far = self._far
         slope = 2 * self._k * np.abs(self.pulse * self.model.plain[far])
-        told = (slope**2).sum(axis=1) / self.spectra.noise[far] ** 2
-        square = np.sort(self._shifts(self.pulse * self.model.plain[far], far) ** 2 - 1 / told)
+        information = (slope**2).sum(axis=1) / self.spectra.noise[far] ** 2
+        square = np.sort(
+            self._shifts(self.pulse * self.model.plain[far], far) ** 2 - 1 / information
+        )
         return float(np.sqrt(max(square[: -(-3 * far.size // 4)].mean(), 0.0)))
 
     def sweep(self, unknowns: FloatArray, depths: FloatArray) -> FloatArray:
-        """Costs (D,) over evenly spaced depths, the other unknowns as they are."""
+        """Return costs (D,) at evenly spaced depths, the other unknowns as given."""
         x, y, size, _, gain, u, v, dish = unknowns
         pressure = self.model.mouth(x, y, size)
         missing = self.model.missing(pressure, size)
@@ -112,7 +117,7 @@ class JointFit:
         )
 
     def cost_of(self, model: ComplexArray) -> float:
-        """Cost of echoes (K, F) with the best shifts, without the prior."""
+        """Return the cost of echoes (K, F) with the best shifts, without the prior."""
         self.shift = self._shifts(self.pulse * model, slice(None))
         relative = self._misfit(model) / (4 * self.scale)
         self._weights = 1 / (1 + relative)
@@ -126,16 +131,16 @@ class JointFit:
         prior: FloatArray = PRIOR,
         rounds: int = _ROUNDS,
     ) -> JointSolution:
-        """Go down from a start by Gauss and Newton with Cauchy weights.
+        """Minimise the cost from a start by damped Gauss-Newton steps with Cauchy weights.
 
         Parameters
         ----------
         start : (8,) array
-            Unknowns in the order of ``pitmodel.NAMES``.
+            Unknowns in the order of ``pit_model.NAMES``.
         centre, prior : (8,) arrays
             Means and standard deviations before the scan.
         rounds : int
-            Most steps.
+            Largest number of steps.
         """
         theta, damping = start.copy(), 1e-3
         model = self.model.echo(theta)
@@ -161,7 +166,7 @@ class JointFit:
         return JointSolution(theta, cost)
 
     def deviations(self, unknowns: FloatArray) -> FloatArray:
-        """Standard deviations (8,) by the curvature of the misfit and the noise of the traces."""
+        """Return standard deviations (8,) from the curvature of the cost."""
         model = self.model.echo(unknowns)
         self.cost_of(model)
         normal, _ = self._normal(unknowns, model, CENTRE, PRIOR)
@@ -169,19 +174,19 @@ class JointFit:
         return deviations
 
     def refine_pulse(self, unknowns: FloatArray) -> None:
-        """Estimate the pulse again from all traces, as the fit explains them."""
+        """Estimate the pulse again, from all traces and the fitted pit."""
         model = self.model.echo(unknowns)
         self.cost_of(model)
         root = (np.sqrt(self._weights) / self.spectra.noise)[:, None]
-        self.pulse = _pulse(model * root, self.spectra.heard * root, self._turn())
+        self.pulse = _pulse(model * root, self.spectra.received * root, self._turn())
 
     def _turn(self) -> ComplexArray:
         turn: ComplexArray = np.exp(2j * self._k * self.shift[:, None])
         return turn
 
     def _shifts(self, model: ComplexArray, which: npt.NDArray[np.intp] | slice) -> FloatArray:
-        """Best distances (K,) of the traces, near the smooth fit."""
-        product = np.conj(model) * self.spectra.heard[which]
+        """Return the best distances (K,) of the traces from the plane."""
+        product = np.conj(model) * self.spectra.received[which]
         product = product / self.spectra.noise[which][:, None] ** 2
         trial = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
         score = (product @ np.exp(-2j * self._k[:, None] * trial)).real
@@ -194,25 +199,25 @@ class JointFit:
             shift += np.clip(step, -_SLIP / 2, _SLIP / 2)
         return shift
 
-    def left(self, model: ComplexArray) -> ComplexArray:
-        """What echoes (K, F) leave of the spectra; shifts as they are."""
-        left: ComplexArray = self.spectra.heard - self.pulse * model * self._turn()
+    def residual(self, model: ComplexArray) -> ComplexArray:
+        """Return the spectra less the echoes (K, F), at the present shifts."""
+        left: ComplexArray = self.spectra.received - self.pulse * model * self._turn()
         return left
 
     def _misfit(self, model: ComplexArray) -> FloatArray:
-        """Mean square (K,) of what is left of each trace over its noise; shifts as they are."""
-        power = (np.abs(self.left(model)) ** 2).mean(axis=1)
+        """Return the mean square residual (K,) over the noise, at the present shifts."""
+        power = (np.abs(self.residual(model)) ** 2).mean(axis=1)
         misfit: FloatArray = power / (2 * self.spectra.noise**2)
         return misfit
 
     def _normal(
         self, theta: FloatArray, model: ComplexArray, centre: FloatArray, prior: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Normal matrix and right side, the shift of each trace eliminated."""
+        """Return normal matrix and right side, with the shift of each trace eliminated."""
         near = self.model.near
         scale = (np.sqrt(self._weights) / self.spectra.noise)[near, None]
         turned = self.pulse * self._turn()[near] * scale
-        left = self.spectra.heard[near] * scale - model[near] * turned
+        left = self.spectra.received[near] * scale - model[near] * turned
         slopes = self.model.slopes(theta, _STEPS) * turned  # (P, N, F)
         shifting = 2j * self._k * model[near] * turned
         power = (np.abs(shifting) ** 2).sum(axis=1) + 1 / _SLIP**2
@@ -230,8 +235,9 @@ def _penalty(theta: FloatArray, centre: FloatArray, prior: FloatArray) -> float:
     return float(0.5 * (((theta - centre) / prior) ** 2).sum())
 
 
-def _pulse(model: ComplexArray, heard: ComplexArray, turn: ComplexArray) -> ComplexArray:
+def _pulse(model: ComplexArray, received: ComplexArray, turn: ComplexArray) -> ComplexArray:
+    """Return the pulse (F,) that explains spectra best, by least squares."""
     expected = model * turn
     power = (np.abs(expected) ** 2).sum(axis=0)
-    pulse: ComplexArray = (np.conj(expected) * heard).sum(axis=0) / power
+    pulse: ComplexArray = (np.conj(expected) * received).sum(axis=0) / power
     return pulse

@@ -1,6 +1,6 @@
-"""What a wall with a round pit should send back, for the fit of its depth.
+"""Echoes of a wall with a round pit, for the fit of its depth.
 
-Spectra are without the pulse; their phases count from the place where each beam meets the wall.
+Spectra do not contain the pulse; their phases count from where each beam meets the wall.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from minorloop.head.ultrasound import _field_kernels as kernels
 from minorloop.head.ultrasound.field import CalibratedProbe, ComplexArray, SoundField, sound_field
 
 NAMES = ("around", "along", "size", "depth", "gain", "tilt around", "tilt along", "dish")
-"""Of the unknowns: metres off the first guess, ln(radius / guess), metres, 1, slopes, metres."""
-_RADII, _ANGLES = 9, 28
-_STEEPEST = 0.44
+"""Names of the unknowns: metres off the guess, ln(radius / guess), metres, 1, slopes, metres."""
+_RADII, _ANGLES = 9, 28  # quadrature points
+_STEEPEST = 0.44  # of the wavenumber, across the pit
 _BACK = 0.12 * 0.7
 """Echo of the outer face of the wall over that of the wall: transmission both ways, and loss."""
 
@@ -40,7 +40,7 @@ class UnitDisc:
     radial : (M, rings) array
         The modes along a radius times the areas, orthonormal.
     wave : (M,) array of int
-        Which wave a mode has around.
+        Index of the wave of each mode.
     across : (M,) array
         Zeros of the derivative of the Bessel functions.
     """
@@ -55,7 +55,7 @@ class UnitDisc:
 
 @lru_cache(maxsize=4)
 def unit_disc(limit: float) -> UnitDisc:
-    """Modes up to a limit of chi."""
+    """Return the modes up to a limit of chi."""
     nodes, share = np.polynomial.legendre.leggauss(_RADII)
     radii = 0.5 * (nodes + 1)
     turn = 2 * np.pi * np.arange(_ANGLES) / _ANGLES
@@ -90,8 +90,8 @@ class PitModel:
 
     Parameters
     ----------
-    ear : CalibratedProbe
-        What is known of the probe.
+    probe : CalibratedProbe
+        The calibrated probe.
     angles : (K, 2) array
         Pan and tilt of the beams, in radians.
     centre : (float, float)
@@ -100,7 +100,7 @@ class PitModel:
         First guess of the radius of its mouth, in metres.
     """
 
-    ear: CalibratedProbe
+    probe: CalibratedProbe
     angles: FloatArray
     centre: tuple[float, float]
     radius: float
@@ -108,36 +108,38 @@ class PitModel:
     plain: ComplexArray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.sound = sound_field(self.ear)
-        self._origins, self._axes = self.ear.beams(self.angles)
-        self.spots = self.ear.spots(self.angles)
+        self.sound = sound_field(self.probe)
+        self._origins, self._axes = self.probe.beams(self.angles)
+        self.spots = self.probe.spots(self.angles)
         self._starts = self.spots[:, 2].copy()
         self.plain = self.sound.wall(
-            self._origins, self._axes, self._starts, self.spots[:, :2].copy(), self.ear.radius
+            self._origins, self._axes, self._starts, self.spots[:, :2].copy(), self.probe.radius
         )
         k = self.sound.wavenumbers
-        # Farther traces hear nothing of the pit.
-        hears = self.radius * 1.15 + self.sound.reach / 2
-        self.near = np.flatnonzero(np.linalg.norm(self.off(), axis=1) < hears)
+        # Farther traces receive nothing from the pit.
+        near = self.radius * 1.15 + self.sound.reach / 2
+        self.near = np.flatnonzero(np.linalg.norm(self.off(), axis=1) < near)
         self._disc = unit_disc(round(_STEEPEST * float(k[-1]) * self.radius * 1.15, 0))
 
     def off(self) -> FloatArray:
-        """(K, 2) spots off the first guess of the centre, around and along, in metres."""
+        """Return (K, 2) offsets of the spots from the first guess of the centre, in metres."""
         around = wrapped(self.spots[:, 0] - self.centre[0])
-        return np.stack([self.ear.radius * around, self.spots[:, 1] - self.centre[1]], axis=1)
+        return np.stack([self.probe.radius * around, self.spots[:, 1] - self.centre[1]], axis=1)
 
     def mouth(self, around: float, along: float, size: float) -> ComplexArray:
-        """Pressure (N, F, Q) on the mouth, of the N beams near it."""
+        """Return the pressure (N, F, Q) on the mouth, of the N beams near it."""
         a = self.radius * np.exp(size)
         x = around + a * self._disc.places[:, 0]
         z = self.centre[1] + along + a * self._disc.places[:, 1]
-        phi = self.centre[0] + x / self.ear.radius
-        points = np.stack([self.ear.radius * np.cos(phi), self.ear.radius * np.sin(phi), z], axis=1)
+        phi = self.centre[0] + x / self.probe.radius
+        points = np.stack(
+            [self.probe.radius * np.cos(phi), self.probe.radius * np.sin(phi), z], axis=1
+        )
         near = self.near
         return self.sound.at(self._origins[near], self._axes[near], self._starts[near], points)
 
     def missing(self, pressure: ComplexArray, size: float) -> ComplexArray:
-        """What the wall does not send back (N, F) because of the mouth."""
+        """Return the echo (N, F) that the wall loses by the mouth."""
         area = (self.radius * np.exp(size)) ** 2 * self._disc.weights
         gone = np.empty(pressure.shape[:2], dtype=np.complex128)
         kernels.square_sum(pressure, area, gone)
@@ -146,7 +148,7 @@ class PitModel:
     def squares(
         self, pressure: ComplexArray, size: float, tilt: tuple[float, float], dish: float
     ) -> ComplexArray:
-        """Squares (N, F, M) of the amplitudes of the modes, the shape of the floor in them."""
+        """Return squares (N, F, M) of the amplitudes of the modes, with the shape of the floor."""
         a = self.radius * np.exp(size)
         x, y = a * self._disc.places.T
         shape = tilt[0] * x + tilt[1] * y + dish * (1 - 2 * (x * x + y * y) / a**2)
@@ -154,7 +156,7 @@ class PitModel:
         disc = self._disc
         rings = np.empty((2, *pressure.shape), dtype=np.float32)
         kernels.turned(pressure, turn, rings)
-        # Single precision halves the work, and leaves 1e-6 of an echo.
+        # Single precision halves the work, with an error of 1e-6 of an echo.
         around = (rings.reshape(-1, _ANGLES) @ disc.waves).reshape(
             2, *pressure.shape[:2], _RADII, -1
         )
@@ -163,7 +165,7 @@ class PitModel:
         return out
 
     def down(self, size: float) -> ComplexArray:
-        """Wavenumbers (F, M) of the modes along the pit."""
+        """Return wavenumbers (F, M) of the modes along the pit."""
         k = self.sound.wavenumbers[:, None]
         down: ComplexArray = np.sqrt(
             k * k - (self._disc.across / (self.radius * np.exp(size))) ** 2 + 0j
@@ -171,7 +173,7 @@ class PitModel:
         return down
 
     def floors(self, squares: ComplexArray, size: float, depths: FloatArray) -> ComplexArray:
-        """Echoes (D, N, F) of a floor at evenly spaced depths, ringing of the steel included."""
+        """Return echoes (D, N, F) of a floor at evenly spaced depths, with ringing steel."""
         down = self.down(size)
         step = float(depths[1] - depths[0]) if len(depths) > 1 else 0.0
         out = np.zeros((len(depths), *squares.shape[:2]), dtype=np.complex128)
@@ -182,13 +184,13 @@ class PitModel:
         return echoes
 
     def with_pit(self, missing: ComplexArray, floor: ComplexArray) -> ComplexArray:
-        """Echoes (K, F) of the wall without its part over the mouth, and with a floor."""
+        """Return echoes (K, F) of the wall without its part over the mouth, plus a floor."""
         whole = self.plain.copy()
         whole[self.near] += floor - missing
         return whole
 
     def echo(self, unknowns: FloatArray) -> ComplexArray:
-        """Echoes (K, F) for the unknowns in the order of ``NAMES``."""
+        """Return echoes (K, F) for the unknowns in the order of ``NAMES``."""
         return self.with_pit(*self._parts(unknowns))
 
     def _parts(self, unknowns: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -198,7 +200,7 @@ class PitModel:
         return self.missing(pressure, size), gain * floor
 
     def slopes(self, unknowns: FloatArray, steps: FloatArray) -> ComplexArray:
-        """Derivatives (8, N, F) of the near echoes by differences, reusing what stays."""
+        """Return derivatives (8, N, F) of the near echoes by finite differences."""
         x, y, size, depth, gain, u, v, dish = unknowns
         pressure = self.mouth(x, y, size)
         squares = self.squares(pressure, size, (u, v), dish)
@@ -222,9 +224,9 @@ class PitModel:
         return floor
 
     def _ringing(self, depth: float) -> ComplexArray:
-        """Ringing of the steel under a floor, over that of the wall, which is in the pulse."""
-        f = self.sound.wavenumbers * self.ear.speed
-        t = self.ear.thickness
-        turn = np.exp(2j * f * np.array([max(t - depth, 0.1e-3), t])[:, None] / self.ear.steel)
+        """Return the ringing of the steel under a floor over that of the wall in the pulse."""
+        f = self.sound.wavenumbers * self.probe.speed
+        t = self.probe.thickness
+        turn = np.exp(2j * f * np.array([max(t - depth, 0.1e-3), t])[:, None] / self.probe.steel)
         ratio: ComplexArray = (1 - _BACK * turn[0]) / (1 - _BACK * turn[1])
         return ratio

@@ -1,4 +1,4 @@
-"""The depth of a pit from a raster of echoes about the place where the camera saw it."""
+"""Measure the depth of a pit from a raster of echoes about its place in the image."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import ParameterError
 from minorloop.head.geometry import wall_point
 from minorloop.head.ultrasound import deep_pit
-from minorloop.head.ultrasound.burst_checks import FEW, reasons_of, too_little, usable
-from minorloop.head.ultrasound.deep_pit import FURTHER
+from minorloop.head.ultrasound.burst_checks import FEW, coverage_fault, rejections, usable_bursts
+from minorloop.head.ultrasound.deep_pit import DEEPER_DEPTHS
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.joint_fit import CENTRE, PRIOR, JointFit, JointSolution
@@ -21,21 +21,21 @@ from minorloop.head.ultrasound.pit_search import (
     DEPTHS,
     STRANGE,
     best_fit,
-    gains_nothing,
-    surest,
-    without_floor,
+    floor_gains_nothing,
+    resolve_ambiguity,
+    solve_without_floor,
 )
 from minorloop.head.ultrasound.spectra import spectra_of
-from minorloop.head.ultrasound.through_hole import is_open
+from minorloop.head.ultrasound.through_hole import is_through_hole
 from minorloop.threads import one_thread
 
 POINTS, PITCH = 6, 0.32e-3
-"""Of a raster: points in a row, which cover the largest pit that is measured and wall beside it,
-and metres between them, a third of the footprint of the beam."""
+"""Points in a row of a raster, which cover the largest pit and wall beside it, and metres between
+them, a third of the footprint of the beam."""
 FEWEST = 16
-"""Bursts without which no depth is given."""
+"""Fewest bursts for a depth."""
 DEEPEST = 1.25e-3
-"""Depth up to which one is given, in metres."""
+"""Greatest depth that is measured, in metres."""
 MEASURED, HOLE = "measured", "through-hole"
 DEEPER, SILENT = "deeper than 1.25 mm", "no floor heard"
 NO_PIT, FAINT = "no pit", "too faint"
@@ -43,55 +43,56 @@ _NEAR_DEEPEST = 1e-3
 UNEVEN, DISTURBED, AMBIGUOUS = "uneven floor", "disturbed", "ambiguous depth"
 ASTRAY = "distances disagree"
 _NOTICED, _HOPELESS, _NOTICEABLE = 0.05, 1.15, 3.0
-"""How much better than a plain wall a pit must explain the traces; how much worse, before any
-fit, that none is tried; and how many times the first a mouth must take, for it to be missed."""
+"""Share by which a pit must explain the traces better than a plain wall; cost, over that of a plain
+wall, above which no fit is tried; and how many times the first a mouth must take from the echo, for
+its absence to be certain."""
 _OPEN, _UNEVEN = 0.1, 0.6
-# What the curvature of the misfit does not tell, calibrated on scans of its own: broken edges of
-# the mouth and waves that the modes leave out, the aim of the beam, the size of the spot.
+"""Gain of a floor below which there is none, and below which it is uneven."""
+# Errors that the curvature of the cost does not contain, calibrated on separate scans: chamfered
+# mouths and waves outside of the modes, the aim of the beam, the size of the spot.
 _WIDER, _UNMODELLED = 2.0, 3.1e-6
 _FLAT = 0.02e-3
 _POINTING, _SIZE = 34e-6, 0.018
 _STRAINED = 2.5
-"""Prior deviations of the size, off what the camera saw, from which on the echoes are those of
-something else too, and the outline of the camera is kept."""
+"""Prior deviations between fitted size and image from which on something else echoes too, and the
+outline of the camera is kept."""
 _WIDE, _WIDEST = 0.1e-3, 0.05e-3
-"""Standard deviation of the depth of a floor that is not flat, and up to which one counts as flat
-enough, in metres."""
-_LOUD = 1.3
-"""Echo of a floor, over that of a flat one, beyond which none can be."""
+"""Standard deviation of the depth of an uneven floor, and the largest one of a flat floor, in
+metres."""
+_LOUDEST = 1.3
+"""Largest possible echo of a floor, over that of a flat one."""
 _ASTRAY = 6e-6
-"""How far distances may be off the angles, in metres: 3e-6 is usual, more with worse sensors."""
+"""Largest disagreement of distances and angles, in metres; 3e-6 is usual."""
 _MOST = 100_000
 
 
 @dataclass(frozen=True)
 class PitDepth:
-    """What the echoes tell of a pit.
+    """Depth of a pit by ultrasound, with a verdict.
 
     Parameters
     ----------
     verdict : str
-        ``measured``; ``deeper than 1.25 mm`` (a floor is heard where depths are no longer
-        measured); ``through-hole`` (nothing at all comes back out of the mouth, down to the
-        thickness of the wall); ``no floor heard`` (no floor, but something else comes back, or
-        none would be heard for noise or because traces end too early);
-        ``uneven floor`` (heard, but not as a flat one: the depth is a mean, with a wide band);
-        ``disturbed`` (something beside the mouth, such as a bead, echoes too: the outline is the
-        camera's, the band wide); ``ambiguous depth`` (another depth explains nearly as much, or
-        the floor is louder than any can be); ``no pit`` (a plain wall explains all); or why there
-        is no depth: ``too faint`` (noise would hide a pit), ``too few echoes``, ``no coupling``,
-        ``distances disagree`` (the wall is not as far from place to place as the angles say: a
-        head that does not move, shots out of time, or a bent wall), ``too short`` (traces end
-        before a floor would be heard), ``raster too small`` (nothing of it falls on the wall
-        beside the mouth), ``part missing`` (of the scan, so that mouth or wall is not covered),
-        ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again and
-        again), and words of ``Burst``.
+        ``measured``; ``deeper than 1.25 mm`` (there is an echo of a floor beyond the depths that
+        are measured); ``through-hole`` (no echo out of the mouth, down to the thickness of the
+        wall); ``no floor heard`` (no floor, but another echo; or noise or the end of the traces
+        would hide it); ``uneven floor`` (it does not echo as a flat one: the depth is a mean, with
+        a wide band); ``disturbed`` (something beside the mouth, such as a bead, echoes too: the
+        outline is that of the camera, the band wide); ``ambiguous depth`` (another depth explains
+        nearly as much, or the floor is louder than possible); ``no pit`` (a plain wall explains
+        all); or the reason why there is no depth: ``too faint`` (noise would hide a pit),
+        ``too few echoes``, ``no coupling``, ``distances disagree`` (the distances of the wall do
+        not fit the angles: a head that does not move, shots out of time, or a bent wall),
+        ``too short`` (traces end before the echo of a floor), ``raster too small`` (no point on
+        the wall beside the mouth), ``part missing`` (of the scan: mouth or wall is not covered),
+        ``raster beside the mouth``, ``all at one place``, ``frozen`` (the same trace again), and
+        the verdicts of ``Burst``.
     phi, z : float
         Centre, in radians and metres.
     diameter, depth : float
         In metres; NaN where not measured.
     place_sd, diameter_sd, depth_sd : float
-        Standard deviations, in metres; that of the place is along either direction.
+        Standard deviations, in metres; that of the place holds for either direction.
     gain : float
         Echo of the floor over that of a flat one.
     tilt : (float, float)
@@ -99,7 +100,7 @@ class PitDepth:
     dish : float
         How much deeper the middle of the floor is than its mean, in metres.
     bursts, planned : int
-        How many were used, and how many were to be.
+        How many were used, and how many were planned.
     """
 
     verdict: str
@@ -118,28 +119,32 @@ class PitDepth:
 
     @property
     def measured(self) -> bool:
-        """Whether there is a depth to rely on."""
+        """Whether there is a reliable depth."""
         return self.verdict == MEASURED
 
     @property
     def whole(self) -> bool:
-        """Whether there is a scan, and nothing of it is missing."""
+        """Whether the scan is complete."""
         return 0 < self.bursts >= self.planned
 
 
 def raster(
-    ear: CalibratedProbe, centre: tuple[float, float], *, points: int = POINTS, pitch: float = PITCH
+    probe: CalibratedProbe,
+    centre: tuple[float, float],
+    *,
+    points: int = POINTS,
+    pitch: float = PITCH,
 ) -> FloatArray:
-    """Pan and tilt (points^2, 2), in radians, of a raster about a place, row by row and back.
+    """Return pan and tilt (points^2, 2) of a serpentine raster about a place, in radians.
 
     Parameters
     ----------
-    ear : CalibratedProbe
+    probe : CalibratedProbe
         The probe and how it is mounted.
     centre : (float, float)
         Phi and z.
     points : int
-        In a row.
+        Points in a row.
     pitch : float
         Between points, in metres.
     """
@@ -147,15 +152,15 @@ def raster(
     aims = []
     for row, x in enumerate(steps):
         for y in steps if row % 2 == 0 else steps[::-1]:
-            place = wall_point(centre[0] + x / ear.radius, centre[1] + y, ear.radius)
-            aims.append(ear.probe.aim(ear.mount, place))
+            place = wall_point(centre[0] + x / probe.radius, centre[1] + y, probe.radius)
+            aims.append(probe.transducer.aim(probe.mount, place))
     return np.array(aims)
 
 
 @one_thread()
 def measure_pit(
     bursts: Sequence[Burst],
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     centre: tuple[float, float],
     diameter: float,
     *,
@@ -166,89 +171,89 @@ def measure_pit(
     Parameters
     ----------
     bursts : sequence of Burst
-        As ``average`` made them; those with a verdict are left out.
-    ear : CalibratedProbe
+        As ``average`` returns them; those with a verdict are left out.
+    probe : CalibratedProbe
         The probe and what is known of the pipe.
     centre : (float, float)
-        Of the mouth as the camera saw it, phi and z.
+        Phi and z of the mouth in the image.
     diameter : float
-        Of the mouth as the camera saw it, in metres.
+        Of the mouth in the image, in metres.
     planned : int, optional
-        Bursts of the whole raster, where a scan was interrupted; without it, those given.
+        Bursts of the whole raster if the scan was interrupted; without it, those given.
 
     Returns
     -------
     PitDepth
-        With a verdict; no depth is made up where the echoes do not hold one.
+        Without a depth where the echoes contain none; the verdict says why.
 
     Raises
     ------
     ParameterError
-        If the diameter is not a positive number, the centre is not finite, or fewer bursts were
-        planned than are given.
+        If the diameter is not positive, the centre is not finite, or fewer bursts were planned
+        than are given.
     """
     if not as_finite("diameter of a mouth", diameter) > 0:
         raise ParameterError(f"a mouth of {diameter} m; give a positive diameter")
     place = as_finite("phi of a mouth", centre[0]), as_finite("z of a mouth", centre[1])
     given = len(bursts)
     many = given if planned is None else as_whole("bursts planned", planned, max(given, 1), _MOST)
-    good = usable(bursts)
-    nothing = _too_few(bursts, good)
-    if not nothing:
-        nothing = too_little(good, ear, place, diameter, whole=len(good) >= many)
-    found = PitDepth(nothing, *place) if nothing else _measured(good, ear, place, diameter)
+    good = usable_bursts(bursts)
+    reason = _too_few(bursts, good)
+    if not reason:
+        reason = coverage_fault(good, probe, place, diameter, whole=len(good) >= many)
+    found = PitDepth(reason, *place) if reason else _measured(good, probe, place, diameter)
     return replace(found, bursts=len(good), planned=many)
 
 
 def _measured(
-    good: Sequence[Burst], ear: CalibratedProbe, centre: tuple[float, float], diameter: float
+    good: Sequence[Burst], probe: CalibratedProbe, centre: tuple[float, float], diameter: float
 ) -> PitDepth:
-    spectra = spectra_of(good, ear, centre)
+    spectra = spectra_of(good, probe, centre)
     if spectra is None:
         return PitDepth("no coupling", *centre)
-    fit = JointFit(PitModel(ear, spectra.angles, centre, diameter / 2), spectra)
-    # Without a lens all traces hear the mouth, and none tells the wall alone.
-    if np.isfinite(ear.probe.focus) and fit.strayed > _ASTRAY:
+    fit = JointFit(PitModel(probe, spectra.angles, centre, diameter / 2), spectra)
+    # Without a lens all traces contain the mouth, and none shows the wall alone.
+    if np.isfinite(probe.transducer.focus) and fit.range_error > _ASTRAY:
         return PitDepth(ASTRAY, *centre)
     start, costs = CENTRE.copy(), fit.sweep(CENTRE, DEPTHS)
     if costs.min() > _HOPELESS * fit.cost_of(fit.model.plain):
-        return PitDepth(_if_noticed(fit, JointSolution(start, float(costs.min()))), *centre)
+        return PitDepth(_no_pit_or_faint(fit, JointSolution(start, float(costs.min()))), *centre)
     start[3] = DEPTHS[np.argmin(costs)]
-    return _judged(fit, *surest(fit, best_fit(fit, start)), good)
+    return _assessed(fit, *resolve_ambiguity(fit, best_fit(fit, start)), good)
 
 
 def _too_few(bursts: Sequence[Burst], good: Sequence[Burst]) -> str:
-    """Why there are too few usable bursts for a depth, or nothing."""
+    """Return why there are too few usable bursts for a depth, or an empty string."""
     if len(good) >= FEWEST:
         return ""
-    reasons = [reason for reason in reasons_of(bursts) if reason]
+    reasons = [reason for reason in rejections(bursts) if reason]
     return max(set(reasons), key=reasons.count) if len(reasons) > len(good) else FEW
 
 
-def _judged(
+def _assessed(
     fit: JointFit, best: JointSolution, ambiguous: bool, bursts: Sequence[Burst]
 ) -> PitDepth:
-    """The verdict on a fit, with what of it can be told."""
-    ear, centre = fit.model.ear, fit.model.centre
+    """Return the verdict on a fit, with the values that are certain enough."""
+    probe, centre = fit.model.probe, fit.model.centre
     disturbed = abs(best.unknowns[2]) > _STRAINED * PRIOR[2]
-    hole = without_floor(fit, best)
+    hole = solve_without_floor(fit, best)
     verdict, depth_sd = _verdict(fit, best, hole.cost)
-    ambiguous = ambiguous or best.unknowns[4] > _LOUD
+    ambiguous = ambiguous or best.unknowns[4] > _LOUDEST
     if verdict == MEASURED and (disturbed or ambiguous):
         verdict, depth_sd = (DISTURBED, _WIDE) if disturbed else (AMBIGUOUS, np.nan)
     verdict = _if_deeper(fit, best, verdict, bursts)
-    if verdict == HOLE and not is_open(fit, hole):
+    if verdict == HOLE and not is_through_hole(fit, hole):
         verdict = SILENT
     if verdict in (DEEPER, SILENT):
         depth_sd = np.nan
     if verdict == DISTURBED:
-        best = _as_seen(fit, best)
+        best = _with_outline_of_camera(fit, best)
     x, y, size, depth, gain, u, v, dish = best.unknowns
     sd = PRIOR if verdict == DISTURBED else fit.deviations(best.unknowns)
     mouth = 2 * fit.model.radius * np.exp(size)
     return PitDepth(
         verdict,
-        float(centre[0] + x / ear.radius),
+        float(centre[0] + x / probe.radius),
         float(centre[1] + y),
         float(mouth),
         depth=float(depth) if np.isfinite(depth_sd) else np.nan,
@@ -262,34 +267,34 @@ def _judged(
 
 
 def _if_deeper(fit: JointFit, best: JointSolution, verdict: str, bursts: Sequence[Burst]) -> str:
-    """The verdict, or that the floor is deeper than is measured, or that none can be told."""
+    """Return the verdict, or that the floor is deeper than measured, or that none is detected."""
     if verdict in (NO_PIT, FAINT):
         return verdict
     gain = best.unknowns[4]
-    if verdict != HOLE and (best.unknowns[3] > DEEPEST or _further(fit, best)):
+    if verdict != HOLE and (best.unknowns[3] > DEEPEST or _fits_deeper(fit, best)):
         return DEEPER
     strange = best.cost > STRANGE * fit.usual_cost and best.unknowns[3] > _NEAR_DEEPEST
-    if verdict == HOLE or not _UNEVEN <= gain <= _LOUD or strange:
-        floor = deep_pit.deep_floor(fit, best.unknowns, bursts)
-        if floor == deep_pit.HEARD:
+    if verdict == HOLE or not _UNEVEN <= gain <= _LOUDEST or strange:
+        floor = deep_pit.detect_deep_floor(fit, best.unknowns, bursts)
+        if floor == deep_pit.DETECTED:
             return DEEPER
-        return SILENT if verdict == HOLE and floor == deep_pit.UNTOLD else verdict
+        return SILENT if verdict == HOLE and floor == deep_pit.UNDECIDED else verdict
     return verdict
 
 
-def _further(fit: JointFit, best: JointSolution) -> bool:
-    """Whether the floor found, or a flat one, would fit better deeper than is measured."""
+def _fits_deeper(fit: JointFit, best: JointSolution) -> bool:
+    """Return whether the floor found, or a flat one, fits better beyond the depths measured."""
     flat = best.unknowns.copy()
     flat[4:] = [1.0, 0.0, 0.0, 0.0]
     near = best.unknowns[3] > _NEAR_DEEPEST
     return any(
-        fit.sweep(unknowns, FURTHER).min() < best.cost
+        fit.sweep(unknowns, DEEPER_DEPTHS).min() < best.cost
         for unknowns in ([best.unknowns, flat] if near else [best.unknowns])
     )
 
 
-def _as_seen(fit: JointFit, best: JointSolution) -> JointSolution:
-    """The fit with the outline that the camera saw, and a flat floor."""
+def _with_outline_of_camera(fit: JointFit, best: JointSolution) -> JointSolution:
+    """Return the fit with the outline of the image and a flat floor."""
     start, prior = best.unknowns.copy(), PRIOR.copy()
     start[:3], start[5:] = 0.0, 0.0
     prior[:3], prior[5:] = PRIOR[:3] / 10, PRIOR[5:] / 10
@@ -297,21 +302,21 @@ def _as_seen(fit: JointFit, best: JointSolution) -> JointSolution:
 
 
 def _verdict(fit: JointFit, best: JointSolution, hole: float) -> tuple[str, float]:
-    """A verdict and the standard deviation of the depth, NaN where there is none."""
+    """Return a verdict and the standard deviation of the depth, NaN if there is none."""
     gain, raw_sd = best.unknowns[4], float(fit.deviations(best.unknowns)[3])
     plain = fit.cost_of(fit.model.plain)
     if plain < (1 + _NOTICED) * best.cost:
-        return _if_noticed(fit, best), np.nan
-    if gain < _OPEN or gains_nothing(best, hole):
+        return _no_pit_or_faint(fit, best), np.nan
+    if gain < _OPEN or floor_gains_nothing(best, hole):
         return HOLE, np.nan
-    # What a floor that is not flat returns weighs its middle and its rim in its own way.
+    # The echo of a floor that is not flat weighs its middle and its rim differently.
     bent = max(abs(float(best.unknowns[7])) - _FLAT, 0.0)
     depth_sd = float(np.sqrt((_WIDER * raw_sd) ** 2 + _UNMODELLED**2 + bent**2))
     return (UNEVEN, _WIDE) if gain < _UNEVEN or depth_sd > _WIDEST else (MEASURED, depth_sd)
 
 
-def _if_noticed(fit: JointFit, best: JointSolution) -> str:
-    """That there is no pit, if the mouth of one would have been noticed."""
+def _no_pit_or_faint(fit: JointFit, best: JointSolution) -> str:
+    """Return that there is no pit, if its mouth would have been noticed; else ``too faint``."""
     model, (x, y, size) = fit.model, best.unknowns[:3]
     gone = fit.pulse * model.missing(model.mouth(x, y, size), size)
     power = 0.5 * np.abs(gone / fit.spectra.noise[model.near, None]) ** 2

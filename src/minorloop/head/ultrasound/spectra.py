@@ -1,4 +1,4 @@
-"""Averaged traces as spectra of the window in which a wall and a pit in it are heard."""
+"""Spectra of averaged traces, of the window that contains the echoes of a wall and a pit in it."""
 
 from __future__ import annotations
 
@@ -21,74 +21,71 @@ from minorloop.head.ultrasound.field import (
 
 WINDOW = 1 / RESOLUTION
 LEAD = 0.6e-6
-"""How long before the echo of the wall the window begins, in seconds."""
+"""Time from the start of the window to the echo of the wall, in seconds."""
 TAPER = 0.2
 """Share of the window over which it rises and falls."""
 FAR = 10
-"""How many traces far from a pit tell where the wall is, and what the pulse."""
+"""Number of traces far from a pit that give the place of the wall and the pulse."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """What was heard, ready to be compared.
+    """Spectra of the traces of a raster.
 
     Parameters
     ----------
-    heard : (K, F) array of complex
+    received : (K, F) array of complex
         Spectra of the windows, phases counted from the expected echo of the wall.
     noise : (K,) array
         Standard deviation of each part of a spectrum.
     angles : (K, 2) array
         Pan and tilt, in radians.
-    late : (K,) array
-        By how much farther than expected from the angles the wall is, in metres.
     """
 
-    heard: ComplexArray
+    received: ComplexArray
     noise: FloatArray
     angles: FloatArray
-    late: FloatArray
 
 
 def spectra_of(
     bursts: Sequence[Burst],
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     centre: tuple[float, float],
     *,
     after: float = 0.0,
 ) -> Spectra | None:
-    """Cut and transform the bursts; None where the wall was not heard around the place.
+    """Return the spectra of bursts; None if there is no echo of the wall around the place.
 
     Parameters
     ----------
     bursts : sequence of Burst
-        That can be used together.
-    ear : CalibratedProbe
+        As ``usable_bursts`` returns them.
+    probe : CalibratedProbe
         The probe and what is known of the pipe.
     centre : (float, float)
         Phi and z.
     after : float
-        How much later than usual the window is cut, in seconds; phases count from the wall.
+        Delay of the window, in seconds; phases count from the wall all the same.
 
     Notes
     -----
-    The distance of the wall comes from the bursts farthest from the place, as a plane over the
-    raster: over the pit itself the first echo may be that of its floor.
+    The distance of the wall is a plane over the raster, fitted to the bursts farthest from the
+    place: over the pit itself the first echo may be that of its floor.
     """
     angles = np.array([burst.angles for burst in bursts])
-    spots = ear.spots(angles)
-    x = ear.radius * wrapped(spots[:, 0] - centre[0])
+    spots = probe.spots(angles)
+    x = probe.radius * wrapped(spots[:, 0] - centre[0])
     y = spots[:, 1] - centre[1]
-    expected = 2 * spots[:, 2] / ear.speed
+    expected = 2 * spots[:, 2] / probe.speed
     far = np.argsort(-np.hypot(x, y))[: max(FAR, len(bursts) // 3)]
     first = [_first(bursts[n], expected[n]) for n in far]
     delay = np.array(first) - expected[far]
-    heard = np.isfinite(delay)
-    if heard.sum() < 5:
+    found = np.isfinite(delay)
+    if found.sum() < 5:
         return None
     plane = np.stack([np.ones(len(x)), x, y], axis=1)
-    chosen = far[heard]
-    fitted = _robust(plane[chosen], delay[heard])
+    chosen = far[found]
+    fitted = _robust(plane[chosen], delay[found])
     delays = plane @ fitted
     spectra = np.array(
         [
@@ -98,7 +95,7 @@ def spectra_of(
     )
     window = tukey(round(WINDOW / bursts[0].sample_interval), TAPER)
     noise = np.array([burst.noise for burst in bursts]) * np.sqrt((window**2).sum() / 2)
-    return Spectra(spectra, np.maximum(noise, 1e-9), angles, delays * ear.speed / 2)
+    return Spectra(spectra, np.maximum(noise, 1e-9), angles)
 
 
 def _first(burst: Burst, expected: float) -> float:
@@ -108,7 +105,7 @@ def _first(burst: Burst, expected: float) -> float:
 
 
 def _robust(design: FloatArray, values: FloatArray) -> FloatArray:
-    """Least absolute deviations by reweighting."""
+    """Solve by least absolute deviations, with reweighted least squares."""
     weights = np.ones(len(values))
     solution: FloatArray = np.zeros(design.shape[1])
     for _ in range(12):

@@ -9,7 +9,7 @@ from minorloop.errors import ParameterError
 
 
 def sound_speed(temperature: float) -> float:
-    """Of pure water, in m/s.
+    """Return the speed of sound in pure water, in m/s.
 
     Parameters
     ----------

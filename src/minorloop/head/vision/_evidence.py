@@ -1,12 +1,12 @@
-"""What each number that describes a candidate weighs, for each way to acquire.
+"""Weights of the features of a candidate, for each acquisition mode.
 
-The logarithm of the odds that a candidate is a hole, by logistic regression on scenes
+They give the logarithm of the odds that a candidate is a hole, by logistic regression on scenes
 10000 to 10499 (one frame: to 10249, dithers: to 10099), each with and without a hole; by
-``python -m benchmarks.detector fit``. At the thresholds there were, by cross-validation,
+``python -m benchmarks.detector fit``. Cross-validation gives at the thresholds
 0.0125 false findings an acquisition (switched),
 0.05 false findings an acquisition (single),
 0.05 false findings an acquisition (dither),
-the two sets of scenes being those of each half of the seeds.
+where each half of the seeds is one set of scenes.
 """
 
 from __future__ import annotations

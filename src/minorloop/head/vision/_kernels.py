@@ -1,4 +1,4 @@
-"""Compiled loops of the eyes: arrays in, arrays filled."""
+"""Compiled loops that unroll images and light the wall: arrays in, arrays filled."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _NEAR = 1e-4  # square of 10 mm
 
 @njit(cache=True, nogil=True)
 def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
-    """Lay an image flat, bilinearly; NaN where it does not show the wall.
+    """Unroll an image, bilinearly; NaN where it does not show the wall.
 
     ``rotation`` (3, 3) and ``position`` (3,) of the camera in the pipe, ``lens`` (focal length,
-    u, v, k1, k2) in pixels, ``least`` pixels for each metre.
+    u, v, k1, k2) in pixels, ``least`` pixels per metre.
     """
     rows, columns = flat.shape
     focal, u0, v0, k1, k2 = lens
@@ -43,7 +43,7 @@ def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
                 continue
             scale = focal * (1.0 + square * (k1 + square * k2))
             u, v = u0 + scale * a, v0 + scale * b
-            # So asked that NaN, of a pose that is not known, is outside too.
+            # Written so that NaN, of an unknown pose, counts as outside.
             if not (0.0 <= u < image.shape[1] - 1 and 0.0 <= v < image.shape[0] - 1):
                 continue
             p, q = int(u), int(v)
@@ -55,7 +55,7 @@ def unroll(image, flat, phi, z, step, radius, rotation, position, lens, least):
 
 @njit(cache=True, nogil=True)
 def irradiance(light, phi, z, step, radius, leds):
-    """Cosine over squared distance of LEDs (N, 3) in the pipe, into light (N, rows, columns)."""
+    """Fill light (N, rows, columns) with cos / r^2 of LEDs (N, 3) in the pipe."""
     for j in range(light.shape[2]):
         angle = phi + j * step / radius
         nx, ny = np.cos(angle), np.sin(angle)
@@ -71,7 +71,7 @@ def irradiance(light, phi, z, step, radius, leds):
 
 @njit(cache=True, nogil=True)
 def cell_means(image, means):
-    """Mean grey of square cells of an image, into means (rows, columns) of them."""
+    """Fill means (rows, columns) with the mean grey of square cells of an image."""
     side = image.shape[0] // means.shape[0]
     for i in range(means.shape[0]):
         for j in range(means.shape[1]):

@@ -1,6 +1,9 @@
 """Compiled loops that fit round outlines to unrolled images: arrays in, numbers out.
 
-A polar profile has ``RAYS`` rays; samples lie every ``SPACING`` texels from ``FIRST``.
+A polar profile has ``RAYS`` rays; samples lie every ``SPACING`` texels from ``FIRST``. Edges are
+searched in ``_BANDS`` about the outline, relative to its radius, narrower in each iteration. Rises
+are compared at ``_RINGS``, relative to the radius. ``vote`` ignores slopes below ``_FAINT``, which
+are noise, and counts those above ``_STEEP`` as that, so that glints do not outweigh a hole.
 """
 
 from __future__ import annotations
@@ -21,10 +24,10 @@ OUT = 17
 
 @njit(cache=True, nogil=True)
 def vote(level, near, far, out):
-    """Add to ``out``, at the middles of circles that an edge may be part of, how steep it is.
+    """Add the steepness of each edge to ``out``, at the centres of circles that it may be part of.
 
-    ``level`` (rows, columns) is logarithmic, radii go from ``near`` to ``far`` pixels; an edge
-    votes on both of its sides, and not where it is fainter than noise.
+    ``level`` (rows, columns) is logarithmic, radii go from ``near`` to ``far`` pixels. An edge
+    votes on both of its sides; edges fainter than noise do not vote.
     """
     rows, columns = level.shape
     for i in range(1, rows - 1):
@@ -46,7 +49,7 @@ def vote(level, near, far, out):
 
 @njit(cache=True, nogil=True)
 def bilinear(image, x, y):
-    """Image at column x and row y; NaN outside."""
+    """Return the image at column x and row y; NaN outside."""
     if not (x >= 0.0 and y >= 0.0 and x < image.shape[1] - 1 and y < image.shape[0] - 1):
         return np.nan
     j, i = int(x), int(y)
@@ -58,7 +61,7 @@ def bilinear(image, x, y):
 
 @njit(cache=True, nogil=True)
 def _samples(radius):
-    """How many samples of a ray reach a radius, with two to spare."""
+    """Return how many samples of a ray reach a radius, with two to spare."""
     return min(max(int(np.ceil((radius - FIRST) / SPACING)) + 4, 8), SAMPLES)
 
 
@@ -76,7 +79,7 @@ def _profiles(image, x, y, count, out):
 
 @njit(cache=True, nogil=True)
 def _middle(values, count):
-    """Median of the first numbers of values, which are sorted in place."""
+    """Return the median of the first numbers of values, which are sorted in place."""
     for a in range(1, count):
         value, b = values[a], a
         while b > 0 and values[b - 1] > value:
@@ -88,17 +91,17 @@ def _middle(values, count):
 
 @njit(cache=True, nogil=True)
 def _rise(ray, k, sign):
-    """Rise of a ray about sample k over two texels; either way counts for sign 0."""
+    """Return the rise of a ray at sample k over two texels; its size for sign 0."""
     rise = 0.5 * (ray[k + 1] + ray[k + 2] - ray[k - 1] - ray[k - 2])
     return abs(rise) if sign == 0.0 else sign * rise
 
 
 @njit(cache=True, nogil=True)
 def _rises(profiles, sign, samples, out):
-    """Rise over two texels that half of the images share, into out (RAYS, SAMPLES).
+    """Fill out (RAYS, SAMPLES) with the median rise over the images.
 
-    ``profiles`` is (K, RAYS, SAMPLES). What moves from image to image, as reflections and
-    shadows do, leaves no rise.
+    ``profiles`` is (K, RAYS, SAMPLES). Edges that move from image to image, as reflections and
+    shadows do, leave no rise.
     """
     values = np.empty(profiles.shape[0])
     for n in range(RAYS):
@@ -116,7 +119,7 @@ def _rises(profiles, sign, samples, out):
 
 @njit(cache=True, nogil=True)
 def _common_radius(rises, least, most, cap):
-    """Radius at which most rays rise together."""
+    """Return the radius at which most rays rise together."""
     best, at = -1e9, 0.5 * (least + most)
     for k in range(2, SAMPLES - 2):
         r = FIRST + SPACING * k
@@ -132,7 +135,7 @@ def _common_radius(rises, least, most, cap):
 
 @njit(cache=True, nogil=True)
 def _edges(rises, form, band, edges):
-    """Steepest radius of each ray within a band about the form (RAYS,), into edges; NaN if none."""
+    """Fill edges with the steepest radius of each ray in a band about the form; NaN if none."""
     for n in range(RAYS):
         edges[n] = np.nan
         best, at = 0.02, -1
@@ -150,7 +153,7 @@ def _edges(rises, form, band, edges):
 
 @njit(cache=True, nogil=True)
 def _harmonics(edges, start):
-    """Robust fit of 1, cos, sin, cos 2, sin 2 to the edges (Tukey's weights)."""
+    """Fit 1, cos, sin, cos 2, sin 2 to the edges, robustly (Tukey's weights)."""
     fit = start.copy()
     for _ in range(5):
         scale = 0.0
@@ -194,7 +197,7 @@ def _harmonics(edges, start):
 
 @njit(cache=True, nogil=True)
 def _form(fit, n):
-    """Radius of the fitted outline on ray n."""
+    """Return the radius of the fitted outline on ray n."""
     angle = 2.0 * np.pi * n / RAYS
     out = fit[0] + fit[1] * np.cos(angle) + fit[2] * np.sin(angle)
     return out + fit[3] * np.cos(2 * angle) + fit[4] * np.sin(2 * angle)
@@ -202,7 +205,7 @@ def _form(fit, n):
 
 @njit(cache=True, nogil=True)
 def _levels(profiles, n, edge):
-    """Mean within 0.35 to 0.75 and from 1.2 to 1.5 of the edge of one ray."""
+    """Return the means of one ray within 0.35 to 0.75 and from 1.2 to 1.5 of the edge."""
     inside, outside, count_in, count_out = 0.0, 0.0, 0, 0
     for k in range(SAMPLES):
         ratio = (FIRST + SPACING * k) / edge
@@ -222,7 +225,7 @@ def _levels(profiles, n, edge):
 
 @njit(cache=True, nogil=True)
 def _half_level(profiles, n, edge, inside, outside):
-    """Radius near the edge where the linear level is half way from inside to outside."""
+    """Return the radius near the edge where the linear level is half way to outside."""
     half = 0.5 * (np.exp(inside) + np.exp(outside))
     upwards = outside > inside
     best, at = 1e9, np.nan
@@ -245,8 +248,8 @@ def outline(images, x, y, sign, least, most, out):
     """Fit a round outline near (x, y) and describe it.
 
     ``images`` (K, rows, columns) are logarithmic, ``sign`` 1 for dark, -1 for bright and 0 for
-    either, ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) takes what
-    ``describe`` says; NaN where there is none.
+    either, ``least`` and ``most`` bound the radius in texels. ``out`` (OUT,) is as in
+    ``describe``; NaN without an outline.
     """
     profiles, rises = np.empty((images.shape[0], RAYS, SAMPLES)), np.empty((RAYS, SAMPLES))
     edges, form = np.empty(RAYS), np.empty(RAYS)
@@ -280,9 +283,8 @@ def outline(images, x, y, sign, least, most, out):
 def _rim(profiles, sign, fit, out):
     """Describe the rises at an outline, into out (12 to 15).
 
-    These are the share of rays on which half of the images have one, on which all have one, on
-    which half have one of the other sign, and how much more there is at the outline than inside
-    and outside of it.
+    These are the share of rays on which half of the images have a rise, on which all have one, on
+    which half have one of the other sign, and the rise at the outline less that inside and outside.
     """
     count = profiles.shape[0]
     values, sums = np.empty(count), np.zeros(3)
@@ -320,7 +322,7 @@ def _rim(profiles, sign, fit, out):
 
 @njit(cache=True, nogil=True)
 def describe(images, x, y, sign, radius, c, s, out):
-    """Refine an outline, radius + c cos 2a + s sin 2a, at half level and say how good it is.
+    """Refine an outline, radius + c cos 2a + s sin 2a, at half level, and describe its quality.
 
     ``out`` (OUT,) takes x, y, radius, c, s, the relative scatter of the edges, the share of rays
     whose edge is on the outline, the contrast at 10, 25 and 50 % of the rays, the contrast of

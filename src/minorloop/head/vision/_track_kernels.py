@@ -1,4 +1,4 @@
-"""Compiled loops that look for a patch of the wall: arrays in, arrays filled."""
+"""Compiled loops that search for a patch of the wall: arrays in, arrays filled."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _LEAST_SEEN = 0.7
 
 @njit(cache=True, nogil=True)
 def shrink(fine, coarse):
-    """Means of 2 by 2 texels; NaN where one of them is."""
+    """Average 2 by 2 texels; NaN where one of them is."""
     for i in range(coarse.shape[0]):
         for j in range(coarse.shape[1]):
             coarse[i, j] = 0.25 * (
@@ -23,7 +23,7 @@ def shrink(fine, coarse):
 
 @njit(cache=True, nogil=True)
 def levels(flat, out):
-    """Logarithm of grey levels, so that light becomes a sum; NaN stays."""
+    """Take the logarithm of grey levels, so that light becomes a sum; NaN stays."""
     for i in range(flat.shape[0]):
         for j in range(flat.shape[1]):
             out[i, j] = np.log(flat[i, j] + np.float32(4.0))
@@ -31,7 +31,7 @@ def levels(flat, out):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _sums(area, seen, template, i, j, out):
-    """Sums over one place: texels seen, a, a a, t, t t, a t; what is not seen counts as 0."""
+    """Sum over one place: texels seen, a, a a, t, t t, a t; unseen texels count as 0."""
     count, a, aa = np.float32(0), np.float32(0), np.float32(0)
     t, tt, at = np.float32(0), np.float32(0), np.float32(0)
     for k in range(template.shape[0]):
@@ -49,10 +49,10 @@ def _sums(area, seen, template, i, j, out):
 
 @njit(cache=True, nogil=True)
 def correlate(area, template, scores):
-    """Normalised correlation of a template (n, m) with each place of an area, into scores.
+    """Fill scores with the normalised correlation of a template (n, m) and each place of an area.
 
-    What is NaN in the area is left out of both; -1 where less than 70 % is seen, or where
-    nothing varies.
+    NaN texels of the area are left out of both; the score is -1 where less than 70 % is seen, or
+    where nothing varies.
     """
     known = np.zeros(area.shape, np.float32)
     filled = np.zeros(area.shape, np.float32)
@@ -85,7 +85,7 @@ def correlate(area, template, scores):
 
 @njit(cache=True, nogil=True)
 def peak(scores, out):
-    """Into out (3,): column, row and height of the highest score, by a parabola each way."""
+    """Fill out (3,) with column, row and height of the highest score, by parabolas."""
     best, i0, j0 = -2.0, 0, 0
     for i in range(scores.shape[0]):
         for j in range(scores.shape[1]):

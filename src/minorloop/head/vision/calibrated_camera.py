@@ -1,4 +1,4 @@
-"""What an estimate knows of its camera, and the wall laid flat as that camera sees it."""
+"""The calibrated camera, and images of the wall unrolled with it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class CalibratedCamera:
     Parameters
     ----------
     lens : Pinhole
-        As calibrated.
+        The lens, as calibrated.
     mount : Mount
-        How the head sits in the pipe, as far as is known.
+        Estimated place of the head in the pipe.
     leds : (N, 3) array
         Places of the LEDs in the camera, in metres.
     radius : float
@@ -40,31 +40,31 @@ class CalibratedCamera:
     radius: float = 10e-3
 
     def place(self, pixels: npt.ArrayLike, pan: float, tilt: float) -> FloatArray:
-        """Phi and z (..., 2) on the wall of pixels (..., 2), at a pan and a tilt in radians."""
+        """Return phi and z (..., 2) on the wall of pixels (..., 2), at pan and tilt in radians."""
         pose = self.mount.pose(pan, tilt)
         rays = self.lens.rays(pixels) @ pose.rotation.T
         return meet_wall(pose.position, rays, self.radius)[..., :2]
 
     def pixel(self, places: npt.ArrayLike, pan: float, tilt: float) -> FloatArray:
-        """Pixels (..., 2) of phi and z (..., 2) on the wall; NaN behind the camera."""
+        """Return pixels (..., 2) of phi and z (..., 2) on the wall; NaN behind the camera."""
         where = np.asarray(places, dtype=np.float64)
         points = wall_point(where[..., 0], where[..., 1], self.radius)
         return self.lens.project(self.mount.pose(pan, tilt).to_camera(points))
 
     def inside(self, pan: float, tilt: float) -> bool:
-        """Whether pan and tilt are finite and the lens is inside the pipe there."""
+        """Return whether pan and tilt are finite and put the lens inside the pipe."""
         if not (math.isfinite(pan) and math.isfinite(tilt)):
             return False
         x, y = self.mount.pose(pan, tilt).position[:2]
         return math.hypot(x, y) < self.radius
 
     def check(self, image: Any) -> None:
-        """Refuse an image that is not one of this camera.
+        """Refuse an image that is not from this camera.
 
         Raises
         ------
         SignalError
-            If its shape or type is another.
+            If its shape or type is wrong.
         """
         shape = (self.lens.height, self.lens.width)
         if not isinstance(image, np.ndarray):
@@ -81,12 +81,12 @@ class CalibratedCamera:
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of the wall, laid flat: x = radius * (phi - phi0) in columns, z in rows.
+    """A rectangle of the unrolled wall: x = radius * (phi - phi0) in columns, z in rows.
 
     Parameters
     ----------
     phi, z : float
-        Of the middle of the first texel.
+        Of the centre of the first texel.
     step : float
         Size of a texel, in metres.
     rows, columns : int
@@ -111,58 +111,50 @@ class Window:
             )
 
     def place(self, x: npt.ArrayLike, y: npt.ArrayLike, radius: float) -> FloatArray:
-        """Phi and z (..., 2) of columns x and rows y."""
+        """Return phi and z (..., 2) of columns x and rows y."""
         columns, rows = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         return np.stack(
             [self.phi + columns * self.step / radius, self.z + rows * self.step], axis=-1
         )
 
 
-def window_around(
-    eye: CalibratedCamera, phi: float, z: float, *, size: float, step: float = 0.05e-3
-) -> Window:
-    """A square window of ``size`` metres about a place."""
-    half = round(size / 2 / step)
-    return Window(phi - half * step / eye.radius, z - half * step, step, 2 * half + 1, 2 * half + 1)
-
-
 def window_in_view(
-    eye: CalibratedCamera, pan: float, tilt: float, *, step: float = 0.05e-3, least: float = 14e3
+    camera: CalibratedCamera, pan: float, tilt: float, *, step: float = 0.05e-3, least: float = 14e3
 ) -> Window | None:
-    """The smallest window with all of the wall that is seen large enough.
+    """Return the smallest window that contains all wall seen with enough resolution.
 
     Parameters
     ----------
-    eye : CalibratedCamera
+    camera : CalibratedCamera
         The camera.
     pan, tilt : float
         Of the head, in radians.
     step : float
         Size of a texel, in metres.
     least : float
-        Pixels for each metre of the wall in the direction in which there are fewest.
+        Least resolution, in pixels per metre of wall, in the direction of the lowest.
 
     Returns
     -------
     Window or None
-        None where nothing is seen large enough.
+        None if no wall is seen with this resolution.
     """
-    u = np.linspace(0, eye.lens.width - 1, 41)
-    v = np.linspace(0, eye.lens.height - 1, 31)
-    pose = eye.mount.pose(pan, tilt)
-    rays = eye.lens.rays(np.stack(np.meshgrid(u, v), axis=-1)) @ pose.rotation.T
-    phi, z, length = np.moveaxis(meet_wall(pose.position, rays, eye.radius), -1, 0)
+    u = np.linspace(0, camera.lens.width - 1, 41)
+    v = np.linspace(0, camera.lens.height - 1, 31)
+    pose = camera.mount.pose(pan, tilt)
+    rays = camera.lens.rays(np.stack(np.meshgrid(u, v), axis=-1)) @ pose.rotation.T
+    phi, z, length = np.moveaxis(meet_wall(pose.position, rays, camera.radius), -1, 0)
     norm = np.linalg.norm(rays, axis=-1)
     out = (rays[..., 0] * np.cos(phi) + rays[..., 1] * np.sin(phi)) / norm
     with np.errstate(invalid="ignore"):
-        large = eye.lens.focal * out / (length * norm) >= least
+        large = camera.lens.focal * out / (length * norm) >= least
     if not large.any():
         return None
     middle = float(np.angle(np.exp(1j * phi[large]).sum()))
-    x = eye.radius * wrapped(phi[large] - middle)
+    x = camera.radius * wrapped(phi[large] - middle)
     left, top = float(x.min()), float(z[large].min())
     return Window(
-        middle + left / eye.radius,
+        middle + left / camera.radius,
         top,
         step,
         int((float(z[large].max()) - top) / step) + 1,
@@ -172,51 +164,51 @@ def window_in_view(
 
 def unroll(
     image: Image,
-    eye: CalibratedCamera,
+    camera: CalibratedCamera,
     window: Window,
     pan: float,
     tilt: float,
     *,
     least: float = 0.0,
 ) -> Image32:
-    """An image laid flat on a window of the wall.
+    """Unroll an image on a window of the wall.
 
     Parameters
     ----------
     image : (H, W) array of uint8
         A frame.
-    eye : CalibratedCamera
+    camera : CalibratedCamera
         The camera.
     window : Window
-        Where to look.
+        The texels of the result.
     pan, tilt : float
         Of the head when the frame was taken, in radians.
     least : float
-        As in ``window_in_view``; what is seen smaller is left out.
+        As in ``window_in_view``; wall seen with a lower resolution is left out.
 
     Returns
     -------
     (rows, columns) array of float32
-        Grey levels; NaN where the frame does not show the wall.
+        Grey levels; NaN where the image does not show the wall.
     """
     flat = np.empty((window.rows, window.columns), dtype=np.float32)
-    _kernels.unroll(image, flat, *_view(eye, window, pan, tilt), least)
+    _kernels.unroll(image, flat, *_view_parameters(camera, window, pan, tilt), least)
     return flat
 
 
-def irradiance(eye: CalibratedCamera, window: Window, pan: float, tilt: float) -> Image32:
-    """(N, rows, columns) cos / r^2 of each LED on the wall, 1 at 10 mm squarely."""
-    light = np.empty((len(eye.leds), window.rows, window.columns), dtype=np.float32)
-    pose = eye.mount.pose(pan, tilt)
+def irradiance(camera: CalibratedCamera, window: Window, pan: float, tilt: float) -> Image32:
+    """Return cos / r^2 of each LED on the wall, (N, rows, columns); 1 for 10 mm at right angles."""
+    light = np.empty((len(camera.leds), window.rows, window.columns), dtype=np.float32)
+    pose = camera.mount.pose(pan, tilt)
     _kernels.irradiance(
-        light, window.phi, window.z, window.step, eye.radius, pose.to_pipe(eye.leds)
+        light, window.phi, window.z, window.step, camera.radius, pose.to_pipe(camera.leds)
     )
     return light
 
 
-def _view(
-    eye: CalibratedCamera, window: Window, pan: float, tilt: float
+def _view_parameters(
+    camera: CalibratedCamera, window: Window, pan: float, tilt: float
 ) -> tuple[float, float, float, float, FloatArray, FloatArray, FloatArray]:
-    pose = eye.mount.pose(pan, tilt)
-    lens = np.array([eye.lens.focal, *eye.lens.centre, eye.lens.k1, eye.lens.k2])
-    return window.phi, window.z, window.step, eye.radius, pose.rotation, pose.position, lens
+    pose = camera.mount.pose(pan, tilt)
+    lens = np.array([camera.lens.focal, *camera.lens.centre, camera.lens.k1, camera.lens.k2])
+    return window.phi, window.z, window.step, camera.radius, pose.rotation, pose.position, lens

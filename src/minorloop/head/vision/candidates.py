@@ -1,4 +1,4 @@
-"""Round things on a map of the wall, and what speaks for and against each being a hole."""
+"""Find round objects on a map of the wall, with the features that tell holes from others."""
 
 from __future__ import annotations
 
@@ -14,18 +14,23 @@ from minorloop.head.vision.reflectance_map import ReflectanceMap, median
 
 DARK, BRIGHT, EITHER, LIT = "dark", "bright", "either", "lit"
 KINDS = (DARK, BRIGHT, EITHER, LIT)
-"""How a candidate was found: by a dark inside, a bright one, an edge of either sign that is there
-under every light, or light from behind."""
+"""How a candidate was found: by a dark inside, a bright one, an edge of either sign under every
+light, or light from behind."""
 
 _SIGNS = {DARK: 1.0, BRIGHT: -1.0, EITHER: 0.0, LIT: -1.0}
+# Sizes in metres, for holes of 0.85 to 1.15 mm and some margin: widths of the blob filter, radii
+# where an outline starts, radii that are kept, and radii of the rings of edges.
 _SIGMAS = (0.225e-3, 0.5e-3)
 _RADII = (0.35e-3, 0.65e-3)
 _KEPT = (0.25e-3, 0.8e-3)
+_RINGS = (0.425e-3, 0.575e-3)
+# Most seeds of each kind, and least height of a seed.
 _SEEDS, _RING_SEEDS, _LIT_SEEDS = 8, 10, 5
 _LEAST_RISE = 0.02
-_RINGS = (0.425e-3, 0.575e-3)
+_APART = 3.5  # texels between seeds
+# Reflectances relative to the local median are clipped here, since glints and deep shadows would
+# otherwise outweigh the edge of a hole.
 _RING_CLIP = (-2.5, 0.8)
-_APART = 3.5
 _CLIP = {DARK: (-2.5, 1.2), BRIGHT: (-1.5, 2.0), EITHER: (-2.5, 1.5)}
 
 FEATURES = (
@@ -58,25 +63,25 @@ FEATURES = (
     "whole_contrast",
     "ring",
 )
-"""Names of the numbers in ``Candidate.features``, in their order."""
+"""Names of the numbers in ``Candidate.features``, in order."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Something round.
+    """A round object on the map.
 
     Parameters
     ----------
     x, y : float
-        Column and row of its middle on the map.
+        Column and row of its centre on the map.
     diameter : float
         In metres.
     kind : str
         One of ``KINDS``.
     features : (F,) array
-        Numbers named by ``FEATURES``.
+        Numbers in the order of ``FEATURES``.
     wave : (float, float)
-        How its outline waves twice in a turn: cosine and sine, in metres.
+        Second harmonic of the radius of its outline: cosine and sine, in metres.
     """
 
     x: float
@@ -87,7 +92,7 @@ class Candidate:
     wave: tuple[float, float] = (0.0, 0.0)
 
     def outline(self, step: float, count: int = 48) -> FloatArray:
-        """(count, 2) columns and rows on a map with texels of ``step`` metres."""
+        """Return columns and rows (count, 2) on a map with texels of ``step`` metres."""
         angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
         radius = self.diameter / 2 + self.wave[0] * np.cos(2 * angle)
         radius = (radius + self.wave[1] * np.sin(2 * angle)) / step
@@ -95,7 +100,7 @@ class Candidate:
 
 
 def candidates(wall: ReflectanceMap) -> list[Candidate]:
-    """Round things of about 0.7 to 1.3 mm on a map, most of which are not holes."""
+    """Return round objects of about 0.7 to 1.3 mm on a map, most of which are not holes."""
     step = wall.window.step
     seen = np.isfinite(wall.ground) & np.isfinite(wall.whole)
     rings = _rings(wall)
@@ -112,11 +117,11 @@ def candidates(wall: ReflectanceMap) -> list[Candidate]:
 
 
 def _rings(wall: ReflectanceMap) -> Image32:
-    """How much of an edge lies on a circle of the size of a hole about each place, at half size.
+    """Return how much edge lies on a circle of the size of a hole about each place, at half size.
 
-    Edges of either sign count, under every light by itself and under all (Loy and Zelinsky, IEEE
-    PAMI 25, 2003). A hole is darker than a wall in the light and brighter than one in the shadow
-    of a dent, and part of its edge is the one and part the other where a shadow ends in it.
+    Edges of either sign count, under each light and under all (Loy and Zelinsky, IEEE PAMI 25,
+    2003). A hole is darker than a lit wall and brighter than a wall in the shadow of a dent; if a
+    shadow ends in it, its edge has both signs.
     """
     images = [*wall.stack, wall.whole]
     low, high = _RING_CLIP
@@ -132,7 +137,7 @@ def _rings(wall: ReflectanceMap) -> Image32:
 def _seeds(
     wall: ReflectanceMap, seen: np.ndarray, round_edges: list[tuple[float, float]]
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """Where it is dark and where it is bright, in map columns and rows, and round in both."""
+    """Return columns and rows of dark and of bright places; round edges belong to both."""
     step, low, high = wall.window.step, wall.ground - 0.8, wall.ground + 0.6
     dark = round_edges
     for level in (median(wall.stack), wall.darkest, wall.brightest):
@@ -142,7 +147,7 @@ def _seeds(
 
 
 def _blob(level: Image32, seen: np.ndarray, step: float) -> Image32:
-    """Difference of two Gaussians at half the size; 0 near what is not seen."""
+    """Return a difference of two Gaussians at half size; 0 near unseen texels."""
     weight = _halved(seen.astype(np.float32))
     value = _halved(np.where(seen, level, np.float32(0)))
     means = []
@@ -156,14 +161,14 @@ def _blob(level: Image32, seen: np.ndarray, step: float) -> Image32:
 
 
 def _halved(level: Image32) -> Image32:
-    """Means of 2 by 2."""
+    """Return means of 2 by 2 texels."""
     rows, columns = (n // 2 * 2 for n in level.shape)
     four: Image32 = level[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2)
     return np.asarray(four.mean(axis=(1, 3), dtype=np.float32))
 
 
 def _peaks(blob: Image32, most: int, scale: int) -> list[tuple[float, float]]:
-    """Columns and rows of the highest peaks, ``scale`` times as large."""
+    """Return columns and rows of the highest peaks, times ``scale``."""
     top = (blob == ndimage.maximum_filter(blob, size=5)) & (blob > _LEAST_RISE)
     i, j = np.nonzero(top)
     order = np.argsort(-blob[i, j], kind="stable")[:most]
@@ -174,7 +179,7 @@ def _peaks(blob: Image32, most: int, scale: int) -> list[tuple[float, float]]:
 def _merged(
     first: list[tuple[float, float]], second: list[tuple[float, float]]
 ) -> list[tuple[float, float]]:
-    """Both, without those that are close to one that is there."""
+    """Return both lists, without places close to an earlier one."""
     merged = list(first)
     for x, y in second:
         if all(np.hypot(x - a, y - b) > _APART for a, b in merged):
@@ -189,7 +194,7 @@ def _outlined(
     seeds: list[tuple[float, float]],
     kind: str,
 ) -> list[Candidate]:
-    """Candidates about seeds."""
+    """Return candidates with outlines about seeds."""
     sign, lights, step = _SIGNS[kind], [*wall.stack, wall.whole], wall.window.step
     least, most = (radius / step for radius in _RADII)
     fit, each = np.empty(kernels.OUT), np.empty((len(lights), kernels.OUT))
@@ -210,14 +215,14 @@ def _outlined(
 
 
 def _highest(rings: Image32, x: float, y: float) -> float:
-    """Most within a pixel of a place of the map."""
+    """Return the largest value within a pixel of a place of the map."""
     i, j = round((y - 0.5) / 2), round((x - 0.5) / 2)
     near = rings[max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)]
     return float(near.max(initial=0.0))
 
 
 def _features(fit: FloatArray, each: FloatArray, step: float) -> FloatArray:
-    """All of ``FEATURES`` but the last: of the outline, and how it looks under each light."""
+    """Return all ``FEATURES`` but the last: of the outline, and of it under each light."""
     diameter, lights = 2e3 * step * fit[2], each[:-1]
     oval = float(np.hypot(fit[3], fit[4]) / fit[2])
     contrast = np.clip(fit[7:11], -1.0, 1.5)

@@ -1,8 +1,8 @@
 """Trace cracks: thin dark lines that stay dark whichever light is on.
 
-A ridge filter on the unrolled wall marks thin dark lines; hysteresis keeps what is connected to
-a strong piece, gaps that are short are bridged, and the cheapest way from one end of each piece
-to the other, where it is cheap to run along a ridge, is its course.
+A ridge filter on the unrolled wall marks thin dark lines. A threshold with hysteresis keeps lines
+that contain a strong piece, and short gaps are bridged. The course of a piece is the cheapest path
+between its ends, where the cost is low on a ridge.
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.head.geometry import wrapped
 from minorloop.head.vision.calibrated_camera import Image32, Window
 
-_SCALES = (1.5, 2.5)
-_GAP = 4
-_NORMAL = 14
+_SCALES = (1.5, 2.5)  # texels, half the width of a crack of 0.15 to 0.25 mm
+_GAP = 4  # texels
+_NORMAL = 14  # half texels to either side of a crack
 _DARK = 0.93
+"""Share of the light of the wall that a crack takes."""
 _SLENDER = 6.0
+"""Least length over width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +37,13 @@ class TracedCrack:
     Parameters
     ----------
     places : (N, 2) array
-        phi and z along it.
+        Phi and z along it.
     widths : (N,) array
-        In metres: that of a black line that takes as much light.
+        In metres: the width of a black line that takes as much light.
     length : float
         In metres, along the wall.
     contrast : float
-        Median height of its ridge, as a logarithm.
+        Median height of its ridge, in the logarithm of the image.
     """
 
     places: FloatArray
@@ -65,31 +67,31 @@ def trace_cracks(
     least: float = 1.5e-3,
     apart: Sequence[tuple[float, float, float]] = (),
 ) -> tuple[TracedCrack, ...]:
-    """Cracks on a map of the wall, longest first.
+    """Trace the cracks on a map of the wall, longest first.
 
     Parameters
     ----------
     brightest : (rows, columns) array of float32
-        Logarithm of the reflectance under whichever light makes it brightest, such as
-        ``ReflectanceMap.brightest``; the flank of a scratch is bright under one of them. NaN where
-        nothing is seen.
+        Logarithm of the reflectance under the light that makes it brightest, such as
+        ``ReflectanceMap.brightest``; the flank of a scratch is bright under one light. NaN where
+        the wall is not seen.
     window : Window
-        Where the map lies.
+        The texels of the map.
     radius : float
         Of the pipe, in metres.
     high, low : float
-        Heights of the ridge at which a piece starts and down to which it goes on.
+        Thresholds of the height of a ridge: a piece reaches ``high`` and stays above ``low``.
     least : float
         Least length in metres.
     apart : sequence of (phi, z, diameter)
-        Holes, at whose rims no crack is looked for.
+        Holes, whose rims are left out.
 
     Raises
     ------
     SignalError
-        If the map has another shape than the window.
+        If map and window differ in shape.
     ParameterError
-        If the radius is not a length above 0.
+        If the radius is not positive.
 
     Notes
     -----
@@ -120,7 +122,7 @@ def trace_cracks(
 
 
 def _ridge(level: Image32) -> Image32:
-    """Height of thin dark lines."""
+    """Return the height of thin dark lines."""
     best = np.zeros_like(level)
     for scale in _SCALES:
         xx, yy, xy = (
@@ -148,7 +150,7 @@ def _mask_out(
 def _pieces(
     ridge: Image32, high: float, low: float, least: float
 ) -> list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]]:
-    """Rows and columns of the texels of each piece, short gaps filled."""
+    """Return rows and columns of the texels of each piece, short gaps filled."""
     weak = ridge > low
     bridged = ndimage.binary_closing(weak, _disc(_GAP // 2 + 1), iterations=1)
     labels, count = ndimage.label(bridged, np.ones((3, 3)))
@@ -171,7 +173,7 @@ def _disc(radius: int) -> npt.NDArray[np.bool_]:
 def _course(
     ridge: Image32, piece: tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 ) -> npt.NDArray[np.int64]:
-    """(N, 2) rows and columns of the cheapest way between the two ends that are farthest apart."""
+    """Return rows and columns (N, 2) of the cheapest path between the ends farthest apart."""
     i, j = piece
     number = np.full((np.ptp(i) + 3, np.ptp(j) + 3), -1)
     y, x = i - i.min() + 1, j - j.min() + 1
@@ -200,7 +202,7 @@ def _course(
 
 
 def _reached(graph: Any, start: int) -> FloatArray:
-    """Distance of each texel from one of them; -1 where there is no way."""
+    """Return the distance of each texel from one of them; -1 where there is no path."""
     far: FloatArray = csgraph.dijkstra(graph, directed=False, indices=[start])[0]
     return np.where(np.isfinite(far), far, -1.0)
 
@@ -212,7 +214,7 @@ def _measured(
     window: Window,
     radius: float,
 ) -> TracedCrack | None:
-    """Length and widths along a course; None where it is not slender."""
+    """Measure length and widths along a course; None if it is not slender."""
     if len(course) < 8:
         return None
     smooth = ndimage.gaussian_filter1d(course.astype(np.float64), 2.5, axis=0, mode="nearest")

@@ -1,11 +1,10 @@
-"""Find holes on the wall of a pipe whatever the light.
+"""Find holes in the wall of a pipe under any light.
 
-An acquisition is five frames: each LED alone, none, and all. On the map of the wall the edge of
-a hole stays where it is under every light, reflections and shadows do not, and light from behind
-is there without any::
+An acquisition is five frames: each LED alone, none, and all. On the map of the wall, the edge of
+a hole is fixed under every light, while reflections and shadows move; light from behind also
+shows without LEDs::
 
-    looks = acquire(camera, (pan, tilt), gain=2.0)
-    findings = find_holes(looks, eye)
+    findings = find_holes(frames, camera)
     print(findings)
 """
 
@@ -23,12 +22,12 @@ from minorloop.head.vision import frame_checks
 from minorloop.head.vision._evidence import THRESHOLDS, WEIGHTS
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.candidates import FEATURES, Candidate, candidates
-from minorloop.head.vision.reflectance_map import LitFrame, ReflectanceMap, judge_looks, lay_flat
+from minorloop.head.vision.reflectance_map import LitFrame, ReflectanceMap, check_frames, lay_flat
 
 SWITCHED, SINGLE, DITHER = "switched", "single", "dither"
 MODES = (SWITCHED, SINGLE, DITHER)
-"""Ways to acquire: LEDs one by one with one frame in the dark; one frame; several frames with all
-LEDs and the head turned a little between them."""
+"""Acquisition modes: LEDs one by one and a dark frame; a single frame; several frames with all LEDs
+and small turns of the head between them."""
 
 SEQUENCE = (
     (True, False, False),
@@ -40,31 +39,32 @@ SEQUENCE = (
 """Lights of the frames of an acquisition."""
 
 LEAST_EVIDENCE = dict(THRESHOLDS)
-"""Evidence at which something counts as a hole, for each way to acquire."""
+"""Least evidence of a hole for each mode; ``_evidence`` has the false findings at these values."""
 
 ALONE = 1.5
-"""Exposure of a frame without all lights, relative to one with all."""
+"""Exposure of a frame with one light or none, relative to one with all."""
 
 NOT_IN_VIEW = "no wall in view"
 _APART = 0.8e-3
+"""Least distance of two holes in metres: a hole of 0.85 mm overlaps with any nearer."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hole:
-    """A hole, or a round pit, as it looks from inside.
+    """A hole or round pit in an image.
 
     Parameters
     ----------
     place : (2,) array
-        phi in radians and z in metres of its middle, by the pose that the eye knows.
+        Phi in radians and z in metres of its centre, by the calibrated pose of the camera.
     diameter : float
         In metres.
     evidence : float
-        Logarithm of the odds that it is one, among round things on the wall.
+        Logarithm of the odds that it is a hole, among round objects on the wall.
     kind : str
         How it was found: ``dark``, ``bright``, ``either`` or ``lit`` from behind.
     rim : (N, 2) array
-        phi and z of points of its outline.
+        Phi and z of points of its outline.
     """
 
     place: FloatArray
@@ -83,7 +83,7 @@ class Hole:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What was found in an acquisition.
+    """The result of an acquisition.
 
     Parameters
     ----------
@@ -91,11 +91,11 @@ class Findings:
         Strongest first.
     verdict : str
         ``good``, ``no wall in view``, or what is wrong with a frame: ``black``, ``saturated``,
-        ``no picture``, ``frozen``, ``torn``, ``wrong size``, ``angle unknown``. ``torn`` is also
-        an acquisition in which rows of one frame are those of another, though another light was
-        on; ``frozen`` one in which all are.
+        ``no picture``, ``frozen``, ``torn``, ``wrong size``, ``angle unknown``. An acquisition is
+        ``torn`` too if some rows of a frame repeat another one that had other lights, and
+        ``frozen`` if all do.
     wall : ReflectanceMap, optional
-        The map on which they were found; None where the verdict is not ``good``.
+        The map of the wall; None if the verdict is not ``good``.
     """
 
     holes: tuple[Hole, ...]
@@ -109,57 +109,56 @@ class Findings:
 
 
 def find_holes(
-    looks: Sequence[LitFrame],
-    eye: CalibratedCamera,
+    frames: Sequence[LitFrame],
+    camera: CalibratedCamera,
     *,
     mode: str = SWITCHED,
     least: float | None = None,
 ) -> Findings:
-    """Find round holes of 0.85 to 1.15 mm; nothing is raised for frames that are bad.
+    """Find round holes of 0.85 to 1.15 mm; bad frames give a verdict, not an error.
 
     Parameters
     ----------
-    looks : sequence of LitFrame
-        An acquisition, such as `minorloop.head.procedures.extract.acquire` gives.
-    eye : CalibratedCamera
+    frames : sequence of LitFrame
+        An acquisition, such as the one of `minorloop.head.procedures.extract`.
+    camera : CalibratedCamera
         The camera.
     mode : {"switched", "single", "dither"}
-        How the frames were taken; the weights of the evidence depend on it.
+        Acquisition mode, on which the weights of the evidence depend.
     least : float, optional
-        Least evidence; without it, ``LEAST_EVIDENCE`` of the mode, which gave few false findings
-        an acquisition on the scenes that the weights were fitted on.
+        Least evidence; without it, ``LEAST_EVIDENCE`` of the mode.
 
     Raises
     ------
     ParameterError
-        If the mode is unknown, there are no frames, the least evidence is no number, or a look
-        does not say of each light whether it was on.
+        If the mode is unknown, there are no frames, the least evidence is NaN, or a frame does not
+        have one flag for each light.
     """
     check_option("mode", mode, MODES)
-    if not looks:
+    if not frames:
         raise ParameterError("there are no frames; give at least one")
     threshold = LEAST_EVIDENCE[mode] if least is None else least
     if math.isnan(threshold):
-        raise ParameterError("the least evidence is nan; give a number, or none for the usual one")
-    verdict = judge_looks(looks, eye)
+        raise ParameterError("the least evidence is nan; give a number, or leave it out")
+    verdict = check_frames(frames, camera)
     if verdict != frame_checks.GOOD:
         return Findings((), verdict)
-    wall = lay_flat(looks, eye)
+    wall = lay_flat(frames, camera)
     if wall is None:
         return Findings((), NOT_IN_VIEW)
-    holes = [_hole(candidate, wall, eye, mode) for candidate in candidates(wall)]
-    return Findings(strongest(holes, eye.radius, threshold), verdict, wall)
+    holes = [_hole(candidate, wall, camera, mode) for candidate in candidates(wall)]
+    return Findings(strongest(holes, camera.radius, threshold), verdict, wall)
 
 
 def evidence(candidate: Candidate, mode: str = SWITCHED) -> float:
-    """Logarithm of the odds that a candidate is a hole: weights times features, and a constant."""
+    """Return the logarithm of the odds that a candidate is a hole, linear in its features."""
     constant, weights = WEIGHTS[mode][candidate.kind]
     values = dict(zip(FEATURES, candidate.features.tolist(), strict=True))
     return float(constant + sum(weight * values[name] for name, weight in weights.items()))
 
 
 def strongest(holes: Sequence[Hole], radius: float, least: float) -> tuple[Hole, ...]:
-    """Those with enough evidence, without those beside a stronger one, strongest first."""
+    """Return holes with enough evidence and not beside a stronger one, strongest first."""
     kept: list[Hole] = []
     for hole in sorted(holes, key=lambda hole: -hole.evidence):
         off = [hole.place - other.place for other in kept]
@@ -168,8 +167,8 @@ def strongest(holes: Sequence[Hole], radius: float, least: float) -> tuple[Hole,
     return tuple(kept)
 
 
-def _hole(candidate: Candidate, wall: ReflectanceMap, eye: CalibratedCamera, mode: str) -> Hole:
-    place = wall.window.place(candidate.x, candidate.y, eye.radius)
+def _hole(candidate: Candidate, wall: ReflectanceMap, camera: CalibratedCamera, mode: str) -> Hole:
+    place = wall.window.place(candidate.x, candidate.y, camera.radius)
     x, y = candidate.outline(wall.window.step).T
-    rim = wall.window.place(x, y, eye.radius)
+    rim = wall.window.place(x, y, camera.radius)
     return Hole(place, float(candidate.diameter), evidence(candidate, mode), candidate.kind, rim)

@@ -1,4 +1,4 @@
-"""How sharp a region of an image is, and where it is sharpest."""
+"""Sharpness of a region of an image, and the peak of a focus sweep."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ SHARP, FLAT, AT_THE_END, NO_FRAMES = "sharp", "nothing to focus on", "at the end
 """Verdicts of a search."""
 
 _LEAST_GAIN, _SCATTERS = 0.02, 3.0
+"""A sweep has a peak if the logarithm of its sharpness bends by 2 % and three times its scatter."""
 
 
 @dataclass(frozen=True, eq=False)
 class FocusPeak:
-    """Where a region is sharpest.
+    """The peak of a focus sweep.
 
     Parameters
     ----------
     distance : float
-        To which the focus was sent, in metres.
+        Focus distance at the peak, in metres.
     curve : (N, 2) array
-        Distances that were tried, in metres, and how sharp the region was, nearest first.
+        Distances in metres, nearest first, and the sharpness of the region there.
     verdict : str
-        ``sharp``, ``nothing to focus on``, ``at the end`` of what was allowed, or ``no frames``
-        where none could be used; the focus is then back at the guess.
+        ``sharp``, ``nothing to focus on``, ``at the end`` of the sweep, or ``no frames`` if too few
+        could be used; without a peak, the distance is the guess.
     """
 
     distance: float
@@ -38,20 +39,20 @@ class FocusPeak:
 
 
 def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
-    """Mean squared slope about a pixel, relative to the brightness; NaN where nothing is seen.
+    """Return the mean squared slope about a pixel, relative to the brightness; NaN if too dark.
 
     Parameters
     ----------
     image : (height, width) array of uint8
     pixel : (2,) array_like
-        Column and row in the middle of the region.
+        Column and row of the centre of the region.
     size : int
-        Side of the region in pixels; what is outside the image is left out.
+        Side of the region in pixels; parts outside of the image are left out.
 
     Notes
     -----
-    Slopes are taken over two pixels of means over three, which keeps most noise out; saturated
-    pixels and their neighbours are left out, as they are sharp at any focus. Tenenbaum, 1970.
+    Slopes are taken over two pixels of means over three, which suppresses noise; saturated pixels
+    and their neighbours are left out, as they are sharp at any focus. Tenenbaum, 1970.
     """
     u, v = np.asarray(pixel, dtype=np.float64)
     if not (isinstance(image, np.ndarray) and image.ndim == 2 and math.isfinite(u + v)):
@@ -72,16 +73,16 @@ def sharpness(image: Any, pixel: npt.ArrayLike, *, size: int = 96) -> float:
 
 
 def peak_of(curve: FloatArray, guess: float, least: int) -> FocusPeak:
-    """The peak of a sweep.
+    """Find the peak of a sweep.
 
     Parameters
     ----------
     curve : (N, 2) array
-        Distances in metres, nearest first, and how sharp the region was; NaN where not known.
+        Distances in metres, nearest first, and sharpness; NaN where unknown.
     guess : float
-        Distance that is taken where there is no peak, in metres.
+        Distance without a peak, in metres.
     least : int
-        How many must be known.
+        Least number of known values.
     """
     known = curve[np.isfinite(curve[:, 1])]
     if len(known) < least:
@@ -99,13 +100,13 @@ def peak_of(curve: FloatArray, guess: float, least: int) -> FocusPeak:
 
 
 def _curved(inverse: FloatArray, level: FloatArray) -> bool:
-    """Whether a curve bends by more than it scatters."""
+    """Return whether a curve bends by more than it scatters."""
     fitted = np.polyval(np.polyfit(inverse - inverse.mean(), level, 2), inverse - inverse.mean())
     return bool(np.ptp(fitted) > _LEAST_GAIN + _SCATTERS * np.std(level - fitted))
 
 
 def _thirds(part: npt.NDArray[Any]) -> FloatArray:
-    """Means over three rows."""
+    """Return means over three rows."""
     values = part.astype(np.float64)
     means: FloatArray = (values[:-2] + values[1:-1] + values[2:]) / 3
     return means

@@ -1,8 +1,7 @@
-"""Whether a frame can be used at all: verdicts, never an exception.
+"""Checks of frames: black, saturated, frozen, torn, wrong size or without a picture.
 
-Black, saturated, frozen, torn and wrongly sized frames happen to every camera on a long cable, and
-so do greys and noise without a picture; whoever uses frames in a loop asks here first and carries
-on without the frame.
+Such frames happen to every camera on a long cable. A check returns a verdict and raises no error,
+so that a loop can continue without the frame.
 """
 
 from __future__ import annotations
@@ -27,14 +26,17 @@ GOOD, WRONG_SIZE, BLACK, SATURATED, NO_PICTURE, FROZEN, TORN = (
 )
 """Verdicts on a frame."""
 
+# Grey levels of 255 and shares of the pixels: one lit spot makes a frame not black; glints and a
+# bright wall do not make it saturated.
 _DARK_LEVEL, _DARK_SHARE = 12, 0.002
 _WHITE, _WHITE_SHARE = 250, 0.6
-_STRIDE = 4
+_STRIDE = 4  # pixels: a sixteenth of a frame is enough, and fast
 _TEAR_FACTOR, _TEAR_LEAST = 3.0, 3.0
-# A picture of the wall has neighbours that are nearly alike, noise a ratio of 2.
+"""A tear is a median step to the next row above 3 times its neighbours plus 3 grey levels."""
+# Mean squared step to the next pixel over the variance: near 0 for a picture, 2 for noise.
 _EVEN, _ROUGH = 0.5, 1.5
-# Shares of the grey of a block by which two frames of it differ: 0.028 at most where the light is
-# the same, 0.064 at least where it is another, in 80 views of the twin.
+# Relative difference of the grey of a block in two frames, in 80 views of the twin: at most 0.028
+# under the same light, at least 0.064 under different lights.
 _CELL, _BLOCK, _LEAST_GREY, _ALIKE, _DIM = 16, 4, 10.0, 0.035, 0.25
 _MOST, _EQUAL_ROWS, _ROW_GREY = 0.9, 2, 4
 
@@ -42,26 +44,26 @@ _MOST, _EQUAL_ROWS, _ROW_GREY = 0.9, 2, 4
 def judge(
     image: Any, lens: Pinhole, before: npt.NDArray[np.uint8] | None = None, *, lit: bool = True
 ) -> str:
-    """Say whether a frame can be used.
+    """Return ``good``, or what is wrong with a frame.
 
     Parameters
     ----------
     image : (height, width) array of uint8
-        What the camera gave; anything at all is judged.
+        The frame; any other object is judged too.
     lens : Pinhole
-        Tells the size that a frame should have.
+        The lens, which has the size of a frame.
     before : (height, width) array of uint8, optional
-        The frame before; noise never repeats itself, so that an equal frame is a frozen one.
+        The frame before; an equal frame is frozen, since noise never repeats itself.
     lit : bool
-        Whether light was on; a frame without light may be black.
+        Whether a light was on; a frame without light may be black.
 
     Returns
     -------
     str
         ``good``, ``wrong size``, ``black``, ``saturated``, ``no picture``, ``frozen`` or
-        ``torn``. No picture is one even grey, or noise of which no pixel tells of the next. A
-        tear shows where one row differs from the next, over most of its length, far more than
-        its neighbours do; one in a still or dark picture leaves no trace here.
+        ``torn``. ``no picture`` is an even grey, or noise without correlation of neighbours. A
+        frame is torn if one row differs from the next, over most of its length, far more than
+        its neighbours do; a tear in a still or dark picture is not detected.
     """
     whole = isinstance(image, np.ndarray) and image.dtype == np.uint8
     if not whole or image.shape != (lens.height, lens.width):
@@ -79,7 +81,7 @@ def judge(
 
 
 def _torn(image: npt.NDArray[np.uint8]) -> bool:
-    """Whether one row jumps to the next."""
+    """Return whether one row jumps to the next."""
     few = image[:, ::_STRIDE].astype(np.int16)
     steps = np.median(np.abs(np.diff(few, axis=0)), axis=1)
     padded = np.pad(steps, 2, mode="edge")
@@ -88,7 +90,7 @@ def _torn(image: npt.NDArray[np.uint8]) -> bool:
 
 
 def _without_picture(few: npt.NDArray[np.uint8]) -> bool:
-    """Whether rows of a frame are of one grey, or nothing but noise (von Neumann, 1941)."""
+    """Return whether rows of a frame are of one grey or pure noise (von Neumann, 1941)."""
     spread = float(few[:, ::_STRIDE].std())
     if spread < _EVEN:
         return float(few.mean()) > _DARK_LEVEL
@@ -100,63 +102,63 @@ def _without_picture(few: npt.NDArray[np.uint8]) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Greys:
-    """How bright a frame is from top to bottom, for comparing it with others.
+class Brightness:
+    """Brightness of a frame from top to bottom, for comparison with others.
 
     Parameters
     ----------
     cells : (rows, columns) array of float32
         Mean greys of cells of 16 by 16 pixels.
     blocks : (rows - 3,) array of float32
-        Grey that nine tenths of the cells do not exceed, in the brightest of four rows.
+        Maximum over four rows of the 90th percentile of the row.
     """
 
     cells: npt.NDArray[np.float32]
     blocks: npt.NDArray[np.float32]
 
     @classmethod
-    def of(cls, image: npt.NDArray[np.uint8]) -> Greys:
-        """Those of a frame."""
+    def of(cls, image: npt.NDArray[np.uint8]) -> Brightness:
+        """Return the brightness of a frame."""
         cells = np.empty((image.shape[0] // _CELL, image.shape[1] // _CELL), dtype=np.float32)
         _kernels.cell_means(np.ascontiguousarray(image), cells)
         return cls(cells, _blocks(cells))
 
 
-def same_light(one: Greys, other: Greys) -> str:
-    """Whether two frames that were taken under different lights show the same light.
+def same_light(one: Brightness, other: Brightness) -> str:
+    """Check that two frames taken under different lights differ.
 
     Returns
     -------
     str
-        ``good`` where they differ from top to bottom, ``torn`` where a block of rows does not,
-        ``frozen`` where none does. Blocks too dark to tell count for nothing.
+        ``good`` if they differ from top to bottom, ``torn`` if some block of rows does not,
+        ``frozen`` if none does. Blocks that are too dark are ignored.
     """
     grey = np.minimum(one.blocks, other.blocks)
-    told = (grey >= _LEAST_GREY) & (grey < _WHITE)
-    alike = told & (_blocks(np.abs(one.cells - other.cells)) < _ALIKE * grey)
-    return _all_or_some(alike, told, FROZEN)
+    known = (grey >= _LEAST_GREY) & (grey < _WHITE)
+    alike = known & (_blocks(np.abs(one.cells - other.cells)) < _ALIKE * grey)
+    return _all_or_some(alike, known, FROZEN)
 
 
-def less_light(more: Greys, fewer: Greys) -> str:
-    """Whether a frame is dark where another, taken with some of its lights, is not.
+def less_light(more: Brightness, fewer: Brightness) -> str:
+    """Check that a frame is not darker than another, taken with fewer of its lights.
 
     Returns
     -------
     str
-        ``good`` where it is nowhere, ``torn`` where a block of rows is, ``black`` where all are.
+        ``good`` if no block of rows is, ``torn`` if some are, ``black`` if all are.
     """
-    told = fewer.blocks >= _LEAST_GREY
-    return _all_or_some(told & (more.blocks < _DIM * fewer.blocks), told, BLACK)
+    known = fewer.blocks >= _LEAST_GREY
+    return _all_or_some(known & (more.blocks < _DIM * fewer.blocks), known, BLACK)
 
 
-def _all_or_some(bad: npt.NDArray[np.bool_], told: npt.NDArray[np.bool_], verdict: str) -> str:
+def _all_or_some(bad: npt.NDArray[np.bool_], known: npt.NDArray[np.bool_], verdict: str) -> str:
     if not bad.any():
         return GOOD
-    return verdict if bad.sum() == told.sum() else TORN
+    return verdict if bad.sum() == known.sum() else TORN
 
 
 def _blocks(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """What nine tenths of the cells of a row do not exceed, the most of four rows."""
+    """Return the maximum over four rows of the 90th percentile of the row."""
     if cells.shape[0] < _BLOCK or cells.shape[1] == 0:
         return np.empty(0, dtype=np.float32)
     rank = int(_MOST * (cells.shape[1] - 1))
@@ -165,9 +167,9 @@ def _blocks(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def shares_rows(one: npt.NDArray[np.uint8], other: npt.NDArray[np.uint8]) -> bool:
-    """Whether rows of a frame are exactly those of another; noise never repeats itself."""
+    """Return whether rows of two frames are equal, which noise rules out for different frames."""
     few, rest = one[::_STRIDE], other[::_STRIDE]
-    # A few pixels tell most rows apart.
+    # A few pixels distinguish most rows.
     likely = np.flatnonzero((few[:, ::_CELL] == rest[:, ::_CELL]).all(axis=1))
     equal = few[likely][(few[likely] == rest[likely]).all(axis=1)]
     middle = np.median(equal, axis=1) if len(equal) else np.empty(0)

@@ -1,8 +1,8 @@
 """Hold a point of the wall in the middle of the image while flow sways the head.
 
-A servo that integrates small rates is too slow for that. What the joints would have to read for
-the point to be in the middle is known from every frame; it moves as the sway does, and is
-foretold a little, by as much as the wires are late.
+A servo that integrates small rates is too slow for that. Each frame gives the joint angles at which
+the point would be in the middle. They move as the sway does, and are predicted by the delay of the
+wires.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from minorloop.head.vision.servo import AT_CONE, NO_TARGET, SINGULAR, TURNING, S
 
 @dataclass(frozen=True, eq=False)
 class HoldState:
-    """What is remembered: where the joints should be (2,) in radians, and its rate (2,)."""
+    """State of a hold: wanted joint angles (2,) in radians, and their rates (2,)."""
 
     angles: FloatArray
     rates: FloatArray
@@ -29,18 +29,18 @@ class HoldState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointHold:
-    """Angles of the joints that keep a point in the middle, foretold by ``lead``.
+    """Joint angles that keep a point in the middle, predicted by ``lead``.
 
     Parameters
     ----------
     servo : Servo
-        Its eye, interval and cone; its gain is not used.
+        Gives camera, interval and cone; its gain is not used.
     lead : float
-        By how much the wires are late, in seconds.
+        Delay of the wires, in seconds.
     share, slope_share : float
-        Of a new sighting in the angles and in their rate, above 0 and up to 1.
+        Weight of a new frame in the angles and in their rates, above 0 and up to 1.
     patience : float
-        For how many seconds the motion goes on where the point is not seen.
+        Time in seconds for which the motion continues while the point is not seen.
 
     Raises
     ------
@@ -68,41 +68,41 @@ class PointHold:
                 raise ParameterError(f"{name} is {getattr(self, name)} s; give 0 to 10 s")
 
     def begin(self, angles: npt.ArrayLike) -> HoldState:
-        """State of a hold that takes over at (2,) angles in radians."""
+        """Return the state of a hold that starts at (2,) angles in radians."""
         start = np.nan_to_num(np.asarray(angles, dtype=np.float64))
         return HoldState(self.servo.cone.clip(start), np.zeros(2))
 
     def step(
         self, state: HoldState, pixel: npt.ArrayLike | None, angles: npt.ArrayLike
     ) -> tuple[ServoStep, HoldState]:
-        """Where the joints should go; nothing is raised for a point that is lost.
+        """Return the next joint angles and state; a lost point gives a verdict, not an error.
 
         Parameters
         ----------
         state : HoldState
         pixel : (2,) array_like, optional
-            Where the point is in the image; None or NaN while it is lost.
+            Place of the point in the image; None or NaN while it is lost.
         angles : (2,) array_like
             Pan and tilt as measured when the image was taken, in radians.
         """
         interval, cone = self.servo.interval, self.servo.cone
-        foretold = state.angles + interval * state.rates
+        predicted = state.angles + interval * state.rates
         seen = np.full(2, np.nan) if pixel is None else np.asarray(pixel, dtype=np.float64)
         measured = np.asarray(angles, dtype=np.float64)
         error, pixels, verdict = None, math.nan, NO_TARGET
         if np.isfinite(seen).all() and np.isfinite(measured).all():
-            point = self.servo.eye.lens.normalised(seen)
-            pixels = float(self.servo.eye.lens.focal * np.hypot(*point))
-            error = self.servo.as_angles(point, point, measured)
+            point = self.servo.camera.lens.normalised(seen)
+            pixels = float(self.servo.camera.lens.focal * np.hypot(*point))
+            error = self.servo.angular_error(point, point, measured)
             verdict = SINGULAR if error is None else TURNING
         if error is None:
             missed = state.missed + interval
             rates = state.rates if missed <= self.patience else np.zeros(2)
-            new = HoldState(foretold if missed <= self.patience else state.angles, rates, missed)
+            new = HoldState(predicted if missed <= self.patience else state.angles, rates, missed)
         else:
-            news = measured - error - foretold
-            rates = state.rates + self.slope_share / interval * news
-            new = HoldState(foretold + self.share * news, rates)
+            innovation = measured - error - predicted
+            rates = state.rates + self.slope_share / interval * innovation
+            new = HoldState(predicted + self.share * innovation, rates)
         wanted = new.angles + self.lead * new.rates
         inside = cone.clip(wanted)
         if verdict == TURNING and np.abs(inside - wanted).max() > 1e-12:

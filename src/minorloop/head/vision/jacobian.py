@@ -1,10 +1,9 @@
-"""How the image of a point moves as the head turns: the interaction matrix of pan and tilt.
+"""Motion of the image of a point as the head turns: the interaction matrix of pan and tilt.
 
 Points are in normalised coordinates (X, Y), without distortion, x right, y down, z ahead, and
 velocities are those of the camera in its own frame. Chaumette and Hutchinson, Visual servo
-control I, 2006, equation (11), gives the columns; a head that pans about an axis of the base
-turns about its own optical axis too, and a lens in front of the pivot is carried along, so that
-the two columns of a resting camera are not enough.
+control I, 2006, equation (11), gives the columns. A head that pans about an axis of the base also
+turns about its own optical axis, and its lens moves with it, so that all six columns are needed.
 """
 
 from __future__ import annotations
@@ -20,16 +19,17 @@ from minorloop.head.geometry import body_rates, meet_wall
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
 _LEAST_SHARE = 1e-3
+"""Smallest over largest singular value, below which a Jacobian counts as singular."""
 
 
 def rotation_columns(point: npt.ArrayLike) -> FloatArray:
-    """(2, 3) rates of a (2,) point for angular velocities of 1 rad/s about x, y and z."""
+    """Return (2, 3) rates of a (2,) point for angular velocities of 1 rad/s about x, y, z."""
     x, y = np.asarray(point, dtype=np.float64)
     return np.array([[x * y, -(1 + x * x), y], [1 + y * y, -x * y, -x]])
 
 
 def translation_columns(point: npt.ArrayLike, depth: float) -> FloatArray:
-    """(2, 3) rates of a (2,) point at a depth in metres for velocities of 1 m/s along x, y, z.
+    """Return (2, 3) rates of a (2,) point at a depth in metres for 1 m/s along x, y, z.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def translation_columns(point: npt.ArrayLike, depth: float) -> FloatArray:
 def pan_tilt_jacobian(
     point: npt.ArrayLike, tilt: float, *, lever: float = 0.0, depth: float = math.inf
 ) -> FloatArray:
-    """(2, 2) rates of a point for 1 rad/s of pan and of tilt.
+    """Return (2, 2) rates of a point for 1 rad/s of pan and of tilt.
 
     Parameters
     ----------
@@ -70,10 +70,10 @@ def pan_tilt_jacobian(
     return rates
 
 
-def undo(jacobian: npt.ArrayLike, motion: npt.ArrayLike) -> FloatArray | None:
-    """(2,) rates of pan and tilt that move a point by a (2,) motion; None where none can.
+def rates_for(jacobian: npt.ArrayLike, motion: npt.ArrayLike) -> FloatArray | None:
+    """Return (2,) rates of pan and tilt that move a point by a (2,) motion; None if none do.
 
-    A head tilted by a quarter turn pans about its own optical axis; a point in the middle of the
+    With a tilt of a quarter turn, pan turns about the optical axis; a point in the middle of the
     image can then move in one direction only.
     """
     matrix = np.asarray(jacobian, dtype=np.float64)
@@ -83,14 +83,14 @@ def undo(jacobian: npt.ArrayLike, motion: npt.ArrayLike) -> FloatArray | None:
     return np.asarray(np.linalg.solve(matrix, np.asarray(motion, dtype=np.float64)))
 
 
-def wall_depth(eye: CalibratedCamera, point: npt.ArrayLike, pan: float, tilt: float) -> float:
-    """Depth in metres, along the optical axis, of the wall at a (2,) point; may be infinite.
+def wall_depth(camera: CalibratedCamera, point: npt.ArrayLike, pan: float, tilt: float) -> float:
+    """Return the depth of the wall at a (2,) point, along the optical axis, in metres.
 
     Raises
     ------
     ParameterError
         If the lens is not inside the pipe at this pan and tilt.
     """
-    pose = eye.mount.pose(pan, tilt)
+    pose = camera.mount.pose(pan, tilt)
     x, y = np.asarray(point, dtype=np.float64)
-    return float(meet_wall(pose.position, pose.rotation @ np.array([x, y, 1.0]), eye.radius)[2])
+    return float(meet_wall(pose.position, pose.rotation @ np.array([x, y, 1.0]), camera.radius)[2])

@@ -1,8 +1,7 @@
-"""Several frames of one wall under different lights, laid flat and made comparable.
+"""Reflectance maps of the wall, from frames under different lights.
 
-The logarithm of a frame, less that of the light that falls on the wall, is the reflectance: what
-is still on the map under every light belongs to the wall, and what moves from light to light is
-a reflection or a shadow.
+The logarithm of a frame, less that of the light that falls on the wall, is the reflectance. Marks
+of the wall stay on the map under every light; reflections and shadows move.
 """
 
 from __future__ import annotations
@@ -28,29 +27,30 @@ from minorloop.head.vision.calibrated_camera import (
 )
 
 NO_ANGLE = "angle unknown"
-"""Verdict on a frame of which it is not known where the head was."""
+"""Verdict on a frame without the angles of the head."""
 
 FARTHEST = np.pi / 2
-"""Largest pan or tilt of a head that looks into the pipe; beyond it, an angle is not known."""
+"""Largest plausible pan or tilt, in radians: the head frames into the pipe."""
 
 LEAST_SEEN = 14e3
-"""Pixels for each metre of the wall below which it is not looked at."""
+"""Least resolution of the wall in pixels per metre: 12 pixels across a hole of 0.85 mm."""
 
 _FLOOR, _GLOW_FLOOR = 2.0, 4.0
+"""Grey levels added before the logarithm, so that noise in the dark stays small."""
 _BLOCK = 16
 _LEAST_LIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class LitFrame:
-    """A frame and what is known of how it was taken.
+    """A frame with the angles and lights under which it was taken.
 
     Parameters
     ----------
     image : (height, width) array of uint8
         The frame.
     pan, tilt : float
-        Of the head as measured, in radians.
+        Measured angles of the head, in radians.
     lights : tuple of bool
         Which LEDs were on.
     """
@@ -63,18 +63,18 @@ class LitFrame:
 
 @dataclass(frozen=True, eq=False)
 class ReflectanceMap:
-    """Reflectance of a piece of wall, as natural logarithms; NaN where it is not seen.
+    """Reflectance of a part of the wall, as natural logarithms; NaN where it is not seen.
 
     Parameters
     ----------
     window : Window
-        Where it lies on the wall.
+        The texels of the map.
     stack : (K, rows, columns) array of float32
-        One for each light that was on alone; else one for each frame with light.
+        One for each single light; without those, one for each frame with light.
     whole : (rows, columns) array of float32
-        With all lights on; the median of the stack where there was no such frame.
+        With all lights on; the median of the stack without such a frame.
     glow : (rows, columns) array of float32, optional
-        What shines with no light on.
+        Logarithm of the light with all LEDs off.
     ground : (rows, columns) array of float32
         Local median.
     """
@@ -87,47 +87,47 @@ class ReflectanceMap:
 
     @property
     def brightest(self) -> Image32:
-        """Under whichever light makes it brightest."""
+        """Reflectance under the light that makes it brightest."""
         return np.asarray(self.stack.max(axis=0))
 
     @property
     def darkest(self) -> Image32:
-        """Under whichever light makes it darkest."""
+        """Reflectance under the light that makes it darkest."""
         return np.asarray(self.stack.min(axis=0))
 
 
-def judge_looks(looks: Sequence[LitFrame], eye: CalibratedCamera) -> str:
-    """``good``, or what is wrong with the first frame that cannot be used.
+def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
+    """Return ``good``, or what is wrong with the first bad frame.
 
     Raises
     ------
     ParameterError
-        If a look does not say of each light of the eye whether it was on.
+        If a frame does not have one flag for each light of the camera.
     """
     earlier: list[LitFrame] = []
-    for number, look in enumerate(looks):
-        if len(look.lights) != len(eye.leds):
+    for number, frame in enumerate(frames):
+        if len(frame.lights) != len(camera.leds):
             raise ParameterError(
-                f"look {number} has {len(look.lights)} lights; give a truth value for each of the "
-                f"{len(eye.leds)} of the eye"
+                f"frame {number} has {len(frame.lights)} lights; give a truth value for each of "
+                f"the {len(camera.leds)} of the camera"
             )
-        verdict = frame_checks.judge(look.image, eye.lens, lit=any(look.lights))
+        verdict = frame_checks.judge(frame.image, camera.lens, lit=any(frame.lights))
         if verdict != frame_checks.GOOD:
             return verdict
-        if any(np.array_equal(look.image, other.image) for other in earlier):
+        if any(np.array_equal(frame.image, other.image) for other in earlier):
             return frame_checks.FROZEN
-        if not _known(look, eye):
+        if not _plausible(frame, camera):
             return NO_ANGLE
-        earlier.append(look)
-    if not any(any(look.lights) for look in looks):
+        earlier.append(frame)
+    if not any(any(frame.lights) for frame in frames):
         return frame_checks.BLACK
-    return _judge_pairs(looks)
+    return _judge_pairs(frames)
 
 
-def _judge_pairs(looks: Sequence[LitFrame]) -> str:
-    """What is wrong with a frame that holds another, whole or in part, or lacks its light."""
-    greys = [frame_checks.Greys.of(look.image) for look in looks]
-    for (one, first), (other, second) in combinations(zip(looks, greys, strict=True), 2):
+def _judge_pairs(frames: Sequence[LitFrame]) -> str:
+    """Return what is wrong with a frame that repeats another, or lacks its light."""
+    brightness = [frame_checks.Brightness.of(frame.image) for frame in frames]
+    for (one, first), (other, second) in combinations(zip(frames, brightness, strict=True), 2):
         verdict = _judge_pair(one, other, first, second)
         if verdict != frame_checks.GOOD:
             return verdict
@@ -135,7 +135,7 @@ def _judge_pairs(looks: Sequence[LitFrame]) -> str:
 
 
 def _judge_pair(
-    one: LitFrame, other: LitFrame, first: frame_checks.Greys, second: frame_checks.Greys
+    one: LitFrame, other: LitFrame, first: frame_checks.Brightness, second: frame_checks.Brightness
 ) -> str:
     if frame_checks.shares_rows(one.image, other.image):
         return frame_checks.TORN
@@ -150,8 +150,8 @@ def _judge_pair(
     return verdict
 
 
-def known_angles(pan: Any, tilt: Any) -> bool:
-    """Whether pan and tilt are finite numbers."""
+def finite_angles(pan: Any, tilt: Any) -> bool:
+    """Return whether pan and tilt are finite numbers."""
     try:
         pair = np.array([pan, tilt], dtype=np.float64)
     except (TypeError, ValueError):
@@ -159,51 +159,51 @@ def known_angles(pan: Any, tilt: Any) -> bool:
     return bool(np.isfinite(pair).all())
 
 
-def _known(look: LitFrame, eye: CalibratedCamera) -> bool:
-    """Whether pan and tilt are angles that a head in the pipe can have."""
-    if not known_angles(look.pan, look.tilt):
+def _plausible(frame: LitFrame, camera: CalibratedCamera) -> bool:
+    """Return whether a head in the pipe can have the angles of a frame."""
+    if not finite_angles(frame.pan, frame.tilt):
         return False
-    pan, tilt = float(look.pan), float(look.tilt)
-    return max(abs(pan), abs(tilt)) <= FARTHEST and eye.inside(pan, tilt)
+    pan, tilt = float(frame.pan), float(frame.tilt)
+    return max(abs(pan), abs(tilt)) <= FARTHEST and camera.inside(pan, tilt)
 
 
-def lay_flat(looks: Sequence[LitFrame], eye: CalibratedCamera) -> ReflectanceMap | None:
-    """Lay good frames on one map of the wall.
+def lay_flat(frames: Sequence[LitFrame], camera: CalibratedCamera) -> ReflectanceMap | None:
+    """Unroll good frames onto one map of the wall.
 
     Parameters
     ----------
-    looks : sequence of LitFrame
-        At least one of them with light.
-    eye : CalibratedCamera
+    frames : sequence of LitFrame
+        At least one with light.
+    camera : CalibratedCamera
         The camera.
 
     Returns
     -------
     ReflectanceMap or None
-        None where the wall is nowhere seen large enough by all of them.
+        None if no part of the wall is seen by all of them with enough resolution.
     """
-    middle = looks[len(looks) // 2]
-    window = window_in_view(eye, middle.pan, middle.tilt, least=LEAST_SEEN)
+    middle = frames[len(frames) // 2]
+    window = window_in_view(camera, middle.pan, middle.tilt, least=LEAST_SEEN)
     if window is None:
         return None
-    flats = [unroll(k.image, eye, window, k.pan, k.tilt, least=LEAST_SEEN) for k in looks]
+    flats = [unroll(k.image, camera, window, k.pan, k.tilt, least=LEAST_SEEN) for k in frames]
     seen = np.isfinite(flats[0])
     for flat in flats[1:]:
         seen &= np.isfinite(flat)
     if seen.sum() < _BLOCK**2:
         return None
-    light = np.maximum(irradiance(eye, window, middle.pan, middle.tilt), _LEAST_LIGHT)
+    light = np.maximum(irradiance(camera, window, middle.pan, middle.tilt), _LEAST_LIGHT)
     alone: list[Image32] = []
     full: list[Image32] = []
     dark: list[Image32] = []
-    for look, flat in zip(looks, flats, strict=True):
+    for frame, flat in zip(frames, flats, strict=True):
         flat[~seen] = np.nan
-        if not any(look.lights):
+        if not any(frame.lights):
             dark.append(np.log((flat + _GLOW_FLOOR) / _GLOW_FLOOR))
             continue
-        fall = light[np.array(look.lights, dtype=bool)].sum(axis=0)
+        fall = light[np.array(frame.lights, dtype=bool)].sum(axis=0)
         level = np.log((flat + _FLOOR) / fall)
-        (alone if sum(look.lights) == 1 else full).append(level)
+        (alone if sum(frame.lights) == 1 else full).append(level)
     stack = np.array(alone if len(alone) > 1 else [*full, *alone], dtype=np.float32)
     typical = median(stack)
     whole = np.mean(full, axis=0).astype(np.float32) if full else typical
@@ -212,7 +212,7 @@ def lay_flat(looks: Sequence[LitFrame], eye: CalibratedCamera) -> ReflectanceMap
 
 
 def median(stack: Image32) -> Image32:
-    """Median of the images of a stack."""
+    """Return the median of the images of a stack."""
     if len(stack) != 3:
         return np.median(stack, axis=0).astype(np.float32)
     a, b, c = stack
@@ -221,7 +221,7 @@ def median(stack: Image32) -> Image32:
 
 
 def _ground(level: Image32, seen: np.ndarray[Any, np.dtype[np.bool_]]) -> Image32:
-    """Local median, of blocks and then of their neighbours."""
+    """Return the local median, of blocks and then of their neighbours."""
     filled = np.where(seen, level, np.float32(np.median(level[seen])))
     rows, columns = (-(-n // _BLOCK) for n in filled.shape)
     pad = (rows * _BLOCK - filled.shape[0], columns * _BLOCK - filled.shape[1])
@@ -235,7 +235,7 @@ def _ground(level: Image32, seen: np.ndarray[Any, np.dtype[np.bool_]]) -> Image3
 
 
 def _between(nodes: FloatArray, i: FloatArray, j: FloatArray) -> Image32:
-    """Bilinear between nodes at rows i and columns j."""
+    """Interpolate bilinearly between nodes at rows i and columns j."""
     i, j = np.clip(i, 0, nodes.shape[0] - 1), np.clip(j, 0, nodes.shape[1] - 1)
     i0 = np.minimum(i.astype(int), max(nodes.shape[0] - 2, 0))
     j0 = np.minimum(j.astype(int), max(nodes.shape[1] - 2, 0))

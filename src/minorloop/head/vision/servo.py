@@ -1,8 +1,8 @@
-"""Turn the head until a point of the wall is where it is wanted in the image.
+"""Turn the head until a point of the wall is at a wanted place in the image.
 
-A servo is frozen configuration; what it remembers is a state that goes in and comes out::
+A servo is frozen configuration; each step takes a state and returns the next one::
 
-    servo = Servo(eye, cone=Cone(half=np.deg2rad(30)))
+    servo = Servo(camera, cone=Cone(half=np.deg2rad(30)))
     state = servo.begin(angles)
     while ...:
         step, state = servo.step(state, pixel, angles)
@@ -20,7 +20,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.head.vision.jacobian import pan_tilt_jacobian, undo, wall_depth
+from minorloop.head.vision.jacobian import pan_tilt_jacobian, rates_for, wall_depth
 
 TURNING, AT_CONE, AT_RATE, NO_TARGET, SINGULAR = (
     "turning",
@@ -34,7 +34,7 @@ TURNING, AT_CONE, AT_RATE, NO_TARGET, SINGULAR = (
 
 @dataclass(frozen=True)
 class Cone:
-    """Where the head may look: within ``half`` of the direction (pan, tilt), in radians.
+    """The directions in which the head may look: within ``half`` of (pan, tilt), in radians.
 
     Raises
     ------
@@ -51,7 +51,7 @@ class Cone:
             raise ParameterError(f"a cone of {self.half} rad; give a half angle in (0, pi]")
 
     def clip(self, angles: npt.ArrayLike) -> FloatArray:
-        """The (2,) angles themselves, or those on the cone in the same direction."""
+        """Return (2,) angles, shortened to the edge of the cone if they are outside."""
         middle = np.array([self.pan, self.tilt])
         off = np.asarray(angles, dtype=np.float64) - middle
         reach = float(np.hypot(*off))
@@ -60,14 +60,14 @@ class Cone:
 
 @dataclass(frozen=True, eq=False)
 class ServoState:
-    """What a servo remembers.
+    """State of a servo.
 
     Parameters
     ----------
     angles : (2,) array
-        Pan and tilt asked for last, in radians.
+        Last wanted pan and tilt, in radians.
     integral : (2,) array
-        Integral of the error as an angle, in radian seconds.
+        Integral of the angular error, in radian seconds.
     """
 
     angles: FloatArray
@@ -76,16 +76,16 @@ class ServoState:
 
 @dataclass(frozen=True, eq=False)
 class ServoStep:
-    """What to ask of the head.
+    """Result of a step: the next angles of the head.
 
     Parameters
     ----------
     angles : (2,) array
-        Pan and tilt to go to, in radians.
+        Wanted pan and tilt, in radians.
     rates : (2,) array
-        How fast that changes, in radians per second.
+        Their rates, in radians per second.
     error : float
-        How far the point is from where it is wanted, in pixels; NaN without a point.
+        Distance of the point from its wanted place, in pixels; NaN without a point.
     verdict : str
         ``turning``, ``at the cone``, ``at the rate limit``, ``no target`` or ``singular``.
     """
@@ -98,16 +98,16 @@ class ServoStep:
 
 @dataclass(frozen=True, eq=False)
 class Servo:
-    """The law: rates = -gain e - integral_gain (integral of e dt), e = J^-1 (s - wanted).
+    """Control law: rates = -gain e - integral_gain (integral of e dt), e = J^-1 (s - wanted).
 
     Parameters
     ----------
-    eye : CalibratedCamera
-        The camera; it gives the depth of the wall and the lever of the lens.
+    camera : CalibratedCamera
+        Gives the depth of the wall and the lever of the lens.
     gain : float
         Rate at which the error decays, in 1/s.
     integral_gain : float
-        In 1/s^2. The integral stands still while a limit holds the head back.
+        In 1/s^2. The integral stops while a limit is active.
     interval : float
         Time between steps, in seconds.
     delay : float
@@ -118,8 +118,9 @@ class Servo:
     rate_limit : float
         Fastest change of the wanted direction, in radians per second.
     lead : float
-        Furthest that the wanted angles may be ahead of the measured ones, in radians; it keeps
-        them from running away from a head that is slow.
+        Largest distance of wanted from measured angles, in radians, for a head that is slow.
+    soft : float
+        Distance in pixels below which the gain falls in proportion; 0 keeps it constant.
 
     Raises
     ------
@@ -128,12 +129,11 @@ class Servo:
 
     Notes
     -----
-    e is the pseudo-angle that the head is off; the law is that of Chaumette and Hutchinson,
-    Visual servo control I, 2006, equation (5), with an integral term. The sign of the integral
-    is that of the proportional term; the other sign drives the point away.
+    e is the angular error of the head; the law is that of Chaumette and Hutchinson, Visual servo
+    control I, 2006, equation (5), plus an integral term with the sign of the proportional one.
     """
 
-    eye: CalibratedCamera
+    camera: CalibratedCamera
     gain: float = 0.5
     integral_gain: float = 0.0
     interval: float = 0.04
@@ -157,12 +157,12 @@ class Servo:
             )
 
     def begin(self, angles: npt.ArrayLike) -> ServoState:
-        """State of a servo that takes over at (2,) angles in radians, without a jump.
+        """Return the state of a servo that starts at (2,) angles in radians, without a jump.
 
         Raises
         ------
         ParameterError
-            If they are no pair of finite numbers.
+            If they are not two finite numbers.
         """
         start = _pair(angles)
         if not np.isfinite(start).all():
@@ -179,43 +179,43 @@ class Servo:
         *,
         wanted: npt.ArrayLike = (0.0, 0.0),
     ) -> tuple[ServoStep, ServoState]:
-        """Where to turn next; nothing is raised for a point that is lost.
+        """Return the next angles and state; a lost point gives a verdict, not an error.
 
         Parameters
         ----------
         state : ServoState
         pixel : (2,) array_like, optional
-            Where the point is in the image; None, NaN or what is no pair while it is lost.
+            Place of the point in the image; None, NaN or anything but a pair while it is lost.
         angles : (2,) array_like, optional
-            Pan and tilt as measured, in radians; without them, those asked for last are taken.
+            Measured pan and tilt, in radians; without them, the last wanted ones.
         wanted : (2,) array_like
-            Where the point should be, in normalised coordinates; what is no pair of numbers is
-            no target.
+            Wanted place of the point, in normalised coordinates; anything but a pair of numbers
+            is no target.
         """
         seen, goal = _pair(pixel), _pair(wanted)
         measured = _pair(angles)
-        believed = np.where(np.isfinite(measured), measured, state.angles)
+        present = np.where(np.isfinite(measured), measured, state.angles)
         if not (np.isfinite(seen).all() and np.isfinite(goal).all()):
             return ServoStep(state.angles, np.zeros(2), math.nan, NO_TARGET), state
-        point = self.eye.lens.normalised(seen)
+        point = self.camera.lens.normalised(seen)
         off = point - goal
-        pixels = float(self.eye.lens.focal * np.hypot(*off))
-        error = self.as_angles(point, off, believed)
+        pixels = float(self.camera.lens.focal * np.hypot(*off))
+        error = self.angular_error(point, off, present)
         if error is None:
             return ServoStep(state.angles, np.zeros(2), pixels, SINGULAR), state
-        return self._turn(state, error, believed if angles is not None else None, pixels)
+        return self._turn(state, error, present if angles is not None else None, pixels)
 
-    def as_angles(
+    def angular_error(
         self, point: FloatArray, off: FloatArray, angles: FloatArray
     ) -> FloatArray | None:
-        """The error as pan and tilt."""
+        """Return an error in the image as pan and tilt; None where the Jacobian is singular."""
         pan, tilt = float(angles[0]), float(angles[1])
         try:
-            depth = wall_depth(self.eye, point, pan, tilt)
+            depth = wall_depth(self.camera, point, pan, tilt)
         except ParameterError:
             return None
-        lever = self.eye.mount.lever
-        return undo(pan_tilt_jacobian(point, tilt, lever=lever, depth=depth), off)
+        lever = self.camera.mount.lever
+        return rates_for(pan_tilt_jacobian(point, tilt, lever=lever, depth=depth), off)
 
     def _turn(
         self, state: ServoState, error: FloatArray, measured: FloatArray | None, pixels: float
@@ -241,7 +241,7 @@ class Servo:
 
 
 def _pair(values: npt.ArrayLike | None) -> FloatArray:
-    """Two numbers, NaN where something else was given."""
+    """Return two numbers, NaN for anything else."""
     try:
         pair = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -250,6 +250,6 @@ def _pair(values: npt.ArrayLike | None) -> FloatArray:
 
 
 def _shortened(vector: FloatArray, most: float) -> FloatArray:
-    """The vector, or one of length ``most`` in its direction."""
+    """Return the vector, shortened to a length of ``most``."""
     length = float(np.hypot(*vector))
     return vector if length <= most else np.asarray(vector * (most / length))
