@@ -10,7 +10,7 @@ import pytest
 from minorloop.head.console import connections
 from minorloop.head.console.connections import Limits, Listener, Selector, admitted, mark
 
-SMALL = Limits(strangers=4, each=2, header=5.0, idle=5.0, accepted=3, heard=2, spare=0)
+SMALL = Limits(strangers=4, each=2, header=5.0, idle=5.0, accepted=3, served=2, spare=0)
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ def refused(text):
     assert len(str(caught.value)) < 400
 
 
-def test_what_a_page_sends_is_understood():
+def test_a_message_of_a_page_is_decoded():
     message = messages.decode(json.dumps(DRIVE))
     assert isinstance(message, messages.Drive)
     assert message.pose == (0.0, 0.0, 0.0, 1.0)
@@ -78,7 +78,7 @@ def test_junk_is_refused(junk):
         '{"type":"ping","seq":1,"t":1}' + " " * messages.LONGEST,
     ],
 )
-def test_what_is_no_message_is_refused(text):
+def test_an_invalid_message_is_refused(text):
     refused(text)
 
 
@@ -94,6 +94,6 @@ def test_pictures_carry_their_place():
     assert content[32:] == b"jpeg"
 
 
-def test_orders_survive_the_way_to_the_loop():
+def test_orders_to_the_loop_are_unchanged():
     order = messages.decode(json.dumps(DRIVE))
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(order), type=messages.Order) == order

@@ -1,4 +1,4 @@
-"""Both pages in a real browser: what an operator and a user of the lab do, and see."""
+"""Both pages in a real browser: what an operator and a user of the lab do and see."""
 
 import json
 import os
@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from console_rig import PIT
 from minorloop.head.console.server import STATIC
 from minorloop.operators.preisach import Preisach
-from seats import PIT
 
 ROOT = Path(__file__).resolve().parents[3]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -200,7 +200,7 @@ def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
         assert fits(page)
         shoot(page, "operate")
         page.keyboard.press("Escape")
-        page.click("[aria-label='Drop finding 1']")
+        page.click("[aria-label='Delete finding 1']")
         page.wait_for_selector("#findings li", state="detached")
 
 
@@ -345,7 +345,7 @@ def test_the_pages_keep_to_their_own_policy(browser, address):
         operator.state = lambda name: "no"
 
 
-def test_a_stranger_is_told_what_to_do(browser, address):
+def test_a_browser_without_the_key_gets_an_instruction(browser, address):
     context = browser.new_context()
     page = context.new_page()
     page.goto(address.split("?")[0])
@@ -353,13 +353,14 @@ def test_a_stranger_is_told_what_to_do(browser, address):
     context.close()
 
 
-def csv(folder):
+def csv(folder, stuck=0):
     rng = np.random.default_rng(1)
     u = np.concatenate([0.5 + a * np.sin(np.linspace(0, 12.6, 400)) for a in (0.5, 0.35, 0.2, 0.4)])
     levels = np.linspace(0, 1, 9)
     weights = np.tril(rng.uniform(size=(8, 8)) ** 2)
     y = Preisach(levels, weights).simulate(u) + rng.normal(0, 0.02, u.size)
-    file = folder / "staircase.csv"
+    y[400 : 400 + stuck] = y[400]
+    file = folder / f"staircase-{stuck}.csv"
     columns = np.column_stack([0.01 * np.arange(u.size), u, y])
     header = "time [s],voltage [V],length [um]"
     np.savetxt(file, columns, delimiter=",", header=header, comments="")
@@ -396,14 +397,21 @@ def test_a_csv_becomes_a_model_and_inputs(browser, address, tmp_path):
         page.fill("#targets", page.evaluate("'-1, 1, 0.5'"))
         page.click("#invert")
         page.wait_for_selector("#trouble", state="hidden")
+        assert page.locator("#warnings li").count() == 0
         assert fits(page)
         shoot(page, "lab", whole=True)
+        page.set_input_files("#file", csv(tmp_path, stuck=400))
+        page.wait_for_selector("#drop-title:has-text('staircase-400.csv: 1600 rows')")
+        page.click("#identify")
+        page.wait_for_selector("#advice li:has-text('the output is stuck')")
+        page.click("#invert")
+        page.wait_for_selector("#warnings li:has-text('the output is stuck')")
         page.set_viewport_size({"width": 390, "height": 844})
         page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")
         operator.state = lambda name: "no"
 
 
-def test_a_csv_that_is_none_is_answered_in_a_sentence(browser, address, tmp_path):
+def test_an_invalid_csv_is_answered_in_a_sentence(browser, address, tmp_path):
     bad = tmp_path / "bad.csv"
     bad.write_text("a,b\n1,x\n2,y\n")
     with operating(browser, address) as operator:

@@ -20,7 +20,7 @@ def test_what_was_written_is_read(recorded):
     assert listed(recorded.parent) == ["one"]
 
 
-def test_what_was_written_is_there_without_an_end(tmp_path):
+def test_entries_survive_without_closing(tmp_path):
     recorder = Recorder(tmp_path, "killed")
     recorder.write(*SAID[0])
     assert list(entries(recorder.path)) == SAID[:1]
@@ -79,5 +79,5 @@ def test_only_recordings_are_listed(recorded):
     assert listed(recorded.parent) == ["one"]
 
 
-def test_there_is_nothing_in_no_folder(tmp_path):
+def test_a_missing_folder_has_no_recordings(tmp_path):
     assert listed(tmp_path / "none") == []

@@ -37,7 +37,7 @@ async def chunks(*parts):
         yield part
 
 
-def test_what_is_written_is_there_and_goes_with_the_server(scratch):
+def test_uploads_are_kept_and_removed_with_the_server(scratch):
     async def work(found):
         upload = await found.add("run.csv", 7)
         await found.write(upload, chunks(b"abc", b"defg"))
@@ -103,7 +103,7 @@ class FullDisk:
         self._file.close()
 
 
-def test_a_full_disk_is_said(monkeypatch):
+def test_a_full_disk_is_reported(monkeypatch):
     monkeypatch.setattr(uploads, "_opened", FullDisk)
 
     async def work(found):
