@@ -69,13 +69,13 @@ async function drop(file: File): Promise<void> {
   trouble("");
   for (const id of ["setup", "preview", "result"]) show(id, false);
   byId("drop-title").textContent = `Reading ${file.name}…`;
-  const told = await ask(`/api/lab?name=${encodeURIComponent(file.name)}`, file);
-  byId("drop-title").textContent = told ? `${told.name}` : "Drop a CSV, get a model";
-  byId("drop").classList.toggle("small", told !== null);
-  if (!told) return;
-  user = told.user;
-  columns = (told.columns as Column[]).filter((column) => !column.trouble);
-  byId("drop-title").textContent = `${told.name}: ${columns[0]!.rows} rows`;
+  const reply = await ask(`/api/lab?name=${encodeURIComponent(file.name)}`, file);
+  byId("drop-title").textContent = reply ? `${reply.name}` : "Drop a CSV, get a model";
+  byId("drop").classList.toggle("small", reply !== null);
+  if (!reply) return;
+  user = reply.user;
+  columns = (reply.columns as Column[]).filter((column) => !column.trouble);
+  byId("drop-title").textContent = `${reply.name}: ${columns[0]!.rows} rows`;
   choose();
   show("setup");
   drawLoop();
@@ -124,7 +124,7 @@ async function identify(): Promise<void> {
     }
     show("get-report", false);
     byId("report-note").textContent = "the report is being written…";
-    for await (const told of lines(answer.body)) receive(told);
+    for await (const reply of lines(answer.body)) receive(reply);
   } catch {
     trouble("The console does not answer; is it still running?");
   } finally {
@@ -344,11 +344,11 @@ async function move(): Promise<void> {
     return;
   }
   moving = true;
-  const told = await ask(`/api/lab/${user}/move`, JSON.stringify({ u: sliderInput(), memory }));
+  const reply = await ask(`/api/lab/${user}/move`, JSON.stringify({ u: sliderInput(), memory }));
   moving = false;
-  if (told) {
-    memory = told.memory as number[];
-    byId("slider-output").textContent = `${(told.y as number).toPrecision(5)}`;
+  if (reply) {
+    memory = reply.memory as number[];
+    byId("slider-output").textContent = `${(reply.y as number).toPrecision(5)}`;
     drawMemory();
   }
   if (again) {
@@ -375,21 +375,21 @@ async function invert(): Promise<void> {
     return;
   }
   const start = byId<HTMLSelectElement>("start").value;
-  const told = await ask(`/api/lab/${user}/invert`, JSON.stringify({ targets, start }));
+  const reply = await ask(`/api/lab/${user}/invert`, JSON.stringify({ targets, start }));
   byId("sequence").replaceChildren();
-  list("warnings", told?.warnings ?? []);
+  list("warnings", reply?.warnings ?? []);
   show("get-inputs", false);
-  if (!told) return;
-  const rows = targets.map((target, k) => [target, told.u[k], told.y[k]].map((value) => (value as number).toPrecision(6)));
+  if (!reply) return;
+  const rows = targets.map((target, k) => [target, reply.u[k], reply.y[k]].map((value) => (value as number).toPrecision(6)));
   const table = byId<HTMLTableElement>("sequence");
   table.innerHTML = "<thead><tr><th>target</th><th>input</th><th>output</th></tr></thead>";
   const body = table.createTBody();
   rows.forEach((cells, k) => {
     const row = body.insertRow();
-    if (!told.reachable[k]) row.className = "out";
+    if (!reply.reachable[k]) row.className = "out";
     cells.forEach((cell) => (row.insertCell().textContent = cell));
   });
-  const missed = (told.reachable as boolean[]).filter((ok) => !ok).length;
+  const missed = (reply.reachable as boolean[]).filter((ok) => !ok).length;
   if (missed) {
     const [low, high] = result!.range.map((value) => value.toPrecision(4));
     trouble(`${missed} of ${targets.length} targets are beyond what the model reaches, ${low} to ${high}; their inputs bring it as near as possible.`);

@@ -6,7 +6,7 @@ import { Hands } from "./hands";
 import { drawPlane } from "./plane";
 import type { Solid } from "./solid";
 import { Stage } from "./stage";
-import { IMAGE, type Controls, type FromPage, type Hello, type LoopState, type ReportedFinding, type SetMode } from "./messages";
+import { MAP, type Controls, type FromPage, type Hello, type LoopState, type ReportedFinding, type SetMode } from "./messages";
 import { byId, Connection, hasEchoes, now, type Content, type OrderContent, type Picture } from "./protocol";
 import { WallMap } from "./wall";
 
@@ -155,7 +155,7 @@ const connection = new Connection(
 );
 
 async function showPicture(picture: Picture): Promise<void> {
-  if (picture.kind !== IMAGE) {
+  if (picture.kind === MAP) {
     await wall.show(picture);
     return;
   }

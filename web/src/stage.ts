@@ -65,8 +65,8 @@ export class Stage {
       context.fillText(String(k + 1), u * scale + size * 0.75 + 8 * ui, v * scale - size * 0.75);
     });
     if (state.target) {
-      const [u, v, , seen] = state.target;
-      context.strokeStyle = seen ? ACCENT : "#ff6b6b";
+      const [u, v, , visible] = state.target;
+      context.strokeStyle = visible ? ACCENT : "#ff6b6b";
       context.lineWidth = 2 * ui;
       circle(context, u * scale, v * scale, 18 * ui);
       cross(context, u * scale, v * scale, 28 * ui, 12 * ui);

@@ -33,6 +33,7 @@ from minorloop.head.vision.calibrated_camera import Image
 _QUALITY = 78
 """Of a JPEG, 1 to 100."""
 _RECORD_EVERY = 5
+"""Pictures of which one is recorded: five a second."""
 _POLL = 0.1
 
 

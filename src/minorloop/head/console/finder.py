@@ -23,6 +23,7 @@ _REST = to_si((0.4, 0.4, 0.2, 0.5))
 _NEW = to_si((5.0, 5.0, 2.0, 6.0))
 """Change of the position after which the view is searched again."""
 _MOST_KNOWN, _MOST_SHOWN = 60, 8
+"""Candidates that are remembered, and that a picture shows."""
 _LEAST_PIXELS = 6.0
 """Smallest diameter of a candidate that is shown, in pixels."""
 

@@ -19,6 +19,7 @@ from minorloop.head.console.uploads import FullError, Quota, Upload, Uploads
 from minorloop.head.console.workers import Workers
 
 _LONGEST_REQUEST = 512 * 1024
+"""Bytes of a request other than a file; 10,000 targets fit into it."""
 _LONGEST_NAME = 120
 """Bytes of the name under which a file is kept; systems allow 255."""
 _MOST_JOBS = 32

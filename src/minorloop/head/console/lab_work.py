@@ -30,12 +30,10 @@ Reports: TypeAlias = Iterator[dict[str, Any]]
 MODEL, REPORT, INPUTS = "model.json", "report.html", "inputs.csv"
 _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
-_MOST_LEVELS = 100
-_MOST_ROWS = 500_000
-_MOST_COLUMNS = 100
+# Limits that keep a task within the time and memory of a worker.
+_MOST_LEVELS, _MOST_ROWS, _MOST_COLUMNS, _MOST_TARGETS = 100, 500_000, 100, 10_000
 # A record with few outputs is fitted with a dense prior: 7 s at 25 levels, 29 s at 40 levels.
 _SPARSE, _EACH, _MOST_SPARSE_CELLS = 5, 3, 350
-_MOST_TARGETS = 10_000
 
 
 def warm_up() -> None:

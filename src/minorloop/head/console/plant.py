@@ -36,10 +36,10 @@ MIDDLE = round(math.degrees(STRAIGHT), 9)
 """Pan and tilt at which the head looks straight ahead, in degrees."""
 ADDRESSES = ("twin:pipe",)
 _HOLD = 40.0
-"""Seconds of a hold in the identification, about four thermal time constants of a wire."""
+"""Seconds of a hold in the identification, in which a wire settles."""
 _BANDS = 12
 _HIGHEST = 0.4
-"""Largest current of the identification in A; the guard allows 0.5 A."""
+"""Largest current of the identification in A; it heats a wire by some 108 K, see `WireLimits`."""
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of

@@ -52,7 +52,7 @@ _MOST_MESHES = 100
 """Findings whose meshes are kept in memory."""
 _MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
 _MEASURED = ("phi", "phi_sd", "z", "z_sd", "diameter", "diameter_sd", "depth", "depth_sd")
-_CLOSED, _REFUSED = 1001, 1008
+_CLOSED, _REFUSED = 1001, 1008  # codes of RFC 6455
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,8 +30,8 @@ except ImportError:
 
 LONGEST_HEADER = 8000
 """Bytes of the address of a request, and of each header; the websocket library allows no more."""
-_LONGEST_HEAD = 1 << 16
-_MOST_HEADERS = 100
+_LONGEST_HEAD, _MOST_HEADERS = 1 << 16, 100
+"""Bytes and number of all headers of a request."""
 _LINGER = 2.0
 """Seconds that a refused connection stays open, for the answer to arrive."""
 _LONG = (

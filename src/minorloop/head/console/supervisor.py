@@ -37,7 +37,7 @@ _TERMINAL = [
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP")
     if hasattr(signal, name)
 ]
-_SET_DEATH_SIGNAL, _SET_NAME = 1, 15
+_SET_DEATH_SIGNAL, _SET_NAME = 1, 15  # of prctl
 
 
 @dataclass(frozen=True, kw_only=True)
