@@ -227,7 +227,7 @@ export interface ReportedFinding {
   diameter_sd: number;
   depth: number | null;
   depth_sd: number | null;
-  evidence: number;
+  evidence: number | null;
   patch: DepthPatch | null;
 }
 

@@ -171,7 +171,7 @@ class ReportedFinding(msgspec.Struct, frozen=True, kw_only=True):
     phi_sd, z_sd, diameter_sd, depth_sd : float
         Standard deviations.
     evidence : float
-        Logarithm of the odds, by the camera, that it is a hole or a pit.
+        Logarithm of the odds, by the camera, that it is a hole or a pit; None if infinite.
     patch : DepthPatch, optional
     """
 
@@ -187,7 +187,7 @@ class ReportedFinding(msgspec.Struct, frozen=True, kw_only=True):
     diameter_sd: float
     depth: float | None
     depth_sd: float | None
-    evidence: float
+    evidence: float | None
     patch: DepthPatch | None = None
 
 
