@@ -132,7 +132,7 @@ class ScriptedCamera:
 
 
 class Pilot:
-    """A session and somebody who steers it."""
+    """A session and its pilot."""
 
     def __init__(self, camera=None):
         self.plant = open_plant(ADDRESS)
@@ -159,7 +159,7 @@ class Pilot:
             self.now += self.session.interval
 
     def until(self, holds, ticks=1500, pose=AHEAD):
-        """Drive until something holds."""
+        """Drive until a condition is met."""
         for _ in range(ticks):
             if holds(self.session):
                 return

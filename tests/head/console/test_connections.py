@@ -44,7 +44,7 @@ def call(listener, opened, source="127.0.0.1"):
 
 
 def taken(listener, opened):
-    """The next connection, in whatever turn."""
+    """The next connection, after any number of turns."""
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
         try:

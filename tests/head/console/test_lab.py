@@ -179,7 +179,7 @@ def test_a_request_that_is_too_long_is_refused(client, user):
 
 
 class Pool:
-    """Workers that begin a task when a test lets them, and keep what they were asked."""
+    """Workers that wait until ``free`` is set, and keep the names of their tasks."""
 
     def __init__(self):
         self.asked, self.ended, self.free = [], 0, asyncio.Event()
@@ -206,7 +206,7 @@ class Pool:
 
 
 class Page:
-    """One that posts files; it is there until it goes."""
+    """A page that posts a file and stays connected until ``gone`` is set."""
 
     def __init__(self, *parts, length=None):
         self.parts, self.gone = list(parts), asyncio.Event()
@@ -229,7 +229,7 @@ LARGE = b"x" * 2000
 
 
 def at_work(work, **quota):
-    """What work gives with a lab of two pools that a test holds."""
+    """The result of some work with a lab whose two pools a test controls."""
 
     async def run():
         lab = LabPage(workers=2, quota=Quota(**{"small": 1000, "file": 4000, **quota}))

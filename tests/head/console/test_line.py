@@ -13,7 +13,7 @@ HELD_WITHIN = 0.2
 
 
 class Line:
-    """Brings messages to a session later, or not at all.
+    """A line that delays or drops messages.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Line:
     def send(self, message, now):
         if self.cut or self._rng.random() < self.drop:
             return
-        # What a stream carries does not overtake.
+        # Messages of a stream do not overtake each other.
         due = max(self._last, now + self.latency + self.jitter * self._rng.random())
         self._last = due
         heapq.heappush(self._way, (due, message.seq, message))
@@ -104,7 +104,7 @@ def test_a_line_that_is_cut_or_held_up_holds_in_time_and_continues_without_a_jum
     remote.pose = right(-40.0)
     remote.run(1.0)
     setattr(remote.line, how, False)
-    remote.run(1.0)  # what was held up comes at once; it moves nothing
+    remote.run(1.0)  # delayed messages arrive at once; they move nothing
     assert remote.session.state.mode == "HOLD"
     assert remote.session.state.command == command
     remote.say(messages.SetMode, mode="HEAD")
@@ -113,7 +113,7 @@ def test_a_line_that_is_cut_or_held_up_holds_in_time_and_continues_without_a_jum
     assert remote.session.state.command == pytest.approx(command, abs=0.1)
 
 
-def test_a_page_that_is_killed_is_as_a_line_that_is_cut_until_another_pilot_takes_over():
+def test_a_killed_page_holds_as_a_cut_line_does_until_another_pilot_takes_over():
     remote = Remote(Line()).on_the_way()
     remote.line = Line()
     remote.line.cut = True

@@ -40,7 +40,7 @@ class Linked:
         self.received.clear()
 
     async def ordered(self, pipe):
-        """What arrives of an order that is given until one arrives."""
+        """The first order that arrives; it is repeated until then."""
         async with asyncio.timeout(60):
             while not pipe.poll():
                 self.link.order(messages.ControlsTaken())

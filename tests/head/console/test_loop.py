@@ -39,7 +39,7 @@ class Running:
             self.open()
 
     def open(self, why=""):
-        """Another plant, in a thread; the one before goes away."""
+        """Replace the plant by another one, in a thread."""
         self.over.set()
         self.over, self.watched = threading.Event(), WatchedPlant(open_plant("twin:pipe"), 5.0, why)
         given = (
@@ -72,7 +72,7 @@ class Running:
         self.pipe.send_bytes(msgspec.msgpack.encode(order))
 
     def until(self, kind, holds=lambda message: True):
-        """The next text of a kind for which something holds."""
+        """The next message of a kind that meets a condition."""
         while self.pipe.poll(120):
             content = self.pipe.recv_bytes()
             if content[:1] == b"{":

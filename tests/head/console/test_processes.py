@@ -39,7 +39,7 @@ def see(handle):
 
 
 def relay(handle, test):
-    """Stand between the loop and the test."""
+    """Pass messages between the loop and the test."""
     asked = NewestPipe()
     over = handle.begin(loop=asked, camera=NewestPipe())
     pipe = None
@@ -56,7 +56,7 @@ def relay(handle, test):
 
 
 class Console:
-    """All of it, and a pilot."""
+    """All processes, and a pilot."""
 
     def __init__(self, folder):
         self.pipe, theirs = multiprocessing.get_context("spawn").Pipe()
@@ -79,7 +79,7 @@ class Console:
         self.pipe.send_bytes(msgspec.msgpack.encode(order))
 
     def until(self, holds):
-        """The next state for which something holds, while the processes are looked after."""
+        """The next state that meets a condition; the supervisor runs meanwhile."""
         deadline = time.monotonic() + 120
         while time.monotonic() < deadline:
             if not self.pipe.poll():

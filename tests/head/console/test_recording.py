@@ -40,7 +40,7 @@ def test_an_entry_that_the_disk_does_not_take_leaves_nothing(tmp_path):
 
 
 class Full:
-    """A file that takes half of what it is given, as one does on a disk that gets full."""
+    """A file that writes only half of the content, as on a disk that becomes full."""
 
     def __init__(self, file):
         self._file, self.truncate, self.seek = file, file.truncate, file.seek

@@ -21,7 +21,7 @@ ADMITTED = "127.0.0.1"
 
 
 class Served:
-    """A server without a control loop, and a browser that came with the key."""
+    """A server without a control loop, and a browser that has sent the key."""
 
     def __init__(self, folder):
         self.authentication = Authentication(ADMITTED)
@@ -49,7 +49,7 @@ def served(tmp_path):
 
 
 class Page:
-    """What a page keeps of a connection."""
+    """A page with its connection, message number and grant."""
 
     def __init__(self, socket):
         self.socket, self.seq, self.grant = socket, 0, 0
@@ -79,7 +79,7 @@ class Page:
 
     def refusal(self):
         with pytest.raises(WebSocketDisconnect) as caught:
-            self.until("nothing that is ever said")
+            self.until("no kind of message")
         return caught.value.reason
 
 
@@ -258,8 +258,8 @@ def test_findings_are_exported(served):
     assert served.client.get("/api/map.png").content.startswith(b"\x89PNG")
 
 
-def said(served, kind, content):
-    """Have the loop say something to the server."""
+def send(served, kind, content):
+    """Send the server a message of the loop."""
     served.client.portal.call(
         served.link.received, content if kind is None else text(kind, **content)
     )
@@ -269,12 +269,12 @@ def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
     job = bytes([messages.JOB]) + pickle.dumps({"finding": 7})
     with served.page() as socket:
         page = Page(socket)
-        said(served, None, job)  # of a finding that nobody knows any more
-        said(served, "findings", {"findings": [asdict(replace(FINDING, number=7))]})
-        said(served, None, job)
+        send(served, None, job)  # of a finding that nobody knows any more
+        send(served, "findings", {"findings": [asdict(replace(FINDING, number=7))]})
+        send(served, None, job)
         told = page.until("depth")
         assert (told["finding"], told["stage"]) == (7, "waiting for others to finish")
-        said(served, "findings", {"findings": []})
+        send(served, "findings", {"findings": []})
         assert page.until("depth")["stage"] == ""
     assert served.link.orders == []
 
@@ -284,7 +284,7 @@ def test_exported_findings_keep_their_numbers_and_what_echoes_have_not_decided(s
     for number, verdict in enumerate(("no coupling", "through-hole", "measured", "no pit"), 5):
         told = {"verdict": verdict, "diameter": None, "depth": None}
         rows.append(asdict(with_depth(replace(FINDING, number=number), told, 10e-3)))
-    said(served, "findings", {"findings": rows})
+    send(served, "findings", {"findings": rows})
     lines = served.client.get("/api/findings.csv").text.splitlines()
     assert [line.split(",")[:2] for line in lines[1:]] == [
         ["3", "hole or pit"], ["5", "hole or pit"], ["6", "hole"], ["7", "pit"], ["8", "mark"],

@@ -220,7 +220,7 @@ def test_a_measurement_or_scan_without_a_target_gives_a_notice():
 
 
 def scanning(stick=(0.0, 0.0)):
-    """In SCAN, over what the camera saw, from where a second of the stick has brought it."""
+    """In SCAN of a finding, after a second of the stick."""
     pilot = Pilot().following((319.5, 239.5))
     pilot.drive(25, stick=stick)
     pilot.drive(15)

@@ -15,7 +15,7 @@ HELD = np.array([0.3, 0.2, 1.0, 0.0])
 
 
 class Wires:
-    """A plant that keeps what is done to it."""
+    """A plant that keeps a list of its commands."""
 
     tick = 0.04
 

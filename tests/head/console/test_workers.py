@@ -11,7 +11,7 @@ from minorloop.head.console import workers
 
 
 def told(task, *, longest=60.0, times=1, **options):
-    """What tasks tell, one after the other, on one worker."""
+    """Reports of tasks, one after the other, on one worker."""
 
     async def ask():
         pool = workers.Workers(1, longest=longest)
@@ -46,7 +46,7 @@ def test_what_takes_too_long_is_ended_and_the_next_is_served(tmp_path):
 
 
 async def asked_twice(folder, signum, *, at_work):
-    """What two tasks tell whose worker is hit by a signal, and how that worker ended."""
+    """Results of two tasks whose worker gets a signal, and the exit code of that worker."""
     pool = workers.Workers(1)
     await pool.start()
     try:

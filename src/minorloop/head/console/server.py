@@ -121,10 +121,10 @@ class _Server:
         if STATIC.is_dir():
             routes.append(Mount("/", StaticFiles(directory=STATIC)))
         middleware = [Middleware(Admission, authentication=self._authentication)]
-        return Starlette(routes=routes, middleware=middleware, lifespan=self._living)
+        return Starlette(routes=routes, middleware=middleware, lifespan=self._lifespan)
 
     @contextlib.asynccontextmanager
-    async def _living(self, app: Starlette) -> AsyncIterator[None]:
+    async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
         self._events = asyncio.get_running_loop()
         self._link.start()
         await self._lab.start()
@@ -175,7 +175,7 @@ class _Server:
             self._clients.send_newest("state", content)
             return
         if content.startswith(b'{"type":"hello"'):
-            self._meet_loop(content)
+            self._handle_hello(content)
         elif content.startswith(b'{"type":"findings"'):
             self._clients.findings = content
             self._keep_known({f.number for f in messages.decode_findings(content)})
@@ -185,7 +185,7 @@ class _Server:
             self._clients.failed = content
         self._clients.send(content)
 
-    def _meet_loop(self, hello: bytes) -> None:
+    def _handle_hello(self, hello: bytes) -> None:
         """Take in the first message of a loop; send the findings to one that was restarted."""
         self._clients.hello = hello
         if self._wall_image is None:
