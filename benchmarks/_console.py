@@ -1,4 +1,4 @@
-"""A console that was started to be measured, and pages over real sockets."""
+"""A console for benchmarks, and pages over real sockets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PAGE_SIZE = os.sysconf("SC_PAGE_SIZE")
 
 
 class Server:
-    """A console, and the cookie of a browser that came with its key."""
+    """A running console, and the cookie of a browser that has sent the key."""
 
     def __init__(self, folder: str, *options: str, messages: IO[str] | None = None) -> None:
         command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
@@ -59,11 +59,11 @@ class Server:
         self.process.wait(30)
 
     def memory(self) -> float:
-        """Resident memory of the server and of what it started, in MiB."""
+        """Resident memory of all processes of the console, in MiB."""
         return sum(_resident(pid) for pid in self._pids()) / 2**20
 
     def serving(self) -> float:
-        """Resident memory of the process that listens, in MiB."""
+        """Resident memory of the server process, in MiB."""
         listens = _listening(int(self.host.rsplit(":", 1)[1]))
         found = [_resident(pid) for pid in self._pids() if listens in _files(pid)]
         return max(found, default=0.0) / 2**20
@@ -80,14 +80,14 @@ class Server:
 
 
 class Page:
-    """A page that takes the controls and sends what its operator does, 50 times a second."""
+    """A page that takes the controls and sends its operator's input 50 times a second."""
 
     def __init__(self, socket) -> None:
         self.socket, self.seq, self.grant = socket, 0, 0
         self.drive = dict(DRIVE)
         self.state: dict = {}
         self.states: list[dict] = []
-        self.heard_at: list[float] = []
+        self.state_times: list[float] = []
         self.late, self.answers, self.ages, self.seen = [], [], [], 0
         self.recording = None
         self.notices: list[str] = []
@@ -106,21 +106,21 @@ class Page:
                 if message[0] == 1:
                     self.ages.append(now - struct.unpack_from("<d", message, 8)[0])
                 continue
-            told = json.loads(message)
-            if told["type"] == "seats":
-                self.grant = told["grant"]
-            elif told["type"] == "failed":
-                self.failed.append(told["text"])
-            elif told["type"] == "recording":
-                self.recording = told["name"] or self.recording
-            elif told["type"] == "state":
-                self.state = told
-                self.states.append({key: told[key] for key in ("t", "mode", "rates")})
-                self.heard_at.append(now)
+            content = json.loads(message)
+            if content["type"] == "seats":
+                self.grant = content["grant"]
+            elif content["type"] == "failed":
+                self.failed.append(content["text"])
+            elif content["type"] == "recording":
+                self.recording = content["name"] or self.recording
+            elif content["type"] == "state":
+                self.state = content
+                self.states.append({key: content[key] for key in ("t", "mode", "rates")})
+                self.state_times.append(now)
                 self.seen += 1
-                self.late.append(told["late"])
-                if told["heard"] and self.grant:
-                    self.answers.append(told["t"] - told["heard"]["t"])
+                self.late.append(content["late"])
+                if content["heard"] and self.grant:
+                    self.answers.append(content["t"] - content["heard"]["t"])
             self._changed.set()
 
     async def until(self, holds, seconds: float = 60.0) -> None:
@@ -130,7 +130,7 @@ class Page:
                 await self._changed.wait()
 
     async def steer(self) -> None:
-        """Drive for ever."""
+        """Send input forever."""
         due = time.monotonic()
         while True:
             await self.send("drive", grant=self.grant, **self.drive)
@@ -150,7 +150,7 @@ async def piloted(server: Server):
         taken = time.monotonic()
         tasks.append(asyncio.create_task(page.steer()))
         await page.until(lambda: page.state["heard"] and page.state["heard"]["t"] > taken)
-        while page.state["mode"] != "HEAD":  # on a machine that is busy, more than once
+        while page.state["mode"] != "HEAD":  # more than once on a busy machine
             await page.send("mode", grant=page.grant, mode="HEAD")
             with contextlib.suppress(TimeoutError):
                 await page.until(lambda: page.state["mode"] == "HEAD", 1.0)
@@ -163,7 +163,7 @@ async def piloted(server: Server):
 
 
 def _offspring(pid: int) -> list[int]:
-    """What a process has started, and what that has."""
+    """All descendants of a process."""
     try:
         text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
     except OSError:
@@ -173,7 +173,7 @@ def _offspring(pid: int) -> list[int]:
 
 
 def _listening(port: int) -> str:
-    """The socket that listens on a port, as the files of a process name it."""
+    """Name of the socket that listens on a port, as in the files of a process."""
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
         fields = line.split()
         if fields[3] == "0A" and int(fields[1].rsplit(":", 1)[1], 16) == port:

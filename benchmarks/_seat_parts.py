@@ -1,4 +1,4 @@
-"""The seat attacked, its aim, its pages in a browser, and its lab."""
+"""Parts of the benchmark of the console: attacks, tracking, pages in a browser, and the lab."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks._console import DRIVE, Server, piloted
 from benchmarks._timing import Row
+from benchmarks.console_depth import DirectCamera
 
 _PAINTS = "performance.getEntriesByName('first-contentful-paint')"
 _FETCHED = "performance.getEntriesByType('resource').reduce((sum, e) => sum + e.encodedBodySize, 0)"
@@ -50,7 +51,7 @@ async def attacked(server: Server, count: int) -> list[Row]:
 
 
 async def _hostile(server: Server, k: int, grant: int, rng: np.random.Generator) -> bool:
-    """One connection that means harm; whether it was closed with a reason."""
+    """Open one hostile connection; return whether it was closed with a reason."""
     from websockets.exceptions import ConnectionClosed
 
     drive = {"type": "drive", "seq": 1, "t": 1.0, "grant": grant, **DRIVE, "stick": [1, 1]}
@@ -88,30 +89,30 @@ async def _hostile(server: Server, k: int, grant: int, rng: np.random.Generator)
 
 
 def still() -> Row:
-    """How far the operator's head moves a tracked target; two runs that differ in it alone."""
-    from minorloop.head.console.messages import Drive, Mode, Pick
+    """Motion of a tracked target by the operator's head, from two runs that differ in it alone."""
+    from minorloop.head.console.messages import Drive, Pick, SetMode
     from minorloop.head.console.perception import Perception
     from minorloop.head.console.plant import head_of, open_plant, open_tip
     from minorloop.head.console.session import Session
 
     control, paths = head_of("twin:pipe", None), []
     for swing in (0.0, np.radians(30.0)):
-        sight = _Beside(Perception(*open_tip("twin:pipe")))
-        session = Session(open_plant("twin:pipe"), sight.view, control, sight)
+        camera = DirectCamera(Perception(*open_tip("twin:pipe")))
+        session = Session(open_plant("twin:pipe"), camera.perception.view, control, camera)
         seen = []
         for k in range(700):
             yaw = np.radians(27.0) if k < 350 else swing * np.sin(0.3 * k)
             pose = (0.0, float(-np.sin(yaw / 2)), 0.0, float(np.cos(yaw / 2)))
             order = {"seq": k, "t": 0.04 * k, "grant": 1}
             drive = Drive(pose=pose, age=0.0, stick=(0.0, 0.0), clutch=False, **order)
-            session.hear(drive, 0.04 * k)
+            session.receive(drive, 0.04 * k)
             if k == 1:
-                session.hear(Mode(mode="HEAD", **order), 0.04 * k)
+                session.receive(SetMode(mode="HEAD", **order), 0.04 * k)
             if k == 300:
                 u, v, *_ = session.seen.spots[0] if session.seen.spots else (400.0, 300.0)
-                session.hear(Pick(u=u, v=v, **order), 0.04 * k)
+                session.receive(Pick(u=u, v=v, **order), 0.04 * k)
             if k == 340:
-                session.hear(Mode(mode="TRACK", **order), 0.04 * k)
+                session.receive(SetMode(mode="TRACK", **order), 0.04 * k)
             session.tick(0.04 * k)
             if k >= 550 and session.seen.target is not None:
                 seen.append(session.seen.target[:2])
@@ -127,22 +128,8 @@ def still() -> Row:
     )
 
 
-class _Beside:
-    """Eyes in the same process."""
-
-    def __init__(self, eyes) -> None:
-        self.eyes, self.view, self._seen = eyes, eyes._view, []
-
-    def look(self, look) -> None:
-        self._seen.append(self.eyes.tick(look))
-
-    def seen(self) -> list:
-        seen, self._seen = self._seen, []
-        return seen
-
-
 def painted(server: Server) -> list[Row]:
-    """First contentful paint of both pages, and their size; none without a Chromium."""
+    """First contentful paint and size of both pages; empty without Chromium."""
     path = shutil.which("chromium") or shutil.which("chromium-browser")
     if path is None:
         return []
@@ -155,7 +142,7 @@ def painted(server: Server) -> list[Row]:
         for page_name in ("/", "/lab"):
             times = []
             for _ in range(3):
-                # The page's own policy forbids the evaluation that waiting for a paint needs.
+                # The policy of the pages forbids the script that waits for the paint.
                 context = browser.new_context(bypass_csp=True)
                 context.add_cookies(
                     [{"name": name, "value": value, "url": f"http://{server.host}"}]
@@ -180,7 +167,7 @@ def painted(server: Server) -> list[Row]:
 
 
 def lab(server: Server, quick: bool) -> Row:
-    """From the drop of 7,000 rows to the model."""
+    """Time from the upload of 7,000 rows to the model."""
     from minorloop.operators.preisach import Preisach
 
     rng = np.random.default_rng(0)
@@ -196,10 +183,10 @@ def lab(server: Server, quick: bool) -> Row:
     choice = {"input": "voltage [V]", "output": "length [um]", "levels": 25}
     path = f"/api/lab/{dropped['user']}/identify"
     answer = server.ask("POST", path, json.dumps(choice).encode())
-    while "result" not in (told := json.loads(answer.readline())):
-        assert "error" not in told, told
+    while "result" not in (report := json.loads(answer.readline())):
+        assert "error" not in report, report
     seconds = time.monotonic() - began
-    scores = told["result"]["scores"]
+    scores = report["result"]["scores"]
     return Row(
         f"lab: {count} rows, L = 25, drop to model",
         seconds,

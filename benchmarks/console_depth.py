@@ -1,8 +1,8 @@
-"""How deep pits are by the console, beside the study's scans of the same scenes.
+"""Depths of pits by the console and by the study, on the same scenes.
 
-The console is there but for its processes: session, eyes, plant and tip in one loop, a scan that is
-asked for as a page asks for it, and the fit of the worker. In the study a probe sways as the flow
-of the water turns it; the console's plant has no such flow.
+The console runs in one process: session, perception, plant and tip in one loop, a scan ordered as
+by a page, and the fit of the worker. In the study the flow of the water moves the probe; the plant
+of the console has no flow.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from typing import Any
 from benchmarks._timing import Row
 
 FIRST, SCENES, CLOSE = 0, 20, 3.0
-"""Seeds of the scenes, and how far in micrometres bias and deviation may be from the study's."""
+"""First seed and number of scenes; largest difference of bias and deviation in micrometres."""
 _LONGEST = 4000  # ticks
-_SMALL = 0.2  # of the picture, which nobody looks at
+_SMALL = 0.2  # scale of the picture, which the scan does not use
 
 
-class Beside:
-    """Eyes in the same process."""
+class DirectCamera:
+    """A camera in the same process."""
 
-    def __init__(self, eyes: Any) -> None:
-        self.eyes, self._seen = eyes, []
+    def __init__(self, perception: Any) -> None:
+        self.perception, self._reports = perception, []
 
-    def look(self, look: Any) -> None:
-        self._seen.append(self.eyes.tick(look))
+    def send(self, request: Any) -> None:
+        self._reports.append(self.perception.tick(request))
 
-    def seen(self) -> list[Any]:
-        seen, self._seen = self._seen, []
-        return seen
+    def reports(self) -> list[Any]:
+        reports, self._reports = self._reports, []
+        return reports
 
 
 def rows(quick: bool = False) -> list[Row]:
@@ -66,7 +66,7 @@ def figures(seeds: range) -> dict[str, dict[str, float]]:
 
 
 def console_depth(scene: Any, seed: int) -> Any:
-    """A scan of one scene from a session, as the study scores it."""
+    """Scan one scene with a session; return what the study scores."""
     from minorloop.head.console import depth_work
     from minorloop.head.studies.scan_trials import ScoredScan
     from minorloop.head.ultrasound.pits import PitDepth
@@ -76,14 +76,14 @@ def console_depth(scene: Any, seed: int) -> Any:
     *_, last = depth_work.depth(**job)
     seconds = time.process_time() - began
     names = ("phi", "z", "diameter", "depth", "place_sd", "diameter_sd", "depth_sd")
-    told = last["told"]
-    values = {name: math.nan if told[name] is None else told[name] for name in names}
-    pit = PitDepth(told["verdict"], **values, bursts=told["bursts"])
+    result = last["result"]
+    values = {name: math.nan if result[name] is None else result[name] for name in names}
+    pit = PitDepth(result["verdict"], **values, bursts=result["bursts"])
     return ScoredScan(scene.site, pit, seconds, None, "sonar")
 
 
 def scan_job(scene: Any, seed: int) -> dict[str, Any]:
-    """What a session hands to the worker after a scan of the scene."""
+    """Scan one scene with a session; return its job for the worker."""
     from minorloop.head.console import messages
     from minorloop.head.console.perception import Perception
     from minorloop.head.console.plant import PlantView, head_of
@@ -112,21 +112,21 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
         temperature=scene.ear.temperature,
     )
     plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed))
-    sight = Beside(Perception(tip, view))
-    session = Session(plant, view, head_of("twin:pipe", seed), sight)
-    # The study's mount is known badly, and what its camera saw is off by as much.
+    camera = DirectCamera(Perception(tip, view))
+    session = Session(plant, view, head_of("twin:pipe", seed), camera)
+    # In the study the calibration of the mount has an error, which shifts the place by the camera.
     place = [seen - off for seen, off in zip(scene.centre, scene.strayed, strict=True)]
     hole = {"phi": place[0], "z": place[1], "diameter": scene.diameter, "evidence": 1.0}
     session.findings.append(camera_finding(1, 0.0, hole, view.radius))
     for k in range(_LONGEST):
         now, order = 0.04 * k, {"seq": k, "t": 0.04 * k, "grant": 1}
         still = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
-        session.hear(messages.Drive(**still, **order), now)
+        session.receive(messages.Drive(**still, **order), now)
         if k == 1:
-            session.hear(messages.Mode(mode="HEAD", **order), now)
+            session.receive(messages.SetMode(mode="HEAD", **order), now)
         if k == 50:
-            session.hear(messages.Scan(finding=1, **order), now)
+            session.receive(messages.Scan(finding=1, **order), now)
         session.tick(now)
-        if sight.eyes.jobs:
-            return sight.eyes.jobs[0]
+        if camera.perception.jobs:
+            return camera.perception.jobs[0]
     raise TimeoutError(f"the scan of scene {seed} did not end; its stage is {session.scan}")

@@ -37,7 +37,7 @@ _SHARED = ("psm_", "sem.", "pymp")
 
 
 def rows(quick: bool) -> list[Row]:
-    """What was measured."""
+    """Measure, and return the rows of the report."""
     kinds = os.environ.get("MINORLOOP_FAULTS", " ".join(KINDS)).split()
     count = 1 if quick else int(os.environ.get("MINORLOOP_FAULT_COUNT", "20"))
     found = []
@@ -56,14 +56,14 @@ def rows(quick: bool) -> list[Row]:
 
 @dataclass
 class _Scene:
-    """Where consoles run, and what of them is there."""
+    """Folder, processes and files of the consoles under test."""
 
     folder: Path
     mark: str = field(default_factory=lambda: uuid4().hex)
     shared: set[str] = field(default_factory=lambda: _shared())
 
     def processes(self) -> dict[int, str]:
-        """Number and name of each process of the console, orphans too."""
+        """Id and name of each process of the console, orphans included."""
         found = {}
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
@@ -81,7 +81,7 @@ class _Scene:
         return [*temporary, *(_shared() - self.shared)]
 
     def left(self, when: str) -> Row:
-        """That nothing is left."""
+        """Return a row that says whether nothing is left."""
         processes, files = self.processes(), self.files()
         return Row(
             f"left {when}",
@@ -115,7 +115,7 @@ def _shared() -> set[str]:
 
 
 async def _faults(scene: _Scene, server: Server, kind: str, how: str, count: int) -> Row:
-    """Many faults of a kind: how long until held or safe, until back, and what was left."""
+    """Cause many faults of a kind; measure the time until held or safe, and until back."""
     held, back, wrong = [], [], Counter()
     await _until(lambda: scene.named() == _ALL, f"{_ALL}, all processes")
     files = len(scene.files())
@@ -129,16 +129,16 @@ async def _faults(scene: _Scene, server: Server, kind: str, how: str, count: int
         await _until(lambda: scene.named() == _ALL, f"{_ALL}, all processes")
         wrong["left"] += trial.pid in scene.processes()
         wrong["left"] += len(scene.files()) > files
-    said = ", ".join(f"{count} x {name}" for name, count in wrong.items() if count)
+    errors = ", ".join(f"{count} x {name}" for name, count in wrong.items() if count)
     limit = 5.0 if kind == "worker" else 0.2
     done = {"loop": "safe", "worker": "answered"}.get(kind, "held")
     return Row(
         f"{kind} {how}, {count} times: {done}",
         max(held),
         required=f"<= {limit:g} s",
-        met=max(held) <= limit and not said,
+        met=max(held) <= limit and not errors,
         accuracy=f"median {np.median(held) * 1e3:.0f} ms; back after {np.median(back):.1f} s, at "
-        f"most {max(back):.1f} s; wrong: {said or 'nothing'}",
+        f"most {max(back):.1f} s; wrong: {errors or 'nothing'}",
     )
 
 
@@ -162,7 +162,7 @@ class _Trial:
             await page.send("record", grant=page.grant, on=True)
             await page.until(lambda: set(self._recordings()) - recordings)
             (self._recording,) = set(self._recordings()) - recordings
-            while True:  # on a machine that is busy, it may hold before the fault
+            while True:  # on a busy machine, it may hold before the fault
                 await _entered(page)
                 await asyncio.sleep(0.3)
                 if page.state["mode"] == "HEAD":
@@ -184,7 +184,7 @@ class _Trial:
         await page.until(lambda: page.state["t"] > began and page.state["mode"] == "HOLD")
         self.held = page.state["t"] - began
         if "no picture" not in page.state["reason"]:
-            self.wrong.append("not said")
+            self.wrong.append("not reported")
         self.back = await _entered(page) - began
         if len(page.ages) == pictures:
             self.wrong.append("entered without pictures")
@@ -194,7 +194,7 @@ class _Trial:
         await page.until(lambda: page.state["t"] > began and page.state["mode"] == "HOLD")
         self.held = page.state["t"] - began
         if "plant" not in page.state["reason"]:
-            self.wrong.append("not said")
+            self.wrong.append("not reported")
         await page.until(lambda: page.state["safe_at"] > began)
         self.back = await _entered(page) - began
 
@@ -206,7 +206,7 @@ class _Trial:
         if page.state["mode"] != "HOLD" or "made safe" not in page.state["reason"]:
             self.wrong.append("not in HOLD")
         if not any("control loop" in text for text in page.failed):
-            self.wrong.append("not said")
+            self.wrong.append("not reported")
         self.back = await _entered(page) - began
         self._check_recording(began)
 
@@ -220,7 +220,7 @@ class _Trial:
                     async with piloted(self.server) as again:
                         self.back = again.state["t"] - began
                         if again.recording is not None:
-                            self.wrong.append("recording goes on")
+                            self.wrong.append("recording continues")
                         break
         states = self._check_recording(began)
         held = [s["t"] for s in states if s["t"] > began and s["mode"] == "HOLD"]
@@ -241,7 +241,7 @@ class _Trial:
         if "ended unexpectedly" not in last.get("error", ""):
             self.wrong.append("no error")
         quick = json.dumps({"input": "u [V]", "output": "y [um]", "levels": 5}).encode()
-        if not any("result" in told for told in await asyncio.to_thread(self._lines, job, quick)):
+        if not any("result" in one for one in await asyncio.to_thread(self._lines, job, quick)):
             self.wrong.append("no result afterwards")
         self.back = time.monotonic() - began
         if page.state["mode"] != "HEAD":
@@ -251,8 +251,8 @@ class _Trial:
         return json.loads(self.server.ask("POST", path, content).read())
 
     def _lines(self, path: str, content: bytes) -> list[dict]:
-        told = self.server.ask("POST", path, content).read()
-        return [json.loads(line) for line in told.splitlines()]
+        answer = self.server.ask("POST", path, content).read()
+        return [json.loads(line) for line in answer.splitlines()]
 
     def _recordings(self) -> list[Path]:
         return list((self.scene.folder / "sessions").glob("*.session"))
@@ -261,8 +261,8 @@ class _Trial:
         """The states of the recording, which must reach to the fault without a gap."""
         from minorloop.head.console.recording import TEXT, entries
 
-        told = [json.loads(c) for kind, _, c in entries(self._recording) if kind == TEXT]
-        states = [each for each in told if each["type"] == "state"]
+        texts = [json.loads(c) for kind, _, c in entries(self._recording) if kind == TEXT]
+        states = [each for each in texts if each["type"] == "state"]
         if not states or states[-1]["t"] < began - 0.15:
             self.wrong.append("recording lost")
         if np.any(np.diff([s["seq"] for s in states]) != 1):

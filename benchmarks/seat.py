@@ -1,7 +1,7 @@
-"""The operator's seat under load, under attack, and cut off.
+"""The console under load, under attack, and cut off.
 
-A console of its own, four pages over real sockets on this machine. ``MINORLOOP_SEAT_SECONDS`` sets
-how long they watch; 600 is what is required, 60 is the default.
+A console and four pages over real sockets on this machine. ``MINORLOOP_SEAT_SECONDS`` sets how long
+they are connected; 600 is required, 60 is the default.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ HOSTILE = 10_000
 
 
 def rows(quick: bool) -> list[Row]:
-    """What was measured."""
+    """Measure, and return the rows of the report."""
     seconds = 5.0 if quick else float(os.environ.get("MINORLOOP_SEAT_SECONDS", "60"))
     with tempfile.TemporaryDirectory() as folder, Server(folder) as server:
-        lab(server, True)  # the workers have begun, and are as large as they become
+        lab(server, True)  # so that the workers have started and reached their final size
         found = [lab(server, quick), still(), *painted(server)]
         found += asyncio.run(_watched(server, seconds))
         found += asyncio.run(_cut_off(server, Path(folder)))
@@ -39,12 +39,12 @@ def rows(quick: bool) -> list[Row]:
 
 
 async def _watched(server: Server, seconds: float) -> list[Row]:
-    """Four pages watch, one of them steers."""
+    """Measure with four pages, one of which steers."""
     async with contextlib.AsyncExitStack() as stack:
         pilot = await stack.enter_async_context(piloted(server))
         others = [Page(await stack.enter_async_context(server.connect())) for _ in range(PAGES - 1)]
         tasks = [asyncio.create_task(page.listen()) for page in others]
-        await asyncio.sleep(10.0)  # the map and what else grows once
+        await asyncio.sleep(10.0)  # until the map and other buffers have their final size
         before = server.memory()
         for page in (pilot, *others):
             page.late.clear(), page.answers.clear(), page.ages.clear()
@@ -97,7 +97,7 @@ async def _watched(server: Server, seconds: float) -> list[Row]:
 
 
 async def _cut_off(server: Server, folder: Path) -> list[Row]:
-    """Time until it holds, for each way to lose the operator; each operator records."""
+    """Measure the time until HOLD for each way to lose the operator, from recordings."""
     async with server.connect() as socket:
         watcher = Page(socket)
         watching = asyncio.create_task(watcher.listen())
@@ -110,21 +110,21 @@ async def _cut_off(server: Server, folder: Path) -> list[Row]:
         first = next(s for s in states if s["t"] > began and s["mode"] == "HOLD")
         found.append(_held(name, first["t"] - began, stopped=first["rates"] == [0.0, 0.0]))
     gaps = sum(int(np.sum(np.diff([s["seq"] for s in each]) != 1)) for each in recordings)
-    told = sum(map(len, recordings))
+    count = sum(map(len, recordings))
     found.append(
         Row(
-            "to go on after that",
+            "to continue after that",
             0.0,
             required="no jump, nothing lost",
             met=jump <= 0.1 and gaps == 0,
-            accuracy=f"{jump:.3f} degrees; {gaps} gaps in {told} recorded states",
+            accuracy=f"{jump:.3f} degrees; {gaps} gaps in {count} recorded states",
         )
     )
     return found
 
 
 async def _cut(server: Server) -> tuple[dict[str, float], list[Row], float]:
-    """When each way was tried, what the first gave, and the jump at the end."""
+    """Return the time of each way, the row of the first, and the jump at the end."""
     found = []
     async with piloted(server) as page:
         await page.send("record", grant=page.grant, on=True)
@@ -182,11 +182,13 @@ def _held(name: str, seconds: float, *, stopped: bool = True) -> Row:
 
 
 def _recorded(folder: Path) -> list[list[dict]]:
-    """The states of each recording."""
+    """Return the states of each recording."""
     from minorloop.head.console.recording import TEXT, entries, listed
 
     found = []
     for name in listed(folder):
-        told = (json.loads(c) for kind, _, c in entries(folder / f"{name}.session") if kind == TEXT)
-        found.append([each for each in told if each["type"] == "state"])
+        texts = (
+            json.loads(c) for kind, _, c in entries(folder / f"{name}.session") if kind == TEXT
+        )
+        found.append([each for each in texts if each["type"] == "state"])
     return found

@@ -1,8 +1,8 @@
 """The console under a flood of connections without a key, and of large uploads.
 
-A console of its own on this machine, with 1,024 files, and a pilot who steers meanwhile. The flood
-comes from a process of its own, from many addresses of this machine; it stands for other machines,
-so that it gives way to the console. Each part ends by itself within two minutes.
+A console on this machine, limited to 1,024 files, with a pilot who steers. The flood comes from
+another process with many addresses of this machine. It represents other machines, and so has a
+lower priority than the console. Each part takes at most two minutes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _UPLOADING = 120.0
 
 
 def rows(quick: bool) -> list[Row]:
-    """What was measured."""
+    """Measure, and return the rows of the report."""
     with (
         limited_files(FILES),
         tempfile.TemporaryDirectory() as folder,
@@ -48,16 +48,16 @@ def rows(quick: bool) -> list[Row]:
         before = _labs()
         with Server(folder, messages=messages) as server:
             (root,) = _labs() - before
-            drop(server, table(12_000))  # the workers have begun
+            drop(server, table(12_000))  # so that the workers have started
             found = asyncio.run(_flooded(server, 200 if quick else CONNECTIONS))
             found += uploaded(server, root, 8 if quick else UPLOADS, MEGABYTES)
         messages.seek(0)
         lines = len(messages.readlines())
-        return [*found, _said(lines)]
+        return [*found, _log_row(lines)]
 
 
-def _said(lines: int) -> Row:
-    what = "what the console said of flood and uploads"
+def _log_row(lines: int) -> Row:
+    what = "log messages of the console about flood and uploads"
     return Row(
         what, 0.0, required="< 100 lines", met=lines < 100, accuracy=f"{lines} lines of messages"
     )
@@ -65,7 +65,7 @@ def _said(lines: int) -> Row:
 
 @contextlib.contextmanager
 def limited_files(most: int) -> Iterator[None]:
-    """What is started here has so many files."""
+    """Limit the open files of the processes that are started in the block."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
     try:
@@ -75,12 +75,12 @@ def limited_files(most: int) -> Iterator[None]:
 
 
 async def _flooded(server: Server, count: int) -> list[Row]:
-    """A pilot steers for a while undisturbed, and then under the flood."""
+    """Measure a pilot without and then with the flood."""
     async with piloted(server) as pilot:
         await asyncio.sleep(3.0)
         await _watched(pilot, lambda: asyncio.sleep(_FLOOD / 2))
         calm = _Course.of(pilot)
-        told: list[dict] = []
+        results: list[dict] = []
 
         async def flood() -> None:
             command = [sys.executable, "-m", "benchmarks.strangers", server.host, str(count)]
@@ -88,7 +88,7 @@ async def _flooded(server: Server, count: int) -> list[Row]:
             try:
                 await _newcomer(server)
                 answer, _ = await asyncio.wait_for(child.communicate(), 4 * _FLOOD)
-                told.append(json.loads(answer))
+                results.append(json.loads(answer))
             finally:
                 if child.returncode is None:
                     child.kill()
@@ -101,7 +101,7 @@ async def _flooded(server: Server, count: int) -> list[Row]:
             under.latest,
             required="<= 0.1 %",
             met=under.late <= 1e-3,
-            accuracy=f"{under.late:.2%} of {under.ticks}; {calm.late:.2%} before; {told[0]}",
+            accuracy=f"{under.late:.2%} of {under.ticks}; {calm.late:.2%} before; {results[0]}",
         ),
         Row(
             "longest time without a state, under the flood",
@@ -141,12 +141,12 @@ class _Course:
     @classmethod
     def of(cls, pilot: Page) -> _Course:
         late = np.array(pilot.late)
-        heard = np.array(pilot.heard_at[-len(late) :])
+        times = np.array(pilot.state_times[-len(late) :])
         return cls(
             late=float(np.mean(late > 10.0)),
             latest=float(late.max()) / 1e3,
             ticks=late.size,
-            gap=float(np.diff(heard).max()),
+            gap=float(np.diff(times).max()),
             holds=sum(state["mode"] != "HEAD" for state in pilot.states),
         )
 
@@ -157,7 +157,7 @@ def strangers(host: str, count: int, seconds: float = _FLOOD) -> Counter[str]:
     Half of them come at once and the rest over the time; each kind of ``KINDS`` is a quarter.
     """
     address, port = host.rsplit(":", 1)
-    told: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     open_: dict[socket.socket, int] = {}
     waiting = selectors.DefaultSelector()
     began = time.monotonic()
@@ -182,14 +182,14 @@ def strangers(host: str, count: int, seconds: float = _FLOOD) -> Counter[str]:
             except OSError:
                 more = b""
             if not more:
-                told["closed by the server"] += 1
+                counts["closed by the server"] += 1
                 waiting.unregister(one)
                 del open_[one]
                 one.close()
-    told["opened"], told["left open"] = opened, len(open_)
+    counts["opened"], counts["left open"] = opened, len(open_)
     for one in open_:
         one.close()
-    return told
+    return counts
 
 
 def _stranger(address: str, port: int, number: int) -> socket.socket:
@@ -235,7 +235,7 @@ def uploaded(server: Server, root: Path, count: int, megabytes: int) -> list[Row
         peaks = np.maximum(peaks, (server.serving(), server.memory(), on_disk(root)))
         time.sleep(0.1)
     statuses["not answered yet"] = sum(each.is_alive() for each in threads)
-    said = ", ".join(f"{number} x {status}" for status, number in statuses.items() if number)
+    answers = ", ".join(f"{number} x {status}" for status, number in statuses.items() if number)
     shape = f"{count} uploads of {megabytes} MB"
     worst = max(answers, default=float("inf"))
     return [
@@ -244,7 +244,7 @@ def uploaded(server: Server, root: Path, count: int, megabytes: int) -> list[Row
             worst,
             required="<= 5 s",
             met=worst <= 5.0,
-            accuracy=f"answers to the large ones: {said}",
+            accuracy=f"answers to the large ones: {answers}",
         ),
         Row(
             f"{shape}: memory",
@@ -300,9 +300,9 @@ def _small(server: Server, answers: list[float]) -> None:
     for _ in range(5):
         time.sleep(1.0)
         began = time.monotonic()
-        status, told = drop(server, table(12_000))
+        status, found = drop(server, table(12_000))
         answers.append(time.monotonic() - began if status == 200 else float("inf"))
-        assert status != 200 or len(told["columns"]) == 4
+        assert status != 200 or len(found["columns"]) == 4
 
 
 def on_disk(root: Path) -> float:

@@ -104,7 +104,8 @@ from minorloop.head.console.auth import Authentication
 from minorloop.head.console.loop import LoopSettings
 from minorloop.head.console.server import STATIC, Console
 import uvicorn, websockets
-app = Console(doors=Authentication("127.0.0.1"), loop=LoopSettings(address="twin:rig")).app()
+authentication = Authentication("127.0.0.1")
+app = Console(authentication=authentication, loop=LoopSettings(address="twin:rig")).app()
 assert app.routes
 from minorloop.head.reconstruction.mesh import mesh_of
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch

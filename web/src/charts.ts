@@ -1,14 +1,14 @@
-/** Command and angle of an axis over the last seconds. */
+/** Chart of command and angle of an axis over the last seconds. */
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 
 const KEPT = 20; // s
 
-export class Course {
+export class AngleChart {
   private readonly t: number[] = [];
-  private readonly wanted: number[] = [];
-  private readonly is: (number | null)[] = [];
+  private readonly command: number[] = [];
+  private readonly angle: (number | null)[] = [];
   private readonly plot: uPlot;
   private drawn = 0;
 
@@ -24,7 +24,7 @@ export class Course {
         padding: [6, 6, 0, 0],
         legend: { show: false },
         cursor: { show: false },
-        scales: { x: { time: false }, y: { range: (_, low, high) => spread(low, high, cone) } },
+        scales: { x: { time: false }, y: { range: (_, low, high) => limits(low, high, cone) } },
         axes: [
           { ...axis, size: 20, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
           { ...axis, size: 34, space: 20, values: (_, ticks) => ticks.map((tick) => `${tick}°`) },
@@ -37,28 +37,28 @@ export class Course {
     new ResizeObserver(() => this.plot.setSize({ width: box.clientWidth, height: box.clientHeight })).observe(box);
   }
 
-  add(t: number, wanted: number, is: number | null): void {
+  add(t: number, command: number, angle: number | null): void {
     if (this.t.length > 0 && t < this.t[this.t.length - 1]!) this.clear();
     this.t.push(t);
-    this.wanted.push(wanted);
-    this.is.push(is);
+    this.command.push(command);
+    this.angle.push(angle);
     while (this.t.length > 0 && this.t[0]! < t - KEPT) {
       this.t.shift();
-      this.wanted.shift();
-      this.is.shift();
+      this.command.shift();
+      this.angle.shift();
     }
     if (performance.now() - this.drawn > 100 && this.box.clientWidth > 0) {
       this.drawn = performance.now();
-      this.plot.setData([this.t.map((each) => each - t), this.wanted, this.is]);
+      this.plot.setData([this.t.map((each) => each - t), this.command, this.angle]);
     }
   }
 
   private clear(): void {
-    this.t.length = this.wanted.length = this.is.length = 0;
+    this.t.length = this.command.length = this.angle.length = 0;
   }
 }
 
-function spread(low: number | null, high: number | null, cone: number): [number, number] {
+function limits(low: number | null, high: number | null, cone: number): [number, number] {
   if (low === null || high === null) return [-cone, cone];
   const middle = (low + high) / 2;
   const half = Math.max((high - low) / 2, 2) * 1.15;

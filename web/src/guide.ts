@@ -1,23 +1,24 @@
-/** The six steps of an inspection; each is ticked off by what happens, not by the reader. */
+/** The six steps of an inspection; each is marked done when its result is there. */
 
-import { heard, type Finding, type State } from "./talk";
+import type { ReportedFinding, LoopState } from "./messages";
+import { hasEchoes } from "./protocol";
 
 const STEPS = [
-  ["Look", "Take the controls (T), press Head (1) and look round: drag the image, or use the arrow keys. W pushes the catheter in. Turn well to the side: where the wall is near and the head rests, what could be a defect is framed."],
+  ["Look", "Take the controls (T), press Head (1) and look round: drag the image, or use the arrow keys. W pushes the catheter in. Turn well to the side: where the wall is near and the head rests, possible defects are framed."],
   ["Pick", "Click what you want to inspect, or press N to go through the frames and Enter to pick one."],
-  ["Focus", "Press Track (2): the camera centres the point, keeps it there whatever your head does, and focuses on it."],
-  ["Extract", "Press Measure (M): three lights flash one by one, and the outline that is the same under all of them gives place and size."],
+  ["Focus", "Press Track (2): the camera centres the point, keeps it there however you move, and focuses on it."],
+  ["Extract", "Press Measure (M): three lights flash one by one, and the outline that all of them show gives place and size."],
   ["Depth", "Press Depth (E): the pipe is flooded, and the head brings its ultrasonic probe over the finding, point by point. Hold stops it."],
-  ["Finding", "It is in the list, on the map and in three dimensions. Download it, or press Head and go on to the next."],
+  ["Finding", "It is in the list, on the map and in three dimensions. Download it, or press Head and continue with the next."],
 ] as const;
 
-/** The same for who has no keys. */
+/** The same for operators without a keyboard. */
 const TOUCH: Record<number, string> = {
-  0: "Take the controls, press Head and look round: drag the image, or look with this phone. The round pad pushes the catheter in and rolls it. Turn well to the side: where the wall is near and the head rests, what could be a defect is framed.",
+  0: "Take the controls, press Head and look round: drag the image, or look with this phone. The round pad pushes the catheter in and rolls it. Turn well to the side: where the wall is near and the head rests, possible defects are framed.",
   1: "Tap what you want to inspect.",
 };
 const touched = window.matchMedia("(pointer: coarse)").matches;
-const said = (step: number): string => (touched ? (TOUCH[step] ?? STEPS[step]![1].replace(/ \([A-Z1-3]\)/g, "")) : STEPS[step]![1]);
+const hint = (step: number): string => (touched ? (TOUCH[step] ?? STEPS[step]![1].replace(/ \([A-Z1-3]\)/g, "")) : STEPS[step]![1]);
 
 export class Guide {
   private now = -1;
@@ -34,29 +35,29 @@ export class Guide {
       item.innerHTML = `<i>${k + 1}</i><b>${name}</b>`;
       return item;
     });
-    const hint = document.createElement("li");
-    hint.className = "hint";
-    hint.setAttribute("role", "status");
+    const line = document.createElement("li");
+    line.className = "hint";
+    line.setAttribute("role", "status");
     this.text = document.createElement("span");
     this.bar = document.createElement("progress");
     this.bar.hidden = true;
-    hint.append(this.text, this.bar);
-    list.append(...this.items, hint);
-    this.draw(0, said(0));
+    line.append(this.text, this.bar);
+    list.append(...this.items, line);
+    this.draw(0, hint(0));
   }
 
-  /** Whether something was picked on this page. */
+  /** Whether this page has picked a point. */
   asked = false;
 
-  /** What is going on with the echoes of a scan; empty where nothing is. */
+  /** Stage of the fit of the echoes; empty when there is none. */
   fitting = "";
 
-  update(state: State, findings: Finding[]): void {
+  update(state: LoopState, findings: ReportedFinding[]): void {
     if (state.mode === "HEAD") this.moved = Math.max(this.moved, Math.hypot(...state.command));
-    // To look on after a finding is to begin with the next.
+    // Looking round after a finding starts the next inspection.
     if (state.mode === "HEAD" && findings.length > 0) this.count = findings.length;
     const fresh = findings.slice(this.count);
-    // A target that somebody lost before this page came is no pick.
+    // A target that was lost before this page connected does not count as picked.
     if (state.target === null) this.picked = false;
     else if (state.target[3] > 0 || this.asked) this.picked = true;
     const done = [
@@ -64,7 +65,7 @@ export class Guide {
       this.picked || fresh.length > 0,
       (state.mode === "TRACK" && state.focus !== "" && state.focus !== "searching") || fresh.length > 0,
       fresh.length > 0,
-      fresh.length > 0 && heard(fresh[fresh.length - 1]!),
+      fresh.length > 0 && hasEchoes(fresh[fresh.length - 1]!),
       false,
     ];
     const step = done.indexOf(false);
@@ -75,11 +76,11 @@ export class Guide {
     else this.bar.removeAttribute("value");
   }
 
-  private sentence(step: number, state: State): string {
+  private sentence(step: number, state: LoopState): string {
     if (step === 2 && state.mode === "TRACK") return state.centred ? "In the middle: focusing on it." : "Turning until the point is in the middle.";
     if (step === 4 && state.mode === "SCAN") return SCANNING[state.scan?.stage ?? ""] ?? "";
-    if (step === 4 && this.fitting) return `Scanned; ${this.fitting}. You may go on meanwhile.`;
-    return said(step);
+    if (step === 4 && this.fitting) return `Scanned; ${this.fitting}. You can continue meanwhile.`;
+    return hint(step);
   }
 
   private draw(step: number, sentence: string): void {
@@ -97,6 +98,6 @@ export class Guide {
 const SCANNING: Record<string, string> = {
   travel: "The catheter brings the probe to the finding.",
   turn: "Turning the beam to the first point.",
-  points: "Listening, point by point.",
+  points: "Measuring, point by point.",
   back: "Going back to where you looked from.",
 };

@@ -1,12 +1,12 @@
-/** Head, hands and feet of the operator: every device becomes a pose, a stick and a clutch. */
+/** Input devices: mouse, keys, gamepad, phone and headset give a pose, a stick and a clutch. */
 
-import { byId, now, type Quaternion } from "./talk";
+import { byId, now, type Quaternion } from "./protocol";
 
-export interface Wishes {
+export interface Commands {
   pick(u: number, v: number): void;
   pickMiddle(): void;
   next(): void;
-  /** Whether a candidate is chosen, which Enter then picks. */
+  /** Whether a candidate is selected; Enter then picks it. */
   choosing(): boolean;
   confirm(): void;
   mode(mode: "HEAD" | "TRACK" | "HOLD"): void;
@@ -17,7 +17,7 @@ export interface Wishes {
   take(): void;
 }
 
-export interface Look {
+export interface HeadPose {
   pose: Quaternion | null;
   age: number;
 }
@@ -26,17 +26,17 @@ const DEGREE = Math.PI / 180;
 const MOST = 70;
 const TURNED_BY_KEYS = 30; // degrees a second
 const DRAGGED = 0.12; // degrees a pixel
-const STILL = 1.0; // s: browsers tell of a phone's orientation only when it changes
+const STILL = 1.0; // s: browsers report the orientation of a phone only when it changes
 
-/** The pose of a head turned right by yaw and then up by pitch, in degrees. */
+/** Pose of a head that is turned right by yaw, then up by pitch, in degrees. */
 export function turned(yaw: number, pitch: number): Quaternion {
   const [sy, cy] = [Math.sin((-yaw * DEGREE) / 2), Math.cos((-yaw * DEGREE) / 2)];
   const [sp, cp] = [Math.sin((pitch * DEGREE) / 2), Math.cos((pitch * DEGREE) / 2)];
   return [cy * sp, sy * cp, -sy * sp, cy * cp];
 }
 
-/** The pose of somebody who looks through a phone, from its alpha, beta and gamma in degrees. */
-export function through(alpha: number, beta: number, gamma: number, screen: number): Quaternion {
+/** Pose of an operator who looks through a phone, from its alpha, beta and gamma in degrees. */
+export function phonePose(alpha: number, beta: number, gamma: number, screen: number): Quaternion {
   const [x, y, z] = [(beta * DEGREE) / 2, (alpha * DEGREE) / 2, (-gamma * DEGREE) / 2];
   const [sx, cx, sy, cy, sz, cz] = [Math.sin(x), Math.cos(x), Math.sin(y), Math.cos(y), Math.sin(z), Math.cos(z)];
   // Turns about y, x and z, in this order.
@@ -76,7 +76,7 @@ export class Hands {
   dragged: () => void = () => {};
 
   constructor(
-    private readonly wishes: Wishes,
+    private readonly commands: Commands,
     private readonly camera: HTMLCanvasElement,
   ) {
     this.listenToKeys();
@@ -105,8 +105,8 @@ export class Hands {
     this.pitch = within(this.pitch + (up + lookUp) * TURNED_BY_KEYS * passed);
   }
 
-  /** Where the operator looks, from the device that was chosen. */
-  look(): Look {
+  /** Pose of the operator's head from the chosen device, and its age in seconds. */
+  look(): HeadPose {
     if (this.source === "mouse") return { pose: turned(this.yaw, this.pitch), age: 0 };
     if (this.source === "phone") {
       if (!this.phone) return { pose: null, age: 0 };
@@ -120,36 +120,36 @@ export class Hands {
   /** Forward and right, from -1 to 1. */
   stick(): [number, number] {
     const keys: [number, number] = [this.held("w") - this.held("s"), this.held("d") - this.held("a")];
-    const worn = this.headset?.stick ?? [0, 0];
-    return [0, 1].map((k) => clamp(keys[k]! + this.padded[k]! + this.gamepad[k]! + worn[k]!)) as [number, number];
+    const headset = this.headset?.stick ?? [0, 0];
+    return [0, 1].map((k) => clamp(keys[k]! + this.padded[k]! + this.gamepad[k]! + headset[k]!)) as [number, number];
   }
 
   clutch(): boolean {
     return this.clutched || this.down.has("c") || (this.buttons[5] ?? false) || (this.headset?.clutch ?? false);
   }
 
-  /** Take the pose that a headset gave in this frame; null where it gave none. */
-  worn(pose: Quaternion | null, stick: [number, number], clutch: boolean): void {
+  /** Take in the pose of the headset in this frame; null if there is none. */
+  headsetMoved(pose: Quaternion | null, stick: [number, number], clutch: boolean): void {
     const at = pose ? now() : (this.headset?.at ?? 0);
     this.headset = { pose: pose ?? this.headset?.pose ?? null, at, stick, clutch };
   }
 
-  unworn(): void {
+  headsetEnded(): void {
     this.headset = null;
   }
 
-  /** Ask for the orientation of this phone; a sentence if it cannot be had. */
+  /** Start reading the orientation of this phone; return a sentence if that is not possible. */
   async usePhone(): Promise<string> {
-    if (!("DeviceOrientationEvent" in window)) return "This browser gives no orientation; use another source.";
-    if (!window.isSecureContext) return "Phones give their orientation over https only; start with --certificate.";
+    if (!("DeviceOrientationEvent" in window)) return "This browser does not report an orientation; choose another source.";
+    if (!window.isSecureContext) return "Phones report their orientation over https only; start the console with --certificate.";
     const asking = DeviceOrientationEvent as unknown as { requestPermission?: () => Promise<string> };
     if (asking.requestPermission && (await asking.requestPermission()) !== "granted") {
-      return "The phone did not allow its orientation to be read.";
+      return "The phone refused access to its orientation.";
     }
     window.addEventListener("deviceorientation", (event) => {
       if (event.alpha === null || event.beta === null || event.gamma === null) return;
       const screen = window.screen.orientation?.angle ?? 0;
-      this.phone = { pose: through(event.alpha, event.beta, event.gamma, screen), at: now() };
+      this.phone = { pose: phonePose(event.alpha, event.beta, event.gamma, screen), at: now() };
     });
     return "";
   }
@@ -167,12 +167,12 @@ export class Hands {
     this.gamepad = [-axis(1), axis(0)];
     const pressed = pad.buttons.map((button) => button.pressed);
     const fresh = (k: number) => pressed[k] && !this.buttons[k];
-    if (fresh(0)) this.wishes.pickMiddle();
-    if (fresh(1)) this.wishes.mode("TRACK");
-    if (fresh(2)) this.wishes.mode("HEAD");
-    if (fresh(3)) this.wishes.mode("HOLD");
-    if (fresh(9)) this.wishes.measure();
-    if (fresh(8)) this.wishes.depth();
+    if (fresh(0)) this.commands.pickMiddle();
+    if (fresh(1)) this.commands.mode("TRACK");
+    if (fresh(2)) this.commands.mode("HEAD");
+    if (fresh(3)) this.commands.mode("HOLD");
+    if (fresh(9)) this.commands.measure();
+    if (fresh(8)) this.commands.depth();
     this.buttons = pressed;
     const quiet = (value: number) => (Math.abs(value) < 0.1 ? 0 : value);
     return [quiet(axis(2)), -quiet(axis(3))];
@@ -183,27 +183,27 @@ export class Hands {
   }
 
   private listenToKeys(): void {
-    let pointed = false;
-    window.addEventListener("pointerdown", () => (pointed = true), true);
-    // What was pressed with a pointer must not keep the keys: they steer.
-    const giveBack = (event: Event) => {
+    let clicked = false;
+    window.addEventListener("pointerdown", () => (clicked = true), true);
+    // An element that was clicked must not keep the keyboard focus: the keys steer.
+    const returnFocus = (event: Event) => {
       const used = event.target instanceof Element ? event.target.closest("button, select, input") : null;
-      if (pointed && used && !document.querySelector("dialog[open]")) this.camera.focus({ preventScroll: true });
+      if (clicked && used && !document.querySelector("dialog[open]")) this.camera.focus({ preventScroll: true });
     };
-    window.addEventListener("change", giveBack);
+    window.addEventListener("change", returnFocus);
     window.addEventListener("click", (event) => {
-      if (event.target instanceof Element && event.target.closest("button")) giveBack(event);
+      if (event.target instanceof Element && event.target.closest("button")) returnFocus(event);
     });
     window.addEventListener("keydown", (event) => {
-      pointed = false;
+      clicked = false;
       if (event.ctrlKey || event.metaKey || event.altKey || isText(event.target)) return;
       if (document.querySelector("dialog[open]")) return;
       const key = event.key.toLowerCase();
       const tag = event.target instanceof HTMLElement ? event.target.tagName : "";
       if (/^(SELECT|INPUT)$/.test(tag) && key.startsWith("arrow")) return;
-      const picks = key === "enter" && this.wishes.choosing();
+      const picks = key === "enter" && this.commands.choosing();
       if (/^(BUTTON|SELECT|A|INPUT)$/.test(tag) && !picks && (key === "enter" || key === " ")) return;
-      if (picks) event.preventDefault(); // a button in focus, such as Release, is not meant
+      if (picks) event.preventDefault(); // do not press the focused button, such as Release
       if (!event.repeat) this.once(key);
       if (key.startsWith("arrow")) event.preventDefault();
       this.down.add(key);
@@ -212,23 +212,23 @@ export class Hands {
   }
 
   private once(key: string): void {
-    const wishes: Record<string, () => void> = {
-      "1": () => this.wishes.mode("HEAD"),
-      "2": () => this.wishes.mode("TRACK"),
-      "3": () => this.wishes.mode("HOLD"),
-      escape: () => this.wishes.mode("HOLD"),
-      n: () => this.wishes.next(),
-      enter: () => this.wishes.confirm(),
-      m: () => this.wishes.measure(),
-      e: () => this.wishes.depth(),
-      f: () => this.wishes.sharpen(),
-      r: () => this.wishes.record(),
-      t: () => this.wishes.take(),
+    const commands: Record<string, () => void> = {
+      "1": () => this.commands.mode("HEAD"),
+      "2": () => this.commands.mode("TRACK"),
+      "3": () => this.commands.mode("HOLD"),
+      escape: () => this.commands.mode("HOLD"),
+      n: () => this.commands.next(),
+      enter: () => this.commands.confirm(),
+      m: () => this.commands.measure(),
+      e: () => this.commands.depth(),
+      f: () => this.commands.sharpen(),
+      r: () => this.commands.record(),
+      t: () => this.commands.take(),
     };
-    wishes[key]?.();
+    commands[key]?.();
   }
 
-  /** Dragging looks round as one looks round a panorama; a click without a drag picks. */
+  /** Dragging turns the view as in a panorama; a click without a drag picks. */
   private listenToPointer(): void {
     let from: { x: number; y: number; far: boolean } | null = null;
     this.camera.addEventListener("pointerdown", (event) => {
@@ -246,7 +246,7 @@ export class Hands {
       this.pitch = within(this.pitch + event.movementY * DRAGGED);
     });
     this.camera.addEventListener("pointerup", (event) => {
-      if (from && !from.far) this.wishes.pick(event.offsetX, event.offsetY);
+      if (from && !from.far) this.commands.pick(event.offsetX, event.offsetY);
       from = null;
     });
     this.camera.addEventListener("pointercancel", () => (from = null));

@@ -1,17 +1,17 @@
-/** The camera's picture on a screen before the eyes of somebody who wears a headset, and their pose. */
+/** The picture of the camera on a virtual screen in a headset, and the pose of the headset. */
 
 import { CanvasTexture, Mesh, MeshBasicMaterial, PerspectiveCamera, PlaneGeometry, Scene, SRGBColorSpace, WebGLRenderer } from "three";
-import type { Quaternion } from "./talk";
+import type { Quaternion } from "./protocol";
 
-export interface Worn {
+export interface HeadsetListener {
   pose(pose: Quaternion | null, stick: [number, number], clutch: boolean): void;
   select(): void;
   ended(): void;
 }
 
-/** Begin; a sentence where it cannot be. */
-export async function wear(picture: HTMLCanvasElement, worn: Worn): Promise<string> {
-  if (!navigator.xr) return "This browser knows no headset; open the page in the headset's own.";
+/** Start the headset; return a sentence if that is not possible. */
+export async function startHeadset(picture: HTMLCanvasElement, listener: HeadsetListener): Promise<string> {
+  if (!navigator.xr) return "This browser does not support headsets; open the page in the browser of the headset.";
   if (!(await navigator.xr.isSessionSupported("immersive-vr"))) return "No headset was found.";
   const session = await navigator.xr.requestSession("immersive-vr", { optionalFeatures: ["local"] });
   const renderer = new WebGLRenderer({ antialias: true });
@@ -22,31 +22,31 @@ export async function wear(picture: HTMLCanvasElement, worn: Worn): Promise<stri
   const texture = new CanvasTexture(picture);
   texture.colorSpace = SRGBColorSpace;
   const screen = new Mesh(new PlaneGeometry(2.0, 1.5), new MeshBasicMaterial({ map: texture, toneMapped: false }));
-  // It stays before the eyes: the pipe's camera turns instead.
+  // The screen stays in front of the operator: the camera in the pipe turns instead.
   screen.position.z = -1.6;
   camera.add(screen);
   scene.add(camera);
-  session.addEventListener("select", () => worn.select());
+  session.addEventListener("select", () => listener.select());
   session.addEventListener("end", () => {
     renderer.setAnimationLoop(null);
     renderer.dispose();
-    worn.ended();
+    listener.ended();
   });
   await renderer.xr.setSession(session);
   renderer.setAnimationLoop((_, frame) => {
     const space = renderer.xr.getReferenceSpace();
     const pose = frame && space ? frame.getViewerPose(space) : undefined;
     const q = pose?.transform.orientation;
-    const [stick, clutch] = held(session);
-    worn.pose(q ? [q.x, q.y, q.z, q.w] : null, stick, clutch);
+    const [stick, clutch] = controllers(session);
+    listener.pose(q ? [q.x, q.y, q.z, q.w] : null, stick, clutch);
     texture.needsUpdate = true;
     renderer.render(scene, camera);
   });
   return "";
 }
 
-/** Stick and grip of the controllers in the hands. */
-function held(session: XRSession): [[number, number], boolean] {
+/** Stick and grip of the controllers. */
+function controllers(session: XRSession): [[number, number], boolean] {
   const stick: [number, number] = [0, 0];
   let clutch = false;
   for (const source of session.inputSources) {

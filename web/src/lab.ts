@@ -1,9 +1,9 @@
-/** The lab page: a CSV in, a model out. What is computed is computed by the server's library. */
+/** The lab page: a model from a CSV file. The server computes everything with the library. */
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import { drawPlane } from "./plane";
-import { byId } from "./talk";
+import { byId } from "./protocol";
 
 interface Column {
   header: string;
@@ -30,7 +30,7 @@ interface Result {
   advice: string[];
 }
 
-interface Told {
+interface Answer {
   stage?: string;
   error?: string;
   result?: Result;
@@ -52,7 +52,7 @@ function trouble(sentence: string): void {
   show("trouble", sentence !== "");
 }
 
-/** Ask the server; what it refuses becomes a sentence on the page. */
+/** Ask the server; show its sentence on the page if it refuses. */
 async function ask(path: string, body: BodyInit): Promise<any> {
   try {
     const answer = await fetch(path, { method: "POST", body });
@@ -69,20 +69,20 @@ async function drop(file: File): Promise<void> {
   trouble("");
   for (const id of ["setup", "preview", "result"]) show(id, false);
   byId("drop-title").textContent = `Reading ${file.name}…`;
-  const told = await ask(`/api/lab?name=${encodeURIComponent(file.name)}`, file);
-  byId("drop-title").textContent = told ? `${told.name}` : "Drop a CSV, get a model";
-  byId("drop").classList.toggle("small", told !== null);
-  if (!told) return;
-  user = told.user;
-  columns = (told.columns as Column[]).filter((column) => !column.trouble);
-  byId("drop-title").textContent = `${told.name}: ${columns[0]!.rows} rows`;
+  const reply = await ask(`/api/lab?name=${encodeURIComponent(file.name)}`, file);
+  byId("drop-title").textContent = reply ? `${reply.name}` : "Drop a CSV, get a model";
+  byId("drop").classList.toggle("small", reply !== null);
+  if (!reply) return;
+  user = reply.user;
+  columns = (reply.columns as Column[]).filter((column) => !column.trouble);
+  byId("drop-title").textContent = `${reply.name}: ${columns[0]!.rows} rows`;
   choose();
   show("setup");
   drawLoop();
   byId("identify").focus();
 }
 
-/** Offer the columns, with a guess: neither time nor a counter, the first in, the next out. */
+/** Offer the columns; the first two that are not time are suggested as input and output. */
 function choose(): void {
   const names = columns.map((column) => column.header);
   const candidates = columns.filter((column) => !column.time).map((column) => column.header);
@@ -123,8 +123,8 @@ async function identify(): Promise<void> {
       return;
     }
     show("get-report", false);
-    byId("report-note").textContent = "the report is being drawn…";
-    for await (const told of lines(answer.body)) hear(told);
+    byId("report-note").textContent = "the report is being written…";
+    for await (const reply of lines(answer.body)) receive(reply);
   } catch {
     trouble("The console does not answer; is it still running?");
   } finally {
@@ -134,7 +134,7 @@ async function identify(): Promise<void> {
   }
 }
 
-async function* lines(body: ReadableStream<Uint8Array>): AsyncGenerator<Told> {
+async function* lines(body: ReadableStream<Uint8Array>): AsyncGenerator<Answer> {
   const reader = body.pipeThrough(new TextDecoderStream() as ReadableWritablePair<string, Uint8Array>).getReader();
   let rest = "";
   for (;;) {
@@ -142,16 +142,16 @@ async function* lines(body: ReadableStream<Uint8Array>): AsyncGenerator<Told> {
     rest += value ?? "";
     const parts = rest.split("\n");
     rest = parts.pop()!;
-    for (const part of parts) yield JSON.parse(part) as Told;
+    for (const part of parts) yield JSON.parse(part) as Answer;
     if (done) return;
   }
 }
 
-function hear(told: Told): void {
-  if (told.stage) stage(told.stage);
-  if (told.error) trouble(told.error);
-  if (told.result) showResult(told.result);
-  if (told.report) {
+function receive(answer: Answer): void {
+  if (answer.stage) stage(answer.stage);
+  if (answer.error) trouble(answer.error);
+  if (answer.result) showResult(answer.result);
+  if (answer.report) {
     byId<HTMLAnchorElement>("get-report").href = `/api/lab/${user}/report.html`;
     show("get-report");
     byId("report-note").textContent = "";
@@ -160,7 +160,7 @@ function hear(told: Told): void {
 
 let clock = 0;
 
-/** Show a stage, and for how long it has been going on. */
+/** Show a stage and its seconds so far. */
 function stage(name: string): void {
   show("working");
   const began = performance.now();
@@ -185,19 +185,27 @@ function showResult(found: Result): void {
   const { u, y, fit, rows, held } = found;
   loop("fit", u, [{ y, colour: "#5b6b75", name: "measured" }, { y: fit, colour: "#46d6b8", name: "model" }], found.input, found.output);
   along(rows, y, fit, held, found.output);
-  byId("held-note").textContent = held === null ? "" : "– right of the line it was not shown";
-  byId("advice").replaceChildren(...(found.advice.length ? found.advice : ["Nothing stands out: the model explains the record."]).map((sentence) => {
-    const item = document.createElement("li");
-    item.textContent = sentence;
-    return item;
-  }));
+  byId("held-note").textContent = held === null ? "" : "– rows to the right of the line were not fitted";
+  list("advice", found.advice.length ? found.advice : ["There is nothing to improve: the model explains the record."]);
   const [low, high] = found.range;
   const at = (share: number) => Number((low + share * (high - low)).toPrecision(3));
   byId<HTMLTextAreaElement>("targets").value = [0.3, 0.7, 0.5, 0.9, 0.4].map(at).join(", ");
   byId("sequence").replaceChildren();
+  list("warnings", []);
   byId("slider-name").textContent = found.input;
   byId<HTMLInputElement>("slider").value = "0";
   forget();
+}
+
+/** Show sentences as the items of a list. */
+function list(id: string, sentences: string[]): void {
+  byId(id).replaceChildren(
+    ...sentences.map((sentence) => {
+      const item = document.createElement("li");
+      item.textContent = sentence;
+      return item;
+    }),
+  );
 }
 
 function showScores(found: Result): void {
@@ -239,7 +247,7 @@ function plot(id: string, options: Omit<uPlot.Options, "width" | "height">, data
   plots.set(id, made);
 }
 
-/** Output against input: a path that may go back, which uPlot draws as points joined in order. */
+/** Plot output over input. The path may go back, so its points are joined in their order. */
 function loop(id: string, u: (number | null)[], curves: Curve[], input: string, output: string): void {
   const path = (self: uPlot, series: number): null => {
     const [xs, ys] = self.data[series] as unknown as [(number | null)[], (number | null)[]];
@@ -318,7 +326,7 @@ function drawMemory(): void {
   drawPlane(byId<HTMLCanvasElement>("plane"), result, memory ?? [result.levels[0]!], labels);
 }
 
-function slid(): number {
+function sliderInput(): number {
   const low = result!.levels[0]!;
   const high = result!.levels[result!.levels.length - 1]!;
   return low + (Number(byId<HTMLInputElement>("slider").value) / 1000) * (high - low);
@@ -327,20 +335,20 @@ function slid(): number {
 let moving = false;
 let again = false;
 
-/** Push the slider's value into the model; one request at a time, the newest value last. */
+/** Apply the value of the slider to the model; one request at a time, the newest value last. */
 async function move(): Promise<void> {
   if (!result) return;
-  byId("slider-shown").textContent = slid().toPrecision(4);
+  byId("slider-shown").textContent = sliderInput().toPrecision(4);
   if (moving) {
     again = true;
     return;
   }
   moving = true;
-  const told = await ask(`/api/lab/${user}/move`, JSON.stringify({ u: slid(), memory }));
+  const reply = await ask(`/api/lab/${user}/move`, JSON.stringify({ u: sliderInput(), memory }));
   moving = false;
-  if (told) {
-    memory = told.memory as number[];
-    byId("slider-output").textContent = `${(told.y as number).toPrecision(5)}`;
+  if (reply) {
+    memory = reply.memory as number[];
+    byId("slider-output").textContent = `${(reply.y as number).toPrecision(5)}`;
     drawMemory();
   }
   if (again) {
@@ -367,23 +375,24 @@ async function invert(): Promise<void> {
     return;
   }
   const start = byId<HTMLSelectElement>("start").value;
-  const told = await ask(`/api/lab/${user}/invert`, JSON.stringify({ targets, start }));
+  const reply = await ask(`/api/lab/${user}/invert`, JSON.stringify({ targets, start }));
   byId("sequence").replaceChildren();
+  list("warnings", reply?.warnings ?? []);
   show("get-inputs", false);
-  if (!told) return;
-  const rows = targets.map((target, k) => [target, told.u[k], told.y[k]].map((value) => (value as number).toPrecision(6)));
+  if (!reply) return;
+  const rows = targets.map((target, k) => [target, reply.u[k], reply.y[k]].map((value) => (value as number).toPrecision(6)));
   const table = byId<HTMLTableElement>("sequence");
   table.innerHTML = "<thead><tr><th>target</th><th>input</th><th>output</th></tr></thead>";
   const body = table.createTBody();
   rows.forEach((cells, k) => {
     const row = body.insertRow();
-    if (!told.reachable[k]) row.className = "out";
+    if (!reply.reachable[k]) row.className = "out";
     cells.forEach((cell) => (row.insertCell().textContent = cell));
   });
-  const missed = (told.reachable as boolean[]).filter((ok) => !ok).length;
+  const missed = (reply.reachable as boolean[]).filter((ok) => !ok).length;
   if (missed) {
     const [low, high] = result!.range.map((value) => value.toPrecision(4));
-    trouble(`${missed} of ${targets.length} targets lie beyond what the model reaches, ${low} to ${high}; their inputs go as near as they can.`);
+    trouble(`${missed} of ${targets.length} targets are beyond what the model reaches, ${low} to ${high}; their inputs bring it as near as possible.`);
   }
   byId<HTMLAnchorElement>("get-inputs").href = `/api/lab/${user}/inputs.csv`;
   show("get-inputs");

@@ -1,48 +1,49 @@
-/** The operate page: what comes from the server on the screen, what the operator does to the server. */
+/** The operate page: shows the messages of the server, and sends the commands of the operator. */
 
-import { Course } from "./charts";
+import { AngleChart } from "./charts";
 import { Guide } from "./guide";
 import { Hands } from "./hands";
 import { drawPlane } from "./plane";
 import type { Solid } from "./solid";
 import { Stage } from "./stage";
-import { byId, Connection, heard, now, type Finding, type Hello, type Mode, type Picture, type Seats, type State } from "./talk";
+import { MAP, type Controls, type FromPage, type Hello, type LoopState, type ReportedFinding, type SetMode } from "./messages";
+import { byId, Connection, hasEchoes, now, type Content, type OrderContent, type Picture } from "./protocol";
 import { WallMap } from "./wall";
 
 const SENT_EVERY = 20; // ms
 const NOTICE = 7000; // ms
-const OLD = 0.5; // s: a picture that is older misleads who steers by it
+const OLD = 0.5; // s: an older picture would mislead the pilot
 
 const replay = new URLSearchParams(location.search).get("replay");
 const camera = byId<HTMLCanvasElement>("camera");
 const stage = new Stage(camera);
 const wall = new WallMap(byId<HTMLCanvasElement>("map"));
 const guide = new Guide(byId("guide"));
-let courses: [Course, Course] | null = null;
+let charts: [AngleChart, AngleChart] | null = null;
 let solid: Solid | null = null;
 let hello: Hello | null = null;
-let state: State | null = null;
-let seats: Seats | null = null;
-let findings: Finding[] = [];
+let state: LoopState | null = null;
+let controls: Controls | null = null;
+let findings: ReportedFinding[] = [];
 let recording: string | null = null;
-let pictured: number | null = null;
-let stated = 0;
-let drawn = 0;
-let noticed = 0;
-let held = "";
+let pictureTime: number | null = null;
+let stateReceived = 0;
+let drawnAt = 0;
+let noticedAt = 0;
+let shownReason = "";
 let started: number | null = null;
 
-const order = (type: string, content: Record<string, unknown> = {}): void => {
-  if (seats?.grant) connection.send(type, { grant: seats.grant, ...content });
+function order<T extends Exclude<FromPage["type"], "take" | "ping">>(type: T, content: OrderContent<T>): void {
+  if (controls?.grant) connection.send(type, { grant: controls.grant, ...content } as unknown as Content<T>);
   else if (replay === null) notice("Take the controls first.");
-};
+}
 
 const pick = (pixel: { u: number; v: number }): void => {
   guide.asked = true;
   order("pick", pixel);
 };
 
-const wishes = {
+const commands = {
   pick(x: number, y: number) {
     if (!hello) return;
     const [u, v] = stage.pixel(x, y, hello);
@@ -54,7 +55,7 @@ const wishes = {
   next() {
     const count = state?.spots.length ?? 0;
     stage.chosen = count ? (stage.chosen + 1) % count : -1;
-    if (count === 0 && seats?.grant) order("find");
+    if (count === 0 && controls?.grant) order("find", {});
   },
   choosing: () => stage.chosen >= 0,
   confirm() {
@@ -62,33 +63,33 @@ const wishes = {
     if (spot) pick({ u: spot[0], v: spot[1] });
     stage.chosen = -1;
   },
-  mode(mode: Mode) {
-    if (seats?.grant) drive(); // so that the loop knows where the head is
+  mode(mode: SetMode["mode"]) {
+    if (controls?.grant) drive(); // so that the loop knows where the head is
     order("mode", { mode });
   },
   measure() {
-    order("measure");
+    order("measure", {});
   },
   depth() {
-    order("scan");
+    order("scan", {});
   },
   sharpen() {
-    order("sharpen");
+    order("sharpen", {});
   },
   record() {
     order("record", { on: recording === null });
   },
   take() {
-    if (seats?.grant) order("release");
-    else connection.send("take");
+    if (controls?.grant) order("release", {});
+    else connection.send("take", {});
   },
 };
-const hands = new Hands(wishes, camera);
+const hands = new Hands(commands, camera);
 hands.dragged = () => {
   if (replay !== null || state?.mode === "HEAD") return;
-  if (!seats?.grant) notice("Take the controls (T) to look round.");
+  if (!controls?.grant) notice("Take the controls (T) to look round.");
   else if (state?.mode === "HOLD") notice("The head holds: press Head (1), then drag to look round.");
-  else notice(`In ${state?.mode} your own head moves nothing; press Head (1) to look round.`);
+  else notice(`In ${state?.mode} the view does not follow you; press Head (1) to look round.`);
 };
 
 const connection = new Connection(
@@ -97,25 +98,25 @@ const connection = new Connection(
       veil(replay === null ? (hello ? "Connected again; waiting for a picture…" : "Starting the control loop and identifying the wires…") : "Opening the recording…", true);
     },
     closed(reason, forGood) {
-      seats = null;
-      showSeats();
+      controls = null;
+      showControls();
       veil(reason, !forGood);
     },
-    said(message) {
+    received(message) {
       switch (message.type) {
         case "hello":
           hello = message;
-          courses ??= [new Course(byId("chart-pan"), hello.cone), new Course(byId("chart-tilt"), hello.cone)];
+          charts ??= [new AngleChart(byId("chart-pan"), hello.cone), new AngleChart(byId("chart-tilt"), hello.cone)];
           byId<HTMLButtonElement>("take").disabled = replay !== null;
           break;
         case "state":
           state = message;
-          stated = now();
+          stateReceived = now();
           showState(message);
           break;
         case "seats":
-          seats = message;
-          showSeats();
+          controls = message;
+          showControls();
           break;
         case "findings":
           findings = message.findings;
@@ -137,7 +138,7 @@ const connection = new Connection(
           guide.fitting = message.stage;
           break;
         case "found":
-          if (seats?.grant && message.verdict !== "good" && message.verdict !== "no wall in view") notice(`The picture cannot be searched: it is ${message.verdict}.`);
+          if (controls?.grant && message.verdict !== "good" && message.verdict !== "no wall in view") notice(`The picture cannot be searched: it is ${message.verdict}.`);
           break;
         case "focused":
           if (message.verdict === "sharp") setFocus(1000 * message.distance);
@@ -148,32 +149,32 @@ const connection = new Connection(
           notice("The recording has ended.");
       }
     },
-    shown: (picture) => void showPicture(picture),
+    pictured: (picture) => void showPicture(picture),
   },
   replay,
 );
 
 async function showPicture(picture: Picture): Promise<void> {
-  if (picture.kind === 2) {
+  if (picture.kind === MAP) {
     await wall.show(picture);
     return;
   }
   if (await stage.show(picture, state, hello)) {
     byId("veil").hidden = true;
-    pictured = picture.t;
+    pictureTime = picture.t;
     document.body.dataset.pictures = String(Number(document.body.dataset.pictures ?? 0) + 1);
   }
 }
 
-function showState(s: State): void {
+function showState(s: LoopState): void {
   started ??= s.t;
-  courses?.[0].add(s.t - started, s.command[0], s.angle[0]);
-  courses?.[1].add(s.t - started, s.command[1], s.angle[1]);
+  charts?.[0].add(s.t - started, s.command[0], s.angle[0]);
+  charts?.[1].add(s.t - started, s.command[1], s.angle[1]);
   guide.update(s, findings);
   document.body.dataset.mode = s.mode;
   document.body.dataset.command = s.command.join(" ");
-  if (performance.now() - drawn < 90) return;
-  drawn = performance.now();
+  if (performance.now() - drawnAt < 90) return;
+  drawnAt = performance.now();
   const pill = byId("mode");
   pill.textContent = replay === null ? (s.clutch && s.mode === "HEAD" ? "CLUTCH" : s.mode) : `REPLAY · ${s.mode}`;
   pill.className = `pill ${replay === null ? s.mode.toLowerCase() : "replay"}`;
@@ -186,14 +187,14 @@ function showState(s: State): void {
   text("roll", `${plain(s.place[1], 0)}°`);
   text("pan", angle(s.angle[0]));
   text("tilt", angle(s.angle[1]));
-  byId<HTMLButtonElement>("depth").disabled = !seats?.grant || findings.length === 0 || s.mode === "SCAN";
-  if (s.heard && seats?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.heard.t)).toFixed(0)} ms`);
+  byId<HTMLButtonElement>("depth").disabled = !controls?.grant || findings.length === 0 || s.mode === "SCAN";
+  if (s.heard && controls?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.heard.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
-  else if (s.mode === "HOLD" && s.reason && seats?.grant) {
-    if (held !== s.reason || performance.now() - noticed > NOTICE || byId("notice").hidden) notice((held = s.reason));
+  else if (s.mode === "HOLD" && s.reason && controls?.grant) {
+    if (shownReason !== s.reason || performance.now() - noticedAt > NOTICE || byId("notice").hidden) notice((shownReason = s.reason));
   }
-  else if (byId("notice").textContent === held) byId("notice").hidden = true;
-  else if (performance.now() - noticed > NOTICE) byId("notice").hidden = true;
+  else if (byId("notice").textContent === shownReason) byId("notice").hidden = true;
+  else if (performance.now() - noticedAt > NOTICE) byId("notice").hidden = true;
   if (!hello) return;
   for (const k of [0, 1] as const) {
     text(`hot-${k}`, `≤ ${s.temperature[k].toFixed(0)} °C`);
@@ -203,16 +204,16 @@ function showState(s: State): void {
   wall.draw(hello, s);
 }
 
-function showSeats(): void {
+function showControls(): void {
   const take = byId("take");
-  const mine = Boolean(seats?.grant);
+  const mine = Boolean(controls?.grant);
   const long = document.createElement("span");
   long.className = "long";
   long.textContent = " the controls";
-  if (seats?.pilot && !mine) take.replaceChildren(`Viewer ${seats.pilot} steers`);
+  if (controls?.pilot && !mine) take.replaceChildren(`Viewer ${controls.pilot} steers`);
   else take.replaceChildren(mine ? "Release" : "Take", long);
   take.classList.toggle("leaving", mine);
-  text("viewers", seats ? `${seats.viewers} ${seats.viewers === 1 ? "page" : "pages"}` : "");
+  text("viewers", controls ? `${controls.viewers} ${controls.viewers === 1 ? "page" : "pages"}` : "");
   document.body.dataset.pilot = mine ? "yes" : "no";
   for (const id of ["clutch", "measure", "record", "sharpen"]) byId<HTMLButtonElement>(id).disabled = !mine;
   for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) button.disabled = !mine;
@@ -223,14 +224,14 @@ function showFindings(): void {
   byId("findings").replaceChildren(
     ...findings.map((f) => {
       const item = document.createElement("li");
-      const said = document.createElement("span");
-      said.append(...told(f));
+      const line = document.createElement("span");
+      line.append(...description(f));
       const forget = document.createElement("button");
       forget.className = "plain";
       forget.textContent = "×";
-      forget.setAttribute("aria-label", `Drop finding ${f.number}`);
+      forget.setAttribute("aria-label", `Delete finding ${f.number}`);
       forget.onclick = () => order("forget", { finding: f.number });
-      item.append(said, ...meshes(f), forget);
+      item.append(line, ...meshes(f), forget);
       return item;
     }),
   );
@@ -238,24 +239,24 @@ function showFindings(): void {
   void showSolid();
 }
 
-/** A finding in words: what, how large, how deep, how sure, where. */
-function told(f: Finding): (string | HTMLElement)[] {
+/** Kind, diameter, depth and place of a finding, with their uncertainties. */
+function description(f: ReportedFinding): (string | HTMLElement)[] {
   const name = document.createElement("b");
-  name.textContent = `${f.number} · ${heard(f) ? f.kind : "hole or pit"}`;
+  name.textContent = `${f.number} · ${hasEchoes(f) ? f.kind : "hole or pit"}`;
   const rest = document.createElement("small");
   rest.textContent = `at ${f.z.toFixed(2)} ± ${f.z_sd.toFixed(2)} mm, ${f.phi.toFixed(1)} ± ${f.phi_sd.toFixed(1)}°`;
-  const depth = f.depth === null ? (heard(f) ? `depth open: ${f.verdict}` : "depth not measured yet") : `${f.depth.toFixed(3)} ± ${(f.depth_sd ?? 0).toFixed(3)} mm deep`;
+  const depth = f.depth === null ? (hasEchoes(f) ? `depth unknown: ${f.verdict}` : "depth not measured yet") : `${f.depth.toFixed(3)} ± ${(f.depth_sd ?? 0).toFixed(3)} mm deep`;
   return [name, ` ⌀ ${f.diameter.toFixed(2)} ± ${f.diameter_sd.toFixed(2)} mm · ${depth}`, rest];
 }
 
-function meshes(f: Finding): HTMLElement[] {
+function meshes(f: ReportedFinding): HTMLElement[] {
   if (!f.patch) return [];
   return ["ply", "glb"].map((kind) => {
     const link = document.createElement("a");
     link.href = `/api/findings/${f.number}.${kind}`;
     link.download = "";
     link.textContent = kind.toUpperCase();
-    link.title = "The wall about it, in three dimensions";
+    link.title = "The wall around it, in three dimensions";
     return link;
   });
 }
@@ -266,15 +267,15 @@ async function showSolid(): Promise<void> {
     try {
       solid ??= new Solid(byId("solid"), 1000 * hello.view.radius);
     } catch {
-      text("solid", "This browser draws nothing in three dimensions; the list below has the numbers.");
+      text("solid", "This browser cannot show three dimensions; the list below has the numbers.");
     }
   }
   solid?.show(findings, wall.bitmap, wall.range);
 }
 
-/** How old the picture is by the loop's own clock; shown where that matters to who steers. */
+/** Show the age of the picture, by the clock of the loop, when it is old. */
 function showAge(): void {
-  const age = state && pictured !== null ? state.t - pictured + now() - stated : 0;
+  const age = state && pictureTime !== null ? state.t - pictureTime + now() - stateReceived : 0;
   const box = byId("age");
   box.hidden = age < OLD || !byId("veil").hidden;
   text("age", `picture is ${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`);
@@ -292,7 +293,7 @@ function notice(sentence: string): void {
   const box = byId("notice");
   if (box.textContent !== sentence) box.textContent = sentence;
   box.hidden = false;
-  noticed = performance.now();
+  noticedAt = performance.now();
 }
 
 function veil(sentence: string, working: boolean): void {
@@ -307,7 +308,7 @@ function text(id: string, content: string): void {
 }
 
 const press = (element: HTMLElement, on: boolean): void => element.setAttribute("aria-pressed", String(on));
-/** A number without a minus before nothing. */
+/** A number; never "-0". */
 const plain = (value: number, digits: number): string => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
 const angle = (value: number | null): string => (value === null ? "lost" : `${plain(value, 1)}°`);
 
@@ -322,13 +323,13 @@ async function changeSource(): Promise<void> {
   let trouble = "";
   if (source === "phone") trouble = await hands.usePhone();
   if (source === "headset") {
-    const { wear } = await import("./headset");
+    const { startHeadset } = await import("./headset");
     try {
-      trouble = await wear(camera, {
-        pose: (pose, stick, clutch) => hands.worn(pose, stick, clutch),
-        select: () => wishes.pickMiddle(),
+      trouble = await startHeadset(camera, {
+        pose: (pose, stick, clutch) => hands.headsetMoved(pose, stick, clutch),
+        select: () => commands.pickMiddle(),
         ended() {
-          hands.unworn();
+          hands.headsetEnded();
           select.value = hands.source = "mouse";
           order("mode", { mode: "HOLD" });
         },
@@ -342,7 +343,7 @@ async function changeSource(): Promise<void> {
     select.value = hands.source;
     return;
   }
-  if (seats?.grant && source !== hands.source) order("mode", { mode: "HOLD" });
+  if (controls?.grant && source !== hands.source) order("mode", { mode: "HOLD" });
   hands.source = source;
 }
 
@@ -362,11 +363,11 @@ async function showMenu(): Promise<void> {
   );
 }
 
-byId("take").onclick = wishes.take;
-byId("measure").onclick = wishes.measure;
-byId("depth").onclick = wishes.depth;
-byId("sharpen").onclick = wishes.sharpen;
-byId("record").onclick = wishes.record;
+byId("take").onclick = commands.take;
+byId("measure").onclick = commands.measure;
+byId("depth").onclick = commands.depth;
+byId("sharpen").onclick = commands.sharpen;
+byId("record").onclick = commands.record;
 byId("menu").onclick = () => void showMenu();
 byId("source").onchange = () => void changeSource();
 byId<HTMLInputElement>("focus").oninput = (event) => {
@@ -375,7 +376,7 @@ byId<HTMLInputElement>("focus").oninput = (event) => {
   order("focus", { distance: mm / 1000 });
 };
 for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-mode]")) {
-  button.onclick = () => wishes.mode(button.dataset.mode as Mode);
+  button.onclick = () => commands.mode(button.dataset.mode as SetMode["mode"]);
 }
 
 function drive(): void {
@@ -385,12 +386,12 @@ function drive(): void {
 
 window.setInterval(() => {
   hands.tick();
-  if (seats?.grant) drive();
+  if (controls?.grant) drive();
 }, SENT_EVERY);
 window.setInterval(showAge, 250);
 window.setInterval(() => {
-  if (replay === null && !seats?.grant) connection.send("ping");
+  if (replay === null && !controls?.grant) connection.send("ping", {});
 }, 1000);
 
-showSeats();
+showControls();
 connection.open();

@@ -1,4 +1,4 @@
-/** The findings in three dimensions: a piece of the pipe's wall from inside, with what was measured. */
+/** Three-dimensional view of the findings on a piece of the wall, seen from inside the pipe. */
 
 import {
   AmbientLight, BackSide, BufferGeometry, CanvasTexture, CircleGeometry, Color, ConeGeometry, CylinderGeometry,
@@ -6,7 +6,7 @@ import {
   Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import type { Finding } from "./talk";
+import type { ReportedFinding } from "./messages";
 
 export class Solid {
   private readonly renderer = new WebGLRenderer({ antialias: true });
@@ -47,7 +47,7 @@ export class Solid {
   }
 
   /** Show findings on the map of the wall between two z in mm. */
-  show(findings: Finding[], bitmap: ImageBitmap | null, range: [number, number]): void {
+  show(findings: ReportedFinding[], bitmap: ImageBitmap | null, range: [number, number]): void {
     const [first, last] = range;
     const centre = findings.length ? findings.reduce((sum, f) => sum + f.z, 0) / findings.length : (first + last) / 2;
     this.pipe.scale.set(1, last - first, 1);
@@ -67,7 +67,7 @@ export class Solid {
     if (at) {
       // From the far side of the axis, so that the newest finding is in front.
       const out = outward(at.phi);
-      const far = this.radius * (at.patch ? 0.6 : -0.8); // from the axis: near to a relief, over against a mark
+      const far = this.radius * (at.patch ? 0.6 : -0.8); // from the axis: close to a relief, opposite to a mark
       this.camera.position.set(at.z - 3, out.y * far, out.z * far);
       this.controls.target.set(at.z, out.y * this.radius, out.z * this.radius);
     }
@@ -75,8 +75,8 @@ export class Solid {
     this.render();
   }
 
-  /** The map, with openings where a relief stands for the wall. */
-  private texture(bitmap: ImageBitmap, findings: Finding[], [first, last]: [number, number]): CanvasTexture {
+  /** The map, transparent where a relief replaces it. */
+  private texture(bitmap: ImageBitmap, findings: ReportedFinding[], [first, last]: [number, number]): CanvasTexture {
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [4 * bitmap.width, 4 * bitmap.height];
     const context = canvas.getContext("2d")!;
@@ -90,7 +90,7 @@ export class Solid {
       const width = (((columns - 1) * patch.step * round) / 360) * canvas.width;
       const height = (((rows - 1) * patch.step) / (last - first)) * canvas.height;
       context.clearRect(x, y, width, height);
-      context.clearRect(x - canvas.width, y, width, height); // what goes over the seam
+      context.clearRect(x - canvas.width, y, width, height); // the part beyond the seam
     }
     this.wall.map?.dispose();
     const texture = new CanvasTexture(canvas);
@@ -99,12 +99,12 @@ export class Solid {
     return texture;
   }
 
-  /** The wall about a finding, as deep as it was measured. */
-  private relief(patch: NonNullable<Finding["patch"]>): Mesh {
+  /** The wall around a finding with its measured depth. */
+  private relief(patch: NonNullable<ReportedFinding["patch"]>): Mesh {
     const rows = patch.depth.length;
     const columns = patch.depth[0]!.length;
     const grid = patch.depth.map((row) => [...row]);
-    // What has no floor is drawn as deep as it is to the edge of the piece, and only drawn.
+    // A hole without a floor is drawn half as deep as its patch is long. This is for display only.
     for (const [i, j] of patch.through ?? []) grid[i]![j] = (rows * patch.step) / 2;
     const deepest = Math.max(0.1, ...grid.flat().map((depth) => depth ?? 0));
     const places: number[] = [];
@@ -132,8 +132,8 @@ export class Solid {
     return new Mesh(geometry, new MeshStandardMaterial({ vertexColors: true, side: DoubleSide, roughness: 0.7 }));
   }
 
-  /** A dark disc of the size that was measured, on the wall, with a ring round it. */
-  private mark(finding: Finding): Mesh[] {
+  /** A dark disc of the measured size on the wall, with a ring around it. */
+  private mark(finding: ReportedFinding): Mesh[] {
     const out = outward(finding.phi);
     const place = new Vector3(finding.z, 0, 0).addScaledVector(out, this.radius - 0.06);
     const hole = new Mesh(

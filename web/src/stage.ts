@@ -1,13 +1,14 @@
-/** The camera's picture, and what is drawn over it. */
+/** The picture of the camera with its overlays. */
 
-import type { Hello, Picture, State } from "./talk";
+import type { Hello, LoopState } from "./messages";
+import type { Picture } from "./protocol";
 
 const ACCENT = "#46d6b8";
 const WARM = "#ffb454";
 const BLUE = "#6cb6ff";
 
 export class Stage {
-  /** Candidate that the keyboard has gone to. */
+  /** Index of the candidate that the keyboard has selected; -1 for none. */
   chosen = -1;
   private bitmap: ImageBitmap | null = null;
   private decoding = false;
@@ -17,8 +18,8 @@ export class Stage {
     this.context = canvas.getContext("2d", { alpha: false })!;
   }
 
-  /** Show a picture, unless the one before is still being unpacked. */
-  async show(picture: Picture, state: State | null, hello: Hello | null): Promise<boolean> {
+  /** Show a picture, unless the previous one is still being decoded. */
+  async show(picture: Picture, state: LoopState | null, hello: Hello | null): Promise<boolean> {
     if (this.decoding) return false;
     this.decoding = true;
     try {
@@ -34,7 +35,7 @@ export class Stage {
     return true;
   }
 
-  /** The pixel of the camera under a place of the canvas on the page. */
+  /** The pixel of the camera at a position on the canvas. */
   pixel(x: number, y: number, hello: Hello): [number, number] {
     const { width, height } = this.canvas;
     const scale = Math.min(this.canvas.clientWidth / width, this.canvas.clientHeight / height);
@@ -45,7 +46,7 @@ export class Stage {
     return [Math.min(Math.max(u, 0), hello.view.width - 1), Math.min(Math.max(v, 0), hello.view.height - 1)];
   }
 
-  private draw(state: State | null, hello: Hello | null): void {
+  private draw(state: LoopState | null, hello: Hello | null): void {
     const { context, canvas, bitmap } = this;
     if (!bitmap) return;
     context.imageSmoothingQuality = "high";
@@ -64,8 +65,8 @@ export class Stage {
       context.fillText(String(k + 1), u * scale + size * 0.75 + 8 * ui, v * scale - size * 0.75);
     });
     if (state.target) {
-      const [u, v, , seen] = state.target;
-      context.strokeStyle = seen ? ACCENT : "#ff6b6b";
+      const [u, v, , visible] = state.target;
+      context.strokeStyle = visible ? ACCENT : "#ff6b6b";
       context.lineWidth = 2 * ui;
       circle(context, u * scale, v * scale, 18 * ui);
       cross(context, u * scale, v * scale, 28 * ui, 12 * ui);
@@ -77,7 +78,7 @@ export class Stage {
   }
 
   /** Lines that stay level with the base of the head: where pan and tilt are zero. */
-  private drawHorizon(hello: Hello, state: State): void {
+  private drawHorizon(hello: Hello, state: LoopState): void {
     const { context, canvas } = this;
     const scale = canvas.width / hello.view.width;
     const [pan, tilt] = state.angle;
@@ -98,7 +99,7 @@ export class Stage {
   }
 
   /** A small dial: the cone, the command and where the head is. */
-  private drawCone(hello: Hello, state: State): void {
+  private drawCone(hello: Hello, state: LoopState): void {
     const { context, canvas } = this;
     const [r, x, y] = [58, canvas.width - 76, 76];
     const scale = r / hello.cone;

@@ -1,14 +1,15 @@
-/** The wall of the pipe, unrolled: along it from left to right, round it from top to bottom. */
+/** The unrolled wall of the pipe: z from left to right, phi from top to bottom. */
 
 import { fitted } from "./plane";
-import type { Finding, Hello, Picture, State } from "./talk";
+import type { Hello, LoopState, ReportedFinding } from "./messages";
+import type { Picture } from "./protocol";
 
 export class WallMap {
-  /** The newest map, for the solid picture. */
+  /** The newest map; the three-dimensional view shows it too. */
   bitmap: ImageBitmap | null = null;
   /** The z of its first and last row in mm. */
   range: [number, number] = [0, 100];
-  findings: Finding[] = [];
+  findings: ReportedFinding[] = [];
 
   constructor(private readonly canvas: HTMLCanvasElement) {}
 
@@ -19,7 +20,7 @@ export class WallMap {
     this.bitmap = bitmap;
   }
 
-  draw(hello: Hello, state: State): void {
+  draw(hello: Hello, state: LoopState): void {
     const context = fitted(this.canvas);
     const { width, height } = this.canvas;
     const ratio = width / this.canvas.clientWidth || 1;
@@ -44,10 +45,10 @@ export class WallMap {
       context.stroke();
       context.fillText(String(finding.number), x(finding.z) + 9 * ratio, y(finding.phi) + 4 * ratio);
     }
-    const sight = middle(hello, state);
-    if (sight) {
+    const aim = middle(hello, state);
+    if (aim) {
       context.strokeStyle = "#ffb454";
-      context.strokeRect(x(sight[1]) - 6 * ratio, y(sight[0]) - 6 * ratio, 12 * ratio, 12 * ratio);
+      context.strokeRect(x(aim[1]) - 6 * ratio, y(aim[0]) - 6 * ratio, 12 * ratio, 12 * ratio);
     }
     context.fillStyle = "#93a3ad";
     context.textAlign = "left";
@@ -59,8 +60,8 @@ export class WallMap {
   }
 }
 
-/** Where the middle of the image meets the wall: degrees round and mm along. */
-export function middle(hello: Hello, state: State): [number, number] | null {
+/** Phi in degrees and z in mm where the line of sight meets the wall. */
+export function middle(hello: Hello, state: LoopState): [number, number] | null {
   if (state.angle[0] === null || state.angle[1] === null) return null;
   const [pan, tilt] = [(state.angle[0] * Math.PI) / 180, (state.angle[1] * Math.PI) / 180];
   const ray = [Math.sin(pan) * Math.cos(tilt), -Math.sin(tilt), Math.cos(pan) * Math.cos(tilt)] as const;

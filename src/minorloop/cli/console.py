@@ -1,4 +1,4 @@
-"""``minorloop console``: the operator's seat and the lab page, in a browser."""
+"""``minorloop console``: the console and the lab page, in a browser."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def run(
         raise ParameterError("give --certificate and --private-key together, or neither")
     for file in (certificate, private_key):
         if file is not None and not file.is_file():
-            raise ParameterError(f"{file} is no file; give a PEM file")
+            raise ParameterError(f"{file} is not a file; give a PEM file")
     if certificate is not None and private_key is not None:
         _check_pair(certificate, private_key)
     if folder.exists() and not folder.is_dir():
@@ -91,40 +91,45 @@ def run(
     )
     listening = _listen(host, port)
     port = listening.getsockname()[1]
-    doors = Authentication(host, port=port, name=name)
+    authentication = Authentication(host, port=port, name=name)
     scheme = "http" if certificate is None else "https"
     if not (STATIC / "index.html").is_file():
         typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
     address = f"{scheme}://{_shown(host)}:{port}" if name is None else f"https://{name}"
-    typer.echo(f"open {address}/?key={doors.key}")
+    typer.echo(f"open {address}/?key={authentication.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
     serving = Serving(
-        doors=doors, listening=listening, certificate=certificate, private_key=private_key
+        authentication=authentication,
+        listening=listening,
+        certificate=certificate,
+        private_key=private_key,
     )
     supervised(settings, serving, lambda sentence: typer.echo(f"note: {sentence}", err=True))
 
 
 def _check_pair(certificate: Path, key: Path) -> None:
-    """Refuse a certificate that the server could not use, before anybody is told to open it."""
+    """Refuse a certificate that the server cannot use, before the address is printed."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
-        context.load_cert_chain(certificate, key, password="")  # without one, openssl would ask
-    except (OSError, ValueError) as error:  # what ssl raises are OSErrors
+        context.load_cert_chain(
+            certificate, key, password=""
+        )  # without a password, openssl would ask for one
+    except (OSError, ValueError) as error:  # errors of ssl are OSErrors
         reason = getattr(error, "reason", None) or error
         raise ParameterError(
-            f"{certificate} and {key} are no certificate with its private key ({reason}); give "
+            f"{certificate} and {key} are not a certificate and its private key ({reason}); give "
             "PEM files that belong together, the key without a password"
         ) from None
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A socket that listens, so that a port in use is refused in a sentence."""
+    """Return a listening socket; refuse a port in use in a sentence."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     found = socket.socket(family, socket.SOCK_STREAM)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((host, port))
-        found.listen(_WAITING)  # who comes before the server, or while it starts anew, waits
+        found.listen(_WAITING)  # connections wait until the server has started, or restarted
     except OSError as error:
         found.close()
         other = "--host" if isinstance(error, socket.gaierror) else "--port"
@@ -135,7 +140,7 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _shown(host: str) -> str:
-    """The host as it stands in an address."""
+    """Return the host as it is written in an address."""
     if host in ("0.0.0.0", "::"):
         return socket.gethostname()
     return f"[{host}]" if ":" in host else host

@@ -10,7 +10,7 @@ import pytest
 from minorloop.head.console import connections
 from minorloop.head.console.connections import Limits, Listener, Selector, admitted, mark
 
-SMALL = Limits(strangers=4, each=2, header=5.0, idle=5.0, accepted=3, heard=2, spare=0)
+SMALL = Limits(strangers=4, each=2, header=5.0, idle=5.0, accepted=3, served=2, spare=0)
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def call(listener, opened, source="127.0.0.1"):
 
 
 def taken(listener, opened):
-    """The next connection, in whatever turn."""
+    """The next connection, after any number of turns."""
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
         try:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from starlette.requests import Request
 
+from console_rig import SilentLoop, TestClient
 from minorloop import modelfile
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.lab import LabPage, _name
 from minorloop.head.console.server import Console
 from minorloop.head.console.uploads import Quota
 from minorloop.operators.preisach import Preisach
-from seats import SilentLoop, TestClient
 
 BASE = "http://127.0.0.1:8765"
 ORIGIN = {"origin": BASE}
@@ -20,10 +20,10 @@ ORIGIN = {"origin": BASE}
 
 @pytest.fixture(scope="module")
 def client():
-    doors = Authentication("127.0.0.1")
-    app = Console(doors=doors, link=SilentLoop, workers=1).app()
+    authentication = Authentication("127.0.0.1")
+    app = Console(authentication=authentication, link=SilentLoop, workers=1).app()
     with TestClient(app, base_url=BASE, headers=ORIGIN) as found:
-        found.get("/", params={"key": doors.key}, follow_redirects=False)
+        found.get("/", params={"key": authentication.key}, follow_redirects=False)
         yield found
 
 
@@ -52,24 +52,24 @@ def identify(client, user, **options):
 @pytest.fixture(scope="module")
 def user(client):
     dropped = drop(client).json()
-    told = identify(client, dropped["user"])
-    assert told[-1] == {"report": True}
+    reply = identify(client, dropped["user"])
+    assert reply[-1] == {"report": True}
     return dropped["user"]
 
 
-def test_columns_are_told(client):
-    told = drop(client).json()
-    assert told["name"] == "run.csv"
-    assert [c["header"] for c in told["columns"]] == ["time [s]", "voltage [V]", "length [um]"]
-    assert [c["time"] for c in told["columns"]] == [True, False, False]
-    assert told["columns"][1]["rows"] == 400
+def test_columns_are_described(client):
+    reply = drop(client).json()
+    assert reply["name"] == "run.csv"
+    assert [c["header"] for c in reply["columns"]] == ["time [s]", "voltage [V]", "length [um]"]
+    assert [c["time"] for c in reply["columns"]] == [True, False, False]
+    assert reply["columns"][1]["rows"] == 400
 
 
 def test_a_model_comes_in_stages(client):
     user = drop(client).json()["user"]
-    told = identify(client, user, holdout=0.2, lag=0)
-    assert "reading" in told[0]["stage"]
-    (result,) = (t["result"] for t in told if "result" in t)
+    reply = identify(client, user, holdout=0.2, lag=0)
+    assert "reading" in reply[0]["stage"]
+    (result,) = (t["result"] for t in reply if "result" in t)
     assert result["scores"]["holdout"] < 0.01
     assert len(result["weights"]) == 6
     assert len(result["u"]) == len(result["y"]) == len(result["fit"])
@@ -82,7 +82,7 @@ def test_model_report_and_inputs_are_downloaded(client, user, tmp_path):
     assert "<html" in client.get(f"/api/lab/{user}/report.html").text
     client.post(f"/api/lab/{user}/invert", content=json.dumps({"targets": [1.0, 0.5]}))
     lines = client.get(f"/api/lab/{user}/inputs.csv").text.splitlines()
-    assert lines[0] == "target,input,output"
+    assert lines[0] == "voltage [V],target length [um],predicted length [um],reachable"
     assert len(lines) == 3
 
 
@@ -121,8 +121,8 @@ def test_a_file_that_is_no_table_is_answered_in_a_sentence(client, content, sent
 
 def test_what_cannot_be_identified_is_answered_in_a_sentence(client):
     user = drop(client, b"a,b\n1,2\n1,3\n1,4\n1,5\n").json()["user"]
-    told = identify(client, user, input="a", output="b", lag=0, holdout=0)
-    assert "constant identifies nothing" in told[-1]["error"]
+    reply = identify(client, user, input="a", output="b", lag=0, holdout=0)
+    assert "constant identifies nothing" in reply[-1]["error"]
     assert "same column" in identify(client, user, input="a", output="a")[-1]["error"]
     assert "no column" in identify(client, user, input="z", output="a")[-1]["error"]
 
@@ -168,8 +168,8 @@ def test_names_of_files_stay_in_their_folder(given, kept):
 
 @pytest.mark.parametrize("name", ["語" * 80 + ".csv", "x" * 5000 + ".csv"])
 def test_a_file_with_a_long_name_is_taken(client, name):
-    told = drop(client, name=name).json()
-    assert len(told["columns"]) == 3
+    reply = drop(client, name=name).json()
+    assert len(reply["columns"]) == 3
 
 
 def test_a_request_that_is_too_long_is_refused(client, user):
@@ -179,7 +179,7 @@ def test_a_request_that_is_too_long_is_refused(client, user):
 
 
 class Pool:
-    """Workers that begin a task when a test lets them, and keep what they were asked."""
+    """Workers that wait until ``free`` is set, and keep the names of their tasks."""
 
     def __init__(self):
         self.asked, self.ended, self.free = [], 0, asyncio.Event()
@@ -192,8 +192,8 @@ class Pool:
 
     async def ask(self, task, **options):
         last = {}
-        async for told in self.run(task, **options):
-            last = told
+        async for reply in self.run(task, **options):
+            last = reply
         return last
 
     async def run(self, task, **options):
@@ -206,7 +206,7 @@ class Pool:
 
 
 class Page:
-    """One that posts files; it is there until it goes."""
+    """A page that posts a file and stays connected until ``gone`` is set."""
 
     def __init__(self, *parts, length=None):
         self.parts, self.gone = list(parts), asyncio.Event()
@@ -229,7 +229,7 @@ LARGE = b"x" * 2000
 
 
 def at_work(work, **quota):
-    """What work gives with a lab of two pools that a test holds."""
+    """The result of some work with a lab whose two pools a test controls."""
 
     async def run():
         lab = LabPage(workers=2, quota=Quota(**{"small": 1000, "file": 4000, **quota}))
@@ -285,7 +285,7 @@ def test_large_files_on_their_way_are_counted(scratch):
 
     refused = at_work(work, large=2)
     assert refused.status_code == 503
-    assert "too much to do" in json.loads(refused.body)["error"]
+    assert "lab is busy" in json.loads(refused.body)["error"]
 
 
 def test_what_has_no_room_is_refused_before_it_comes(scratch):
@@ -371,7 +371,7 @@ def test_half_a_file_leaves_nothing(scratch):
     assert at_work(work).status_code == 422
 
 
-def test_more_than_was_said_is_refused(scratch):
+def test_a_body_longer_than_announced_is_refused(scratch):
     async def work(lab):
         return await lab._drop(Page(LARGE, LARGE, LARGE, length=10).request())
 

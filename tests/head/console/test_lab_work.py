@@ -21,21 +21,21 @@ def folder(tmp_path, monkeypatch):
 
 
 def result(folder, **options):
-    told = list(lab_work.identify_file(folder, "run.csv", "u", "y", lag=0, **options))
-    return next(each["result"] for each in told if "result" in each)
+    reply = list(lab_work.identify_file(folder, "run.csv", "u", "y", lag=0, **options))
+    return next(each["result"] for each in reply if "result" in each)
 
 
 def test_columns_are_described_with_few_points(folder):
-    (told,) = lab_work.look(folder, "run.csv")
-    assert [column["unit"] for column in told["columns"]] == ["V", "um"]
-    assert all(len(column["course"]) <= 400 for column in told["columns"])
+    (reply,) = lab_work.look(folder, "run.csv")
+    assert [column["unit"] for column in reply["columns"]] == ["V", "um"]
+    assert all(len(column["course"]) <= 400 for column in reply["columns"])
 
 
 def test_a_column_of_words_is_set_aside(folder, tmp_path):
     (tmp_path / "words.csv").write_text("who,u,y\nme,1,2\nyou,2,3\n")
-    (told,) = lab_work.look(folder, "words.csv")
-    assert "every cell must be a number" in told["columns"][0]["trouble"]
-    assert "trouble" not in told["columns"][1]
+    (reply,) = lab_work.look(folder, "words.csv")
+    assert "every cell must be a number" in reply["columns"][0]["trouble"]
+    assert "trouble" not in reply["columns"][1]
 
 
 def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path, monkeypatch):
@@ -45,8 +45,8 @@ def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path
     names = [f"c{k}" for k in range(100)]
     lines = [",".join(names), *(",".join(["1", "2"] * 50) for _ in range(3))]
     (tmp_path / "wide.csv").write_text("\n".join(lines))
-    (told,) = lab_work.look(folder, "wide.csv")
-    assert len(told["columns"]) == 100
+    (reply,) = lab_work.look(folder, "wide.csv")
+    assert len(reply["columns"]) == 100
     assert len(opened) <= 2
     (tmp_path / "wider.csv").write_text(",".join(f"c{k}" for k in range(3000)) + "\n")
     with pytest.raises(RecordError, match=r"3000 columns; give at most 100"):
@@ -64,8 +64,8 @@ def test_memory_goes_in_and_out(folder):
     result(folder, levels=5)
     memory, inputs = None, [0.9, 0.2, 0.6, 0.95]
     for u in inputs:
-        (told,) = lab_work.move(folder, memory, u)
-        memory = told["memory"]
+        (reply,) = lab_work.move(folder, memory, u)
+        memory = reply["memory"]
     assert memory == list(Memory.after(inputs, low=0.0, high=1.0).extrema)
 
 
@@ -85,7 +85,7 @@ def test_what_cannot_be_is_refused(folder, tmp_path):
         list(lab_work.move(folder, [1.0, 0.0, 5.0], 0.5))
 
 
-def test_few_outputs_of_many_rows_are_said_and_bounded(folder, tmp_path, monkeypatch):
+def test_few_outputs_of_many_rows_are_reported_and_bounded(folder, tmp_path, monkeypatch):
     rng = np.random.default_rng(3)
     u = np.concatenate([[0.0, 1.0], rng.uniform(0, 1, 118)])
     lines = [f"{x:.4f},{x**2:.4f}" if k % 8 < 1 else f"{x:.4f}," for k, x in enumerate(u)]
@@ -96,7 +96,7 @@ def test_few_outputs_of_many_rows_are_said_and_bounded(folder, tmp_path, monkeyp
         list(lab_work.identify_file(folder, "run.csv", levels=levels, **options))
         for levels in (4, 6)
     )
-    assert "10 cells to 15 of 120 rows: so few take a while" in few[1]["stage"]
+    assert "10 cells to 15 of 120 rows: so few take ten seconds or more" in few[1]["stage"]
     advice = next(each["result"]["advice"] for each in many if "result" in each)
     assert advice[0].startswith("only 15 of 120 rows were measured")
 
@@ -104,13 +104,13 @@ def test_few_outputs_of_many_rows_are_said_and_bounded(folder, tmp_path, monkeyp
 def test_warnings_go_with_the_model_and_its_inverse(folder, tmp_path):
     found = result(folder, levels=5)
     assert found["warnings"] == []
-    (told,) = lab_work.invert(folder, [0.5], "negative")
-    assert told["warnings"] == []
+    (reply,) = lab_work.invert(folder, [0.5], "negative")
+    assert reply["warnings"] == []
     table = np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)
     table[100:160, 1] = table[100, 1]
     np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
     found = result(folder, levels=5)
     assert "the output is stuck" in found["warnings"][0]
     assert found["advice"][0] == found["warnings"][0]
-    (told,) = lab_work.invert(folder, [0.5], "negative")
-    assert told["warnings"] == found["warnings"]
+    (reply,) = lab_work.invert(folder, [0.5], "negative")
+    assert reply["warnings"] == found["warnings"]

@@ -1,19 +1,19 @@
-"""The seat at the end of a line that delays, drops, holds up and is cut."""
+"""A session over a line that delays, drops, holds up and is cut."""
 
 import heapq
 
 import numpy as np
 import pytest
 
+from console_rig import Pilot, right
 from minorloop.head.console import messages
-from seats import Pilot, right
 
 TICK = 0.04
 HELD_WITHIN = 0.2
 
 
 class Line:
-    """Brings messages to a session later, or not at all.
+    """A line that delays or drops messages.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Line:
     def send(self, message, now):
         if self.cut or self._rng.random() < self.drop:
             return
-        # What a stream carries does not overtake.
+        # Messages of a stream do not overtake each other.
         due = max(self._last, now + self.latency + self.jitter * self._rng.random())
         self._last = due
         heapq.heappush(self._way, (due, message.seq, message))
@@ -58,14 +58,14 @@ class Remote(Pilot):
                 self.say(messages.Drive, pose=self.pose, age=0.0, stick=self.stick, clutch=False)
                 self.now += TICK / 2
             for message in self.line.arrived(self.now):
-                self.session.hear(message, self.now)
+                self.session.receive(message, self.now)
             self.session.tick(self.now)
             look(self.session)
 
     def on_the_way(self):
         """In HEAD, turning, the catheter moving."""
         self.run(1.0)
-        self.say(messages.Mode, mode="HEAD")
+        self.say(messages.SetMode, mode="HEAD")
         self.run(1.0)
         self.pose, self.stick = right(25.0), (1.0, 0.0)
         self.run(1.0)
@@ -96,7 +96,7 @@ def test_a_line_that_is_slow_and_drops_a_tenth_still_steers(latency):
 
 
 @pytest.mark.parametrize("how", ["cut", "suspended"])
-def test_a_line_that_is_cut_or_held_up_holds_in_time_and_goes_on_without_a_jump(how):
+def test_a_line_that_is_cut_or_held_up_holds_in_time_and_continues_without_a_jump(how):
     remote = Remote(Line(0.01)).on_the_way()
     setattr(remote.line, how, True)
     seconds, command = held_after(remote)
@@ -104,25 +104,25 @@ def test_a_line_that_is_cut_or_held_up_holds_in_time_and_goes_on_without_a_jump(
     remote.pose = right(-40.0)
     remote.run(1.0)
     setattr(remote.line, how, False)
-    remote.run(1.0)  # what was held up comes at once; it moves nothing
+    remote.run(1.0)  # delayed messages arrive at once; they move nothing
     assert remote.session.state.mode == "HOLD"
     assert remote.session.state.command == command
-    remote.say(messages.Mode, mode="HEAD")
+    remote.say(messages.SetMode, mode="HEAD")
     remote.run(0.4)
     assert remote.session.state.mode == "HEAD"
     assert remote.session.state.command == pytest.approx(command, abs=0.1)
 
 
-def test_a_page_that_is_killed_is_as_a_line_that_is_cut_until_another_pilot_takes_over():
+def test_a_killed_page_holds_as_a_cut_line_does_until_another_pilot_takes_over():
     remote = Remote(Line()).on_the_way()
     remote.line = Line()
     remote.line.cut = True
-    remote.session.hear(messages.Release(seq=0, t=0.0, grant=0), remote.now)
+    remote.session.receive(messages.Release(seq=0, t=0.0, grant=0), remote.now)
     seconds, command = held_after(remote)
     assert seconds <= TICK * 1.01
     remote.line = Line()
     remote.pose = right(70.0)
     remote.run(0.5)
-    remote.say(messages.Mode, mode="HEAD")
+    remote.say(messages.SetMode, mode="HEAD")
     remote.run(0.4)
     assert remote.session.state.command == pytest.approx(command, abs=0.1)

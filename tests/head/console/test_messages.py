@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import SignalError
 from minorloop.head.console import messages
+from minorloop.head.console.reports import camera_finding
 
 DRIVE = {
     "type": "drive",
@@ -32,7 +33,7 @@ def refused(text):
     assert len(str(caught.value)) < 400
 
 
-def test_what_a_page_sends_is_understood():
+def test_a_message_of_a_page_is_decoded():
     message = messages.decode(json.dumps(DRIVE))
     assert isinstance(message, messages.Drive)
     assert message.pose == (0.0, 0.0, 0.0, 1.0)
@@ -78,13 +79,44 @@ def test_junk_is_refused(junk):
         '{"type":"ping","seq":1,"t":1}' + " " * messages.LONGEST,
     ],
 )
-def test_what_is_no_message_is_refused(text):
+def test_an_invalid_message_is_refused(text):
     refused(text)
 
 
 @pytest.mark.parametrize("value", ["NaN", "Infinity", "1e400", "2.0", "null", '"1"', "true"])
 def test_no_stick_is_more_than_fully_deflected(value):
     refused(json.dumps(DRIVE).replace("[0, 0]", f"[{value}, 0]"))
+
+
+def test_findings_are_decoded_as_they_were_encoded_and_infinite_evidence_is_null():
+    hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": np.inf}
+    finding = camera_finding(1, 2.0, hole, 10e-3)
+    text = messages.encode(messages.FindingList(findings=[finding]))
+    assert json.loads(text)["findings"][0]["evidence"] is None
+    assert messages.decode_findings(text) == [msgspec.structs.replace(finding, evidence=None)]
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        (messages.RecordingStatus(name=None), b'{"type":"recording","name":null}'),
+        (messages.Failed(text="no"), b'{"type":"failed","text":"no"}'),
+        (messages.Failed(text="no", again=True), b'{"type":"failed","text":"no","again":true}'),
+        (messages.Pong(seq=1, t=2.5), b'{"type":"pong","seq":1,"t":2.5}'),
+        (messages.ScanEnded(finding=3), b'{"type":"scanned","finding":3}'),
+        (messages.ReplayEnded(), b'{"type":"ended"}'),
+        (
+            messages.Controls(you=2, pilot=None, viewers=3, grant=0),
+            b'{"type":"seats","you":2,"pilot":null,"viewers":3,"grant":0}',
+        ),
+        (
+            messages.DepthProgress(finding=1, stage="x", seconds=0.5),
+            b'{"type":"depth","finding":1,"stage":"x","seconds":0.5}',
+        ),
+    ],
+)
+def test_messages_to_the_pages_have_their_fields_on_the_wire(message, text):
+    assert messages.encode(message) == text
 
 
 def test_pictures_carry_their_place():
@@ -94,6 +126,6 @@ def test_pictures_carry_their_place():
     assert content[32:] == b"jpeg"
 
 
-def test_orders_survive_the_way_to_the_loop():
+def test_orders_to_the_loop_are_unchanged():
     order = messages.decode(json.dumps(DRIVE))
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(order), type=messages.Order) == order

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from minorloop.head.console.modes import MODES, TeleopConfig, TeleopState, TickInput, advance, held
 
 TICK = 0.04
-SEAT = TeleopConfig()
+CONFIG = TeleopConfig()
 AHEAD = (0.0, 0.0, 0.0, 1.0)
 HERE = TickInput(pose=AHEAD, pose_age=0.0, link_age=0.0)
 
@@ -18,15 +18,15 @@ def right(degrees):
     return 0.0, math.sin(half), 0.0, math.cos(half)
 
 
-def run(state, heard, ticks):
+def run(state, inputs, ticks):
     for _ in range(ticks):
-        state = advance(SEAT, state, heard, TICK)
+        state = advance(CONFIG, state, inputs, TICK)
     return state
 
 
 def steered():
-    """A seat in HEAD, off the middle, the catheter on its way."""
-    state = advance(SEAT, TeleopState(), replace(HERE, request="HEAD"), TICK)
+    """A state in HEAD, off the middle, the catheter on its way."""
+    state = advance(CONFIG, TeleopState(), replace(HERE, request="HEAD"), TICK)
     state = run(state, replace(HERE, pose=right(20.0), stick=(1.0, 1.0)), 100)
     assert state.mode == "HEAD"
     assert state.command[0] > 10
@@ -34,7 +34,7 @@ def steered():
     return state
 
 
-heards = st.builds(
+tick_inputs = st.builds(
     TickInput,
     request=st.sampled_from((None, *MODES)),
     pose=st.one_of(st.none(), st.floats(-180, 180).map(right)),
@@ -53,14 +53,14 @@ heards = st.builds(
 )
 
 
-@given(st.lists(heards, max_size=60))
-def test_whatever_is_heard_nothing_jumps(all_heard):
+@given(st.lists(tick_inputs, max_size=60))
+def test_whatever_is_given_nothing_jumps(all_inputs):
     state = TeleopState()
-    for heard in all_heard:
-        after = advance(SEAT, state, heard, TICK)
+    for each in all_inputs:
+        after = advance(CONFIG, state, each, TICK)
         moved = math.dist(after.command, state.command)
         assert moved <= 2 * math.hypot(12, 12) * TICK + 1e-9
-        assert math.hypot(*after.command) <= SEAT.reach * (1 + 1e-12)
+        assert math.hypot(*after.command) <= CONFIG.reach * (1 + 1e-12)
         if after.mode != state.mode and after.mode not in ("TRACK", "SCAN"):
             assert after.command == state.command
         if after.mode == "HOLD":
@@ -69,18 +69,18 @@ def test_whatever_is_heard_nothing_jumps(all_heard):
         state = after
 
 
-@given(st.lists(heards, max_size=60))
-def test_nothing_moves_for_a_page_that_is_silent(all_heard):
+@given(st.lists(tick_inputs, max_size=60))
+def test_nothing_moves_for_a_page_that_is_silent(all_inputs):
     state = TeleopState()
-    for heard in all_heard:
-        state = advance(SEAT, state, replace(heard, link_age=math.inf), TICK)
+    for each in all_inputs:
+        state = advance(CONFIG, state, replace(each, link_age=math.inf), TICK)
         assert state.mode == "HOLD"
         assert state.command == (0.0, 0.0)
 
 
 @given(st.floats(-180, 180), st.booleans())
 def test_in_track_the_operators_head_does_nothing(yaw, clutch):
-    state = advance(SEAT, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
     before = state.command
     state = run(state, replace(HERE, pose=right(yaw), clutch=clutch, servo=(0.0, 0.0)), 25)
     assert state.mode == "TRACK"
@@ -88,42 +88,42 @@ def test_in_track_the_operators_head_does_nothing(yaw, clutch):
 
 
 def test_track_follows_the_servo():
-    state = advance(SEAT, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
     x, y = state.command
     state = run(state, replace(HERE, servo=(-2.0, 3.0)), 25)
     assert state.command == pytest.approx((x - 2.0, y + 3.0))
 
 
 def test_coming_back_from_track_begins_where_the_head_is():
-    state = advance(SEAT, steered(), replace(HERE, request="TRACK", servo=(1.0, 1.0)), TICK)
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(1.0, 1.0)), TICK)
     state = run(state, replace(HERE, servo=(1.0, 1.0)), 25)
     before = state.command
-    state = advance(SEAT, state, replace(HERE, pose=right(-90), request="HEAD"), TICK)
+    state = advance(CONFIG, state, replace(HERE, pose=right(-90), request="HEAD"), TICK)
     state = run(state, replace(HERE, pose=right(-90)), 10)
     assert state.mode == "HEAD"
     assert state.command == before
 
 
 @pytest.mark.parametrize("lost", [{"pose_age": 0.11}, {"pose": None}, {"link_age": 0.11}])
-def test_a_loss_holds_stops_and_goes_on_only_when_asked_without_a_jump(lost):
+def test_a_loss_holds_and_continues_only_on_request_without_a_jump(lost):
     before = steered()
-    state = advance(SEAT, before, replace(HERE, **lost), TICK)
+    state = advance(CONFIG, before, replace(HERE, **lost), TICK)
     assert (state.mode, state.rates, state.command) == ("HOLD", (0.0, 0.0), before.command)
     assert state.reason
     back = run(state, replace(HERE, pose=right(-60)), 20)
     assert back == state
-    again = advance(SEAT, back, replace(HERE, pose=right(-60), request="HEAD"), TICK)
+    again = advance(CONFIG, back, replace(HERE, pose=right(-60), request="HEAD"), TICK)
     again = run(again, replace(HERE, pose=right(-60)), 20)
     assert (again.mode, again.reason, again.command) == ("HEAD", "", before.command)
 
 
 def test_a_lost_pose_does_not_end_track():
-    state = advance(SEAT, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
     assert run(state, replace(HERE, pose=None, servo=(0.0, 0.0)), 50).mode == "TRACK"
 
 
 def test_a_target_out_of_sight_ends_track_after_a_while():
-    state = advance(SEAT, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK", servo=(0.0, 0.0)), TICK)
     assert run(state, HERE, 14).mode == "TRACK"
     state = run(state, HERE, 18)
     assert state.mode == "HOLD"
@@ -131,7 +131,7 @@ def test_a_target_out_of_sight_ends_track_after_a_while():
 
 
 def test_track_without_a_target_is_refused():
-    state = advance(SEAT, steered(), replace(HERE, request="TRACK"), TICK)
+    state = advance(CONFIG, steered(), replace(HERE, request="TRACK"), TICK)
     assert state.mode == "HOLD"
     assert "pick one" in state.reason
 

@@ -1,4 +1,4 @@
-"""Both pages in a real browser: what an operator and a user of the lab do, and see."""
+"""Both pages in a real browser: what an operator and a user of the lab do and see."""
 
 import json
 import os
@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from console_rig import PIT
 from minorloop.head.console.server import STATIC
 from minorloop.operators.preisach import Preisach
-from seats import PIT
 
 ROOT = Path(__file__).resolve().parents[3]
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -55,7 +55,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def address(browser, tmp_path_factory):
-    """A console that is patient, so that a slow machine does not make it hold."""
+    """A console with a long timeout, so that it does not hold on a slow machine."""
     folder = tmp_path_factory.mktemp("console")
     command = [sys.executable, "-u", "-m", "minorloop", "console", "--port", "0"]
     server = subprocess.Popen(
@@ -70,7 +70,7 @@ def address(browser, tmp_path_factory):
 
 
 class Operator:
-    """A page and what somebody does with it."""
+    """A page and its user."""
 
     def __init__(self, page):
         self.page, self.troubles = page, []
@@ -95,7 +95,7 @@ class Operator:
         self.wait(f"document.body.dataset.mode === '{mode}'")
 
     def pick(self):
-        """Pick the first candidate by keyboard; there is one when the head has come to rest."""
+        """Pick the first candidate by keyboard; there is one when the head rests."""
         picked = self.page.locator("#guide li:nth-child(3).now")
         for _ in range(40):
             self.page.keyboard.press("n")
@@ -106,7 +106,7 @@ class Operator:
         raise AssertionError("no candidate could be picked")
 
     def enter(self, key, mode):
-        """Press a key until its mode is on; a device may take a moment to tell its first pose."""
+        """Press a key until its mode is on; a device may need a moment for its first pose."""
         for _ in range(60):
             self.page.keyboard.press(key)
             self.page.wait_for_timeout(500)
@@ -125,7 +125,7 @@ class Operator:
             self.wait("document.body.dataset.pilot === 'no'")
 
     def moved(self, way):
-        """Wait until the command has gone some way along an axis: 'pan > 5'."""
+        """Wait until the command of an axis meets a condition such as 'pan > 5'."""
         axis, rest = way.split(" ", 1)
         k = ("pan", "tilt").index(axis)
         self.wait(f"Number(document.body.dataset.command.split(' ')[{k}]) {rest}")
@@ -133,7 +133,7 @@ class Operator:
 
 @contextmanager
 def operating(browser, address, *, script="", path=None, size=(1280, 720), **options):
-    # The policy of the pages forbids what the waiting below is made of.
+    # The policy of the pages forbids the scripts that the waiting below uses.
     options = {"bypass_csp": True, **options}
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **options)
     try:
@@ -154,7 +154,7 @@ def operating(browser, address, *, script="", path=None, size=(1280, 720), **opt
 
 
 def fits(page):
-    """Whether nothing sticks out to the side."""
+    """Whether the page is not wider than the window."""
     return page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 
@@ -200,7 +200,7 @@ def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
         assert fits(page)
         shoot(page, "operate")
         page.keyboard.press("Escape")
-        page.click("[aria-label='Drop finding 1']")
+        page.click("[aria-label='Delete finding 1']")
         page.wait_for_selector("#findings li", state="detached")
 
 
@@ -213,7 +213,7 @@ def downloaded(page, path):
 def test_the_mouse_looks_picks_and_clutches(browser, address):
     with operating(browser, address) as operator:
         page = operator.take().page
-        page.keyboard.press("Enter")  # must not press Take again, which was clicked
+        page.keyboard.press("Enter")  # must not press the clicked Take button again
         page.click("button[data-mode=HEAD]")
         operator.in_mode("HEAD")
         assert operator.state("pilot") == "yes"
@@ -236,7 +236,7 @@ def test_the_mouse_looks_picks_and_clutches(browser, address):
         page.wait_for_selector("#guide li:nth-child(2).done")
         page.click("button[data-mode=HEAD]")
         reached = operator.command()[1]
-        page.keyboard.down("ArrowUp")  # nor may a clicked button keep the arrow keys
+        page.keyboard.down("ArrowUp")  # a clicked button must not keep the arrow keys
         operator.moved(f"tilt > {reached + 2}")
         page.keyboard.up("ArrowUp")
 
@@ -274,7 +274,7 @@ def test_a_phone_steers_by_its_orientation(browser, address):
         assert fits(page)
         assert "(T)" not in page.inner_text("#guide")
         page.select_option("#source", "phone")
-        # Browsers tell of an orientation only when it changes, and a hand is never still.
+        # Browsers report an orientation only when it changes, and a hand is never still.
         for k in range(1000):
             hold(90 - 0.3 * (k % 2), 90)
             if operator.state("mode") == "HEAD":
@@ -326,7 +326,7 @@ def test_a_session_is_recorded_and_replayed(browser, address):
         page.click("#record")
         page.wait_for_selector("#notice:has-text('Recorded as')")
         page.click("#menu")
-        page.keyboard.press("t")  # means nothing while the help is open
+        page.keyboard.press("t")  # has no effect while the help is open
         page.wait_for_selector("#recordings a")
         count = int(operator.state("pictures"))
         operator.wait(f"Number(document.body.dataset.pictures) > {count + 3}")
@@ -345,7 +345,7 @@ def test_the_pages_keep_to_their_own_policy(browser, address):
         operator.state = lambda name: "no"
 
 
-def test_a_stranger_is_told_what_to_do(browser, address):
+def test_a_browser_without_the_key_gets_an_instruction(browser, address):
     context = browser.new_context()
     page = context.new_page()
     page.goto(address.split("?")[0])
@@ -353,13 +353,14 @@ def test_a_stranger_is_told_what_to_do(browser, address):
     context.close()
 
 
-def csv(folder):
+def csv(folder, stuck=0):
     rng = np.random.default_rng(1)
     u = np.concatenate([0.5 + a * np.sin(np.linspace(0, 12.6, 400)) for a in (0.5, 0.35, 0.2, 0.4)])
     levels = np.linspace(0, 1, 9)
     weights = np.tril(rng.uniform(size=(8, 8)) ** 2)
     y = Preisach(levels, weights).simulate(u) + rng.normal(0, 0.02, u.size)
-    file = folder / "staircase.csv"
+    y[400 : 400 + stuck] = y[400]
+    file = folder / f"staircase-{stuck}.csv"
     columns = np.column_stack([0.01 * np.arange(u.size), u, y])
     header = "time [s],voltage [V],length [um]"
     np.savetxt(file, columns, delimiter=",", header=header, comments="")
@@ -396,14 +397,21 @@ def test_a_csv_becomes_a_model_and_inputs(browser, address, tmp_path):
         page.fill("#targets", page.evaluate("'-1, 1, 0.5'"))
         page.click("#invert")
         page.wait_for_selector("#trouble", state="hidden")
+        assert page.locator("#warnings li").count() == 0
         assert fits(page)
         shoot(page, "lab", whole=True)
+        page.set_input_files("#file", csv(tmp_path, stuck=400))
+        page.wait_for_selector("#drop-title:has-text('staircase-400.csv: 1600 rows')")
+        page.click("#identify")
+        page.wait_for_selector("#advice li:has-text('the output is stuck')")
+        page.click("#invert")
+        page.wait_for_selector("#warnings li:has-text('the output is stuck')")
         page.set_viewport_size({"width": 390, "height": 844})
         page.wait_for_function("document.documentElement.scrollWidth <= window.innerWidth")
         operator.state = lambda name: "no"
 
 
-def test_a_csv_that_is_none_is_answered_in_a_sentence(browser, address, tmp_path):
+def test_an_invalid_csv_is_answered_in_a_sentence(browser, address, tmp_path):
     bad = tmp_path / "bad.csv"
     bad.write_text("a,b\n1,x\n2,y\n")
     with operating(browser, address) as operator:

@@ -2,13 +2,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from console_rig import tip
 from minorloop.errors import ParameterError
 from minorloop.head.console.plant import MIDDLE, PlantView, head_of, open_plant, open_tip
 from minorloop.head.procedures.values import Plant, Tip
-from seats import tip
 
 
-def test_plant_and_tip_are_what_the_seat_needs_with_the_camera_that_the_view_describes():
+def test_plant_and_tip_are_what_the_console_needs_with_the_camera_that_the_view_describes():
     found, view = tip()
     plant = open_plant("twin:pipe", specimen=2, seed=1)
     assert isinstance(plant, Plant)
@@ -20,7 +20,7 @@ def test_plant_and_tip_are_what_the_seat_needs_with_the_camera_that_the_view_des
 
 def test_a_view_comes_through_a_message_unchanged():
     _, view = open_tip("twin:pipe", specimen=3)
-    again = PlantView.heard(msgspec.json.decode(msgspec.json.encode(view.told())))
+    again = PlantView.from_dict(msgspec.json.decode(msgspec.json.encode(view.to_dict())))
     assert (again.lens, again.probe, again.offset) == (view.lens, view.probe, view.offset)
     known = (view.radius, view.thickness, view.temperature)
     assert (again.radius, again.thickness, again.temperature) == known

@@ -22,29 +22,29 @@ from minorloop.head.geometry import Pinhole
 AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
 
 
-class Blank:
-    """Eyes that see nothing, but at once."""
+class BlankCamera:
+    """A camera without pictures that answers at once."""
 
     image, jobs = None, ()
 
-    def tick(self, look):
-        return CameraReport(number=look.number)
+    def tick(self, request):
+        return CameraReport(number=request.number)
 
 
-def see(post):
+def see(handle):
     server, asked = NewestPipe(), NewestPipe()
-    over = post.begin(server=server, loop=asked)
+    over = handle.begin(server=server, loop=asked)
     small = PlantView(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
-    camera_process._serve(Blank(), small.told(), asked, server, post, over)
+    camera_process._serve(BlankCamera(), small.to_dict(), asked, server, handle, over)
 
 
-def relay(post, test):
-    """Stand between the loop and the test."""
+def relay(handle, test):
+    """Pass messages between the loop and the test."""
     asked = NewestPipe()
-    over = post.begin(loop=asked, camera=NewestPipe())
+    over = handle.begin(loop=asked, camera=NewestPipe())
     pipe = None
     while not over.is_set():
-        post.beat()
+        handle.beat()
         pipe = asked.next(pipe, 0.0) or pipe
         for source in multiprocessing.connection.wait([test, *([pipe] if pipe else [])], 0.05):
             try:
@@ -56,7 +56,7 @@ def relay(post, test):
 
 
 class Console:
-    """All of it, and a pilot."""
+    """All processes, and a pilot."""
 
     def __init__(self, folder):
         self.pipe, theirs = multiprocessing.get_context("spawn").Pipe()
@@ -79,24 +79,24 @@ class Console:
         self.pipe.send_bytes(msgspec.msgpack.encode(order))
 
     def until(self, holds):
-        """The next state for which something holds, while the processes are looked after."""
+        """The next state that meets a condition; the supervisor runs meanwhile."""
         deadline = time.monotonic() + 120
         while time.monotonic() < deadline:
             if not self.pipe.poll():
-                self.supervisor.look_after()
+                self.supervisor.check()
                 continue
-            told = json.loads(self.pipe.recv_bytes())
-            if told["type"] == "state" and holds(told):
-                return told
-        raise AssertionError("it never came to that")
+            message = json.loads(self.pipe.recv_bytes())
+            if message["type"] == "state" and holds(message):
+                return message
+        raise AssertionError("the condition was never met")
 
     def steer(self):
         """Press HEAD until it is on."""
 
-        def steering(told):
+        def steering(message):
             self.order(messages.Drive, **AHEAD)
-            self.order(messages.Mode, mode="HEAD")
-            return told["mode"] == "HEAD"
+            self.order(messages.SetMode, mode="HEAD")
+            return message["mode"] == "HEAD"
 
         self.until(steering)
 
@@ -112,17 +112,17 @@ def console(tmp_path):
     found.supervisor.end()
 
 
-def test_what_ends_or_stands_still_is_held_or_made_safe_and_the_pilot_goes_on(console):
+def test_the_head_holds_or_is_safe_after_each_fault_and_the_pilot_can_continue(console):
     console.steer()
     console.fault("camera", signal.SIGSTOP)
-    assert "no picture" in console.until(lambda told: told["mode"] == "HOLD")["reason"]
+    assert "no picture" in console.until(lambda message: message["mode"] == "HOLD")["reason"]
     console.steer()
     began = console.fault("loop", signal.SIGKILL)
-    first = console.until(lambda told: told["safe_at"] > began)
+    first = console.until(lambda message: message["safe_at"] > began)
     assert first["mode"] == "HOLD"
     assert "loop ended, and the head was made safe" in first["reason"]
     console.steer()
     began = console.fault("plant", signal.SIGKILL)
-    assert "plant" in console.until(lambda told: told["mode"] == "HOLD")["reason"]
-    assert "anew" in console.until(lambda told: told["safe_at"] > began)["reason"]
+    assert "plant" in console.until(lambda message: message["mode"] == "HOLD")["reason"]
+    assert "restarted" in console.until(lambda message: message["safe_at"] > began)["reason"]
     console.steer()

@@ -20,7 +20,7 @@ def test_what_was_written_is_read(recorded):
     assert listed(recorded.parent) == ["one"]
 
 
-def test_what_was_written_is_there_without_an_end(tmp_path):
+def test_entries_survive_without_closing(tmp_path):
     recorder = Recorder(tmp_path, "killed")
     recorder.write(*SAID[0])
     assert list(entries(recorder.path)) == SAID[:1]
@@ -40,7 +40,7 @@ def test_an_entry_that_the_disk_does_not_take_leaves_nothing(tmp_path):
 
 
 class Full:
-    """A file that takes half of what it is given, as one does on a disk that gets full."""
+    """A file that writes only half of the content, as on a disk that becomes full."""
 
     def __init__(self, file):
         self._file, self.truncate, self.seek = file, file.truncate, file.seek
@@ -79,5 +79,5 @@ def test_only_recordings_are_listed(recorded):
     assert listed(recorded.parent) == ["one"]
 
 
-def test_there_is_nothing_in_no_folder(tmp_path):
+def test_a_missing_folder_has_no_recordings(tmp_path):
     assert listed(tmp_path / "none") == []

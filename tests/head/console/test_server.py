@@ -1,19 +1,19 @@
 import json
 import pickle
 import time
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import asdict, replace
 from starlette.websockets import WebSocketDisconnect
 
+from console_rig import SilentLoop, TestClient, text
 from minorloop.head.console import messages
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.clients import SILENCE
 from minorloop.head.console.loop import LoopSettings
 from minorloop.head.console.recording import PICTURE, TEXT, Recorder
-from minorloop.head.console.reports import camera_finding, sounded
+from minorloop.head.console.reports import camera_finding, with_depth
 from minorloop.head.console.server import Console
-from seats import SilentLoop, TestClient
 
 BASE = "http://127.0.0.1:8765"
 ORIGIN = {"origin": BASE}
@@ -21,12 +21,14 @@ ADMITTED = "127.0.0.1"
 
 
 class Served:
-    """A server without a control loop, and a browser that came with the key."""
+    """A server without a control loop, and a browser that has sent the key."""
 
     def __init__(self, folder):
-        self.doors = Authentication(ADMITTED)
+        self.authentication = Authentication(ADMITTED)
         settings = LoopSettings(folder=str(folder))
-        console = Console(doors=self.doors, loop=settings, link=self.linked, workers=0)
+        console = Console(
+            authentication=self.authentication, loop=settings, link=self.linked, workers=0
+        )
         self.client = TestClient(console.app(), base_url=BASE)
         self.folder = folder
 
@@ -42,12 +44,12 @@ class Served:
 def served(tmp_path):
     found = Served(tmp_path / "sessions")
     with found.client:
-        found.client.get("/", params={"key": found.doors.key}, follow_redirects=False)
+        found.client.get("/", params={"key": found.authentication.key}, follow_redirects=False)
         yield found
 
 
 class Page:
-    """What a page keeps of a connection."""
+    """A page with its connection, message number and grant."""
 
     def __init__(self, socket):
         self.socket, self.seq, self.grant = socket, 0, 0
@@ -77,10 +79,12 @@ class Page:
 
     def refusal(self):
         with pytest.raises(WebSocketDisconnect) as caught:
-            self.until("nothing that is ever said")
+            self.until("no kind of message")
         return caught.value.reason
 
 
+HOLE = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": 1.0}
+FINDING = camera_finding(3, 2.0, HOLE, 10e-3)
 DRIVE = {"pose": [0, 0, 0, 1], "age": 0, "stick": [0, 0], "clutch": False}
 
 
@@ -88,13 +92,13 @@ def test_the_key_opens_and_is_taken_out_of_the_address(served):
     stranger = TestClient(served.client.app, base_url=BASE)
     assert stranger.get("/").status_code == 403
     assert stranger.get("/", params={"key": "wrong"}).status_code == 403
-    answer = stranger.get("/", params={"key": served.doors.key}, follow_redirects=False)
+    answer = stranger.get("/", params={"key": served.authentication.key}, follow_redirects=False)
     assert answer.status_code == 303
     assert answer.headers["location"] == "/"
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "samesite=lax" in cookie.lower()
-    assert served.doors.key not in cookie
+    assert served.authentication.key not in cookie
     assert stranger.get("/api/recordings").status_code == 200
 
 
@@ -119,14 +123,14 @@ def test_every_answer_forbids_foreign_scripts(served):
 
 
 def test_a_key_leads_to_no_other_host(served):
-    path = f"{BASE}//evil.example/?key={served.doors.key}"
+    path = f"{BASE}//evil.example/?key={served.authentication.key}"
     answer = served.client.get(path, follow_redirects=False)
     assert answer.headers["location"] == "/evil.example/"
 
 
 def test_a_proxy_that_talks_https_gets_a_secure_cookie(served):
     for proxied, secure in (({}, False), ({"x-forwarded-proto": "https"}, True)):
-        options = {"params": {"key": served.doors.key}, "headers": proxied}
+        options = {"params": {"key": served.authentication.key}, "headers": proxied}
         answer = served.client.get("/", follow_redirects=False, **options)
         assert ("secure" in answer.headers["set-cookie"].lower()) is secure
 
@@ -167,20 +171,19 @@ def test_a_pilot_steers(served):
         page.send("release", grant=page.grant)
         while page.until("seats")["pilot"]:
             pass
-    kinds = [type(order).__name__ for order in served.link.orders]
-    assert kinds == ["Taken", "Drive", "Mode", "Release"]
+    assert served.link.kinds() == ["ControlsTaken", "Drive", "SetMode", "Release"]
 
 
 def test_a_pilot_who_goes_away_is_released(served):
     with served.page() as socket:
         Page(socket).take()
-    assert [type(order) for order in served.link.orders] == [messages.Taken, messages.Release]
+    assert served.link.kinds() == ["ControlsTaken", "Release"]
 
 
 def test_watchers_see_and_may_not_steer(served):
     with served.page() as one, served.page() as other:
         pilot, watcher = Page(one).take(), Page(other)
-        served.client.portal.call(served.link.said, messages.encode("state", seq=1))
+        served.client.portal.call(served.link.received, text("state", seq=1))
         assert watcher.until("state")["seq"] == 1
         assert pilot.until("state")["seq"] == 1
         watcher.send("take")
@@ -200,7 +203,7 @@ HOSTILE = [
     '{"type":"ping","seq":1,"t":NaN}',
     json.dumps({"type": "drive", "seq": 1, "t": 0, "grant": 1, **DRIVE}),
     json.dumps({"type": "mode", "seq": 1, "t": 0, "grant": 0, "mode": "HEAD"}),
-    json.dumps({"type": "sounded", "finding": 1, "told": {}}),
+    json.dumps({"type": "sounded", "finding": 1, "result": {}}),
     json.dumps({"type": "scan", "seq": 1, "t": 0, "grant": 1}),
     json.dumps({"type": "record", "seq": 1, "t": 0, "grant": 9, "on": True}),
     b"\x00\xff",
@@ -225,7 +228,7 @@ def test_numbers_that_do_not_rise_end_the_connection(served):
         page.seq = 0
         page.send("drive", grant=page.grant, **DRIVE)
         assert "must rise" in page.refusal()
-    assert [type(order) for order in served.link.orders] == [messages.Taken, messages.Release]
+    assert served.link.kinds() == ["ControlsTaken", "Release"]
 
 
 def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
@@ -235,14 +238,13 @@ def test_a_silent_pilot_loses_the_controls(served, monkeypatch):
         monkeypatch.setattr(
             "minorloop.head.console.server.time.monotonic", lambda: began + SILENCE + 1.0
         )
-        assert "silent" in page.until("notice")["text"]
+        assert "sent nothing" in page.until("notice")["text"]
     assert isinstance(served.link.orders[-1], messages.Release)
 
 
 def test_findings_are_exported(served):
-    hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": 1.0}
-    finding = vars(camera_finding(1, 2.0, hole, 10e-3))
-    served.client.portal.call(served.link.said, messages.encode("findings", findings=[finding]))
+    finding = asdict(replace(FINDING, number=1))
+    served.client.portal.call(served.link.received, text("findings", findings=[finding]))
     told = served.client.get("/api/findings.json").json()
     assert told["findings"] == [finding]
     lines = served.client.get("/api/findings.csv").text.splitlines()
@@ -256,10 +258,10 @@ def test_findings_are_exported(served):
     assert served.client.get("/api/map.png").content.startswith(b"\x89PNG")
 
 
-def said(served, kind, content):
-    """Have the loop say something to the server."""
+def send(served, kind, content):
+    """Send the server a message of the loop."""
     served.client.portal.call(
-        served.link.said, content if kind is None else messages.encode(kind, **content)
+        served.link.received, content if kind is None else text(kind, **content)
     )
 
 
@@ -267,24 +269,22 @@ def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
     job = bytes([messages.JOB]) + pickle.dumps({"finding": 7})
     with served.page() as socket:
         page = Page(socket)
-        said(served, None, job)  # of a finding that nobody knows any more
-        said(served, "findings", {"findings": [{"number": 7}]})
-        said(served, None, job)
+        send(served, None, job)  # of a finding that nobody knows any more
+        send(served, "findings", {"findings": [asdict(replace(FINDING, number=7))]})
+        send(served, None, job)
         told = page.until("depth")
         assert (told["finding"], told["stage"]) == (7, "waiting for others to finish")
-        said(served, "findings", {"findings": []})
+        send(served, "findings", {"findings": []})
         assert page.until("depth")["stage"] == ""
     assert served.link.orders == []
 
 
 def test_exported_findings_keep_their_numbers_and_what_echoes_have_not_decided(served):
-    hole = {"phi": 0.05, "z": 0.03, "diameter": 1e-3, "evidence": 1.0}
-    kept = camera_finding(3, 2.0, hole, 10e-3)
-    rows = [vars(kept)]
+    rows = [asdict(FINDING)]
     for number, verdict in enumerate(("no coupling", "through-hole", "measured", "no pit"), 5):
         told = {"verdict": verdict, "diameter": None, "depth": None}
-        rows.append(vars(sounded(replace(kept, number=number), told, 10e-3)))
-    said(served, "findings", {"findings": rows})
+        rows.append(asdict(with_depth(replace(FINDING, number=number), told, 10e-3)))
+    send(served, "findings", {"findings": rows})
     lines = served.client.get("/api/findings.csv").text.splitlines()
     assert [line.split(",")[:2] for line in lines[1:]] == [
         ["3", "hole or pit"], ["5", "hole or pit"], ["6", "hole"], ["7", "pit"], ["8", "mark"],
@@ -293,7 +293,7 @@ def test_exported_findings_keep_their_numbers_and_what_echoes_have_not_decided(s
 
 def test_a_recording_is_replayed(served):
     recorder = Recorder(served.folder, "one")
-    said = messages.encode("state", seq=5)
+    said = text("state", seq=5)
     recorder.write(TEXT, 10.0, said)
     recorder.write(PICTURE, 10.01, b"\x01picture")
     recorder.close()

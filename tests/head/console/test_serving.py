@@ -11,13 +11,13 @@ import uvicorn
 from websockets.protocol import State
 from websockets.sync.client import connect
 
+from console_rig import SilentLoop
 from minorloop.head.console import messages
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.connections import Limits
 from minorloop.head.console.loop import LoopSettings
 from minorloop.head.console.server import Console
 from minorloop.head.console.serving import LONGEST_HEADER, RateLimitedLog, Sockets, serve
-from seats import SilentLoop
 
 LIMITS = Limits(strangers=16, header=1.0, idle=30.0)
 
@@ -29,13 +29,13 @@ class Running:
         self.folder, self.port = folder, 0
         self.start()
 
-    def start(self, doors=None):
+    def start(self, authentication=None):
         listening = socket.create_server(("127.0.0.1", self.port))
         self.port = listening.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
-        self.doors = doors or Authentication("127.0.0.1", port=self.port)
+        self.authentication = authentication or Authentication("127.0.0.1", port=self.port)
         console = Console(
-            doors=self.doors,
+            authentication=self.authentication,
             loop=LoopSettings(folder=str(self.folder)),
             link=self._linked,
             workers=0,
@@ -51,7 +51,7 @@ class Running:
             target=serve, args=(console, listening), kwargs={"limits": LIMITS, "server": Server}
         )
         self.thread.start()
-        self.cookie = f"{self.doors.cookie}={self.doors.token}"
+        self.cookie = f"{self.authentication.cookie}={self.authentication.token}"
 
     def _linked(self, *options):
         self.link = SilentLoop(*options)
@@ -103,7 +103,7 @@ def told(page, kind):
             return json.loads(content)
 
 
-def test_a_pilot_goes_on_and_comes_in_while_strangers_flood(running):
+def test_a_pilot_continues_and_another_connects_during_a_flood_of_strangers(running):
     begun = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     with running.page() as pilot:
         pilot.send(json.dumps({"type": "take", "seq": 1, "t": 1.0}))
@@ -145,18 +145,18 @@ def test_what_a_websocket_would_break_off_is_answered(running):
 
 
 @pytest.mark.parametrize("content", [b"\x16\x03\x01\x02\x00\x01\r\n\r\n", b"hello\r\n\r\n"])
-def test_what_is_no_request_is_answered(running, content):
+def test_an_invalid_request_is_answered(running, content):
     client = running.raw(content)
     answer = read_all(client)
     client.close()
     assert answer.startswith("HTTP/1.1 400 ")
-    assert "no HTTP request" in answer
+    assert "not a valid HTTP request" in answer
 
 
-def test_who_had_the_key_goes_on_after_a_second_start(running):
+def test_a_browser_with_the_cookie_continues_after_a_restart(running):
     assert running.ask("/api/recordings")[0] == 200
     running.stop()
-    running.start(running.doors)
+    running.start(running.authentication)
     assert running.ask("/api/recordings")[0] == 200
 
 

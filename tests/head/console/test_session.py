@@ -4,21 +4,22 @@ import msgspec
 import numpy as np
 import pytest
 
+from console_rig import AHEAD, PIT, DirectCamera, Pilot, position, right, view
 from minorloop.head.console import messages
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.twins.sensor import Fault
-from seats import AHEAD, PIT, Open, Pilot, right, view
 
 HOLE = {"phi": PIT[0], "z": PIT[1], "diameter": PIT[2], "evidence": 1.0}
 EXTRACTED = {"what": "extracted", "hole": HOLE, "verdict": "dark"}
-HEARD = {
+PATCH = {"phi": 25.0, "z": 23.0, "step": 0.1, "depth": [[0.0, None]], "through": [[0, 1]]}
+RESULT = {
     "phi": 0.451, "z": 24.01e-3, "diameter": 0.99e-3, "depth": 0.502e-3, "place_sd": 34e-6,
-    "diameter_sd": 18e-6, "depth_sd": 3e-6, "verdict": "measured", "patch": {},
+    "diameter_sd": 18e-6, "depth_sd": 3e-6, "verdict": "measured", "patch": PATCH,
 }  # fmt: skip
 
 
-def told(session, kind):
-    """What the pages were told of a kind."""
+def sent(session, kind):
+    """Messages of a kind to the pages."""
     every = [msgspec.json.decode(event) for event in session.events]
     return [each for each in every if each["type"] == kind]
 
@@ -26,28 +27,28 @@ def told(session, kind):
 def test_the_head_goes_where_the_operator_looks():
     pilot = Pilot().steering()
     pilot.drive(130, pose=right(20.0, -10.0))
-    pan, tilt, *_ = pilot.session.where()
+    pan, tilt, *_ = position(pilot.session)
     assert pilot.session.state.mode == "HEAD"
     assert pan > 8
     assert tilt < -4
     assert (pan, tilt) == pytest.approx(pilot.session.state.command, abs=1.0)
 
 
-def test_the_catheter_goes_where_the_stick_says_and_stops_when_nothing_is_heard():
+def test_the_catheter_follows_the_stick_and_stops_without_messages():
     pilot = Pilot().steering(50)
     pilot.drive(70, stick=(1.0, 0.0))
-    assert pilot.session.where()[2] > 5.0
+    assert position(pilot.session)[2] > 5.0
     pilot.silence(3)
     assert pilot.session.state.mode == "HOLD"
     assert pilot.session.state.rates == (0.0, 0.0)
     pilot.silence(8)
-    before = pilot.session.where()
+    before = position(pilot.session)
     pilot.silence(25)
-    assert pilot.session.where()[2] == pytest.approx(before[2], abs=0.3)
+    assert position(pilot.session)[2] == pytest.approx(before[2], abs=0.3)
 
 
 def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
-    pilot = Pilot(Open()).tracking()
+    pilot = Pilot(DirectCamera()).tracking()
     session = pilot.session
     assert session.state.mode == "TRACK"
     assert session.focus == "sharp"
@@ -80,7 +81,7 @@ def test_a_target_is_brought_to_the_middle():
     pilot = Pilot().following((500.0, 240.0))
     pilot.drive(20)
     assert pilot.session.state.command[0] > 1.0  # to the right
-    pilot.sight.target = (319.5, 440.0, 1.0, True)
+    pilot.camera.target = (319.5, 440.0, 1.0, True)
     before = pilot.session.state.command[1]
     pilot.drive(20)
     assert pilot.session.state.command[1] < before  # down
@@ -89,30 +90,30 @@ def test_a_target_is_brought_to_the_middle():
 def test_a_target_that_rests_in_the_middle_is_focused_on_once():
     pilot = Pilot().following((319.5, 239.5))
     pilot.drive(20)
-    pilot.sight.events = [{"what": "focused", "distance": 0.02, "verdict": "sharp"}]
+    pilot.camera.events = [{"what": "focused", "distance": 0.02, "verdict": "sharp"}]
     pilot.drive(40)
-    assert pilot.sight.wishes.count("sharpen") == 1
+    assert pilot.camera.commands.count("sharpen") == 1
     assert pilot.session.focus == "sharp"
 
 
-@pytest.mark.parametrize("lost", ["target", "eyes"])
+@pytest.mark.parametrize("lost", ["target", "camera"])
 def test_a_target_out_of_sight_holds(lost):
     pilot = Pilot().following()
     if lost == "target":
-        pilot.sight.target = (400.0, 200.0, 0.2, False)
+        pilot.camera.target = (400.0, 200.0, 0.2, False)
     else:
-        pilot.sight.seen = list  # nothing comes any more
+        pilot.camera.reports = list  # nothing comes any more
     pilot.drive(40)
     assert pilot.session.state.mode == "HOLD"
-    sentence = {"target": "lost from sight", "eyes": "no picture comes"}[lost]
+    sentence = {"target": "lost from sight", "camera": "no picture comes"}[lost]
     assert sentence in pilot.session.state.reason
 
 
 def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_back():
     pilot = Pilot().steering()
     pilot.drive(20, pose=right(15.0), stick=(1.0, 0.0))
-    command, saw = pilot.session.state.command, pilot.sight.seen
-    pilot.sight.seen = list  # nothing comes any more
+    command, reports = pilot.session.state.command, pilot.camera.reports
+    pilot.camera.reports = list  # nothing comes any more
     pilot.drive(4, pose=right(-40.0), stick=(1.0, 0.0))
     assert pilot.session.state.mode == "HOLD"
     assert pilot.session.state.rates == (0.0, 0.0)
@@ -121,9 +122,9 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
         pilot.drive(5, pose=right(-40.0))
         assert pilot.session.state.mode == "HOLD"
         assert "no picture comes" in pilot.session.state.reason
-    pilot.sight.seen = saw
+    pilot.camera.reports = reports
     pilot.drive(2)
-    assert "pictures come again" in told(pilot.session, "notice")[-1]["text"]
+    assert "pictures come again" in sent(pilot.session, "notice")[-1]["text"]
     assert pilot.session.state.mode == "HOLD"
     pilot.mode("HEAD")
     pilot.drive()
@@ -133,19 +134,20 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
 
 def test_a_camera_that_is_gone_breaks_a_scan_off_and_forgets_the_target():
     pilot = scanning()
-    pilot.sight.seen = list
+    pilot.camera.reports = list
     pilot.drive(5)
     assert (pilot.session.state.mode, pilot.session.scan) == ("HOLD", None)
     assert pilot.session.seen.target is None
 
 
-def test_findings_of_a_loop_that_ended_are_taken_over_and_numbers_go_on():
+def test_findings_of_a_loop_that_ended_are_taken_over_and_numbers_continue():
     pilot = scanning()
-    findings = told(pilot.session, "findings")[-1]["findings"]
+    texts = [text for text in pilot.session.events if text.startswith(b'{"type":"findings"')]
+    findings = messages.decode_findings(texts[-1])
     after = Pilot().following((319.5, 239.5))
-    after.session.hear(messages.Known(findings=findings), after.now)
+    after.session.receive(messages.KnownFindings(findings=findings), after.now)
     assert after.session.findings == pilot.session.findings
-    after.sight.events = [EXTRACTED]
+    after.camera.events = [EXTRACTED]
     after.drive(2)
     assert [finding.number for finding in after.session.findings] == [1, 2]
 
@@ -159,7 +161,7 @@ def test_the_clutch_does_not_jump():
     assert pilot.session.state.command == pytest.approx(before, abs=0.1)
 
 
-def test_silence_holds_and_going_on_does_not_jump():
+def test_silence_holds_and_continuing_does_not_jump():
     pilot = Pilot().steering()
     pilot.drive(50, pose=right(15.0))
     pilot.silence(25)
@@ -204,13 +206,13 @@ def test_a_release_holds_and_forgets_the_pilot():
     assert pilot.session.state.mode == "HOLD"
 
 
-def test_what_cannot_be_measured_or_scanned_is_said():
+def test_a_measurement_or_scan_without_a_target_gives_a_notice():
     pilot = Pilot().steering(5)
     pilot.order(messages.Measure)
     pilot.order(messages.Scan)
-    pilot.sight.events = [{"what": "extracted", "hole": None, "verdict": "nothing round"}]
+    pilot.camera.events = [{"what": "extracted", "hole": None, "verdict": "nothing round"}]
     pilot.drive(2)
-    sentences = " ".join(notice["text"] for notice in told(pilot.session, "notice"))
+    sentences = " ".join(notice["text"] for notice in sent(pilot.session, "notice"))
     for part in ("pick a point", "measure a finding first", "nothing round"):
         assert part in sentences
     assert pilot.session.findings == []
@@ -218,11 +220,11 @@ def test_what_cannot_be_measured_or_scanned_is_said():
 
 
 def scanning(stick=(0.0, 0.0)):
-    """In SCAN, over what the eyes saw, from where a second of the stick has brought it."""
+    """In SCAN of a finding, after a second of the stick."""
     pilot = Pilot().following((319.5, 239.5))
     pilot.drive(25, stick=stick)
     pilot.drive(15)
-    pilot.sight.events = [EXTRACTED]
+    pilot.camera.events = [EXTRACTED]
     pilot.drive(2)
     pilot.order(messages.Scan)
     pilot.drive(2)
@@ -230,30 +232,30 @@ def scanning(stick=(0.0, 0.0)):
     return pilot
 
 
-def test_a_scan_goes_there_and_back_and_its_depth_goes_with_the_finding():
+def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():
     pilot = scanning(stick=(1.0, 0.3))
-    home = pilot.session.state.command, *pilot.session.where()[2:]
+    home = pilot.session.state.command, *position(pilot.session)[2:]
     pilot.until(lambda s: s.state.mode != "SCAN")
     session = pilot.session
     assert session.state.mode == "HOLD"
     assert "the scan is done" in session.state.reason
-    wishes = pilot.sight.wishes
-    assert [wishes.count(name) for name in ("sound", "shoot", "heard")] == [
+    commands = pilot.camera.commands
+    assert [commands.count(name) for name in ("begin_scan", "fire", "finish_scan")] == [
         1,
         RasterScan.points**2,
         1,
     ]
     assert session.state.command == pytest.approx(home[0], abs=0.5)
-    assert session.where()[2:] == pytest.approx(home[1:], abs=0.3)
-    session.hear(messages.Sounded(finding=1, told=HEARD), pilot.now)
+    assert position(session)[2:] == pytest.approx(home[1:], abs=0.3)
+    session.receive(messages.DepthFitted(finding=1, result=RESULT), pilot.now)
     (finding,) = session.findings
     assert (finding.depth, finding.depth_sd) == (0.502, 0.003)
     assert finding.diameter == 0.99
-    assert told(session, "findings")[-1]["findings"][0]["verdict"] == "measured"
+    assert sent(session, "findings")[-1]["findings"][0]["verdict"] == "measured"
 
 
 @pytest.mark.parametrize("how", ["mode", "silence", "release"])
-def test_a_scan_is_broken_off_and_nothing_jumps(how):
+def test_a_scan_is_stopped_without_a_jump(how):
     pilot = scanning()
     pilot.drive(60)
     before = pilot.session.state.command
@@ -269,16 +271,16 @@ def test_a_scan_is_broken_off_and_nothing_jumps(how):
     assert session.state.mode == "HOLD"
     assert session.state.rates == (0.0, 0.0)
     assert math.dist(session.state.command, before) < 2.0
-    assert pilot.sight.looks[-1].wishes or "dry" in pilot.sight.wishes
+    assert pilot.camera.requests[-1].commands or "end_scan" in pilot.camera.commands
     assert session.scan is None
-    assert any("broken off" in notice["text"] for notice in told(session, "notice"))
+    assert any("stopped" in notice["text"] for notice in sent(session, "notice"))
 
 
-def test_what_echoes_could_not_tell_leaves_the_outline():
+def test_echoes_without_a_result_leave_the_outline():
     pilot = scanning()
     before = pilot.session.findings[0]
     nothing = {"verdict": "no coupling", "diameter": None, "depth": None}
-    pilot.session.hear(messages.Sounded(finding=1, told=nothing), pilot.now)
+    pilot.session.receive(messages.DepthFitted(finding=1, result=nothing), pilot.now)
     (after,) = pilot.session.findings
     assert (after.verdict, after.kind, after.depth) == ("no coupling", "hole or pit", None)
     assert (after.phi, after.z, after.diameter) == (before.phi, before.z, before.diameter)
@@ -291,26 +293,26 @@ def test_a_number_is_never_used_again_and_a_late_fit_finds_nothing():
     pilot.order(messages.Forget, finding=1)
     pilot.drive(2)
     assert pilot.session.state.mode == "HOLD"
-    assert "was dropped" in pilot.session.state.reason
-    pilot.sight.events = [EXTRACTED]
+    assert "was deleted" in pilot.session.state.reason
+    pilot.camera.events = [EXTRACTED]
     pilot.drive(2)
-    pilot.session.hear(messages.Sounded(finding=1, told=HEARD), pilot.now)
+    pilot.session.receive(messages.DepthFitted(finding=1, result=RESULT), pilot.now)
     (finding,) = pilot.session.findings
     assert (finding.number, finding.depth) == (2, None)
     pilot.order(messages.Scan, finding=999)
-    assert "no finding 999" in told(pilot.session, "notice")[-1]["text"]
+    assert "no finding 999" in sent(pilot.session, "notice")[-1]["text"]
 
 
-def test_who_takes_the_controls_is_told_what_to_press():
+def test_a_new_pilot_gets_an_instruction():
     pilot = Pilot().steering(5)
     pilot.order(messages.Release)
     pilot.silence()
-    pilot.session.hear(messages.Taken(), pilot.now)
+    pilot.session.receive(messages.ControlsTaken(), pilot.now)
     pilot.silence()
     assert "press Head" in pilot.session.state.reason
 
 
-def test_pages_are_told_of_plane_and_memory():
+def test_pages_are_sent_planes_and_memory():
     pilot = Pilot().steering(30)
     hello = msgspec.json.decode(pilot.session.introduction())
     state = msgspec.json.decode(pilot.session.report(pilot.now, late=0.001))

@@ -19,7 +19,7 @@ def scratch(tmp_path, monkeypatch):
 
 
 def kept(work, quota=QUOTA):
-    """What work gives with uploads that run."""
+    """The result of some work with started uploads."""
 
     async def run():
         found = Uploads(quota)
@@ -37,7 +37,7 @@ async def chunks(*parts):
         yield part
 
 
-def test_what_is_written_is_there_and_goes_with_the_server(scratch):
+def test_uploads_are_kept_and_removed_with_the_server(scratch):
     async def work(found):
         upload = await found.add("run.csv", 7)
         await found.write(upload, chunks(b"abc", b"defg"))
@@ -48,17 +48,17 @@ def test_what_is_written_is_there_and_goes_with_the_server(scratch):
     assert list(scratch.iterdir()) == []
 
 
-def test_what_is_on_its_way_counts(monkeypatch):
+def test_unfinished_uploads_count(monkeypatch):
     async def work(found):
         await found.add("one.csv", 8 * MIB)
         with pytest.raises(FullError, match=r"at most 4 files and 40 MiB"):
             await found.add("two.csv", 8 * MIB)
-        await found.add("small.csv", 1000)  # large ones leave a part to small ones
+        await found.add("small.csv", 1000)  # a part is kept free for small files
 
     kept(work)
 
 
-def test_what_nobody_uses_makes_room(monkeypatch):
+def test_unused_uploads_make_room(monkeypatch):
     async def work(found):
         used, idle = [await found.add(f"{k}.csv", 10) for k in range(2)]
         with used.in_use():
@@ -72,7 +72,7 @@ def test_what_nobody_uses_makes_room(monkeypatch):
     assert kept(work) == [True, False, True, True, True]
 
 
-def test_what_is_old_is_removed(monkeypatch):
+def test_old_uploads_are_removed(monkeypatch):
     async def work(found):
         upload = await found.add("one.csv", 10)
         await found.remove_old()
@@ -103,7 +103,7 @@ class FullDisk:
         self._file.close()
 
 
-def test_a_full_disk_is_said(monkeypatch):
+def test_a_full_disk_is_reported(monkeypatch):
     monkeypatch.setattr(uploads, "_opened", FullDisk)
 
     async def work(found):

@@ -15,7 +15,7 @@ HELD = np.array([0.3, 0.2, 1.0, 0.0])
 
 
 class Wires:
-    """A plant that keeps what is done to it."""
+    """A plant that keeps a list of its commands."""
 
     tick = 0.04
 
@@ -40,13 +40,13 @@ class Bench:
 
     def __init__(self, why="", patience=0.05):
         self.wires, self.channel, self.over = Wires(), NewestPipe(), threading.Event()
-        self.guarded = WatchedPlant(self.wires, patience, why)
+        self.watched = WatchedPlant(self.wires, patience, why)
         self.theirs = NewestPipe()
         beats = multiprocessing.get_context("spawn").RawArray("d", 1)
         self._sockets = socket.socketpair()
-        self.post = ProcessHandle("plant", ("plant",), self._sockets[0], beats)
-        given = self.channel, self.post, self.over
-        self._thread = threading.Thread(target=self.guarded.serve, args=given)
+        self.handle = ProcessHandle("plant", ("plant",), self._sockets[0], beats)
+        given = self.channel, self.handle, self.over
+        self._thread = threading.Thread(target=self.watched.serve, args=given)
         self._thread.start()
 
     def loop(self):
@@ -84,7 +84,7 @@ def test_commands_go_to_the_plant_and_readings_come_back(bench):
     np.testing.assert_array_equal(bench.plant.exchange(HELD), HELD + 1)
     assert bench.wires.done == ["safe", tuple(HELD)]
     assert (bench.plant.tick, bench.plant.stance()) == (0.04, (1.0, 2.0))
-    assert bench.post.beats[0] > 0
+    assert bench.handle.beats[0] > 0
 
 
 def test_silence_makes_it_safe_until_the_loop_has_taken_notice(bench):
@@ -124,8 +124,8 @@ def test_a_command_that_cannot_be_carried_out_makes_it_safe(bench):
     assert "safe" in bench.wires.done[2:]
 
 
-def test_a_plant_that_was_started_anew_is_made_safe_and_says_so():
-    bench = Bench("its process was started anew")
+def test_a_restarted_plant_is_made_safe_and_reports_it():
+    bench = Bench("its process was restarted")
     bench.loop()
     assert bench.plant.made_safe
     bench.end()
@@ -136,7 +136,7 @@ def test_a_plant_that_does_not_answer_costs_one_wait_and_reads_nothing():
     plant = RemotePlant(NewestPipe(ours), 0.01)
     for _ in range(100):
         assert np.isnan(plant.exchange(HELD)).all()
-        assert not plant.there
+        assert not plant.responds
     assert not theirs.poll()  # nothing was sent before its first word
     theirs.close()
     assert np.isnan(plant.exchange(HELD)).all()

@@ -11,7 +11,7 @@ from minorloop.head.console import workers
 
 
 def told(task, *, longest=60.0, times=1, **options):
-    """What tasks tell, one after the other, on one worker."""
+    """Reports of tasks, one after the other, on one worker."""
 
     async def ask():
         pool = workers.Workers(1, longest=longest)
@@ -24,7 +24,7 @@ def told(task, *, longest=60.0, times=1, **options):
     return asyncio.run(ask())
 
 
-def test_refusals_are_sentences_and_the_worker_goes_on(tmp_path):
+def test_refusals_are_sentences_and_the_worker_continues(tmp_path):
     for (answer,) in told("move", times=2, folder=str(tmp_path), memory=None, u=0.5):
         assert "no model yet" in answer["error"]
 
@@ -46,13 +46,13 @@ def test_what_takes_too_long_is_ended_and_the_next_is_served(tmp_path):
 
 
 async def asked_twice(folder, signum, *, at_work):
-    """What two tasks tell whose worker is hit by a signal, and how that worker ended."""
+    """Results of two tasks whose worker gets a signal, and the exit code of that worker."""
     pool = workers.Workers(1)
     await pool.start()
     try:
         (worker,) = pool._all
         if not at_work:
-            await worker.begun()
+            await worker.ready()
         ask = {"task": "move", "folder": str(folder), "memory": None, "u": 0.5}
         first = asyncio.create_task(pool.ask(**ask))
         if at_work:  # it waits for the worker to begin
@@ -68,7 +68,7 @@ async def asked_twice(folder, signum, *, at_work):
 
 
 @pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_worker_that_dies_or_is_stopped_at_work_is_said_and_replaced(tmp_path, signum):
+def test_a_worker_that_dies_or_is_stopped_at_work_is_reported_and_replaced(tmp_path, signum):
     first, second, status = asyncio.run(asked_twice(tmp_path, signum, at_work=True))
     assert "ended unexpectedly" in first["error"]
     assert "no model yet" in second["error"]
@@ -90,7 +90,7 @@ def serving(pids):
         pool = workers.Workers(1)
         await pool.start()
         (worker,) = pool._all
-        await worker.begun()
+        await worker.ready()
         pids.send(worker._process.pid)
         os.kill(os.getpid(), signal.SIGKILL)
 

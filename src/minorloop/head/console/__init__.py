@@ -1,1 +1,1 @@
-"""The operator's seat: from head, stick and mouse to the head of the catheter, and back."""
+"""The console: teleoperation of the catheter's head in a browser, and the lab page."""

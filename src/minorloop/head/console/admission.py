@@ -1,4 +1,4 @@
-"""What every request is asked at the door, and what every answer says to the browser."""
+"""Checks of every HTTP request, and security headers of every response."""
 
 from __future__ import annotations
 
@@ -30,56 +30,58 @@ _HEADERS = {
 
 
 class Admission:
-    """Lets in who has the key, and pages of this server only.
+    """Admits requests with the key or the cookie, from pages of this server only.
 
     Parameters
     ----------
     app : ASGI application
-    doors : Authentication
+    authentication : Authentication
     """
 
-    def __init__(self, app: ASGIApp, doors: Authentication) -> None:
-        self._app, self._doors = app, doors
+    def __init__(self, app: ASGIApp, authentication: Authentication) -> None:
+        self._app, self._authentication = app, authentication
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request that may not come in; websockets get their reason from the server."""
+        """Refuse a request, or pass it on; the server itself checks websockets."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
         request = Request(scope, receive)
         response = self._refusal(request)
         host = request.headers.get("host") if response is None else None
-        guarded = _with_headers(send, host)
-        if response is None and self._doors.opens(request.query_params.get("key")):
+        secured = _with_headers(send, host)
+        if response is None and self._authentication.is_key(request.query_params.get("key")):
             response = self._welcome(request)
-        elif response is None and not self._known(request):
+        elif response is None and not self._has_token(request):
             response = plain(403, "open the address that the console printed, with its key")
         if response is not None:
-            await response(scope, receive, guarded)
+            await response(scope, receive, secured)
             return
         with admitted(scope):
-            await self._app(scope, receive, guarded)
+            await self._app(scope, receive, secured)
 
-    def _known(self, request: Request) -> bool:
-        return self._doors.known("; ".join(request.headers.getlist("cookie")))
+    def _has_token(self, request: Request) -> bool:
+        return self._authentication.has_token("; ".join(request.headers.getlist("cookie")))
 
     def _refusal(self, request: Request) -> Response | None:
         host = request.headers.get("host")
-        if not self._doors.serves(host):
+        if not self._authentication.is_own_host(host):
             return plain(421, "this server has another name")
         origin = request.headers.get("origin")
-        if request.method not in ("GET", "HEAD") and not self._doors.own(origin, host):
+        if request.method not in ("GET", "HEAD") and not self._authentication.is_own_page(
+            origin, host
+        ):
             return plain(403, "this request comes from another page")
         return None
 
     def _welcome(self, request: Request) -> Response:
-        # Two slashes at the beginning would name another host.
+        # A path with two slashes at the beginning would name another host.
         response = RedirectResponse("/" + request.url.path.lstrip("/"), status_code=303)
-        # A proxy says so if browsers talk https with it; a lie would only lock out who tells it.
+        # A proxy sets the header if browsers use https; a false one only harms its own sender.
         proxied = request.headers.get("x-forwarded-proto", "") == "https"
         response.set_cookie(
-            self._doors.cookie,
-            self._doors.token,
+            self._authentication.cookie,
+            self._authentication.token,
             httponly=True,
             samesite="lax",
             secure=proxied or request.url.scheme == "https",
@@ -88,7 +90,7 @@ class Admission:
 
 
 def _with_headers(send: Send, host: str | None) -> Send:
-    """Add what every answer says; ``host`` is where pages may open their websocket."""
+    """Add the security headers; ``host`` is where pages may open their websocket."""
     sockets = "" if host is None else f" ws://{host} wss://{host}"
     headers = {"Content-Security-Policy": _POLICY.format(sockets=sockets), **_HEADERS}
     extra = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
@@ -102,5 +104,5 @@ def _with_headers(send: Send, host: str | None) -> Send:
 
 
 def plain(status: int, text: str) -> Response:
-    """An answer of one sentence."""
+    """Return a response of one sentence."""
     return Response(text + "\n", status_code=status, media_type="text/plain")

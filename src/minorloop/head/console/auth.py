@@ -1,4 +1,4 @@
-"""Who may come in: a key that is new at every start, and pages of this server only."""
+"""Authentication: a key that is new at every start, and requests of this server's pages only."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from dataclasses import dataclass, field
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _HOST = re.compile(r"(?:\[([0-9a-f:.]{2,45})\]|([a-z0-9._-]{1,253}))(?::[0-9]{1,5})?", re.I)
-"""A Host header that may be repeated in an answer: an address or a name, and a port."""
+"""A Host header that is safe to repeat in an answer: an address or a name, and a port."""
 
 
 @dataclass(frozen=True)
 class Authentication:
-    """The checks at the door.
+    """Keys and host names that requests are checked against.
 
     Parameters
     ----------
     host : str
-        On which the server listens.
+        Address on which the server listens.
     key : str
-        What the address that is printed carries.
+        Part of the printed address.
     token : str
-        What a browser that came with the key carries from then on.
+        Cookie of a browser that has sent the key.
     port : int
-        On which the server listens.
+        Port on which the server listens.
     name : str, optional
-        Under which browsers reach a proxy that stands before the server.
+        Host name of a proxy in front of the server.
     """
 
     host: str
@@ -39,15 +39,15 @@ class Authentication:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie; browsers do not keep apart those of two ports of a host."""
+        """Name of the cookie; browsers share cookies between the ports of a host."""
         return f"minorloop-{self.port}"
 
-    def opens(self, key: str | None) -> bool:
-        """Whether a key is the key."""
+    def is_key(self, key: str | None) -> bool:
+        """Return whether this is the key."""
         return secrets.compare_digest((key or "").encode(), self.key.encode())
 
-    def known(self, cookies: str | None) -> bool:
-        """Whether a Cookie header carries the token, whatever else is in it."""
+    def has_token(self, cookies: str | None) -> bool:
+        """Return whether a Cookie header holds the token, among any others."""
         token = self.token.encode()
         found = False
         for pair in (cookies or "").split(";"):
@@ -56,8 +56,8 @@ class Authentication:
                 found |= secrets.compare_digest(value.strip().encode(), token)
         return found
 
-    def serves(self, host: str | None) -> bool:
-        """Whether a Host header names this server, so that no other name can be bound to it."""
+    def is_own_host(self, host: str | None) -> bool:
+        """Return whether a Host header names this server; this prevents DNS rebinding."""
         match = _HOST.fullmatch(host or "")
         if match is None:
             return False
@@ -68,9 +68,9 @@ class Authentication:
             return False
         return _is_address(name) or name == socket.gethostname().lower()
 
-    def own(self, origin: str | None, host: str | None) -> bool:
-        """Whether an Origin header is that of a page of this server."""
-        if not origin or not self.serves(host):
+    def is_own_page(self, origin: str | None, host: str | None) -> bool:
+        """Return whether an Origin header is that of a page of this server."""
+        if not origin or not self.is_own_host(host):
             return False
         return origin in (f"http://{host}", f"https://{host}")
 
@@ -84,7 +84,7 @@ def _is_address(name: str) -> bool:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an address is one of this machine's own."""
+    """Return whether an address is a loopback address of this machine."""
     try:
         found = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:

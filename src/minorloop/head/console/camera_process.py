@@ -1,4 +1,4 @@
-"""The eyes as a process: they take the newest word of the loop, and pictures go to the server."""
+"""The camera process: answers the newest request of the loop, sends pictures to the server."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import gc
 import os
 import pickle
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from threading import Event, Thread
@@ -16,122 +15,128 @@ import msgspec
 
 from minorloop.errors import MinorloopError
 from minorloop.head.console import messages
-from minorloop.head.console.camera_protocol import PICTURED, CameraRequest, Wish
+from minorloop.head.console.camera_protocol import (
+    PICTURED,
+    CameraCommand,
+    CameraRequest,
+    request_decoder,
+)
 from minorloop.head.console.channel import NewestPipe, Outbox
 from minorloop.head.console.imaging import opencv
-from minorloop.head.console.perception import Perception
+from minorloop.head.console.perception import Later, Perception
 from minorloop.head.console.plant import open_tip
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
+from minorloop.head.console.units import to_shown
 from minorloop.head.vision.calibrated_camera import Image
 
 _QUALITY = 78
+"""Of a JPEG, 1 to 100."""
 _RECORD_EVERY = 5
-_LOOK_EVERY = 0.1
+"""Pictures of which one is recorded: five a second."""
+_POLL = 0.1
 
 
-def run(post: ProcessHandle, settings: LoopSettings) -> None:
-    """Look until the control loop or the supervisor ends; for a process of its own.
+def run(handle: ProcessHandle, settings: LoopSettings) -> None:
+    """Run the camera until the control loop or the supervisor ends; for a process of its own.
 
     Parameters
     ----------
-    post : ProcessHandle
-        Brings pipes to the control loop, and to the server for pictures and jobs.
+    handle : ProcessHandle
+        Gives pipes to the control loop, and to the server for pictures and jobs.
     settings : LoopSettings
     """
     server, loop = NewestPipe(), NewestPipe()
-    over = post.begin(server=server, loop=loop)
+    stop = handle.begin(server=server, loop=loop)
     with contextlib.suppress(OSError, AttributeError):
-        os.nice(-5)  # allowed to few; it helps where others use the same cores
+        os.nice(-5)  # few systems allow it; it helps where other programs use the same cores
     try:
         tip, view = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed)
         opencv()
     except (MinorloopError, ImportError) as error:
-        _serve(None, {"failed": str(error)}, loop, server, post, over)
+        _serve(None, {"failed": str(error)}, loop, server, handle, stop)
         return
     pool = ThreadPoolExecutor(1)
-    eyes = Perception(tip, view, _in(pool))
-    _warm_up(eyes)
+    perception = Perception(tip, view, _in(pool))
+    _warm_up(perception)
     gc.collect()
     gc.freeze()
-    _serve(eyes, view.told(), loop, server, post, over)
+    _serve(perception, view.to_dict(), loop, server, handle, stop)
     pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _serve(
-    eyes: Perception | None,
+    perception: Perception | None,
     introduction: dict[str, Any],
     loop: NewestPipe,
     server: NewestPipe,
-    post: ProcessHandle,
-    over: Event,
+    handle: ProcessHandle,
+    stop: Event,
 ) -> None:
-    """Introduce the eyes to a control loop, and look for it until it ends."""
+    """Send the introduction to a control loop, and answer it until it ends."""
     outbox = Outbox()
     Thread(target=outbox.forward, args=(server,), daemon=True).start()
     pipe = None
-    while pipe is None and not over.is_set():
-        pipe = loop.next(None, _LOOK_EVERY)
+    while pipe is None and not stop.is_set():
+        pipe = loop.next(None, _POLL)
     if pipe is None:
         return
     with contextlib.suppress(EOFError, OSError):
         pipe.send_bytes(msgspec.json.encode(introduction))
-        while not over.is_set():
-            post.beat()
-            if pipe.poll(_LOOK_EVERY):
-                _look(eyes, pipe, outbox)
+        while not stop.is_set():
+            handle.beat()
+            if pipe.poll(_POLL):
+                _answer(perception, pipe, outbox)
 
 
-def _look(eyes: Perception | None, loop: Connection, outbox: Outbox) -> None:
-    """Answer the newest word of the loop."""
-    look = newest(loop)
-    if eyes is None:
+def _answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> None:
+    """Answer the newest request of the loop."""
+    request = newest(loop)
+    if perception is None:
         return
-    seen = eyes.tick(look)
-    loop.send_bytes(msgspec.msgpack.encode(seen))
-    if eyes.image is not None:
-        coded = jpeg(eyes.image)
-        picture = messages.picture(messages.IMAGE, look.number, look.t, look.where, coded)
+    loop.send_bytes(msgspec.msgpack.encode(perception.tick(request)))
+    if perception.image is not None:
+        where, coded = to_shown(request.position), jpeg(perception.image)
+        picture = messages.picture(messages.IMAGE, request.number, request.t, where, coded)
         outbox.newest(picture)
-        if look.keep and look.number % _RECORD_EVERY == 0:
+        if request.keep and request.number % _RECORD_EVERY == 0:
             loop.send_bytes(PICTURED + picture)
-    while eyes.jobs:
-        outbox.event(bytes([messages.JOB]) + pickle.dumps(eyes.jobs.pop(0)))
+    while perception.jobs:
+        outbox.event(bytes([messages.JOB]) + pickle.dumps(perception.jobs.pop(0)))
 
 
 def newest(pipe: Connection) -> CameraRequest:
-    """The newest word in a pipe, with the wishes of those before it."""
-    decoder = msgspec.msgpack.Decoder(CameraRequest)
-    look = decoder.decode(pipe.recv_bytes())
+    """Return the newest request in a pipe, with the commands of those before it."""
+    request = request_decoder.decode(pipe.recv_bytes())
     while pipe.poll():
-        later = decoder.decode(pipe.recv_bytes())
-        look = msgspec.structs.replace(later, wishes=[*look.wishes, *later.wishes])
-    return look
+        later = request_decoder.decode(pipe.recv_bytes())
+        request = msgspec.structs.replace(later, commands=[*request.commands, *later.commands])
+    return request
 
 
 def jpeg(grey: Image) -> bytes:
-    """A picture, packed."""
+    """Return a picture as JPEG."""
     cv2 = opencv()
     _, encoded = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return bytes(encoded)
 
 
-def _in(pool: ThreadPoolExecutor) -> Callable[[Callable[[], Any]], Callable[[], Any | None]]:
-    """What does things in a pool, for `Perception`."""
+def _in(pool: ThreadPoolExecutor) -> Later:
+    """Return what runs computations of `Perception` in a pool."""
 
-    def later(work: Callable[[], Any]) -> Callable[[], Any | None]:
+    def later(work: Any) -> Any:
         future = pool.submit(work)
         return lambda: future.result() if future.done() else None
 
     return later
 
 
-def _warm_up(eyes: Perception) -> None:
+def _warm_up(perception: Perception) -> None:
     """Compile what the first pictures would wait for."""
-    look = CameraRequest(number=0, t=0.0, where=(0.0, 0.0, 0.0, 0.0), stance=(0.0,) * 6)
+    request = CameraRequest(number=0, t=0.0, position=(0.0, 0.0, 0.0, 0.0), stance=(0.0,) * 6)
     for _ in range(8):
-        eyes.tick(look)
-    first: list[Wish] = [("pick", [320.0, 400.0]), ("find", [])]
-    for wishes in (first, *([],) * 8):
-        eyes.tick(msgspec.structs.replace(look, wishes=wishes))
-    eyes.forget()
+        perception.tick(request)
+    first: list[CameraCommand] = [("pick", [320.0, 400.0]), ("find", [])]
+    for commands in (first, *([],) * 8):
+        perception.tick(msgspec.structs.replace(request, commands=commands))
+    perception.reset()

@@ -1,7 +1,7 @@
-"""What passes between the control loop and the eyes of the seat.
+"""Messages between the control loop and the camera process.
 
-The loop says where the head is and what it wishes; the eyes say what they saw, a tick later. They
-are in processes of their own, so that no picture ever holds up the loop.
+The loop sends where the head is and commands for the camera; a tick later the camera process
+reports what it found. They are separate processes, so that no picture ever delays the loop.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ from typing import Any, Protocol, TypeAlias
 import msgspec
 
 from minorloop.head.console.channel import NewestPipe
+from minorloop.head.console.messages import Spot
+from minorloop.head.console.units import Position
 
 PICTURED = b"p"
-"""What stands before a picture that the eyes send to be recorded."""
-Wish: TypeAlias = tuple[str, list[float]]
-"""What the eyes are to do: a name of `Eyes.wishes` and numbers."""
+"""First byte of a picture that the camera process sends to the loop for a recording."""
+CameraCommand: TypeAlias = tuple[str, list[float]]
+"""A name of `Perception.commands` and its arguments."""
 
 
 class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """A tick of the control loop, for the eyes.
+    """A tick of the control loop, for the camera process.
 
     Parameters
     ----------
@@ -31,122 +33,126 @@ class CameraRequest(msgspec.Struct, frozen=True, kw_only=True):
         Of the tick.
     t : float
         In seconds, on the clock of the loop.
-    where : (float, float, float, float)
-        Pan and tilt about the middle, advance and roll as measured, in degrees and mm.
+    position : (float, float, float, float)
+        Pan and tilt about the middle, advance and roll as measured, in rad and m.
     stance : tuple of float
         For a simulated tip only, see `Plant.stance`.
-    wishes : list of Wish
+    commands : list of CameraCommand
     keep : bool
-        Whether pictures are to come back, for a recording.
+        Whether pictures are to be sent to the loop, for a recording.
     """
 
     number: int
     t: float
-    where: tuple[float, float, float, float]
+    position: Position
     stance: tuple[float, ...] = ()
-    wishes: list[Wish] = []
+    commands: list[CameraCommand] = []
     keep: bool = False
 
 
 class CameraReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What the eyes made of a tick.
+    """What the camera process found in a tick.
 
     Parameters
     ----------
     number : int
         Of the tick.
     target : (float, float, float, bool), optional
-        Pixel of the point that is followed, how well it was recognised, and whether it is seen;
-        None where none is followed.
+        Pixel of the tracked point, score of its recognition, and whether it is visible; None
+        without a tracked point.
     spots : list of (float, float, float, float)
-        Pixel, diameter in pixels and evidence of what could be a defect, the likeliest first.
+        Pixel, diameter in pixels and evidence of candidates, the likeliest first.
     events : list of dict
-        What was found out, each with a ``what``.
+        Results, each with a ``what``.
     """
 
     number: int
     target: tuple[float, float, float, bool] | None = None
-    spots: list[tuple[float, float, float, float]] = []
+    spots: list[Spot] = []
     events: list[dict[str, Any]] = []
 
 
+# Made while the module is imported: see `minorloop.head.console.messages`.
+request_decoder = msgspec.msgpack.Decoder(CameraRequest)
+report_decoder = msgspec.msgpack.Decoder(CameraReport)
+
+
 class CameraLink(Protocol):
-    """What the control loop needs of the eyes; neither call waits."""
+    """The camera as the control loop sees it; neither call waits."""
 
-    def look(self, look: CameraRequest) -> None:
-        """Say where the head is and what is wished."""
+    def send(self, request: CameraRequest) -> None:
+        """Send where the head is, and commands."""
 
-    def seen(self) -> list[CameraReport]:
-        """What came since the last call."""
+    def reports(self) -> list[CameraReport]:
+        """Return the reports since the last call."""
 
 
 class RemoteCamera:
-    """Eyes in another process.
+    """A camera in another process.
 
     Parameters
     ----------
     channel : NewestPipe
-        To that process. Its first word on each pipe is what it knows of camera and probe, or
-        ``{"failed": sentence}``.
+        To that process. Its first message on each pipe is the calibration of camera and probe,
+        or ``{"failed": sentence}``.
     """
 
     def __init__(self, channel: NewestPipe) -> None:
         self._channel = channel
-        self._there = threading.Condition()
+        self._changed = threading.Condition()
         self._next: CameraRequest | None = None
-        self._came: deque[CameraReport] = deque(maxlen=64)
+        self._reports: deque[CameraReport] = deque(maxlen=64)
         self._introduction: dict[str, Any] | None = None
-        self._met = False
+        self._introduced = False
         self.on_picture: Callable[[bytes], None] | None = None
         self.keep = False
-        for work in (self._speak, self._listen):
+        for work in (self._send, self._receive):
             threading.Thread(target=work, daemon=True).start()
 
-    def introduced(self, timeout: float) -> dict[str, Any] | None:
-        """The first word; None where it did not come in time."""
-        with self._there:
-            self._there.wait_for(lambda: self._introduction is not None, timeout)
+    def introduction(self, timeout: float) -> dict[str, Any] | None:
+        """Return the first message; None if it did not arrive in time."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._introduction is not None, timeout)
             return self._introduction
 
-    def look(self, look: CameraRequest) -> None:
-        """Say where the head is; what was not sent yet is replaced, but for its wishes."""
-        with self._there:
-            if self._next is not None and self._next.wishes:
-                wishes: list[Wish] = [*self._next.wishes, *look.wishes]
-                look = msgspec.structs.replace(look, wishes=wishes)
-            self._next = msgspec.structs.replace(look, keep=True) if self.keep else look
-            self._there.notify_all()
+    def send(self, request: CameraRequest) -> None:
+        """Send a request; it replaces one that was not sent yet, and takes over its commands."""
+        with self._changed:
+            if self._next is not None and self._next.commands:
+                commands: list[CameraCommand] = [*self._next.commands, *request.commands]
+                request = msgspec.structs.replace(request, commands=commands)
+            self._next = msgspec.structs.replace(request, keep=True) if self.keep else request
+            self._changed.notify_all()
 
-    def seen(self) -> list[CameraReport]:
-        """What came since the last call."""
-        came = []
-        while self._came:
-            came.append(self._came.popleft())
-        return came
+    def reports(self) -> list[CameraReport]:
+        """Return the reports since the last call."""
+        found = []
+        while self._reports:
+            found.append(self._reports.popleft())
+        return found
 
-    def _speak(self) -> None:
-        encoder = msgspec.msgpack.Encoder()
+    def _send(self) -> None:
         while True:
-            with self._there:
-                self._there.wait_for(lambda: self._next is not None and self._met)
-                look, self._next = self._next, None
-            self._channel.send(encoder.encode(look))
+            with self._changed:
+                self._changed.wait_for(lambda: self._next is not None and self._introduced)
+                request, self._next = self._next, None
+            self._channel.send(msgspec.msgpack.encode(request))
 
-    def _listen(self) -> None:
-        decoder = msgspec.msgpack.Decoder(CameraReport)
+    def _receive(self) -> None:
         for pipe in self._channel.pipes():
             with contextlib.suppress(EOFError, OSError):
-                self._meet(pipe.recv_bytes())
+                self._introduce(pipe.recv_bytes())
                 while True:
                     content = pipe.recv_bytes()
                     if content[:1] != PICTURED:
-                        self._came.append(decoder.decode(content))
+                        self._reports.append(report_decoder.decode(content))
                     elif self.on_picture is not None:
                         self.on_picture(content[1:])
-            self._met = False
+            self._introduced = False
 
-    def _meet(self, content: bytes) -> None:
-        with self._there:
+    def _introduce(self, content: bytes) -> None:
+        with self._changed:
             self._introduction = msgspec.json.decode(content)
-            self._met, self._next = True, None  # what was wished was wished of another
-            self._there.notify_all()
+            # Commands for the process before are not for this one.
+            self._introduced, self._next = True, None
+            self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""Pipes between processes that are started anew when they end."""
+"""Pipes between processes that are restarted when they end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 
 
 class NewestPipe:
-    """The newest pipe to another process; a thread puts another in its place.
+    """The newest pipe to another process; when that restarts, a thread replaces the pipe.
 
     Parameters
     ----------
@@ -18,26 +18,26 @@ class NewestPipe:
     """
 
     def __init__(self, pipe: Connection | None = None) -> None:
-        self._there = threading.Condition()
+        self._changed = threading.Condition()
         self._pipe = pipe
 
     def renew(self, pipe: Connection) -> None:
         """Use another pipe from now on."""
-        with self._there:
+        with self._changed:
             self._pipe = pipe
-            self._there.notify_all()
+            self._changed.notify_all()
 
     def next(
         self, last: Connection | None = None, timeout: float | None = None
     ) -> Connection | None:
-        """The newest pipe if it is not the last one; None where there is none in time."""
-        with self._there:
-            if self._there.wait_for(lambda: self._pipe is not last, timeout):
+        """Return the newest pipe once it is not the last one; None if that takes too long."""
+        with self._changed:
+            if self._changed.wait_for(lambda: self._pipe is not last, timeout):
                 return self._pipe
             return None
 
     def pipes(self) -> Iterator[Connection]:
-        """Each pipe as it comes, for a thread that reads one until it ends."""
+        """Yield each new pipe, for a thread that reads one until it ends."""
         last = None
         while True:
             last = self.next(last)
@@ -45,7 +45,7 @@ class NewestPipe:
                 yield last
 
     def send(self, content: bytes) -> bool:
-        """Send bytes; False where nobody is there to get them."""
+        """Send bytes; return False if there is no process to receive them."""
         pipe = self._pipe
         if pipe is None:
             return False
@@ -57,36 +57,36 @@ class NewestPipe:
 
 
 class Outbox:
-    """What a thread is to send: every event, and of states the newest."""
+    """Messages for a thread to send: all events, and the newest state."""
 
     def __init__(self) -> None:
-        self._there = threading.Condition()
+        self._changed = threading.Condition()
         self._events: deque[bytes] = deque(maxlen=1000)
         self._state: bytes | None = None
 
     def event(self, text: bytes) -> None:
-        """Something that must not be lost."""
-        with self._there:
+        """Add a message that must not be lost."""
+        with self._changed:
             self._events.append(text)
-            self._there.notify()
+            self._changed.notify()
 
     def newest(self, state: bytes) -> None:
-        """Something of which only the newest counts."""
-        with self._there:
+        """Replace the state; only the newest is sent."""
+        with self._changed:
             self._state = state
-            self._there.notify()
+            self._changed.notify()
 
     def wait(self) -> tuple[list[bytes], bytes | None]:
-        """What is to be sent; waits up to half a second for it."""
-        with self._there:
-            self._there.wait_for(lambda: self._events or self._state, timeout=0.5)
+        """Wait up to half a second for messages; return events and state."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._events or self._state, timeout=0.5)
             taken = list(self._events), self._state
             self._events.clear()
             self._state = None
             return taken
 
     def forward(self, channel: NewestPipe) -> None:
-        """Send for ever; for a thread of its own."""
+        """Send messages forever; for a thread of its own."""
         while True:
             events, state = self.wait()
             for content in events:

@@ -1,8 +1,8 @@
-"""Connections to the server: how many there may be before the key, and for how long.
+"""Limits of connections that have not sent the key.
 
-A connection is a stranger's until a request with the key or the cookie has come over it. Strangers
-are limited in number, in time, and in the share of a turn of the event loop that they get. When
-one too many comes, the oldest is closed: who sends a request with the key at once gets in.
+A connection is a stranger until it has sent a request with the key or the cookie. Strangers are
+limited in number, in time, and in their share of each turn of the event loop. When one too many
+connects, the oldest is closed, so that a user who sends the key at once is always served.
 """
 
 from __future__ import annotations
@@ -24,28 +24,29 @@ from minorloop.head.console.auth import is_loopback
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _ENTRY = "minorloop.connection"
 _SWEEP = 0.5
+"""Seconds between two checks of deadlines."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """How much strangers may take.
+    """Limits of strangers.
 
     Parameters
     ----------
     strangers : int
-        Connections before the key, of everybody together.
+        Number of strangers in all.
     each : int
-        Of these, from one address; this machine's own addresses may be those of a proxy, and
-        are limited together with all others only.
+        Number from one address; this machine's own addresses may be those of a proxy, and
+        have the common limit only.
     header : float
         Seconds from a connection to the end of a request with the key.
     idle : float
         Seconds from an answer to the end of the next request.
-    accepted, heard : int
-        Connections that are accepted, and strangers that are heard, in a turn of the event loop.
-        While fewer are accepted than heard, each is heard before it is one too many.
+    accepted, served : int
+        Connections that are accepted, and strangers that are read from, in a turn of the event
+        loop. If fewer are accepted than read, each is read before it is one too many.
     spare : int
-        Files of the process that connections leave to everything else.
+        Open files of the process that connections leave to everything else.
     """
 
     strangers: int = 128
@@ -53,12 +54,12 @@ class Limits:
     header: float = 5.0
     idle: float = 10.0
     accepted: int = 4
-    heard: int = 8
+    served: int = 8
     spare: int = 256
 
 
 class Connection(socket.socket):
-    """A connection that was accepted."""
+    """An accepted connection."""
 
     listener: Listener
     peer: tuple[Any, ...]
@@ -68,47 +69,47 @@ class Connection(socket.socket):
 
     @property
     def address(self) -> str:
-        """Address of the other end."""
+        """Address of the client."""
         return str(self.peer[0])
 
     def admit(self) -> None:
-        """It is no stranger's: a request with the key has come."""
+        """Count it as known: it has sent a request with the key."""
         self.listener.strangers.pop(self.fileno(), None)
         self.deadline = None
 
     def rest(self) -> None:
-        """A request was answered; the next has to come soon."""
+        """Limit the time to the next request, after one was answered."""
         if self.deadline is None:
             self.deadline = time.monotonic() + self.listener.limits.idle
 
     def drop(self) -> None:
-        """End it: its transport reads an end, closes it, and sends what it still can."""
+        """Shut it down; its transport then reads an end and closes it."""
         self.dropped = True
         self.listener.strangers.pop(self.fileno(), None)
         with contextlib.suppress(OSError):
             self.shutdown(socket.SHUT_RDWR)
 
     def recv(self, *options: Any) -> bytes:
-        """What came; nothing once it was dropped."""
+        """Return received bytes; none once it was dropped."""
         return b"" if self.dropped else super().recv(*options)
 
     def recv_into(self, *options: Any) -> int:
-        """Number of bytes that came; none once it was dropped."""
+        """Return the number of received bytes; 0 once it was dropped."""
         return 0 if self.dropped else super().recv_into(*options)
 
     def close(self) -> None:
-        """Close it, and tell the listener."""
+        """Close it, and remove it from the listener."""
         self.listener.forget(self)
         super().close()
 
 
 class Listener(socket.socket):
-    """A socket that listens, and knows what was accepted and not yet closed.
+    """A listening socket that keeps a list of its open connections.
 
     Parameters
     ----------
     listening : socket.socket
-        A bound socket, which this one replaces.
+        A bound socket, which this object takes over.
     limits : Limits
     """
 
@@ -122,12 +123,12 @@ class Listener(socket.socket):
         self._reserve = os.open(os.devnull, os.O_RDONLY)
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """The next connection.
+        """Accept the next connection.
 
         Raises
         ------
         BlockingIOError
-            If there is none, or others have to have their turn.
+            If there is none, or enough were accepted in this turn.
         """
         while self._turn < self.limits.accepted:
             self._turn += 1
@@ -142,32 +143,32 @@ class Listener(socket.socket):
                 continue
             return self._taken(accepted.detach(), peer), peer
         self._turn = 0
-        raise BlockingIOError(errno.EAGAIN, "nobody else may come in this turn")
+        raise BlockingIOError(errno.EAGAIN, "enough connections were accepted in this turn")
 
     def close(self) -> None:
-        """Close it, and the file that it kept."""
+        """Close it, and its reserved file."""
         if self.fileno() >= 0:
             os.close(self._reserve)
         super().close()
 
     def forget(self, connection: Connection) -> None:
-        """A connection is being closed."""
+        """Remove a connection from the list."""
         self.strangers.pop(connection.fileno(), None)
         if self._all.get(connection.peer[:2]) is connection:
             del self._all[connection.peer[:2]]
 
     def of(self, peer: Any) -> Connection | None:
-        """The connection from an address and a port."""
+        """Return the connection from an address and a port."""
         return self._all.get(tuple(peer or ()))
 
     def sweep(self, now: float) -> None:
-        """Drop the connections whose time is over."""
+        """Drop the connections past their deadline."""
         for connection in list(self._all.values()):
             if connection.deadline is not None and connection.deadline < now:
                 connection.drop()
 
     async def sweeping(self) -> None:
-        """Sweep for ever."""
+        """Drop such connections, forever."""
         while True:
             await asyncio.sleep(_SWEEP)
             self.sweep(time.monotonic())
@@ -184,7 +185,7 @@ class Listener(socket.socket):
         return connection
 
     def _make_room(self, newest: Connection) -> None:
-        """Drop the oldest stranger of an address that has too many, or of the one with most."""
+        """Drop the oldest stranger of an address with too many, or of the address with most."""
         of_each = Counter(connection.address for connection in self.strangers.values())
         address = newest.address
         if is_loopback(address) or of_each[address] <= self.limits.each:
@@ -195,7 +196,7 @@ class Listener(socket.socket):
         oldest.drop()
 
     def _refuse(self) -> None:
-        """Accept and close a connection at once, where no file is left for it."""
+        """Accept and close a connection for which the process has no file left."""
         os.close(self._reserve)
         try:
             with contextlib.suppress(OSError):
@@ -205,7 +206,7 @@ class Listener(socket.socket):
 
 
 class Selector(selectors.DefaultSelector):
-    """Lets an event loop hear few strangers in a turn, after everybody else, and all in turn."""
+    """Selector that returns few strangers in a turn, after all other sockets, and all in time."""
 
     def __init__(self, listener: Listener) -> None:
         super().__init__()
@@ -213,28 +214,28 @@ class Selector(selectors.DefaultSelector):
         self._turn = 0
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """What is ready, without the strangers that have to wait."""
+        """Return the sockets that are ready, without strangers that have to wait."""
         ready, strangers = super().select(timeout), self._listener.strangers
         known = [each for each in ready if each[0].fd not in strangers]
         unknown = [each for each in ready if each[0].fd in strangers]
         unknown.sort(key=lambda each: strangers[each[0].fd].order)
         self._turn += 1
-        for key, _ in unknown[: self._listener.limits.heard]:
+        for key, _ in unknown[: self._listener.limits.served]:
             stranger = strangers[key.fd]
             stranger.order = (self._turn, stranger.order[1])
-        return known + unknown[: self._listener.limits.heard]
+        return known + unknown[: self._listener.limits.served]
 
 
 def mark(scope: MutableMapping[str, Any], listener: Listener) -> None:
-    """Write into the scope of a request which connection it came over."""
+    """Write the connection of a request into its scope."""
     scope[_ENTRY] = listener.of(scope.get("client"))
 
 
 @contextlib.contextmanager
 def admitted(scope: MutableMapping[str, Any]) -> Iterator[None]:
-    """While a request with the key is answered, its connection has all the time it wants."""
+    """Lift the limits of a connection while its request with the key is answered."""
     connection: Connection | None = scope.get(_ENTRY)
-    if connection is None:  # the server is run by somebody else
+    if connection is None:  # another server runs the application
         yield
         return
     connection.admit()
@@ -245,10 +246,10 @@ def admitted(scope: MutableMapping[str, Any]) -> Iterator[None]:
 
 
 def _most_files(spare: int) -> int:
-    """Connections for which the process has files."""
+    """Return how many connections the process has files for."""
     try:
         import resource
-    except ImportError:  # there is no such limit
+    except ImportError:  # no such limit on this system
         return 1 << 16
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY:

@@ -1,4 +1,4 @@
-"""What a worker does with the echoes of a scan: depth, fused map, mesh."""
+"""Work on the echoes of a scan, for a worker process: depth, fused map and mesh."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.errors import MissingExtraError
+from minorloop.head.console.units import degrees, mm
 from minorloop.head.geometry import Mount, Probe
 from minorloop.head.procedures.measure import wall_about
 from minorloop.head.reconstruction.depth_map import DepthMap
@@ -19,28 +20,28 @@ from minorloop.head.ultrasound.pits import PitDepth, measure_pit
 
 
 def warm_up() -> None:
-    """Prepare what is the same for every scan with the usual probe."""
+    """Compute the sound field of the usual probe, which every scan needs."""
     sound_field(CalibratedProbe(Probe(), Mount()))
 
 
 def depth(
     finding: int,
     bursts: list[Burst],
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     centre: tuple[float, float],
     diameter: float,
 ) -> Iterator[dict[str, Any]]:
-    """Fit the echoes of a scan; tells stages, and at last what came of it."""
+    """Fit the echoes of a scan; yields stages, then the result and its meshes."""
     yield {"stage": "fitting the echoes"}
-    pit = measure_pit(bursts, ear, centre, diameter)
+    pit = measure_pit(bursts, probe, centre, diameter)
     yield {"stage": "drawing the map of depth"}
-    wall = wall_about(pit, bursts, ear, centre, diameter)
-    yield {"told": _told(pit, wall), "meshes": _meshes(wall)}
+    wall = wall_about(pit, bursts, probe, centre, diameter)
+    yield {"result": _result(pit, wall), "meshes": _meshes(wall)}
 
 
-def _told(pit: PitDepth, wall: DepthMap) -> dict[str, Any]:
+def _result(pit: PitDepth, wall: DepthMap) -> dict[str, Any]:
     values = {
-        name: _known(getattr(pit, name))
+        name: _finite(getattr(pit, name))
         for name in ("phi", "z", "diameter", "depth", "place_sd", "diameter_sd", "depth_sd")
     }
     depths = 1e3 * wall.depth
@@ -51,8 +52,8 @@ def _told(pit: PitDepth, wall: DepthMap) -> dict[str, Any]:
         "verdict": pit.verdict,
         "bursts": pit.bursts,
         "patch": {
-            "phi": round(math.degrees(patch.phi), 5),
-            "z": round(1e3 * patch.z, 5),
+            "phi": degrees(patch.phi, 5),
+            "z": mm(patch.z, 5),
             "step": 1e3 * patch.step,
             "depth": grid,
             "through": np.argwhere(np.isposinf(depths)).tolist(),
@@ -61,7 +62,7 @@ def _told(pit: PitDepth, wall: DepthMap) -> dict[str, Any]:
 
 
 def _meshes(wall: DepthMap) -> dict[str, bytes]:
-    """The map as PLY and glTF; none where trimesh is not installed."""
+    """Return the map as PLY and glTF; empty without trimesh."""
     try:
         mesh = mesh_of(wall)
     except MissingExtraError:
@@ -69,5 +70,5 @@ def _meshes(wall: DepthMap) -> dict[str, bytes]:
     return {kind: bytes(mesh.export(file_type=kind)) for kind in ("ply", "glb")}
 
 
-def _known(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None

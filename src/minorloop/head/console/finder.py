@@ -1,4 +1,4 @@
-"""What could be a defect: looked for with switched lights, and remembered on the wall."""
+"""Candidates for defects: found in frames under switched lights, and remembered on the wall."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.head.console.plant import PlantView, Where, angles_of
+from minorloop.head.console.messages import Spot
+from minorloop.head.console.plant import PlantView
+from minorloop.head.console.units import Position, to_si
 from minorloop.head.procedures.extract import nearest
 from minorloop.head.vision.defects import Findings, Hole, find_holes, strongest
 from minorloop.head.vision.reflectance_map import LitFrame
 
 _REST_TICKS = 12
-_REST = (0.4, 0.4, 0.2, 0.5)
-_NEWS = (5.0, 5.0, 2.0, 6.0)
+"""Ticks at rest before a search, half a second."""
+_REST = to_si((0.4, 0.4, 0.2, 0.5))
+"""Range of the position within which the head counts as at rest."""
+_NEW = to_si((5.0, 5.0, 2.0, 6.0))
+"""Change of the position after which the view is searched again."""
 _MOST_KNOWN, _MOST_SHOWN = 60, 8
+"""Candidates that are remembered, and that a picture shows."""
 _LEAST_PIXELS = 6.0
+"""Smallest diameter of a candidate that is shown, in pixels."""
 
 
 @dataclass(eq=False)
@@ -34,49 +41,49 @@ class Finder:
 
     def __post_init__(self) -> None:
         self.known: tuple[Hole, ...] = ()
-        self._lately: deque[Where] = deque(maxlen=_REST_TICKS)
-        self._looked: Where | None = None
+        self._recent: deque[Position] = deque(maxlen=_REST_TICKS)
+        self._searched: Position | None = None
 
-    def at_rest_somewhere_new(self, where: Where) -> bool:
-        """Whether the head has come to rest where it was not looked for defects yet."""
-        self._lately.append(where)
-        if len(self._lately) < _REST_TICKS or (np.ptp(self._lately, axis=0) > _REST).any():
+    def at_rest_somewhere_new(self, position: Position) -> bool:
+        """Return whether the head rests where its view was not searched yet."""
+        self._recent.append(position)
+        if len(self._recent) < _REST_TICKS or (np.ptp(self._recent, axis=0) > _REST).any():
             return False
-        return self._looked is None or bool(
-            (np.abs(np.subtract(where, self._looked)) > _NEWS).any()
+        return self._searched is None or bool(
+            (np.abs(np.subtract(position, self._searched)) > _NEW).any()
         )
 
-    def looked(self, where: Where) -> None:
-        """Remember that defects were looked for from here."""
-        self._looked = where
+    def searched(self, position: Position) -> None:
+        """Remember that the view from here was searched."""
+        self._searched = position
 
-    def find(self, looks: Sequence[LitFrame], where: Where) -> Findings:
-        """Look for defects in the frames of an acquisition; takes a tenth of a second."""
-        return find_holes(looks, self.view.eye(where))
+    def find(self, looks: Sequence[LitFrame], position: Position) -> Findings:
+        """Search the frames of an acquisition for defects; takes a tenth of a second."""
+        return find_holes(looks, self.view.calibrated_camera(position))
 
     def add(self, found: Findings) -> None:
-        """Remember what was found, each thing once."""
+        """Remember candidates, each once."""
         every = strongest([*self.known, *found.holes], self.view.radius, -np.inf)
         self.known = every[:_MOST_KNOWN]
 
     def near(self, place: npt.ArrayLike) -> Hole | None:
-        """The known one that is the same as what was picked at phi and z."""
+        """Return the known candidate at phi and z."""
         return nearest(self.known, place, self.view.radius)
 
-    def shown(self, where: Where) -> list[tuple[float, float, float, float]]:
-        """Pixel, diameter in pixels and evidence of those in view, the likeliest first."""
+    def shown(self, position: Position) -> list[Spot]:
+        """Return pixel, diameter in pixels and evidence of candidates in view, likeliest first."""
         if not self.known:
             return []
-        eye, angles = self.view.eye(where), angles_of(where)
+        camera, angles = self.view.calibrated_camera(position), position[:2]
         places = np.array([hole.place for hole in self.known])
-        pixels = eye.pixel(places, *angles)
-        size = (eye.lens.width, eye.lens.height)
+        pixels = camera.pixel(places, *angles)
+        size = (camera.lens.width, camera.lens.height)
         shown = []
         for hole, pixel in zip(self.known, pixels, strict=True):
             if not ((pixel > 0) & (pixel < size)).all():  # NaN is behind the camera
                 continue
-            half = np.diag([hole.diameter / 2 / eye.radius, hole.diameter / 2])
-            rim = eye.pixel(hole.place + half, *angles)  # round the pipe, and along it
+            half = np.diag([hole.diameter / 2 / camera.radius, hole.diameter / 2])
+            rim = camera.pixel(hole.place + half, *angles)  # around the pipe, and along it
             across = 2 * float(np.hypot(*(rim - pixel).T).max())
             if across > _LEAST_PIXELS:
                 shown.append((float(pixel[0]), float(pixel[1]), across, float(hole.evidence)))

@@ -1,8 +1,9 @@
-"""From the pose of the operator's head to pan and tilt of the catheter's head.
+"""Map from the pose of the operator's head to pan and tilt of the catheter's head.
 
-Poses are unit quaternions (x, y, z, w) that turn the operator's head into the room, with x to
-the right, y up and z backward, as headsets and phones give them. Commands are pan and tilt in
-degrees about the middle of the cone of visibility; positive pan looks right, positive tilt up.
+Poses are unit quaternions (x, y, z, w) that rotate the frame of the operator's head into the
+world, with x to the right, y up and z backward, as headsets and phones give them. Commands are pan
+and tilt in degrees about the middle of the cone of visibility; positive pan looks right, positive
+tilt up.
 """
 
 from __future__ import annotations
@@ -13,31 +14,32 @@ from typing import TypeAlias
 
 from minorloop.arrays import as_finite
 from minorloop.errors import ParameterError
+from minorloop.head.console.messages import Pair
 
 Quaternion: TypeAlias = tuple[float, float, float, float]
-Pair: TypeAlias = tuple[float, float]
 
-_STEEPEST = 0.1  # cosine of the pitch below which a yaw means nothing
-_LEAST_NORM = 0.5
-_MOST_NORM = 1.5
+_STEEPEST = 0.1
+"""Cosine of the pitch below which the yaw is undefined in practice."""
+_LEAST_NORM, _MOST_NORM = 0.5, 1.5
+"""Lengths of a quaternion that is accepted as a pose."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeadPoseMap:
-    """How a pose becomes a command.
+    """Parameters of the map from poses to commands.
 
     Parameters
     ----------
     cone : float
         Half-angle of the cone of visibility, in degrees, above 0 and up to 45.
     reach : float
-        Turn of the operator's head that goes to the edge of the cone, in degrees.
+        Turn of the operator's head that corresponds to the edge of the cone, in degrees.
     dead_band : float
-        Turns up to this many degrees do nothing; larger ones count from there.
+        Turns up to this many degrees have no effect; it is subtracted from larger ones.
     calm, agility : float
-        Cut-off of the filter at rest, in Hz, and what a degree per second adds to it.
+        Cut-off of the filter at rest, in Hz, and its increase for each degree per second.
     heating, cooling : float
-        Fastest rise and fall of a command, in degrees per second: what the wires can follow.
+        Fastest rise and fall of a command that the wires can follow, in degrees per second.
     timeout : float
         Age of a pose in seconds beyond which it counts as lost.
 
@@ -74,7 +76,7 @@ class HeadPoseMap:
 
 @dataclass(frozen=True)
 class HeadPoseState:
-    """What the map remembers.
+    """State of the map.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ class HeadPoseState:
     base : (float, float)
         Command at the reference pose.
     reference : quaternion, optional
-        Pose that means ``base``; None until a pose comes.
+        Pose that corresponds to ``base``; None until a pose comes.
     turned : (float, float)
         Newest yaw and pitch from the reference, in degrees, without jumps of 360.
     smooth, speed : (float, float)
@@ -99,39 +101,39 @@ class HeadPoseState:
 
 
 def anchored(state: HeadPoseState, command: Pair | None = None) -> HeadPoseState:
-    """The next pose, whatever it is, means the command that is on: no jump.
+    """Return a state whose next pose, whatever it is, corresponds to the present command.
 
     Parameters
     ----------
     state : HeadPoseState
     command : (float, float), optional
-        The command that is on where it came from elsewhere, in degrees.
+        The present command in degrees, if another source set it.
     """
     now = state.command if command is None else command
     return HeadPoseState(command=now, base=now)
 
 
 def gaze(
-    how: HeadPoseMap,
+    config: HeadPoseMap,
     state: HeadPoseState,
     pose: Quaternion | None,
     interval: float,
     *,
     clutch: bool = False,
 ) -> HeadPoseState:
-    """State after an interval with a pose.
+    """Return the state after an interval with a pose.
 
     Parameters
     ----------
-    how : HeadPoseMap
+    config : HeadPoseMap
     state : HeadPoseState
     pose : quaternion, optional
-        Newest pose; None where there is none, and the command stands still.
+        Newest pose; without one the command stays.
     interval : float
         Since the last step, in seconds.
     clutch : bool
-        Whether the operator has taken the head off: the command stands still, and the pose at
-        release is the new reference.
+        Whether the clutch is pressed: the command stays, and the pose at its release is the new
+        reference.
     """
     if clutch:
         return anchored(state)
@@ -140,25 +142,27 @@ def gaze(
     if state.reference is None:
         return replace(anchored(state), reference=pose)
     turned = _turned(state, pose)
-    smooth, speed = _filtered(how, state, turned, interval)
-    x, y = _beyond(smooth, how.dead_band)
-    wanted = into_cone((state.base[0] + how.scale * x, state.base[1] + how.scale * y), how.cone)
-    command = slewed(how, state.command, wanted, interval)
+    smooth, speed = _filtered(config, state, turned, interval)
+    x, y = _beyond(smooth, config.dead_band)
+    wanted = into_cone(
+        (state.base[0] + config.scale * x, state.base[1] + config.scale * y), config.cone
+    )
+    command = slewed(config, state.command, wanted, interval)
     return replace(state, turned=turned, smooth=smooth, speed=speed, command=command)
 
 
 def is_pose(pose: Quaternion) -> bool:
-    """Whether four numbers are near enough to a unit quaternion to be a pose."""
+    """Return whether four numbers are close enough to a unit quaternion to be a pose."""
     return _LEAST_NORM <= math.hypot(*pose) <= _MOST_NORM
 
 
 def turn(reference: Quaternion, pose: Quaternion) -> Pair:
-    """Yaw to the right and pitch upward of a pose from a reference, in degrees.
+    """Return yaw to the right and pitch upward of a pose from a reference, in degrees.
 
-    Where the head looks straight up or down from the reference, the yaw is NaN.
+    If the head looks straight up or down from the reference, the yaw is NaN.
     """
     x, y, z, w = _times(_inverse(_unit(reference)), _unit(pose))
-    # The direction of sight: what -z becomes.
+    # The line of sight: -z in the frame of the reference.
     ahead = (-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y)))
     level = math.hypot(ahead[0], ahead[2])
     yaw = math.degrees(math.atan2(ahead[0], -ahead[2])) if level > _STEEPEST else math.nan
@@ -166,22 +170,22 @@ def turn(reference: Quaternion, pose: Quaternion) -> Pair:
 
 
 def into_cone(angles: Pair, cone: float) -> Pair:
-    """Angles in degrees, brought back along the radius where they lie outside the cone."""
+    """Return angles in degrees; those outside the cone are moved radially to its edge."""
     away = math.hypot(*angles)
     if away <= cone:
         return angles
     return angles[0] * cone / away, angles[1] * cone / away
 
 
-def slewed(how: HeadPoseMap, before: Pair, wanted: Pair, interval: float) -> Pair:
-    """The command nearest to a wish that the wires can follow."""
-    up, down = how.heating * interval, how.cooling * interval
+def slewed(config: HeadPoseMap, before: Pair, wanted: Pair, interval: float) -> Pair:
+    """Return the command nearest to the wanted one that the wires can follow."""
+    up, down = config.heating * interval, config.cooling * interval
     pan, tilt = (
         old + min(max(new - old, -down), up) for old, new in zip(before, wanted, strict=True)
     )
-    # Axes that slew at different rates could leave the cone on the way between two of its points;
-    # a command that a scan left outside comes back at the rate of the wires, and not at once.
-    return into_cone((pan, tilt), max(how.cone, math.hypot(*before)))
+    # Axes with different rates could leave the cone between two of its points. A command that a
+    # scan left outside comes back at the rate of the wires, and not at once.
+    return into_cone((pan, tilt), max(config.cone, math.hypot(*before)))
 
 
 def _turned(state: HeadPoseState, pose: Quaternion) -> Pair:
@@ -202,16 +206,16 @@ def _beyond(turned: Pair, dead_band: float) -> Pair:
 
 
 def _filtered(
-    how: HeadPoseMap, state: HeadPoseState, turned: Pair, interval: float
+    config: HeadPoseMap, state: HeadPoseState, turned: Pair, interval: float
 ) -> tuple[Pair, Pair]:
-    """The 1 euro filter of Casiez, Roussel and Vogel, Proc. ACM CHI 2012, on both axes.
+    """Filter a turn with the 1 euro filter of Casiez, Roussel and Vogel, Proc. ACM CHI 2012.
 
-    One cut-off for both, from the size of the rate, so that a diagonal turn stays one.
+    Both axes have one cut-off, by the magnitude of the rate, so that a turn keeps its direction.
     """
     keep = _share(1.0, interval)
     rates = ((new - old) / interval for new, old in zip(turned, state.turned, strict=True))
     vx, vy = (old + keep * (rate - old) for old, rate in zip(state.speed, rates, strict=True))
-    share = _share(how.calm + how.agility * math.hypot(vx, vy), interval)
+    share = _share(config.calm + config.agility * math.hypot(vx, vy), interval)
     x, y = (old + share * (new - old) for old, new in zip(state.smooth, turned, strict=True))
     return (x, y), (vx, vy)
 

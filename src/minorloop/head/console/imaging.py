@@ -1,4 +1,4 @@
-"""OpenCV, asked for when it is first needed."""
+"""OpenCV, imported when it is first needed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from minorloop.errors import MissingExtraError
 
 
 def opencv() -> Any:
-    """The module ``cv2``.
+    """Return the module ``cv2``.
 
     Raises
     ------

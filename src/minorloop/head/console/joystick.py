@@ -1,7 +1,7 @@
-"""From a stick to the rates of the catheter.
+"""Map from a stick to the rates of the catheter.
 
-Forward pushes the catheter into the pipe, right rolls it to the right. A stick that is not heard
-of for a while is a stick let go.
+Forward pushes the catheter into the pipe, right rolls it to the right. A stick without messages for
+some time counts as released.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ Rates: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class StickMap:
-    """How a stick becomes rates.
+    """Parameters of the map from a stick to rates.
 
     Parameters
     ----------
     advance, roll : float
         Rates at full deflection, in mm/s and degrees/s.
     dead_band : float
-        Share of the deflection that does nothing, from 0 to below 1.
+        Share of the deflection without effect, from 0 to below 1.
     expo : float
-        From 0, straight, to 1, cubic: how gentle the stick is about its middle.
+        Shape of the response, from 0, linear, to 1, cubic.
     advance_acceleration, roll_acceleration : float
         Fastest changes of the rates, in mm/s^2 and degrees/s^2.
     timeout : float
@@ -61,7 +61,7 @@ class StickMap:
             raise ParameterError(f"expo is {self.expo}; give 0 to 1")
 
     def shaped(self, deflection: float) -> float:
-        """Share of the full rate, -1 to 1, for a deflection from -1 to 1; 0 for no number."""
+        """Return the share of the full rate, -1 to 1, for a deflection from -1 to 1; 0 for NaN."""
         if not math.isfinite(deflection):
             return 0.0
         beyond = (min(abs(deflection), 1.0) - self.dead_band) / (1.0 - self.dead_band)
@@ -71,28 +71,29 @@ class StickMap:
 
 
 def push(
-    how: StickMap, before: Rates, deflection: tuple[float, float] | None, interval: float
+    config: StickMap, before: Rates, deflection: tuple[float, float] | None, interval: float
 ) -> Rates:
-    """Rates of advance and roll after an interval, in mm/s and degrees/s.
+    """Return rates of advance and roll after an interval, in mm/s and degrees/s.
 
     Parameters
     ----------
-    how : StickMap
+    config : StickMap
     before : (float, float)
-        Rates that are on.
+        Present rates.
     deflection : (float, float), optional
-        Forward and right, each from -1 to 1. None stops at once: what holds the catheter back
-        then is its motor.
+        Forward and right, each from -1 to 1. None stops at once, as fast as the motors can.
     interval : float
         In seconds.
     """
     if deflection is None:
         return 0.0, 0.0
     advance = _towards(
-        before[0], how.advance * how.shaped(deflection[0]), how.advance_acceleration * interval
+        before[0],
+        config.advance * config.shaped(deflection[0]),
+        config.advance_acceleration * interval,
     )
     roll = _towards(
-        before[1], how.roll * how.shaped(deflection[1]), how.roll_acceleration * interval
+        before[1], config.roll * config.shaped(deflection[1]), config.roll_acceleration * interval
     )
     return advance, roll
 

@@ -1,4 +1,4 @@
-"""The lab page's side of the server: files in, models out, each user in a folder of their own."""
+"""Requests of the lab page: uploaded files, identification, moves and inversion."""
 
 from __future__ import annotations
 
@@ -19,16 +19,19 @@ from minorloop.head.console.uploads import FullError, Quota, Upload, Uploads
 from minorloop.head.console.workers import Workers
 
 _LONGEST_REQUEST = 512 * 1024
+"""Bytes of a request other than a file; 10,000 targets fit into it."""
 _LONGEST_NAME = 120
 """Bytes of the name under which a file is kept; systems allow 255."""
 _MOST_JOBS = 32
+"""Requests that may compute or wait at once."""
 _AT_ONCE = 4
+"""Large files that may be received at once."""
 _PAUSE, _WHOLE = 10.0, 600.0
-"""Seconds without a byte, and from the first byte of a body to its last."""
+"""Most seconds without a byte, and for a whole body."""
 
 
 class _Choice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What to identify, and how."""
+    """Columns and options of an identification."""
 
     input: str
     output: str
@@ -41,29 +44,34 @@ class _Choice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class _Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One more input to the model; ``memory`` is what the last move gave."""
+    """One more input to the model; ``memory`` is the result of the last move."""
 
     u: float
     memory: Annotated[list[float], msgspec.Meta(max_length=1000)] | None = None
 
 
 class _Targets(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Outputs wanted, in order."""
+    """Wanted outputs, in order."""
 
     targets: Annotated[list[float], msgspec.Meta(max_length=10_000)]
     start: Literal["negative", "positive", "demagnetised"] = "negative"
 
 
+# Made while the module is imported: see `minorloop.head.console.messages`.
+_choices = msgspec.json.Decoder(_Choice)
+_moves = msgspec.json.Decoder(_Move)
+_targets = msgspec.json.Decoder(_Targets)
+
+
 class LabPage:
-    """Files, their users, and the workers that compute for them.
+    """Uploaded files and the workers that compute with them.
 
     Parameters
     ----------
     workers : int
-        Computations that may run at once; where there are two or more, large files leave one to
-        small files.
+        Simultaneous computations; of two or more, one is kept free for small files.
     quota : Quota, optional
-        What files may take.
+        Limits of uploads.
     """
 
     def __init__(self, *, workers: int = 2, quota: Quota | None = None) -> None:
@@ -75,7 +83,7 @@ class LabPage:
         self._for_large = asyncio.Semaphore(max(workers - 1, 1))
 
     def routes(self) -> list[BaseRoute]:
-        """What the page asks for."""
+        """Return the routes of the lab page."""
         return [
             Route("/api/lab", self._drop, methods=["POST"]),
             Route("/api/lab/{user}/identify", self._identify, methods=["POST"]),
@@ -85,34 +93,34 @@ class LabPage:
         ]
 
     async def start(self) -> None:
-        """Make room, and start the workers."""
+        """Make the folder of uploads, and start the workers."""
         await self._uploads.start()
         self._expiring = asyncio.create_task(self._uploads.expire())
         await self._workers.start()
         await self._quick.start()
 
     async def stop(self) -> None:
-        """End the workers and remove the files."""
+        """Stop the workers and remove the files."""
         self._expiring.cancel()
         await self._workers.stop()
         await self._quick.stop()
         await self._uploads.stop()
 
     async def _drop(self, request: Request) -> Response:
-        """Take in a file."""
+        """Receive a file and describe its columns."""
         try:
             size = _length(request, self._quota.file)
             with self._job(size):
                 upload = await self._received(request, size)
-                told = await self._looked_at(request, upload)
+                described = await self._described(request, upload)
         except _RefusedError as error:
             return _refusal(str(error), error.status)
         except FullError as error:
             return _refusal(str(error), 507)
-        return JSONResponse({"user": upload.key, **told})
+        return JSONResponse({"user": upload.key, **described})
 
     async def _received(self, request: Request, size: int) -> Upload:
-        """The file of a request, on disk; nothing is left of one that does not come whole."""
+        """Write the file of a request to disk; nothing is left of an incomplete one."""
         name = _name(request.query_params.get("name", ""))
         upload = await self._uploads.add(name, size)
         try:
@@ -126,17 +134,17 @@ class LabPage:
             raise
         return upload
 
-    async def _looked_at(self, request: Request, upload: Upload) -> dict[str, Any]:
-        """What is in a file; it is removed if its page has gone, or nothing can be done with it."""
-        told: dict[str, Any] = {}
+    async def _described(self, request: Request, upload: Upload) -> dict[str, Any]:
+        """Describe a file; it is removed if its page has closed, or it is unusable."""
+        found: dict[str, Any] = {}
         try:
-            told = await _while_there(request, self._look(upload))
-            if "error" in told:
-                raise _RefusedError(told["error"])
+            found = await _while_connected(request, self._look(upload))
+            if "error" in found:
+                raise _RefusedError(found["error"])
         finally:
-            if "columns" not in told:
+            if "columns" not in found:
                 await self._uploads.remove(upload)
-        return told
+        return found
 
     async def _look(self, upload: Upload) -> dict[str, Any]:
         options = {"folder": str(upload.folder), "name": upload.name}
@@ -147,10 +155,10 @@ class LabPage:
                 return await self._workers.ask("look", **options)
 
     async def _identify(self, request: Request) -> Response:
-        """Stages and the result, a line of JSON each, as they come."""
+        """Send stages and the result, a line of JSON each."""
         try:
             upload = self._upload(request)
-            choice = await _decoded(request, _Choice)
+            choice = await _decoded(request, _choices)
         except _RefusedError as error:
             return _refusal(str(error), error.status)
         return StreamingResponse(
@@ -169,26 +177,28 @@ class LabPage:
                     if self._for_large.locked():
                         yield _line({"stage": "waiting for other large files"})
                     await stack.enter_async_context(self._for_large)
-                async for told in self._workers.run("identify_file", **options):
-                    yield _line(told)
+                async for report in self._workers.run("identify_file", **options):
+                    yield _line(report)
         except _RefusedError as error:
             yield _line({"error": str(error)})
 
     async def _move(self, request: Request) -> Response:
-        return await self._asked(request, "move", _Move)
+        return await self._asked(request, "move", _moves)
 
     async def _invert(self, request: Request) -> Response:
-        return await self._asked(request, "invert", _Targets)
+        return await self._asked(request, "invert", _targets)
 
-    async def _asked(self, request: Request, task: str, kind: type[msgspec.Struct]) -> Response:
+    async def _asked(
+        self, request: Request, task: str, decoder: msgspec.json.Decoder[Any]
+    ) -> Response:
         try:
             upload = self._upload(request)
-            asked = msgspec.structs.asdict(await _decoded(request, kind))
+            options = msgspec.structs.asdict(await _decoded(request, decoder))
             with upload.in_use(), self._job(0):
-                told = await self._quick.ask(task, folder=str(upload.folder), **asked)
+                found = await self._quick.ask(task, folder=str(upload.folder), **options)
         except _RefusedError as error:
             return _refusal(str(error), error.status)
-        return _refusal(told["error"]) if "error" in told else JSONResponse(told)
+        return _refusal(found["error"]) if "error" in found else JSONResponse(found)
 
     async def _download(self, request: Request) -> Response:
         try:
@@ -197,14 +207,14 @@ class LabPage:
             return _refusal(str(error), 404)
         name = request.path_params["file"]
         file = upload.folder / name
-        if name not in _TAKEN or not file.is_file():
+        if name not in _RESULTS or not file.is_file():
             return _refusal("there is no such file yet", 404)
         return FileResponse(file, filename=name, headers={"Cache-Control": "no-store"})
 
     def _upload(self, request: Request) -> Upload:
         upload = self._uploads.find(request.path_params["user"])
         if upload is None:
-            raise _RefusedError("this file is no longer here; drop it again")
+            raise _RefusedError("this file was removed; drop it again")
         return upload
 
     def _is_large(self, upload: Upload) -> bool:
@@ -212,10 +222,10 @@ class LabPage:
 
     @contextlib.contextmanager
     def _job(self, size: int) -> Iterator[None]:
-        """Count a job while it is done, or waits; large files are fewer than all."""
+        """Count a job while it runs or waits; there is a separate limit for large files."""
         large = int(size > self._quota.small)
         if self._jobs >= _MOST_JOBS or self._large + large > self._quota.large:
-            raise _RefusedError("the lab has too much to do; try again in a minute", 503)
+            raise _RefusedError("the lab is busy; try again in a minute", 503)
         self._jobs, self._large = self._jobs + 1, self._large + large
         try:
             yield
@@ -224,29 +234,31 @@ class LabPage:
 
 
 class _RefusedError(Exception):
-    """A request that is answered with a sentence."""
+    """A request that is refused with a sentence."""
 
     def __init__(self, sentence: str, status: int = 422) -> None:
         super().__init__(sentence)
         self.status = status
 
 
-async def _while_there(request: Request, work: Coroutine[Any, Any, dict[str, Any]]) -> Any:
-    """What work gives, unless the page goes away; then the work is broken off."""
+async def _while_connected(request: Request, work: Coroutine[Any, Any, dict[str, Any]]) -> Any:
+    """Return the result of some work; cancel it if the page closes."""
     job = asyncio.ensure_future(work)
-    gone = asyncio.ensure_future(request.receive())  # after the body, only that it has gone comes
+    closed = asyncio.ensure_future(
+        request.receive()
+    )  # after the body, only the end of the connection comes
     try:
-        await asyncio.wait((job, gone), return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait((job, closed), return_when=asyncio.FIRST_COMPLETED)
         if not job.done():
-            raise _RefusedError(_GONE)
+            raise _RefusedError(_CLOSED)
         return job.result()
     finally:
         job.cancel()
-        gone.cancel()
-        await asyncio.gather(job, gone, return_exceptions=True)
+        closed.cancel()
+        await asyncio.gather(job, closed, return_exceptions=True)
 
 
-_GONE = "the page has gone"
+_CLOSED = "the page was closed"
 
 
 def _too_large(most: int) -> _RefusedError:
@@ -259,16 +271,16 @@ def _too_large(most: int) -> _RefusedError:
 
 
 def _length(request: Request, most: int) -> int:
-    """Bytes that a body is going to have; as many as it may if it does not say."""
-    said = request.headers.get("content-length")
-    length = most if said is None else int(said)
+    """Return the announced bytes of a body; the most allowed if they are not announced."""
+    announced = request.headers.get("content-length")
+    length = most if announced is None else int(announced)
     if length > most:
         raise _too_large(most)
     return length
 
 
 async def _chunks(request: Request, most: int) -> AsyncIterator[bytes]:
-    """A body as it comes; refused if it is too large, or comes too slowly."""
+    """Yield the parts of a body; refuse one that is too large or too slow."""
     size, end = 0, time.monotonic() + _WHOLE
     stream = aiter(request.stream())
     try:
@@ -282,22 +294,22 @@ async def _chunks(request: Request, most: int) -> AsyncIterator[bytes]:
                 raise _too_large(most)
             yield chunk
     except ClientDisconnect:
-        raise _RefusedError(_GONE) from None
+        raise _RefusedError(_CLOSED) from None
     except TimeoutError:
         raise _RefusedError("the request came too slowly; send it again", 408) from None
 
 
-async def _decoded(request: Request, kind: type[Any]) -> Any:
+async def _decoded(request: Request, decoder: msgspec.json.Decoder[Any]) -> Any:
     _length(request, _LONGEST_REQUEST)
     content = b"".join([chunk async for chunk in _chunks(request, _LONGEST_REQUEST)])
     try:
-        return msgspec.json.decode(content, type=kind)
+        return decoder.decode(content)
     except (ValueError, RecursionError) as error:
         raise _RefusedError(f"the request cannot be read: {error}") from None
 
 
-def _line(told: dict[str, Any]) -> bytes:
-    return msgspec.json.encode(told) + b"\n"
+def _line(report: dict[str, Any]) -> bytes:
+    return msgspec.json.encode(report) + b"\n"
 
 
 def _refusal(sentence: str, status: int = 422) -> Response:
@@ -305,13 +317,13 @@ def _refusal(sentence: str, status: int = 422) -> Response:
 
 
 def _name(given: str) -> str:
-    """A file name that stays in its folder, and that its system takes."""
+    """Return a file name that stays in its folder and that file systems accept."""
     last = given[-10 * _LONGEST_NAME :].replace("\\", "/").rsplit("/", 1)[-1]
     plain = re.sub(r"[^\w .()+-]", "_", last)[-80:]
     while len(plain.encode()) > _LONGEST_NAME:
         plain = plain[1:]
     plain = plain.strip(" .")
-    return plain if plain and plain not in _TAKEN else "data.csv"
+    return plain if plain and plain not in _RESULTS else "data.csv"
 
 
-_TAKEN = (lab_work.MODEL, lab_work.REPORT, lab_work.INPUTS)
+_RESULTS = (lab_work.MODEL, lab_work.REPORT, lab_work.INPUTS)

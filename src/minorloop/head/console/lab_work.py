@@ -1,7 +1,7 @@
-"""What the lab page asks of the library; each function runs in a worker process.
+"""Tasks of the lab page, which run in worker processes.
 
-A task is a generator: what it yields goes to the page. The files of a user are in a folder of
-their own, into which the worker goes, so that messages name a file as its user does.
+A task is a generator whose reports are sent to the page. Each file has a folder of its own, and the
+worker changes into it, so that messages contain the name of the file only.
 """
 
 from __future__ import annotations
@@ -18,24 +18,22 @@ import numpy.typing as npt
 
 from minorloop import modelfile
 from minorloop.errors import ParameterError, RecordError
-from minorloop.files import write_atomically
+from minorloop.files import table_text, write_atomically
 from minorloop.identification import Identification, identify
 from minorloop.lab.columns import read_each, read_headers, split_header
 from minorloop.lab.records import Record
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
-Told: TypeAlias = Iterator[dict[str, Any]]
+Reports: TypeAlias = Iterator[dict[str, Any]]
 
 MODEL, REPORT, INPUTS = "model.json", "report.html", "inputs.csv"
-_SHOWN = 2500
-_FEW = 400
-_MOST_LEVELS = 100
-_MOST_ROWS = 500_000
-_MOST_COLUMNS = 100
-# Few outputs after many inputs each are fitted with a dense prior: 7 s at 25 levels, 29 s at 40.
+_SHOWN, _PREVIEWED = 2500, 400
+"""Points of a curve that are sent to the page."""
+# Limits that keep a task within the time and memory of a worker.
+_MOST_LEVELS, _MOST_ROWS, _MOST_COLUMNS, _MOST_TARGETS = 100, 500_000, 100, 10_000
+# A record with few outputs is fitted with a dense prior: 7 s at 25 levels, 29 s at 40 levels.
 _SPARSE, _EACH, _MOST_SPARSE_CELLS = 5, 3, 350
-_MOST_TARGETS = 10_000
 
 
 def warm_up() -> None:
@@ -47,8 +45,8 @@ def warm_up() -> None:
     model.step(Memory.negative(0.0), 0.5)
 
 
-def look(folder: str, name: str) -> Told:
-    """Columns of a CSV file: which hold numbers, and a guess what they are."""
+def look(folder: str, name: str) -> Reports:
+    """Describe the columns of a CSV file: unit, rows, range, and whether it looks like time."""
     os.chdir(folder)
     headers = read_headers(name)
     if len(headers) > _MOST_COLUMNS:
@@ -72,7 +70,7 @@ def look(folder: str, name: str) -> Told:
                 "measured": int(finite.size),
                 "least": _number(finite.min()) if finite.size else None,
                 "greatest": _number(finite.max()) if finite.size else None,
-                "course": _listed(values[_few(values.size, _FEW)]),
+                "course": _listed(values[_few(values.size, _PREVIEWED)]),
                 "time": index == 0 and finite.size > 2 and bool((np.diff(finite) > 0).all()),
             }
         )
@@ -83,8 +81,8 @@ def look(folder: str, name: str) -> Told:
     yield {"name": name, "columns": columns}
 
 
-def identify_file(folder: str, name: str, input: str, output: str, **options: Any) -> Told:
-    """Identify a model: stages, then the result, then that the report is written."""
+def identify_file(folder: str, name: str, input: str, output: str, **options: Any) -> Reports:
+    """Identify a model; report stages, the result, and the end of the report."""
     os.chdir(folder)
     if input == output:
         raise ParameterError("input and output are the same column; choose two")
@@ -101,11 +99,11 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
             options["prior"] = "none"
             advice.append(
                 f"only {measured} of {len(record)} rows were measured, and {cells} cells are many "
-                "for so few: the plane is smoothed here; fewer levels, or 'minorloop identify' on "
-                "the command line, fit it with a prior"
+                "for so few: the plane is smoothed here; to fit it with a prior, use fewer levels, "
+                "or 'minorloop identify' on the command line"
             )
         else:
-            fitting += ": so few take a while, some ten seconds or more"
+            fitting += ": so few take ten seconds or more"
     yield {"stage": fitting}
     began = time.perf_counter()
     result = identify(np.asarray(record.u), np.asarray(record.y), **options)
@@ -137,35 +135,35 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
     yield {"report": True}
 
 
-def move(folder: str, memory: list[float] | None, u: float) -> Told:
-    """Output and memory after one more input."""
-    known, _ = _model(folder)
-    before = Memory.negative(float(known.levels[0])) if memory is None else Memory(memory)
-    y, after = known.step(before, u)
+def move(folder: str, memory: list[float] | None, u: float) -> Reports:
+    """Report output and memory after one more input."""
+    model = _preisach(_model(folder))
+    before = Memory.negative(float(model.levels[0])) if memory is None else Memory(memory)
+    y, after = model.step(before, u)
     yield {"y": float(np.asarray(y)), "memory": list(after.extrema)}
 
 
-def invert(folder: str, targets: list[float], start: str) -> Told:
-    """Inputs for targets; those out of reach are brought as near as can be, and marked."""
+def invert(folder: str, targets: list[float], start: str) -> Reports:
+    """Report inputs for targets; targets out of reach are approached and marked."""
     if not 0 < len(targets) <= _MOST_TARGETS:
         raise ParameterError(f"there are {len(targets)} targets; give 1 to {_MOST_TARGETS}")
-    model, warnings = _model(folder)
-    found = model.invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
-    rows = zip(targets, found.u.tolist(), found.y.tolist(), strict=True)
-    lines = ["target,input,output", *(f"{t:.9g},{u:.9g},{y:.9g}" for t, u, y in rows)]
+    known = _model(folder)
+    found = _preisach(known).invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
+    header = [str(known.input), f"target {known.output}", f"predicted {known.output}", "reachable"]
+    columns = found.u.tolist(), targets, found.y.tolist(), found.reachable.astype(int).tolist()
     os.chdir(folder)
-    write_atomically(INPUTS, "\n".join(lines) + "\n")
+    write_atomically(INPUTS, table_text(header, zip(*columns, strict=True)))
     yield {
         "u": found.u.tolist(),
         "y": found.y.tolist(),
         "reachable": found.reachable.tolist(),
         "worst": found.worst,
-        "warnings": list(warnings),
+        "warnings": list(known.warnings),
     }
 
 
 def _shown(result: Identification, record: Record, seconds: float) -> dict[str, Any]:
-    """What the page draws of a result."""
+    """Return what the page shows of a result."""
     shown = _few(result.u.size, _SHOWN)
     model = result.model
     return {
@@ -194,8 +192,8 @@ def _shown(result: Identification, record: Record, seconds: float) -> dict[str, 
     }
 
 
-def _model(folder: str) -> tuple[Preisach, tuple[str, ...]]:
-    """The model of a user, and why it is not to be trusted."""
+def _model(folder: str) -> modelfile.ModelFile:
+    """Return the model that was identified in a folder."""
     file = Path(folder) / MODEL
     if not file.is_file():
         raise ParameterError("there is no model yet; identify one first")
@@ -203,10 +201,13 @@ def _model(folder: str) -> tuple[Preisach, tuple[str, ...]]:
 
 
 @lru_cache(maxsize=16)
-def _loaded(file: str, changed: int) -> tuple[Preisach, tuple[str, ...]]:
-    known = modelfile.read(file)
-    assert isinstance(known.model, Preisach)
-    return known.model, known.warnings
+def _loaded(file: str, changed: int) -> modelfile.ModelFile:
+    return modelfile.read(file)
+
+
+def _preisach(known: modelfile.ModelFile) -> Preisach:
+    assert isinstance(known.model, Preisach)  # the only kind that is identified here
+    return known.model
 
 
 def _few(count: int, most: int) -> npt.NDArray[np.intp]:

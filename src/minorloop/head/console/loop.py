@@ -1,10 +1,9 @@
-"""The control loop: a process of its own, 25 ticks a second, that never waits for anybody.
+"""The control loop: a process of its own with 25 ticks a second, which never waits for others.
 
-It does the tick and nothing else: pictures are made, looked at and packed by the eyes, and inputs
-are applied by the process of the plant. What the loop hears comes in by threads, what it tells goes
-out by others; between them and the tick there are places for the newest only, so that a page, a
-server, a camera or a disk that stands still costs it nothing. When the server goes away, the loop
-holds and waits for another; when the supervisor does, it ends.
+It only does the tick. The camera process takes, searches and encodes pictures; the process of the
+plant applies inputs. Threads receive and send messages. Between them and the tick only the newest
+message is kept, so that a page, a server, a camera or a disk that hangs does not delay a tick. When
+the server ends, the loop holds and waits for another; when the supervisor ends, the loop ends.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
@@ -33,79 +31,81 @@ from minorloop.head.console.plant import PlantView, head_of
 from minorloop.head.console.recording import PICTURE, TEXT, Recorder
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
-from minorloop.head.console.supervisor import ProcessHandle, hurry
+from minorloop.head.console.supervisor import ProcessHandle, raise_priority
 from minorloop.head.console.watchdog import RemotePlant
 from minorloop.head.control.head import HeadControl
 
-_SLEEPS_LATE = 0.2
-_LOOK_EVERY = 0.1
+_STOOD_STILL = 0.2
+"""Seconds that a tick may be late; a later one means that the process was stopped."""
+_POLL = 0.1
 _NEW_SERVER = object()
-_COLLECT_EVERY = _TOLD_EVERY = 25
+_COLLECT_EVERY = _STATUS_EVERY = 25
 _MOST_UNWRITTEN = 20_000
+"""Entries of a recording that may wait for the disk: some ten minutes of them."""
 
 
-def run(post: ProcessHandle, settings: LoopSettings) -> None:
+def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     """Run the loop until the supervisor ends; for a process of its own.
 
     Parameters
     ----------
-    post : ProcessHandle
-        Brings pipes to the server, to the plant, and to the camera, whose first word is what it
-        knows of itself.
+    handle : ProcessHandle
+        Gives pipes to the server, to the plant, and to the camera, whose first message is its
+        calibration.
     settings : LoopSettings
     """
-    server, camera, wires = NewestPipe(), NewestPipe(), NewestPipe()
-    over = post.begin(server=server, camera=camera, plant=wires)
+    server, pictures, wires = NewestPipe(), NewestPipe(), NewestPipe()
+    stop = handle.begin(server=server, camera=pictures, plant=wires)
     sys.setswitchinterval(1e-3)
     with contextlib.suppress(OSError, AttributeError):
-        os.nice(-10)  # allowed to few; it helps where others use the same cores
-    sight, plant = RemoteCamera(camera), RemotePlant(wires, settings.patience / 2)
+        os.nice(-10)  # few systems allow it; it helps where other programs use the same cores
+    camera, plant = RemoteCamera(pictures), RemotePlant(wires, settings.patience / 2)
     try:
         control = head_of(settings.address, settings.specimen)
-        view = _introduced(sight, over)
-        _rehearse(view, control, settings)
+        view = _introduced(camera, stop)
+        _warm_up(view, control, settings)
     except (MinorloopError, ImportError) as error:
-        _fail(str(error), server, post, over)
+        _fail(str(error), server, handle, stop)
         return
-    while not plant.meet(_LOOK_EVERY):
-        if over.is_set():
+    while not plant.meet(_POLL):
+        if stop.is_set():
             return
-    session = Session(plant, view, control, sight, settings.seat())
-    loop = _Loop(session, plant, sight, server, settings)
+    session = Session(plant, view, control, camera, settings.teleop_config())
+    loop = _Loop(session, plant, camera, server, settings)
     gc.collect()
     gc.freeze()
-    gc.disable()  # what is left in circles is collected between two ticks
+    gc.disable()  # garbage is collected between two ticks
     try:
-        loop.run(post, over)
+        loop.run(handle, stop)
     finally:
         plant.safe()
         loop.close()
 
 
-def _introduced(sight: RemoteCamera, over: threading.Event) -> PlantView:
-    """Camera and probe as they are known."""
-    while not over.is_set():
-        told = sight.introduced(_LOOK_EVERY)
-        if told is not None and "failed" in told:
-            raise ParameterError(told["failed"])
-        if told is not None:
-            return PlantView.heard(told)
+def _introduced(camera: RemoteCamera, stop: threading.Event) -> PlantView:
+    """Wait for the calibration of camera and probe, and return it."""
+    while not stop.is_set():
+        values = camera.introduction(_POLL)
+        if values is not None and "failed" in values:
+            raise ParameterError(values["failed"])
+        if values is not None:
+            return PlantView.from_dict(values)
     raise ParameterError("the camera did not start")
 
 
-def _fail(sentence: str, server: NewestPipe, post: ProcessHandle, over: threading.Event) -> None:
-    """Tell every server what is wrong, until the supervisor ends."""
+def _fail(sentence: str, server: NewestPipe, handle: ProcessHandle, stop: threading.Event) -> None:
+    """Send every server the reason of a failure, until the supervisor ends."""
     last = None
-    while not over.is_set():
-        post.beat()
-        pipe = server.next(last, _LOOK_EVERY)
+    while not stop.is_set():
+        handle.beat()
+        pipe = server.next(last, _POLL)
         if pipe is not None:
             last = pipe
-            server.send(messages.encode("failed", text=sentence))
+            server.send(messages.encode(messages.Failed(text=sentence)))
 
 
-class _Rehearsed:
-    """A plant and eyes where nothing happens, to compile what the first ticks would wait for."""
+class _Stub:
+    """A plant and a camera that do nothing, to compile what the first ticks would wait for."""
 
     tick = 0.04
 
@@ -118,16 +118,16 @@ class _Rehearsed:
     def safe(self) -> None:
         return
 
-    def look(self, look: CameraRequest) -> None:
+    def send(self, request: CameraRequest) -> None:
         return
 
-    def seen(self) -> list[CameraReport]:
+    def reports(self) -> list[CameraReport]:
         return [CameraReport(number=0)]
 
 
-def _rehearse(view: PlantView, control: HeadControl, settings: LoopSettings) -> None:
-    nothing = _Rehearsed()
-    session = Session(nothing, view, control, nothing, settings.seat())
+def _warm_up(view: PlantView, control: HeadControl, settings: LoopSettings) -> None:
+    stub = _Stub()
+    session = Session(stub, view, control, stub, settings.teleop_config())
     for _ in range(25):
         session.tick(0.0)
         session.report(0.0)
@@ -140,37 +140,37 @@ class _Loop:
         self,
         session: Session,
         plant: RemotePlant,
-        sight: RemoteCamera,
+        camera: RemoteCamera,
         server: NewestPipe,
         settings: LoopSettings,
     ) -> None:
-        self._session, self._plant, self._sight = session, plant, sight
+        self._session, self._plant, self._camera = session, plant, camera
         self._server, self._folder = server, Path(settings.folder)
-        self._patience = max(_SLEEPS_LATE, settings.timeout)
+        self._patience = max(_STOOD_STILL, settings.timeout)
         self._inbox: deque[tuple[float, Any]] = deque(maxlen=256)
         self._outbox = Outbox()
         self._recorder: Recorder | None = None
-        self._lost = False
-        self._recordings: list[bool] = []  # to begin and to end, in this order, after a tick
-        sight.on_picture = self._keep_picture
+        self._plant_lost = False
+        self._recordings: list[bool] = []  # starts and ends, in their order, to do after the tick
+        camera.on_picture = self._keep_picture
         self._unwritten: queue.Queue[tuple[int, float, bytes] | None] = queue.Queue()
 
-    def run(self, post: ProcessHandle, over: threading.Event) -> None:
-        """Tick until it is over."""
+    def run(self, handle: ProcessHandle, stop: threading.Event) -> None:
+        """Tick until the event is set."""
         session, interval = self._session, self._session.interval
-        for work in (self._listen, lambda: self._outbox.forward(self._server), self._write):
+        for work in (self._receive_all, lambda: self._outbox.forward(self._server), self._write):
             threading.Thread(target=work, daemon=True).start()
-        hurry()
+        raise_priority()
         due = time.monotonic()
-        while not over.is_set():
+        while not stop.is_set():
             late = time.monotonic() - due
-            if late > self._patience:  # the process or the machine stood still
+            if late > self._patience:  # the process or the machine was stopped
                 self._inbox.clear()
-                session.hold("the control loop stood still for a while; press a mode to go on")
-            if late > interval:  # ticks that were missed are not made up for
+                session.hold("the control loop was stopped for a while; press a mode to continue")
+            if late > interval:  # missed ticks are skipped
                 due += late
             self._tick(due, late)
-            post.beat()
+            handle.beat()
             due += interval
             if session.ticks % _COLLECT_EVERY == 0:
                 gc.collect(0)
@@ -180,7 +180,7 @@ class _Loop:
         session = self._session
         while self._inbox:
             at, message = self._inbox.popleft()
-            self._hear(message, at)
+            self._receive(message, at)
         now = time.monotonic()
         session.tick(now)
         self._watch_plant()
@@ -194,28 +194,28 @@ class _Loop:
         for on in self._recordings:
             self._record(on)
         self._recordings.clear()
-        if session.ticks % _TOLD_EVERY == 0:
-            self._tell_recording()
+        if session.ticks % _STATUS_EVERY == 0:
+            self._send_recording_status()
 
-    def _hear(self, message: Any, at: float) -> None:
+    def _receive(self, message: Any, at: float) -> None:
         if message is _NEW_SERVER:
             self._outbox.event(self._session.introduction())
-            self._outbox.event(messages.encode("recording", name=None))
+            self._outbox.event(messages.encode(messages.RecordingStatus(name=None)))
             if self._session.findings:
-                self._session.tell_findings()
+                self._session.send_findings()
         elif isinstance(message, messages.RecordSession):
             self._recordings.append(message.on)
         else:
-            self._session.hear(message, at)
-            if isinstance(message, messages.Release):  # nobody is there to end it
+            self._session.receive(message, at)
+            if isinstance(message, messages.Release):  # nobody is left to end it
                 self._recordings.append(False)
 
     def _watch_plant(self) -> None:
-        """Hold where the plant does not answer, and rest where it was made safe."""
-        lost = not self._plant.there
-        if lost and (not self._lost or self._session.state.mode != "HOLD"):
+        """Hold if the plant does not answer, and rest if it was made safe."""
+        lost = not self._plant.responds
+        if lost and (not self._plant_lost or self._session.state.mode != "HOLD"):
             self._session.hold("the plant does not answer; press a mode when it is back")
-        self._lost = lost
+        self._plant_lost = lost
         if self._plant.made_safe:
             self._plant.accept()
             self._session.rest(
@@ -224,7 +224,7 @@ class _Loop:
             )
 
     def _record(self, on: bool) -> None:
-        """Begin or end a recording."""
+        """Start or end a recording."""
         if on == (self._recorder is not None):
             return
         if on:
@@ -234,31 +234,33 @@ class _Loop:
             except OSError as error:
                 self._session.notice(f"nothing is recorded: {error}")
                 return
-            self._sight.keep = True
+            self._camera.keep = True
             now = time.monotonic()
             self._keep(TEXT, now, self._session.introduction())
-            self._session.tell_findings()
-            self._tell_recording()
+            self._session.send_findings()
+            self._send_recording_status()
         else:
             self._end_recording()
-            self._outbox.event(messages.encode("recording", name=None))
+            self._outbox.event(messages.encode(messages.RecordingStatus(name=None)))
 
-    def _tell_recording(self) -> None:
+    def _send_recording_status(self) -> None:
         recorder = self._recorder
         if recorder is None:
             return
-        told = {"name": recorder.path.stem, "size": recorder.size}
         seconds = round(time.monotonic() - recorder.began, 1)
-        self._outbox.event(messages.encode("recording", **told, seconds=seconds))
+        status = messages.RecordingStatus(
+            name=recorder.path.stem, seconds=seconds, size=recorder.size
+        )
+        self._outbox.event(messages.encode(status))
 
     def _end_recording(self) -> None:
-        self._sight.keep = False
+        self._camera.keep = False
         self._unwritten.put(None)
         self._unwritten.join()
         self._recorder = None
 
     def _keep_picture(self, content: bytes) -> None:
-        """Record a picture; called by the thread that hears the eyes."""
+        """Record a picture; called by the thread that receives from the camera."""
         self._keep(PICTURE, messages.HEADER.unpack_from(content)[2], content)
 
     def _keep(self, kind: int, t: float, content: bytes) -> None:
@@ -269,14 +271,13 @@ class _Loop:
                 return
             self._unwritten.put((kind, t, content))
 
-    def _listen(self) -> None:
-        """Take in what servers say; for a thread of its own."""
-        decoder = msgspec.msgpack.Decoder(messages.Inner)
+    def _receive_all(self) -> None:
+        """Receive the messages of servers; for a thread of its own."""
         for pipe in self._server.pipes():
             self._inbox.append((time.monotonic(), _NEW_SERVER))
             with contextlib.suppress(EOFError, OSError):
                 while True:
-                    message = decoder.decode(pipe.recv_bytes())
+                    message = messages.loop_decoder.decode(pipe.recv_bytes())
                     self._inbox.append((time.monotonic(), message))
             self._inbox.append((time.monotonic(), messages.Release(seq=0, t=0.0, grant=0)))
 
@@ -295,6 +296,6 @@ class _Loop:
                 self._unwritten.task_done()
 
     def close(self) -> None:
-        """Write what is left to write."""
+        """End a recording."""
         if self._recorder is not None:
             self._end_recording()

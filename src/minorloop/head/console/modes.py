@@ -1,21 +1,20 @@
-"""Who moves the head: the operator, what the camera tracks, a scan, or nobody.
+"""Modes of the console: who moves the head.
 
-HEAD follows the operator's head, TRACK keeps a point of the image where it belongs and does not
-know the operator's head, SCAN brings the probe over a finding, point by point, HOLD stands still
-and stops the catheter. A change of mode never moves anything: each mode begins at the command
-that is on.
+In HEAD the head follows the operator's head. In TRACK the camera keeps a point of the image in the
+middle, whatever the operator's head does. In SCAN the probe visits the points of a scan. In HOLD
+head and catheter stand still. A change of mode moves nothing: each mode starts at the present
+command. Commands are in degrees and mm, as the operator and the control of the wires have them.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
+from typing import get_args
 
 from minorloop.head.console.head_pose import (
     HeadPoseMap,
     HeadPoseState,
-    Pair,
     Quaternion,
     anchored,
     gaze,
@@ -23,26 +22,26 @@ from minorloop.head.console.head_pose import (
     slewed,
 )
 from minorloop.head.console.joystick import Rates, StickMap, push
+from minorloop.head.console.messages import Mode, Pair
 from minorloop.head.procedures.scan import RasterScan
 
-Mode: TypeAlias = Literal["HEAD", "TRACK", "SCAN", "HOLD"]
-MODES: tuple[Mode, ...] = ("HEAD", "TRACK", "SCAN", "HOLD")
+MODES: tuple[Mode, ...] = get_args(Mode)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TeleopConfig:
-    """How the seat is set.
+    """Settings of the teleoperation.
 
     Parameters
     ----------
     gaze : HeadPoseMap
     stick : StickMap
     blind : float
-        For how long in seconds a target may be out of sight before TRACK gives up.
+        Seconds that a target may be out of sight before TRACK ends.
     reach : float
-        Half-angle of the cone in which a scan may turn the head, in degrees.
+        Half-angle of the cone within which a scan may turn the head, in degrees.
     pictures : float
-        For how long in seconds no picture may come.
+        Seconds that may pass without a picture.
     """
 
     gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
@@ -54,17 +53,17 @@ class TeleopConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TickInput:
-    """What came from the operator and the camera since the last tick.
+    """Input of a tick from operator and camera.
 
     Parameters
     ----------
     request : str, optional
-        Mode that was asked for; None where none was.
+        Requested mode; None without a request.
     pose : quaternion, optional
         Newest pose of the operator's head.
     pose_age, link_age : float
-        How old the pose is, and when the operator's page was last heard of, in seconds;
-        infinite where never.
+        Age of the pose and of the last message of the operator's page, in seconds; infinite
+        if there was none.
     stick : (float, float)
         Forward and right, -1 to 1.
     clutch : bool
@@ -72,11 +71,11 @@ class TickInput:
     pictures : bool
         Whether the camera gives pictures.
     servo : (float, float), optional
-        Rates of pan and tilt that bring the target where it belongs, in degrees per second;
-        None where the target is not seen.
+        Rates of pan and tilt that centre the target, in degrees per second; None while the
+        target is not visible.
     scan : ((float, float), (float, float)), optional
-        Pan and tilt in degrees and rates of the catheter in mm/s and degrees/s that a scan asks
-        for; None where none is on.
+        Pan and tilt in degrees and rates of the catheter in mm/s and degrees/s that a scan
+        requests; None without a scan.
     """
 
     request: Mode | None = None
@@ -92,19 +91,19 @@ class TickInput:
 
 @dataclass(frozen=True)
 class TeleopState:
-    """Mode, and what is commanded.
+    """Mode and commands.
 
     Parameters
     ----------
     mode : str
     reason : str
-        Why the mode is on, where it was not asked for; empty otherwise.
+        Why the mode is on, if it was not requested; empty otherwise.
     gaze : HeadPoseState
         Its ``command`` is that of the head, in degrees about the middle of the cone.
     rates : (float, float)
         Of the catheter, in mm/s and degrees/s.
     unseen : float
-        For how long the target has been out of sight, in seconds.
+        Seconds that the target has been out of sight.
     """
 
     mode: Mode = "HOLD"
@@ -120,74 +119,74 @@ class TeleopState:
 
 
 def advance(
-    seat: TeleopConfig, state: TeleopState, heard: TickInput, interval: float
+    config: TeleopConfig, state: TeleopState, inputs: TickInput, interval: float
 ) -> TeleopState:
-    """State after one tick."""
-    state = _entered(seat, state, heard)
+    """Return the state after one tick."""
+    state = _entered(config, state, inputs)
     if state.mode == "HOLD":
         return replace(state, rates=(0.0, 0.0))
     if state.mode == "SCAN":
-        return _scanned(seat, state, heard.scan, interval)
-    rates = push(seat.stick, state.rates, heard.stick, interval)
+        return _scanned(config, state, inputs.scan, interval)
+    rates = push(config.stick, state.rates, inputs.stick, interval)
     if state.mode == "HEAD":
-        after = gaze(seat.gaze, state.gaze, heard.pose, interval, clutch=heard.clutch)
+        after = gaze(config.gaze, state.gaze, inputs.pose, interval, clutch=inputs.clutch)
         return replace(state, gaze=after, rates=rates)
-    unseen = 0.0 if heard.servo is not None else state.unseen + interval
-    moved = _servoed(seat, state.command, heard.servo, interval)
+    unseen = 0.0 if inputs.servo is not None else state.unseen + interval
+    moved = _servoed(config, state.command, inputs.servo, interval)
     return replace(state, gaze=anchored(state.gaze, moved), rates=rates, unseen=unseen)
 
 
 def held(state: TeleopState, reason: str) -> TeleopState:
-    """The same state, holding."""
+    """Return the state in HOLD with the same command."""
     return TeleopState("HOLD", reason, anchored(state.gaze))
 
 
-def _entered(seat: TeleopConfig, state: TeleopState, heard: TickInput) -> TeleopState:
-    """The mode that is on in this tick."""
-    wanted = heard.request or state.mode
-    refusal = _refusal(seat, state, heard, wanted)
+def _entered(config: TeleopConfig, state: TeleopState, inputs: TickInput) -> TeleopState:
+    """Return the state in the mode of this tick."""
+    wanted = inputs.request or state.mode
+    refusal = _refusal(config, state, inputs, wanted)
     if refusal:
-        return held(state, refusal) if state.mode != "HOLD" or heard.request else state
-    if wanted == state.mode and not (heard.request and state.reason):
+        return held(state, refusal) if state.mode != "HOLD" or inputs.request else state
+    if wanted == state.mode and not (inputs.request and state.reason):
         return state
     return TeleopState(wanted, "", anchored(state.gaze), state.rates)
 
 
-def _refusal(seat: TeleopConfig, state: TeleopState, heard: TickInput, wanted: Mode) -> str:
-    """Why a mode cannot be on; empty where it can."""
+def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted: Mode) -> str:
+    """Return why a mode cannot be on; empty if it can."""
     if wanted == "HOLD":
         return ""
-    # Not above the timeout, so that a page that is never heard of is never above it either.
-    if not heard.link_age <= seat.stick.timeout:
+    # Written so that an infinite timeout does not admit a page that never sent anything.
+    if not inputs.link_age <= config.stick.timeout:
         return (
-            f"the operator's page was not heard of for {seat.stick.timeout:g} s; press a mode to "
-            "go on, or start with a longer --timeout"
+            f"no message came from the operator's page for {config.stick.timeout:g} s; press a "
+            "mode to continue, or start the console with a longer --timeout"
         )
-    if not heard.pictures:
+    if not inputs.pictures:
         return "no picture comes from the camera; press a mode when pictures come again"
-    if wanted == "HEAD" and (heard.pose is None or not heard.pose_age <= seat.gaze.timeout):
-        return "the pose of the operator's head was lost; press HEAD to go on"
-    entering = heard.request is not None and state.mode != "TRACK"
-    if wanted == "TRACK" and entering and heard.servo is None:
+    if wanted == "HEAD" and (inputs.pose is None or not inputs.pose_age <= config.gaze.timeout):
+        return "the pose of the operator's head was lost; press HEAD to continue"
+    entering = inputs.request is not None and state.mode != "TRACK"
+    if wanted == "TRACK" and entering and inputs.servo is None:
         return "there is no target in sight; pick one, then press TRACK"
-    if wanted == "SCAN" and heard.scan is None:
+    if wanted == "SCAN" and inputs.scan is None:
         return "there is nothing to scan; measure a finding first"
-    if wanted == "TRACK" and state.mode == "TRACK" and state.unseen > seat.blind:
+    if wanted == "TRACK" and state.mode == "TRACK" and state.unseen > config.blind:
         return "the target was lost from sight; press TRACK when it is back, or pick it again"
     return ""
 
 
-def _servoed(seat: TeleopConfig, command: Pair, servo: Pair | None, interval: float) -> Pair:
+def _servoed(config: TeleopConfig, command: Pair, servo: Pair | None, interval: float) -> Pair:
     if servo is None or not math.isfinite(servo[0] + servo[1]):
         return command
     wanted = command[0] + interval * servo[0], command[1] + interval * servo[1]
-    return slewed(seat.gaze, command, into_cone(wanted, seat.gaze.cone), interval)
+    return slewed(config.gaze, command, into_cone(wanted, config.gaze.cone), interval)
 
 
 def _scanned(
-    seat: TeleopConfig, state: TeleopState, asked: tuple[Pair, Rates] | None, interval: float
+    config: TeleopConfig, state: TeleopState, asked: tuple[Pair, Rates] | None, interval: float
 ) -> TeleopState:
     assert asked is not None
-    how = replace(seat.gaze, cone=seat.reach)
-    moved = slewed(how, state.command, into_cone(asked[0], seat.reach), interval)
+    wider = replace(config.gaze, cone=config.reach)
+    moved = slewed(wider, state.command, into_cone(asked[0], config.reach), interval)
     return replace(state, gaze=anchored(state.gaze, moved), rates=asked[1])

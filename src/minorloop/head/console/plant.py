@@ -1,22 +1,22 @@
-"""What the seat steers, and what the seat knows of it.
+"""The plant that the console steers, and its model.
 
-Two doors, since the camera and the probe are read by another process than the wires: `Plant` is a
-head with two wires and a catheter with two motors; `Tip` is the camera with its lights and the
-ultrasonic probe. The seat knows the wires as they were identified through the first door, and
-camera and probe as they were calibrated.
+There are two interfaces, since one process drives the wires and another one reads camera and probe.
+`Plant` is a head with two wires on a catheter with two motors. `Tip` is the camera with its lights
+and the ultrasonic probe. The wires are known as identified, camera and probe as calibrated.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
+from minorloop.head.console.units import Position
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.heating import (
     HeatedWire,
@@ -35,35 +35,36 @@ from minorloop.lab.actuator import Actuator
 MIDDLE = round(math.degrees(STRAIGHT), 9)
 """Pan and tilt at which the head looks straight ahead, in degrees."""
 ADDRESSES = ("twin:pipe",)
-Where: TypeAlias = tuple[float, float, float, float]
-"""Pan and tilt about the middle, advance and roll as measured, in degrees and mm."""
 _HOLD = 40.0
+"""Seconds of a hold in the identification, in which a wire settles."""
 _BANDS = 12
 _HIGHEST = 0.4
+"""Largest current of the identification in A; it heats a wire by some 108 K, see `WireLimits`."""
 _LENGTH = 0.1024
-_CALIBRATED = 0.05e-3
-# What a gauge, a caliper and a thermometer leave open.
-_RADIUS, _THICKNESS, _TEMPERATURE = 20e-6, 0.03, 0.3
+"""Length of the simulated pipe in metres."""
+# Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
+# the thickness, of a thermometer in K.
+_MOUNT, _RADIUS, _THICKNESS, _TEMPERATURE = 0.05e-3, 20e-6, 0.03, 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlantView(HeadCalibration):
-    """Camera and probe as calibrated, where the catheter is in mm and degrees."""
+    """Camera and probe as calibrated, at a position of the head."""
 
-    def mount(self, where: Where) -> Mount:
-        """How the head sits in the pipe where the catheter is."""
-        return self.mount_at(reading_of(where).place)
+    def mount(self, position: Position) -> Mount:
+        """Return how the head sits in the pipe at a position."""
+        return self.mount_at(np.array(position[2:]))
 
-    def eye(self, where: Where) -> CalibratedCamera:
-        """The camera where the catheter is."""
-        return self.camera_at(reading_of(where).place)
+    def calibrated_camera(self, position: Position) -> CalibratedCamera:
+        """Return the camera at a position."""
+        return self.camera_at(np.array(position[2:]))
 
-    def ear(self, where: Where) -> CalibratedProbe:
-        """The probe where the catheter is."""
-        return self.probe_at(reading_of(where).place)
+    def calibrated_probe(self, position: Position) -> CalibratedProbe:
+        """Return the probe at a position."""
+        return self.probe_at(np.array(position[2:]))
 
-    def told(self) -> dict[str, Any]:
-        """As plain values, for messages."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for messages."""
         names = ("offset", "roll", "lever", "radius", "thickness", "temperature")
         plain = {name: getattr(self, name) for name in names}
         lens, probe = (
@@ -72,38 +73,30 @@ class PlantView(HeadCalibration):
         return {"lens": lens, "probe": probe, "leds": self.leds.tolist(), **plain}
 
     @classmethod
-    def heard(cls, told: dict[str, Any]) -> PlantView:
-        """From plain values."""
-        lens = msgspec.convert(told["lens"], Pinhole)
-        probe = msgspec.convert(told["probe"], Probe)
-        known = {
-            **told,
-            "lens": lens,
-            "probe": probe,
-            "leds": np.array(told["leds"]),
-            "offset": tuple(told["offset"]),
+    def from_dict(cls, values: dict[str, Any]) -> PlantView:
+        """Return the view that `to_dict` gave these values."""
+        converted = {
+            "lens": msgspec.convert(values["lens"], Pinhole),
+            "probe": msgspec.convert(values["probe"], Probe),
+            "leds": np.array(values["leds"]),
+            "offset": tuple(values["offset"]),
         }
-        return cls(**known)
+        return cls(**{**values, **converted})
 
 
-def angles_of(where: Where) -> tuple[float, float]:
-    """Pan and tilt in radians."""
-    return math.radians(where[0]), math.radians(where[1])
-
-
-def reading_of(where: Where, **known: Any) -> Reading:
-    """What a procedure is told of where the head is, with other values of a `Reading`."""
-    place = np.array([1e-3 * where[2], math.radians(where[3])])
-    return Reading(**{"t": 0.0, **known}, angles=np.array(angles_of(where)), place=place)
+def reading_at(position: Position, **known: Any) -> Reading:
+    """Return the `Reading` of a procedure at a position, with other values."""
+    angles, place = np.array(position[:2]), np.array(position[2:])
+    return Reading(**{"t": 0.0, **known}, angles=angles, place=place)
 
 
 def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:
-    """The plant at an address.
+    """Return the plant at an address.
 
     Raises
     ------
     ParameterError
-        If there is none at the address.
+        If nothing can be steered at the address.
     """
     check_address(address)
     from minorloop.head.twins.catheter import Catheter
@@ -116,7 +109,7 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> P
 def open_tip(
     address: str, *, specimen: int | None = None, seed: int = 0, scale: float = 1.0
 ) -> tuple[Tip, PlantView]:
-    """What the plant at an address carries, and what is known of it.
+    """Return camera and probe of the plant at an address, and their calibration.
 
     Parameters
     ----------
@@ -124,12 +117,12 @@ def open_tip(
     specimen, seed : int
         Of the simulated specimen, and of its noise and its pipe.
     scale : float
-        Of the image; small ones are drawn faster.
+        Of the image; small images are drawn faster.
 
     Raises
     ------
     ParameterError
-        If there is none at the address.
+        If nothing can be steered at the address.
     """
     check_address(address)
     from minorloop.head.twins.camera import LENS
@@ -137,7 +130,7 @@ def open_tip(
 
     rng = np.random.default_rng([seed, 41])
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
-    known = np.array(offset) + rng.normal(0.0, _CALIBRATED, 2)
+    known = np.array(offset) + rng.normal(0.0, _MOUNT, 2)
     pipe = _pipe(seed)
     mount = Mount(offset=offset)
     tip = SimulatedTip(pipe, mount=mount, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
@@ -153,7 +146,7 @@ def open_tip(
 
 
 def _pipe(seed: int) -> Any:
-    """A pipe with dents, dirt and scratches, with pits and holes along it."""
+    """Return a pipe with dents, dirt and scratches, and with pits and holes along it."""
     from minorloop.head.twins.pipe import Bore, Pipe
 
     rng = np.random.default_rng([seed, 43])
@@ -166,15 +159,15 @@ def _pipe(seed: int) -> Any:
 
 
 def head_of(address: str, specimen: int | None) -> HeadControl:
-    """Identify the head at an address, one axis after the other, and give its control.
+    """Identify the head at an address, one axis after the other, and return its control.
 
-    A loop, reversal curves and a step of each axis: some hours of a real head, a second of a
-    simulated one.
+    Each axis is measured by a loop, reversal curves and a step. This takes some hours with a real
+    head and a second with a simulated one.
 
     Raises
     ------
     ParameterError
-        If there is none at the address.
+        If nothing can be steered at the address.
     """
     check_address(address)
     from minorloop.head.twins.head import Head
@@ -200,7 +193,7 @@ def _identified(head: Actuator, axis: int) -> tuple[HeatedWire, FloatArray]:
 
 
 def _settled(head: Actuator, axis: int, currents: FloatArray) -> FloatArray:
-    """(2, T) angles after each hold of the current of one axis."""
+    """Return (2, T) angles after each hold of the current of one axis."""
     return np.array([_moved(head, axis, float(i), _HOLD) for i in currents]).T
 
 
@@ -212,12 +205,12 @@ def _moved(head: Actuator, axis: int, current: float, seconds: float) -> FloatAr
 
 
 def check_address(address: str) -> None:
-    """Refuse an address at which there is nothing to steer.
+    """Refuse an address at which nothing can be steered.
 
     Raises
     ------
     ParameterError
-        If there is nothing.
+        If nothing can be steered there.
     """
     if address not in ADDRESSES:
         known = ", ".join(f"'{name}'" for name in ADDRESSES)

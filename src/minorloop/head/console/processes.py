@@ -1,4 +1,4 @@
-"""The processes of the console: plant, control loop, camera and server, and who supervises them."""
+"""The processes of the console: plant, control loop, camera and server, under a supervisor."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
 
 PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
-"""Which of them talk to each other."""
+"""Processes that have a pipe to each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Serving:
-    """How the pages are served.
+    """Settings of the server.
 
     Parameters
     ----------
-    doors : Authentication
+    authentication : Authentication
     listening : socket
-        Bound; it stays the same when the server is started anew.
+        Bound; a restarted server uses the same.
     certificate, private_key : Path, optional
         Files, for https.
     """
 
-    doors: Authentication
+    authentication: Authentication
     listening: socket.socket
     certificate: Path | None = None
     private_key: Path | None = None
 
 
-def supervised(settings: LoopSettings, how: Serving, said: Callable[[str], None]) -> None:
+def supervised(settings: LoopSettings, how: Serving, notify: Callable[[str], None]) -> None:
     """Run the console until a signal ends it.
 
     Parameters
     ----------
     settings : LoopSettings
     how : Serving
-    said : callable
-        What to do with a sentence on a process that was started anew.
+    notify : callable
+        Shows a sentence on a restarted process to the user.
     """
     parts = [
         Part(name="plant", target=watchdog.run, args=(settings,)),
@@ -59,7 +59,7 @@ def supervised(settings: LoopSettings, how: Serving, said: Callable[[str], None]
         Part(name="camera", target=camera_process.run, args=(settings,), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
-    supervisor = Supervisor(parts, PIPES, said=said)
+    supervisor = Supervisor(parts, PIPES, notify=notify)
     try:
         with _ended_by_signals():
             supervisor.start()
@@ -68,35 +68,37 @@ def supervised(settings: LoopSettings, how: Serving, said: Callable[[str], None]
         supervisor.end()
 
 
-def serve(post: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
+def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
     """Serve the pages until the supervisor ends; for a process of its own.
 
     Parameters
     ----------
-    post : ProcessHandle
-        Brings pipes to the control loop and to the camera.
+    handle : ProcessHandle
+        Gives pipes to the control loop and to the camera.
     settings : LoopSettings
     how : Serving
     """
     import uvicorn
 
     loop, camera = NewestPipe(), NewestPipe()
-    over = post.begin(loop=loop, camera=camera)
+    stop = handle.begin(loop=loop, camera=camera)
 
     class Supervised(uvicorn.Server):
         async def on_tick(self, counter: int) -> bool:
-            post.beat()
-            return over.is_set() or await super().on_tick(counter)
+            handle.beat()
+            return stop.is_set() or await super().on_tick(counter)
 
         @contextlib.contextmanager
         def capture_signals(self) -> Iterator[None]:
-            yield  # they are for the supervisor
+            yield  # signals are for the supervisor
 
     with contextlib.suppress(OSError, AttributeError):
-        os.nice(-5)  # allowed to few: what an operator does should not wait for other programs
+        os.nice(-5)  # few systems allow it; the operator should not wait for other programs
     serving.serve(
         Console(
-            doors=how.doors, loop=settings, link=partial(ConsoleLink, loop=loop, camera=camera)
+            authentication=how.authentication,
+            loop=settings,
+            link=partial(ConsoleLink, loop=loop, camera=camera),
         ),
         how.listening,
         certificate=how.certificate,
@@ -107,8 +109,8 @@ def serve(post: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """A signal that ends a program ends what is done here; further ones do not disturb the end."""
-    asked = [
+    """End the block at a signal that ends programs; further signals do not disturb the end."""
+    handled = [
         number
         for name in ("SIGINT", "SIGTERM", "SIGHUP")
         if (number := getattr(signal, name, None)) is not None
@@ -116,11 +118,11 @@ def _ended_by_signals() -> Iterator[None]:
     ]
 
     def end(*_: object) -> None:
-        for number in asked:
+        for number in handled:
             signal.signal(number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    for number in asked:
+    for number in handled:
         signal.signal(number, end)
     with contextlib.suppress(KeyboardInterrupt):
         yield

@@ -1,8 +1,8 @@
-"""Sessions on disk: what the pages were told, in order, each with its time.
+"""Recorded sessions: the messages to the pages, in order, each with its time.
 
 A recording is ``MAGIC``, then entries: kind (1 byte), time in s (8 bytes), length (4 bytes), all
-little-endian, and as many bytes. Every entry is handed to the system at once, so what was
-recorded survives the end of the process; an entry that was cut short is dropped on reading.
+little-endian, and as many bytes. Entries are written without a buffer, so that they survive the end
+of the process. An entry that was cut short is ignored on reading.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ SUFFIX = ".session"
 TEXT, PICTURE = 0, 1
 _ENTRY = struct.Struct("<Bdl")
 _LONGEST = 1 << 24
+"""Bytes of an entry above which a file counts as damaged."""
 
 
 class Recorder:
@@ -30,14 +31,14 @@ class Recorder:
     Parameters
     ----------
     folder : Path
-        Where; it is made if it is not there.
+        It is made if it does not exist.
     name : str
         Of the file, without its suffix.
 
     Raises
     ------
     OSError
-        If it cannot be written, or there is such a recording already.
+        If it cannot be written, or the recording exists.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -58,7 +59,7 @@ class Recorder:
         Raises
         ------
         OSError
-            If the disk does not take the whole of it; then nothing of it is left.
+            If the disk has no room for the whole of it; then nothing of it is left.
         """
         self._put(_ENTRY.pack(kind, t, len(content)) + content)
 
@@ -67,7 +68,7 @@ class Recorder:
         self._file.close()
 
     def _put(self, content: bytes) -> None:
-        """Write the whole, or nothing: a disk that gets full takes a part first."""
+        """Write all or nothing: a disk that becomes full takes a part first."""
         if self._file.write(content) < len(content):
             self._file.truncate(self.size)
             self._file.seek(self.size)
@@ -76,16 +77,16 @@ class Recorder:
 
 
 def entries(path: Path) -> Iterator[tuple[int, float, bytes]]:
-    """Kind, time and content of each entry.
+    """Yield kind, time and content of each entry.
 
     Raises
     ------
     RecordError
-        If it is no recording.
+        If it is not a recording.
     """
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise RecordError(f"{path.name} is not a recorded session; give one of the console's")
+            raise RecordError(f"{path.name} is not a recorded session; give one of the console")
         while len(head := file.read(_ENTRY.size)) == _ENTRY.size:
             kind, t, size = _ENTRY.unpack(head)
             if not 0 <= size <= _LONGEST or kind not in (TEXT, PICTURE):
@@ -97,7 +98,7 @@ def entries(path: Path) -> Iterator[tuple[int, float, bytes]]:
 
 
 def listed(folder: Path) -> list[str]:
-    """Names of the recordings in a folder, the newest first."""
+    """Return the names of the recordings in a folder, the newest first."""
     if not folder.is_dir():
         return []
     files = sorted(folder.glob(f"*{SUFFIX}"), key=lambda p: p.stat().st_mtime, reverse=True)
@@ -105,7 +106,7 @@ def listed(folder: Path) -> list[str]:
 
 
 def _is_recording(path: Path) -> bool:
-    """Whether a file begins as a recording does; others may lie in the folder too."""
+    """Return whether a file begins like a recording; the folder may hold others."""
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC

@@ -1,25 +1,24 @@
-"""A scan of a finding from the console: the procedure in degrees and mm, and wishes to the eyes.
+"""A scan of a finding from the console: the procedure, and its commands to the camera process.
 
-It moves nothing by itself: SCAN is a mode, and what ends the mode ends the scan. The eyes fire the
-bursts and keep the echoes, since they have the probe.
+SCAN is a mode: leaving it ends the scan. The camera process has the probe; it fires the bursts and
+keeps the echoes.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-import numpy as np
-
-from minorloop.head.console.camera_protocol import Wish
-from minorloop.head.console.head_pose import Pair
-from minorloop.head.console.plant import PlantView, Where, reading_of
+from minorloop.arrays import FloatArray
+from minorloop.head.console.camera_protocol import CameraCommand
+from minorloop.head.console.messages import Pair
+from minorloop.head.console.plant import PlantView, reading_at
+from minorloop.head.console.units import Position
 from minorloop.head.procedures.scan import RasterScan, ScanState
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConsoleScan:
-    """A scan that is going on.
+    """A scan in progress.
 
     Parameters
     ----------
@@ -30,15 +29,15 @@ class ConsoleScan:
     state : ScanState
     waited : float
         Seconds since it began.
-    heard : bool
-        Whether the probe has fired at this point.
+    fired : bool
+        Whether the probe has fired at the present point.
     """
 
     number: int
     diameter: float
     state: ScanState
     waited: float = 0.0
-    heard: bool = False
+    fired: bool = False
 
     @property
     def stage(self) -> str:
@@ -47,46 +46,45 @@ class ConsoleScan:
 
     @property
     def progress(self) -> float:
-        """Share of the points that have been heard."""
+        """Share of the points that were measured."""
         return self.state.progress
 
 
 @dataclass(frozen=True)
 class ScanRequest:
-    """What a tick of a scan asks for: angles in degrees, rates in mm/s and degrees/s, wishes."""
+    """Request of a tick of a scan: angles in rad, rates in m/s and rad/s, camera commands."""
 
     angles: Pair
     rates: Pair = (0.0, 0.0)
-    wishes: tuple[Wish, ...] = field(default=())
+    commands: tuple[CameraCommand, ...] = ()
 
 
 def begin_scan(
-    number: int, centre: tuple[float, float], diameter: float, view: PlantView, home: Where
+    number: int, centre: Pair, diameter: float, view: PlantView, home: Position
 ) -> ConsoleScan:
-    """A scan about a finding at phi in radians and z in metres, from which the head goes home."""
-    back = reading_of(home)
+    """Return a scan about phi and z; in the end the head returns to ``home``."""
+    back = reading_at(home)
     state = RasterScan(calibration=view).begin(centre, home=(back.place, back.angles))
     return ConsoleScan(number=number, diameter=diameter, state=state)
 
 
 def scanned(
-    scan: ConsoleScan, view: PlantView, where: Where, command: Pair, interval: float
+    scan: ConsoleScan, view: PlantView, position: Position, command: Pair, interval: float
 ) -> tuple[ConsoleScan, ScanRequest]:
-    """The scan after a tick with the head commanded to angles in degrees, and what it asks for."""
-    reading = reading_of(where, t=scan.waited, fired=scan.heard)
+    """Return the scan after a tick and its request; ``command`` is the present one, in rad."""
+    reading = reading_at(position, t=scan.waited, fired=scan.fired)
     state, request = RasterScan(calibration=view).step(scan.state, reading)
-    wishes: list[Wish] = []
+    commands: list[CameraCommand] = []
     if request.water:
-        wishes.append(("sound", [float(scan.number), *state.centre, scan.diameter]))
+        commands.append(("begin_scan", [float(scan.number), *state.centre, scan.diameter]))
     if request.shots:
-        wishes.append(("shoot", np.degrees(state.targets[state.point]).tolist()))
+        commands.append(("fire", [float(angle) for angle in state.targets[state.point]]))
     if scan.state.stage == "points" and state.stage == "back":
-        wishes.append(("heard", []))
-    angles = command if request.angles is None else _pair(np.degrees(request.angles).tolist())
-    rates = 1e3 * float(request.rates[0]), math.degrees(float(request.rates[1]))
-    after = replace(scan, state=state, waited=scan.waited + interval, heard=False)
-    return after, ScanRequest(angles, rates, tuple(wishes))
+        commands.append(("finish_scan", []))
+    angles = command if request.angles is None else _pair(request.angles)
+    after = replace(scan, state=state, waited=scan.waited + interval, fired=False)
+    return after, ScanRequest(angles, _pair(request.rates), tuple(commands))
 
 
-def _pair(values: list[float]) -> Pair:
-    return values[0], values[1]
+def _pair(values: FloatArray) -> Pair:
+    return float(values[0]), float(values[1])

@@ -1,10 +1,12 @@
-"""The echoes of one finding, point by point, until they are fitted."""
+"""The echoes of a scan of a finding, collected point by point."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from minorloop.head.console.plant import PlantView, Where, angles_of
+from minorloop.head.console.messages import Pair
+from minorloop.head.console.plant import PlantView
+from minorloop.head.console.units import Position
 from minorloop.head.procedures.measure import burst_of
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.values import Tip
@@ -12,7 +14,7 @@ from minorloop.head.ultrasound.echoes import Burst
 
 
 class ScanEchoes:
-    """A scan that is going on.
+    """Bursts of a scan in progress.
 
     Parameters
     ----------
@@ -25,26 +27,27 @@ class ScanEchoes:
         By the camera, in metres.
     """
 
-    def __init__(
-        self, view: PlantView, finding: int, centre: tuple[float, float], diameter: float
-    ) -> None:
+    def __init__(self, view: PlantView, finding: int, centre: Pair, diameter: float) -> None:
         self._view, self._finding = view, finding
         self._centre, self._diameter = centre, diameter
         self.bursts: list[Burst] = []
 
-    def add(self, tip: Tip, where: Where, wanted: tuple[float, float]) -> str:
-        """Fire a burst; gives why it cannot be used, or nothing."""
-        shots, ear = tip.shots(RasterScan.shots), self._view.ear(where)
-        burst = burst_of(shots, angles_of(where), wanted, ear, first=not self.bursts)
+    def fire(self, tip: Tip, position: Position, wanted: Pair) -> str:
+        """Fire and keep a burst, and return why it is unusable, or an empty text.
+
+        ``wanted`` is the pan and tilt that the scan requested, in rad.
+        """
+        shots, probe = tip.shots(RasterScan.shots), self._view.calibrated_probe(position)
+        burst = burst_of(shots, position[:2], wanted, probe, first=not self.bursts)
         self.bursts.append(burst)
         return burst.verdict
 
-    def job(self, where: Where) -> dict[str, Any]:
-        """What a worker has to know to fit it."""
+    def job(self, position: Position) -> dict[str, Any]:
+        """Return the arguments of `minorloop.head.console.depth_work.depth`."""
         return {
             "finding": self._finding,
             "bursts": self.bursts,
-            "ear": self._view.ear(where),
+            "probe": self._view.calibrated_probe(position),
             "centre": self._centre,
             "diameter": self._diameter,
         }

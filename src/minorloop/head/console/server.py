@@ -1,7 +1,6 @@
-"""The server of the pages: who may come in, who is told what, and what the pilot orders.
+"""The server of the pages: it passes messages between the pages and the control loop.
 
-It steers nothing: the control loop is a process of its own, and goes on holding whatever becomes
-of the server.
+It does not steer. The control loop is a process of its own, and holds if the server fails.
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from minorloop.head.console.link import ConsoleLink
 from minorloop.head.console.plant import PlantView
 from minorloop.head.console.reports import table_of
 from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.units import to_si
 from minorloop.head.console.wall_image import WallImage
 from minorloop.head.console.workers import Workers
 from minorloop.head.geometry import Pinhole
@@ -45,58 +45,59 @@ except ImportError:
     raise MissingExtraError("starlette", "head") from None
 
 STATIC = Path(__file__).parent / "static"
-_PAINT_EVERY = 5
-_SHOW_EVERY = 25
+_PAINT_EVERY, _SHOW_EVERY = 5, 25
+"""Pictures after which the map gets one, and after which it is sent: five and one a second."""
 _JOB = bytes([messages.JOB])
 _MOST_MESHES = 100
+"""Findings whose meshes are kept in memory."""
 _MESHES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
 _MEASURED = ("phi", "phi_sd", "z", "z_sd", "diameter", "diameter_sd", "depth", "depth_sd")
-_CLOSED, _REFUSED = 1001, 1008
+_CLOSED, _REFUSED = 1001, 1008  # codes of RFC 6455
 
 
 @dataclass(frozen=True, kw_only=True)
 class Console:
-    """The seat's server.
+    """The server of the console.
 
     Parameters
     ----------
-    doors : Authentication
+    authentication : Authentication
     loop : LoopSettings
     link : callable
-        What makes the link to the control loop from its settings and a listener.
+        Makes the link to the control loop from its settings and a receiver of its messages.
     workers : int
-        Computations of the lab page that may run at once.
+        Simultaneous computations of the lab page.
     """
 
-    doors: Authentication
+    authentication: Authentication
     loop: LoopSettings = field(default_factory=LoopSettings)
     link: Callable[..., ConsoleLink] = ConsoleLink
     workers: int = 2
 
     def app(self) -> Starlette:
-        """The application, for uvicorn."""
+        """Return the application, for uvicorn."""
         return _Server(self).app()
 
 
 class _Server:
     def __init__(self, console: Console) -> None:
-        self._doors, self._folder = console.doors, Path(console.loop.folder)
-        self._hub = Clients(silence=max(SILENCE, 3 * console.loop.timeout))
+        self._authentication = console.authentication
+        self._folder = Path(console.loop.folder)
+        self._clients = Clients(silence=max(SILENCE, 3 * console.loop.timeout))
         self._workers = console.workers
-        self._link = console.link(console.loop, self._said)
-        self._wall: WallImage | None = None
+        self._link = console.link(console.loop, self._receive)
+        self._wall_image: WallImage | None = None
         self._painting = False
         self._images = 0
         self._meshes: dict[int, dict[str, bytes]] = {}
         self._fitting: dict[asyncio.Task[None], int] = {}
         self._known: set[int] = set()
-        many = min(self._workers, 1)
         self._fitters = Workers(
-            many, tasks="minorloop.head.console.depth_work", longest=300.0, nice=7
+            min(self._workers, 1), tasks="minorloop.head.console.depth_work", longest=300.0, nice=7
         )
-        # What the first picture would wait for, and everybody with it. While OpenCV is imported,
-        # the path of modules is not one that a process should be started with.
-        with contextlib.suppress(MissingExtraError):  # the camera says so
+        # Import and compile now, or everybody waits at the first picture. No process may be started
+        # while OpenCV is imported, since that changes the path of modules meanwhile.
+        with contextlib.suppress(MissingExtraError):  # the camera process reports it
             opencv()
         lens = Pinhole(32, 24, 26.0, (15.5, 11.5))
         small = PlantView(lens=lens, leds=np.zeros((3, 3)))
@@ -109,7 +110,7 @@ class _Server:
         routes: list[BaseRoute] = [
             Route("/", _page("index.html")),
             Route("/lab", _page("lab.html")),
-            WebSocketRoute("/ws", self._meet),
+            WebSocketRoute("/ws", self._connect),
             Route("/api/recordings", self._recordings),
             Route("/api/findings.json", self._findings),
             Route("/api/findings.csv", self._findings_csv),
@@ -119,11 +120,11 @@ class _Server:
         ]
         if STATIC.is_dir():
             routes.append(Mount("/", StaticFiles(directory=STATIC)))
-        middleware = [Middleware(Admission, doors=self._doors)]
-        return Starlette(routes=routes, middleware=middleware, lifespan=self._living)
+        middleware = [Middleware(Admission, authentication=self._authentication)]
+        return Starlette(routes=routes, middleware=middleware, lifespan=self._lifespan)
 
     @contextlib.asynccontextmanager
-    async def _living(self, app: Starlette) -> AsyncIterator[None]:
+    async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
         self._events = asyncio.get_running_loop()
         self._link.start()
         await self._lab.start()
@@ -138,125 +139,126 @@ class _Server:
             await asyncio.to_thread(self._link.stop)
 
     async def _watch(self) -> None:
-        """Take the controls back from a pilot who has gone silent."""
+        """Take the controls back from a silent pilot."""
         while True:
             await asyncio.sleep(0.25)
-            if self._hub.silent(time.monotonic()):
-                pilot = self._hub.pilot
+            if self._clients.is_pilot_silent(time.monotonic()):
+                pilot = self._clients.pilot
                 self._free()
                 if pilot is not None:
-                    pilot.tell(
-                        messages.encode(
-                            "notice", text="the controls were taken back: your page was silent"
-                        )
-                    )
+                    text = "the controls were taken back: your page sent nothing"
+                    pilot.send(messages.encode(messages.Notice(text=text)))
 
     def _free(self) -> None:
-        self._hub.free()
+        self._clients.free()
         self._link.order(messages.Release(seq=0, t=0.0, grant=0))
 
-    def _said(self, content: bytes) -> None:
-        """Pass on what the loop says."""
+    def _receive(self, content: bytes) -> None:
+        """Pass on a message of the loop or the camera process."""
         if content[:1] == _JOB:
-            self._begin_fit(pickle.loads(content[1:]))  # from our own process, by its own pipe
+            self._begin_fit(pickle.loads(content[1:]))  # from the camera process only
             return
         if content[:1] != b"{":
-            self._hub.show("image", content)
+            self._clients.send_newest("image", content)
             self._images += 1
-            if self._images % _PAINT_EVERY == 0 and self._wall is not None and not self._painting:
+            if (
+                self._images % _PAINT_EVERY == 0
+                and self._wall_image is not None
+                and not self._painting
+            ):
                 self._painting = True
                 show = self._images % _SHOW_EVERY == 0
                 asyncio.get_running_loop().run_in_executor(None, self._paint, content, show)
             return
         if content.startswith(b'{"type":"state"'):
-            self._hub.failed = None
-            self._hub.show("state", content)
+            self._clients.failed = None
+            self._clients.send_newest("state", content)
             return
         if content.startswith(b'{"type":"hello"'):
-            self._meet_loop(content)
+            self._handle_hello(content)
         elif content.startswith(b'{"type":"findings"'):
-            self._hub.findings = content
-            self._keep_known({f["number"] for f in msgspec.json.decode(content)["findings"]})
+            self._clients.findings = content
+            self._keep_known({f.number for f in messages.decode_findings(content)})
         elif content.startswith(b'{"type":"recording"'):
-            self._hub.recording = content
+            self._clients.recording = content
         elif content.startswith(b'{"type":"failed"'):
-            self._hub.failed = content
-        self._hub.tell(content)
+            self._clients.failed = content
+        self._clients.send(content)
 
-    def _meet_loop(self, hello: bytes) -> None:
-        """Take in what a loop says first; one that was started anew is told the findings."""
-        self._hub.hello = hello
-        if self._wall is None:
-            self._wall = WallImage(PlantView.heard(msgspec.json.decode(hello)["known"]))
-        findings = msgspec.json.decode(self._hub.findings)["findings"]
+    def _handle_hello(self, hello: bytes) -> None:
+        """Take in the first message of a loop; send the findings to one that was restarted."""
+        self._clients.hello = hello
+        if self._wall_image is None:
+            self._wall_image = WallImage(PlantView.from_dict(msgspec.json.decode(hello)["known"]))
+        findings = messages.decode_findings(self._clients.findings)
         if findings:
-            self._link.order(messages.Known(findings=findings))
+            self._link.order(messages.KnownFindings(findings=findings))
 
     def _keep_known(self, numbers: set[int]) -> None:
-        """Drop fit and meshes of findings that were dropped."""
+        """Drop fits and meshes of deleted findings."""
         self._known = numbers
         for number in set(self._meshes) - numbers:
             del self._meshes[number]
         for fitting, number in self._fitting.items():
             if number not in numbers:
                 fitting.cancel()
-                self._hub.tell(messages.encode("depth", finding=number, stage="", seconds=0.0))
+                self._send_progress(number, "", 0.0)
 
     def _begin_fit(self, job: dict[str, Any]) -> None:
-        if job["finding"] not in self._known:  # dropped while it was scanned
+        if job["finding"] not in self._known:  # deleted during its scan
             return
         fitting = asyncio.get_running_loop().create_task(self._fit(job))
         self._fitting[fitting] = job["finding"]
         fitting.add_done_callback(self._fitting.pop)
 
     async def _fit(self, job: dict[str, Any]) -> None:
-        """Have the echoes of a scan fitted, and tell the loop and the pages what came of it."""
-        number, last = job["finding"], {}
+        """Have the echoes of a scan fitted, and send the result to the loop and the pages."""
+        number = job["finding"]
+        last: dict[str, Any] = {}
         began = time.monotonic()
-        async for told in self._fitters.run("depth", **job):
-            last = told
-            if "stage" in told:
-                seconds = round(time.monotonic() - began, 1)
-                self._hub.tell(
-                    messages.encode("depth", finding=number, stage=told["stage"], seconds=seconds)
-                )
+        async for last in self._fitters.run("depth", **job):
+            if "stage" in last:
+                self._send_progress(number, last["stage"], round(time.monotonic() - began, 1))
         if "error" in last:
-            self._hub.tell(messages.encode("notice", text=f"the depth is open: {last['error']}"))
+            text = f"the depth is unknown: {last['error']}"
+            self._clients.send(messages.encode(messages.Notice(text=text)))
         else:
             self._meshes[number] = last["meshes"]
             while len(self._meshes) > _MOST_MESHES:
                 del self._meshes[next(iter(self._meshes))]
-            self._link.order(messages.Sounded(finding=number, told=last["told"]))
-        self._hub.tell(messages.encode("depth", finding=number, stage="", seconds=0.0))
+            self._link.order(messages.DepthFitted(finding=number, result=last["result"]))
+        self._send_progress(number, "", 0.0)
+
+    def _send_progress(self, number: int, stage: str, seconds: float) -> None:
+        progress = messages.DepthProgress(finding=number, stage=stage, seconds=seconds)
+        self._clients.send(messages.encode(progress))
 
     def _paint(self, content: bytes, show: bool) -> None:
-        """Add a picture to the map, and show it now and then; in a thread."""
+        """Add a picture to the map, and send the map if asked; for a thread."""
         try:
             cv2 = opencv()
             _, number, t, *where = messages.HEADER.unpack_from(content)
             coded = np.frombuffer(content, np.uint8, offset=messages.HEADER.size)
             image = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE)
-            assert self._wall is not None
-            self._wall.paint(image, tuple(where))
+            assert self._wall_image is not None
+            position = to_si(where)
+            self._wall_image.paint(image, position)
             if show:
-                grey, first, last = self._wall.window(where[2])
+                grey, first, last = self._wall_image.window(position[2])
                 _, jpeg = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 80])
-                place = (first, last, where[2], where[3])
+                place = (1e3 * first, 1e3 * last, where[2], where[3])
                 shown = messages.picture(messages.MAP, number, t, place, bytes(jpeg))
-                self._hub_show_soon("map", shown)
+                self._events.call_soon_threadsafe(self._clients.send_newest, "map", shown)
         finally:
             self._painting = False
 
-    def _hub_show_soon(self, what: str, content: bytes) -> None:
-        self._events.call_soon_threadsafe(self._hub.show, what, content)
-
-    async def _meet(self, socket: WebSocket) -> None:
-        """Talk with a page until it goes."""
+    async def _connect(self, socket: WebSocket) -> None:
+        """Serve the websocket of a page until it closes."""
         headers = socket.headers
-        if not self._doors.own(headers.get("origin"), headers.get("host")):
+        if not self._authentication.is_own_page(headers.get("origin"), headers.get("host")):
             await _refuse(socket, "this connection comes from another page; open the console's own")
             return
-        if not self._doors.known(headers.get("cookie")):
+        if not self._authentication.has_token(headers.get("cookie")):
             await _refuse(socket, "the key is missing; open the address that the console printed")
             return
         with admitted(socket.scope):
@@ -267,8 +269,8 @@ class _Server:
                 await self._view(socket)
 
     async def _view(self, socket: WebSocket) -> None:
-        """Show a page what there is, and hear it, until it goes."""
-        viewer = self._hub.join()
+        """Send to a page and receive from it until it closes."""
+        viewer = self._clients.join()
         sending = asyncio.create_task(_send(socket, viewer))
         try:
             await self._listen(socket, viewer)
@@ -277,7 +279,7 @@ class _Server:
                 await _close(socket, _REFUSED, str(error))
         finally:
             sending.cancel()
-            if self._hub.leave(viewer):
+            if self._clients.leave(viewer):
                 self._link.order(messages.Release(seq=0, t=0.0, grant=0))
 
     async def _listen(self, socket: WebSocket, viewer: Viewer) -> None:
@@ -286,19 +288,20 @@ class _Server:
             if frame["type"] == "websocket.disconnect":
                 return
             if frame.get("text") is None:
-                raise HostileMessageError("binary messages mean nothing here; send JSON texts")
+                raise HostileMessageError("binary messages are not accepted; send JSON texts")
             message = messages.decode(frame["text"])
             now = time.monotonic()
             viewer.check(message, now)
             if isinstance(message, messages.Ping):
-                viewer.show("pong", messages.encode("pong", seq=message.seq, t=message.t))
+                pong = messages.Pong(seq=message.seq, t=message.t)
+                viewer.send_newest("pong", messages.encode(pong))
             elif isinstance(message, messages.Take):
-                if self._hub.take(viewer):
-                    self._link.order(messages.Taken())
-            elif self._hub.may(viewer, message):
+                if self._clients.take(viewer):
+                    self._link.order(messages.ControlsTaken())
+            elif self._clients.may(viewer, message):
                 self._link.order(message)
                 if isinstance(message, messages.Release):
-                    self._hub.free()
+                    self._clients.free()
 
     async def _replay(self, socket: WebSocket, name: str) -> None:
         """Send a recording at the pace at which it was made."""
@@ -315,7 +318,7 @@ class _Server:
                     await socket.send_text(content.decode())
                 else:
                     await socket.send_bytes(content)
-            await socket.send_text(messages.encode("ended").decode())
+            await socket.send_text(messages.encode(messages.ReplayEnded()).decode())
             await _close(socket, _CLOSED, "the recording has ended")
         except MinorloopError as error:
             await _close(socket, _REFUSED, str(error))
@@ -326,13 +329,13 @@ class _Server:
         return JSONResponse(recording.listed(self._folder))
 
     async def _findings(self, request: Request) -> Response:
-        found = msgspec.json.decode(self._hub.findings)["findings"]
+        found = messages.decode_findings(self._clients.findings)
         units = {name: "deg" if name.startswith("phi") else "mm" for name in _MEASURED}
         content = {"units": units, "findings": found}
         return _download(msgspec.json.encode(content), "application/json", "findings.json")
 
     async def _findings_csv(self, request: Request) -> Response:
-        rows = msgspec.json.decode(self._hub.findings)["findings"]
+        rows = messages.decode_findings(self._clients.findings)
         return _download(table_of(rows).encode(), "text/csv", "findings.csv")
 
     async def _mesh(self, request: Request) -> Response:
@@ -345,9 +348,9 @@ class _Server:
         return _download(mesh, _MESHES[kind], f"finding-{number}.{kind}")
 
     async def _map(self, request: Request) -> Response:
-        if self._wall is None:
+        if self._wall_image is None:
             return JSONResponse({"error": "there is no map yet"}, status_code=404)
-        _, png = opencv().imencode(".png", self._wall.seen)
+        _, png = opencv().imencode(".png", self._wall_image.seen)
         return _download(bytes(png), "image/png", "map.png")
 
 
@@ -371,7 +374,7 @@ def _download(content: bytes, kind: str, name: str) -> Response:
 async def _send(socket: WebSocket, viewer: Viewer) -> None:
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
-            for content in await viewer.waiting():
+            for content in await viewer.outgoing():
                 if content[:1] == b"{":
                     await socket.send_text(content.decode())
                 else:
@@ -379,12 +382,12 @@ async def _send(socket: WebSocket, viewer: Viewer) -> None:
 
 
 async def _refuse(socket: WebSocket, reason: str) -> None:
-    """Accept, so that the reason arrives, and close."""
+    """Close with a reason; the connection is accepted first, so that the reason arrives."""
     await socket.accept()
     await _close(socket, _REFUSED, reason)
 
 
 async def _close(socket: WebSocket, code: int, reason: str) -> None:
-    """Close with a reason, which may be 123 bytes long."""
+    """Close with a reason; the protocol allows 123 bytes."""
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.close(code, reason.encode()[:120].decode(errors="ignore"))

@@ -1,8 +1,8 @@
-"""Running the server of the pages with uvicorn, so that strangers hold up nobody.
+"""Run the server of the pages with uvicorn, with limits for strangers.
 
-uvicorn has no time limit for a request that comes slowly and none for the number of connections
-(its ``limit_concurrency`` refuses the pilot with everybody else). The socket that listens sees to
-both; the protocol below answers what is too long, so that the answer arrives.
+uvicorn limits neither the time of a slow request nor the number of connections (its
+``limit_concurrency`` refuses the pilot with all others). The listening socket does both. The
+protocol below answers requests that are too long, in such a way that the answer arrives.
 """
 
 from __future__ import annotations
@@ -29,16 +29,17 @@ except ImportError:
     raise MissingExtraError("uvicorn", "head") from None
 
 LONGEST_HEADER = 8000
-"""Bytes of the address of a request, and of each of its headers; websockets take in no more."""
-_LONGEST_HEAD = 1 << 16
-_MOST_HEADERS = 100
+"""Bytes of the address of a request, and of each header; the websocket library allows no more."""
+_LONGEST_HEAD, _MOST_HEADERS = 1 << 16, 100
+"""Bytes and number of all headers of a request."""
 _LINGER = 2.0
+"""Seconds that a refused connection stays open, for the answer to arrive."""
 _LONG = (
     f"the address of the request or one of its headers is longer than {LONGEST_HEADER} bytes, or "
     f"there are more than {_MOST_HEADERS} headers; shorten the name of the file, or remove the "
     "cookies of this host in your browser"
 )
-_UNREADABLE = "this is no HTTP request that can be read; open the address that the console printed"
+_UNREADABLE = "this is not a valid HTTP request; open the address that the console printed"
 
 
 def serve(
@@ -52,7 +53,7 @@ def serve(
 ) -> None:
     """Serve until a signal ends it.
 
-    It may run again with the same doors: browsers that had the key go on.
+    It may run again with the same authentication: browsers that have the cookie stay connected.
 
     Parameters
     ----------
@@ -62,9 +63,9 @@ def serve(
     certificate, private_key : path, optional
         PEM files, for https.
     limits : Limits, optional
-        What strangers may take.
+        Limits of strangers.
     server : type, optional
-        What serves; a subclass may say when it ends.
+        Its class; a subclass may decide when it ends.
     """
     listener = Listener(listening, limits)
     config = uvicorn.Config(
@@ -73,7 +74,7 @@ def serve(
         ws=Sockets,
         log_level="warning",
         access_log=False,
-        proxy_headers=False,  # the connection is found by the address of its other end
+        proxy_headers=False,  # connections are found by the address of their client
         h11_max_incomplete_event_size=_LONGEST_HEAD,
         ws_max_size=1 << 14,
         ws_max_queue=64,
@@ -116,17 +117,17 @@ class _Marking:
 
 
 class ConsoleHttp(H11Protocol):
-    """HTTP that says what is wrong with a request before it closes the connection."""
+    """HTTP protocol that answers a bad request with a sentence before it closes the connection."""
 
     _refused = False
 
     def data_received(self, data: bytes) -> None:
-        """Take in what came; what comes after a refusal is read for the answer to arrive."""
+        """Receive data; data after a refusal is read and ignored, so that the answer arrives."""
         if not self._refused:
             super().data_received(data)
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        """Refuse what the websocket would break off without an answer."""
+        """Refuse a request that the websocket library would close without an answer."""
         if self._too_long(event):
             self._refuse(431, _LONG)
         else:
@@ -138,7 +139,7 @@ class ConsoleHttp(H11Protocol):
         self._refuse(hint, _LONG if hint == 431 else _UNREADABLE)
 
     def shutdown(self) -> None:
-        """End the connection; a refusal has ended the conversation already."""
+        """Close the connection, also one that was refused."""
         if self._refused:
             self.transport.close()
         else:
@@ -169,10 +170,10 @@ class ConsoleHttp(H11Protocol):
 
 
 class Sockets(WebSocketsSansIOProtocol):
-    """Websockets that may be closing already when the server ends."""
+    """Websocket protocol that may already be closing when the server ends."""
 
     def shutdown(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         try:
             super().shutdown()
         except InvalidState:
@@ -180,7 +181,7 @@ class Sockets(WebSocketsSansIOProtocol):
 
 
 class RateLimitedLog(logging.Filter):
-    """Lets few messages through in a time, whoever causes them.
+    """Log filter that lets few messages through in a time.
 
     Parameters
     ----------
@@ -194,7 +195,7 @@ class RateLimitedLog(logging.Filter):
         self._began, self._count = -seconds, 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a message may pass; the first after a pause says how many did not."""
+        """Return whether a message may pass; the first after a pause says how many did not."""
         now = time.monotonic()
         if now - self._began >= self._seconds:
             missing, self._began, self._count = self._count - self._most, now, 0

@@ -1,4 +1,4 @@
-"""What the processes of the console are told when they start."""
+"""Settings of the console's processes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from minorloop.head.console.joystick import StickMap
 from minorloop.head.console.modes import TeleopConfig
 
 _SAFE_AFTER = 0.16
-"""Four ticks of 40 ms: a loop that stops after a command has 40 ms to spare of 200 ms."""
+"""Four ticks of 40 ms: this leaves 40 ms of the 200 ms in which the head must be safe."""
 _BLIND_AFTER = 0.12
-"""Three pictures of 40 ms: a camera that stops after a picture is noticed within 160 ms; a picture
-is ready after 30 ms, and has 90 ms to spare on a machine that is busy."""
+"""Three pictures of 40 ms: a camera that stops is noticed within 160 ms. A picture takes 30 ms,
+which leaves 90 ms on a busy machine."""
 _MOST_PATIENT = 1.0
+"""Most seconds of both, however long the timeout is."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
-    """What the loop steers, and where it records.
+    """Settings of the plant, its operator and its recordings.
 
     Parameters
     ----------
@@ -26,9 +27,9 @@ class LoopSettings:
     specimen : int, optional
     seed : int
     folder : str
-        Of recordings.
+        For recordings.
     timeout : float
-        Age in seconds of the operator's pose and page beyond which the head holds.
+        Age in seconds of the operator's pose and last message beyond which the head holds.
     """
 
     address: str = "twin:pipe"
@@ -42,8 +43,8 @@ class LoopSettings:
         """Seconds without a command after which the plant is made safe."""
         return max(_SAFE_AFTER, min(self.timeout, _MOST_PATIENT))
 
-    def seat(self) -> TeleopConfig:
-        """The seat with that patience."""
+    def teleop_config(self) -> TeleopConfig:
+        """Return the settings of the teleoperation."""
         return TeleopConfig(
             gaze=HeadPoseMap(timeout=self.timeout),
             stick=StickMap(timeout=self.timeout),

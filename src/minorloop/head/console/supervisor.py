@@ -1,8 +1,7 @@
-"""The command's own process: it starts the others, and starts anew what ended or stands still.
+"""The supervisor: it starts the processes of the console, and restarts those that end or hang.
 
-It does nothing else and waits for nobody. The processes have pipes to one another
-(`NewestPipe`); when one is started anew, the others get new pipes to it. When the supervisor
-ends, however it ends, each of them notices and ends by itself.
+The processes have pipes to one another (`NewestPipe`); when one is restarted, the others get new
+pipes to it. When the supervisor ends, however it ends, each of them ends by itself.
 """
 
 from __future__ import annotations
@@ -24,20 +23,21 @@ from typing import Any, cast
 from minorloop.head.console.channel import NewestPipe
 
 _CONTEXT = multiprocessing.get_context("spawn")
-_LOOK_EVERY = 0.05
-_ASLEEP = 0.5
-"""Seconds after which it was the machine that stood still, and not a process."""
+_POLL = 0.05
+_SUSPENDED = 0.5
+"""Seconds between two checks after which the machine itself was suspended, not a process."""
 _BEGINNING = 180.0
-"""Seconds within which a process has to begin, on a machine that is busy with others."""
-_LEAST_LIFE = 1.0
+"""Seconds in which a process must start, on a busy machine."""
+_LEAST_INTERVAL = 1.0
 """Seconds between two starts of the same process."""
 _ENDING = 8.0
+"""Seconds in which a process must end before it is killed."""
 _TERMINAL = [
     getattr(signal, name)
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP")
     if hasattr(signal, name)
 ]
-_SET_DEATH_SIGNAL, _SET_NAME = 1, 15
+_SET_DEATH_SIGNAL, _SET_NAME = 1, 15  # of prctl
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +48,10 @@ class Part:
     ----------
     name : str
     target : callable
-        What it runs; gets a `ProcessHandle` and the arguments.
+        Function that it runs, with a `ProcessHandle` and the arguments.
     args : tuple
     patience : float
-        Seconds without a sign of life after which it counts as standing still.
+        Seconds without a heartbeat after which it counts as hanging.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class ProcessHandle:
-    """What a process has of its supervisor.
+    """Connection of a process to its supervisor.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ class ProcessHandle:
     names : tuple of str
         Of all of them.
     control : socket
-        Brings new pipes, and ends with the supervisor.
+        Delivers new pipes, and ends with the supervisor.
     beats : array of float
-        When each process gave its last sign of life, on the monotonic clock; 0 before the first.
+        Time of the last heartbeat of each process, on the monotonic clock; 0 before the first.
     again : bool
-        Whether another process of this name ended before.
+        Whether the process was restarted.
     """
 
     name: str
@@ -85,72 +85,74 @@ class ProcessHandle:
     again: bool = False
 
     def begin(self, **channels: NewestPipe) -> threading.Event:
-        """Take in new pipes from now on; gives what is set when this process is to end."""
-        for number in _TERMINAL:  # what a terminal sends to all is for the supervisor
+        """Start receiving pipes; return an event that is set when this process has to end."""
+        for number in _TERMINAL:  # signals of the terminal are for the supervisor
             signal.signal(number, _nothing)
         if hasattr(signal, "pthread_sigmask"):
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINAL)
-        tie(f"console-{self.name}", signal.SIGCONT)  # one that is stopped goes on, and ends
-        over = threading.Event()
-        threading.Thread(target=self._listen, args=(channels, over), daemon=True).start()
-        return over
+        bind_to_parent(f"console-{self.name}", signal.SIGCONT)  # a stopped one continues, and ends
+        stop = threading.Event()
+        threading.Thread(target=self._receive_pipes, args=(channels, stop), daemon=True).start()
+        return stop
 
     def beat(self) -> None:
-        """Give a sign of life."""
+        """Give a heartbeat."""
         self.beats[self.names.index(self.name)] = time.monotonic()
 
-    def _listen(self, channels: Mapping[str, NewestPipe], over: threading.Event) -> None:
+    def _receive_pipes(self, channels: Mapping[str, NewestPipe], stop: threading.Event) -> None:
         with contextlib.suppress(OSError):
             while True:
                 number, handles, *_ = socket.recv_fds(self.control, 1, 1)
                 if not number:
                     break
                 channels[self.names[number[0]]].renew(Connection(handles[0]))
-        over.set()
+        stop.set()
         time.sleep(_ENDING)
         os._exit(1)
 
 
 class _Running:
-    """A process that was started."""
+    """A started process."""
 
     def __init__(self, part: Part, names: tuple[str, ...], beats: Any, again: bool) -> None:
         self.part, self._beats, self._place = part, beats, names.index(part.name)
         beats[self._place] = 0.0
         self.control, theirs = socket.socketpair()
-        post = ProcessHandle(part.name, names, theirs, beats, again)
-        self.process = _CONTEXT.Process(target=part.target, args=(post, *part.args), name=part.name)
+        handle = ProcessHandle(part.name, names, theirs, beats, again)
+        self.process = _CONTEXT.Process(
+            target=part.target, args=(handle, *part.args), name=part.name
+        )
         self.began, self.killed = time.monotonic(), False
-        self._moved = self.began
-        with theirs, _held_back():
+        self._not_stopped = self.began
+        with theirs, _signals_blocked():
             self.process.start()
 
-    def stands_still(self, now: float) -> bool:
-        """Whether it has given no sign of life for too long, or was stopped before the first."""
+    def hangs(self, now: float) -> bool:
+        """Return whether heartbeats are missing, or it was stopped before the first."""
         beat = self._beats[self._place]
         if beat != 0.0:
             return bool(now - beat > self.part.patience)
         if not _is_stopped(self.process.pid or 0):
-            self._moved = now
-        return now - self._moved > self.part.patience or now - self.began > _BEGINNING
+            self._not_stopped = now
+        return now - self._not_stopped > self.part.patience or now - self.began > _BEGINNING
 
     def give(self, number: int, pipe: Connection) -> None:
-        """Hand a pipe over; it is closed here."""
-        with pipe, contextlib.suppress(OSError):  # one that has just ended is started anew
+        """Send a pipe to the process, and close it here."""
+        with pipe, contextlib.suppress(OSError):  # a process that has just ended is restarted
             socket.send_fds(self.control, [bytes([number])], [pipe.fileno()])
 
 
 class Supervisor:
-    """Some processes, and the pipes between them.
+    """Processes and the pipes between them.
 
     Parameters
     ----------
     parts : sequence of Part
-        In the order in which they are started.
+        In the order of their start.
     pipes : sequence of (str, str)
-        Which of them talk to each other.
-    said : callable, optional
-        What to do with a sentence for who started the console.
+        Names of processes that have a pipe to each other.
+    notify : callable, optional
+        Shows a sentence to the user.
     """
 
     def __init__(
@@ -158,51 +160,51 @@ class Supervisor:
         parts: Sequence[Part],
         pipes: Sequence[tuple[str, str]],
         *,
-        said: Callable[[str], None] = lambda sentence: None,
+        notify: Callable[[str], None] = lambda sentence: None,
     ) -> None:
-        self._parts, self._pipes, self._said = parts, pipes, said
+        self._parts, self._pipes, self._notify = parts, pipes, notify
         self._names = tuple(part.name for part in parts)
         self._beats = _CONTEXT.RawArray("d", len(parts))
         self._running: dict[str, _Running] = {}
 
     def start(self) -> None:
-        """Start all of them."""
+        """Start all processes."""
         resource_tracker.ensure_running()  # later, it would let signals through to a new process
         for part in self._parts:
             self._start(part)
 
     def run(self) -> None:
-        """Look after them for ever; an exception, such as Ctrl-C, ends it."""
+        """Supervise forever; an exception, such as Ctrl-C, ends it."""
         while True:
-            self.look_after()
+            self.check()
 
-    def look_after(self) -> None:
-        """Wait a moment, then start anew what has ended, and end what stands still."""
+    def check(self) -> None:
+        """Wait a moment, then restart processes that have ended, and kill those that hang."""
         before = time.monotonic()
         alive = {p.sentinel: p for p in (r.process for r in self._running.values()) if p.is_alive()}
-        for ended in connection.wait(list(alive), timeout=_LOOK_EVERY):
-            alive[cast(int, ended)].join(_LOOK_EVERY)  # its pipes are closed before it has ended
+        for ended in connection.wait(list(alive), timeout=_POLL):
+            alive[cast(int, ended)].join(_POLL)  # its pipes are closed before it has ended
         now = time.monotonic()
-        asleep = now - before > _ASLEEP
+        suspended = now - before > _SUSPENDED
         for name, running in list(self._running.items()):
             if running.process.is_alive():
-                if not asleep and not running.killed and running.stands_still(now):
-                    self._said(f"the {name} process stands still; it is ended and started anew")
+                if not suspended and not running.killed and running.hangs(now):
+                    self._notify(f"the {name} process hangs; it is killed and restarted")
                     running.killed = True
                     running.process.kill()
-            elif now - running.began > _LEAST_LIFE:
+            elif now - running.began > _LEAST_INTERVAL:
                 if not running.killed:
-                    self._said(f"the {name} process has ended; it is started anew")
+                    self._notify(f"the {name} process has ended; it is restarted")
                 running.control.close()
                 running.process.close()
                 self._start(running.part)
 
     def pid(self, name: str) -> int:
-        """Number of the process of that name."""
+        """Return the process id of a process by its name."""
         return self._running[name].process.pid or 0
 
     def end(self) -> None:
-        """Let all of them end, and end those that do not."""
+        """Ask all processes to end, and kill those that do not."""
         for running in self._running.values():
             running.control.close()
         deadline = time.monotonic() + _ENDING
@@ -222,25 +224,25 @@ class Supervisor:
                     self._running[name].give(self._names.index(other), end)
 
 
-def tie(name: str, death: int) -> None:
-    """Name this process, and have it get a signal when its parent ends; where Linux allows it."""
+def bind_to_parent(name: str, death: int) -> None:
+    """Name this process and have Linux signal it when its parent ends; elsewhere do nothing."""
     with contextlib.suppress(OSError, AttributeError):
         system = ctypes.CDLL(None)
         system.prctl(_SET_NAME, name.encode()[:15], 0, 0, 0)
         system.prctl(_SET_DEATH_SIGNAL, death, 0, 0, 0)
 
 
-def hurry() -> None:
-    """Let this thread go before what else wants the cores, where the system allows it.
+def raise_priority() -> None:
+    """Give this thread real-time priority, where the system allows it.
 
-    A tick asks for some milliseconds of forty, so that nobody else starves.
+    A tick takes some milliseconds of forty, so that other programs still run.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
 
 
 def _is_stopped(child: int) -> bool:
-    """Whether a signal stopped a child; False where the system does not tell."""
+    """Return whether a signal has stopped a child; False if the system cannot tell."""
     if not hasattr(os, "waitid"):
         return False
     with contextlib.suppress(ChildProcessError):
@@ -249,8 +251,8 @@ def _is_stopped(child: int) -> bool:
 
 
 @contextlib.contextmanager
-def _held_back() -> Iterator[None]:
-    """Signals of a terminal wait, in a process that is started meanwhile until it is ready."""
+def _signals_blocked() -> Iterator[None]:
+    """Block signals of the terminal; a process that is started meanwhile unblocks them itself."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -262,4 +264,4 @@ def _held_back() -> Iterator[None]:
 
 
 def _nothing(*_: object) -> None:
-    """Stand in for what a signal does; unlike one that is ignored, it is not handed on."""
+    """Do nothing with a signal; child processes inherit ignored signals, but not this handler."""

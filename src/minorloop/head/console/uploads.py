@@ -1,7 +1,7 @@
-"""Files that were dropped on the lab page: a folder each, a quota for all, and none for ever.
+"""Uploads of the lab page: a folder for each file, a quota for all, and a limited time.
 
-What is still on its way counts as what is there. The folder of all is locked while its server
-runs; the next one removes those that nobody locks, so that a server that was killed leaves none.
+Unfinished uploads count in full. The common folder is locked while its server runs. A server that
+starts removes unlocked folders, so that a killed server leaves nothing behind for long.
 """
 
 from __future__ import annotations
@@ -24,37 +24,38 @@ from minorloop.errors import OutputError
 
 PREFIX = "minorloop-lab-"
 _LOCK = ".lock"
-_AT_ONCE = 1 << 18
+_BLOCK = 1 << 18
+"""Bytes that are written at once."""
 _RESULTS = 8 * 1024**2
-"""Bytes that are kept for the model, the report and the inputs of a file."""
+"""Bytes reserved for the model, the report and the inputs of a file."""
 _T = TypeVar("_T")
 
 
 class FullError(OutputError):
-    """There is no room for a file now."""
+    """There is no room for a file at present."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Quota:
-    """What files may take.
+    """Limits of uploads.
 
     Parameters
     ----------
     file : int
         Bytes of a file.
     disk : int
-        Bytes of all, with what is kept for their results.
+        Bytes of all, with those reserved for results.
     files : int
         Number of all.
     small : int
-        Bytes up to which a file is small; large ones leave a part of the disk and of the
-        number to small ones, and do not hold them up.
+        Bytes up to which a file is small; a quarter of the disk and of the number is kept free for
+        small files, and large ones do not delay them.
     large : int
-        Large files that are received, read or identified at the same time.
+        Large files that may be received, read or identified at the same time.
     kept : float
         Seconds without use after which a file is removed.
     spared : float
-        Seconds without use before which a file is not removed for another one.
+        Seconds without use after which a file may be removed to make room.
     """
 
     file: int = 32 * 1024**2
@@ -68,7 +69,7 @@ class Quota:
 
 @dataclass(eq=False)
 class Upload:
-    """A file that was dropped, and what became of it."""
+    """An uploaded file and its results."""
 
     key: str
     folder: Path
@@ -79,12 +80,12 @@ class Upload:
 
     @property
     def size(self) -> int:
-        """Bytes that it takes, with its results."""
+        """Bytes of the file, with those reserved for its results."""
         return self.length + _RESULTS
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:
-        """While something works with it, it is not removed for another."""
+        """Keep the file from being removed during the block."""
         self.users += 1
         try:
             yield
@@ -94,7 +95,7 @@ class Upload:
 
 
 class Uploads:
-    """The files, in a folder that goes with the server.
+    """All uploads, in a folder that is removed with the server.
 
     Parameters
     ----------
@@ -104,12 +105,12 @@ class Uploads:
     def __init__(self, quota: Quota) -> None:
         self.quota = quota
         self._all: dict[str, Upload] = {}
-        self._going: set[Upload] = set()
-        # Disks may make who writes wait for seconds; nobody else is to wait with them.
+        self._leaving: set[Upload] = set()
+        # A disk may take seconds to write; the event loop must not wait for it.
         self._disk = ThreadPoolExecutor(2, thread_name_prefix="uploads")
 
     async def start(self) -> None:
-        """Remove what servers that were killed have left, and make the folder."""
+        """Remove what killed servers left behind, and make the folder."""
         await self._on_disk(remove_orphans)
         self.root, self._lock = await self._on_disk(_locked_folder)
 
@@ -120,24 +121,24 @@ class Uploads:
         self._disk.shutdown(wait=False)
 
     async def expire(self, every: float = 60.0) -> None:
-        """Remove what was not used for long, for ever."""
+        """Remove unused files, forever."""
         while True:
             await asyncio.sleep(every)
             await self.remove_old()
 
     async def remove_old(self) -> None:
-        """Remove what was not used for long."""
+        """Remove files that were not used for long."""
         before = time.monotonic() - self.quota.kept
         for upload in [each for each in self._all.values() if _idle(each, before)]:
             await self.remove(upload)
 
     async def add(self, name: str, size: int) -> Upload:
-        """Take in a file that is going to have a size.
+        """Register a file of a size.
 
         Raises
         ------
         FullError
-            If there is no room, and none can be made of what nobody uses.
+            If there is no room, and no unused file can be removed.
         """
         while not self._has_room(size):
             before = time.monotonic() - self.quota.spared
@@ -159,7 +160,7 @@ class Uploads:
         return upload
 
     async def write(self, upload: Upload, chunks: AsyncIterator[bytes]) -> None:
-        """Write the content of a file as it comes.
+        """Write the content of a file in blocks.
 
         Raises
         ------
@@ -173,7 +174,7 @@ class Uploads:
             file = await self._on_disk(_opened, upload.folder / upload.name)
             async for chunk in chunks:
                 held += chunk
-                if len(held) >= _AT_ONCE:
+                if len(held) >= _BLOCK:
                     written += await self._on_disk(file.write, bytes(held))
                     held.clear()
             written += await self._on_disk(file.write, bytes(held))
@@ -183,25 +184,25 @@ class Uploads:
             raise _refusal(error) from None
         finally:
             if file is not None:
-                with contextlib.suppress(OSError):  # what it holds cannot be written
+                with contextlib.suppress(OSError):  # its buffer cannot be written
                     await self._on_disk(file.close)
 
     def find(self, key: str) -> Upload | None:
-        """A file by its key."""
+        """Return a file by its key."""
         return self._all.get(key)
 
     async def remove(self, upload: Upload) -> None:
-        """Remove a file; what it took is free when it is gone."""
+        """Remove a file; its bytes are free once it is deleted."""
         self._all.pop(upload.key, None)
-        self._going.add(upload)
+        self._leaving.add(upload)
         try:
             await self._on_disk(_remove, upload.folder)
         finally:
-            self._going.discard(upload)
+            self._leaving.discard(upload)
 
     def _has_room(self, size: int) -> bool:
-        quota, there = self.quota, [*self._all.values(), *self._going]
-        taken, count = sum(each.size for each in there), len(there)
+        quota, counted = self.quota, [*self._all.values(), *self._leaving]
+        taken, count = sum(each.size for each in counted), len(counted)
         share = 1.0 if size <= quota.small else 0.75
         return taken + size + _RESULTS <= share * quota.disk and count < share * quota.files
 
@@ -210,7 +211,7 @@ class Uploads:
 
 
 def remove_orphans() -> None:
-    """Remove the folders of servers that run no more; only ours, and only where that is known."""
+    """Remove this user's folders of servers that have ended, on systems that have users."""
     for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
             lock = _lock(folder) if _is_ours(folder) else None
@@ -236,18 +237,18 @@ def _locked_folder() -> tuple[Path, int | None]:
             lock = _lock(root)
             if lock is not None and (root / _LOCK).exists():
                 return root, lock
-            _unlock(lock)  # another server that starts took the folder for an old one
+            _unlock(lock)  # another server that starts removed it as an old one
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether a folder was made by this user; where there are no users, none is removed."""
+    """Return whether this user made a folder; False on systems without users."""
     if not hasattr(os, "getuid"):
         return False
     return not folder.is_symlink() and folder.stat().st_uid == os.getuid()
 
 
 def _lock(folder: Path) -> int | None:
-    """The lock of a folder, or nothing where somebody has it or there are no locks."""
+    """Lock a folder; return None if another process has the lock."""
     import fcntl
 
     lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)

@@ -1,9 +1,9 @@
-"""The plant in a process of its own, which makes it safe when no command comes.
+"""The process of the plant, which makes the plant safe when no command comes.
 
-The control loop sends the inputs of each tick and gets the readings back. When it is silent, ends
-or stands still, the plant is made safe, and stays safe until a loop has taken notice: a command
-carries the time at which the plant was last made safe as far as its sender knows, and is not
-carried out if there is a later one.
+The control loop sends the inputs of each tick and gets the readings back. When the loop is silent
+or ends, the plant is made safe, and stays safe until a loop knows of it: each command carries the
+time at which its sender knows the plant was last made safe, and is ignored if it was made safe
+later.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from minorloop.errors import MinorloopError
 from minorloop.head.console.channel import NewestPipe
 from minorloop.head.console.plant import open_plant
 from minorloop.head.console.settings import LoopSettings
-from minorloop.head.console.supervisor import ProcessHandle, hurry
+from minorloop.head.console.supervisor import ProcessHandle, raise_priority
 from minorloop.head.procedures.values import Plant
 
 _LOST = (math.nan,) * 4
 _REST = np.zeros(4)
 _SILENT = "no command came from the control loop for {:g} s"
 _ENDED = "the control loop ended"
-_ANEW = "its process was started anew"
-_LOOK_EVERY = 0.1
+_RESTARTED = "its process was restarted"
+_POLL = 0.1
 
 
 class Command(msgspec.Struct, frozen=True, array_like=True):
-    """Inputs for a tick, and when the plant was last made safe as far as the loop knows."""
+    """Inputs of a tick, and the time at which the loop knows the plant was last made safe."""
 
     known: float
     u: list[float]
@@ -62,21 +62,26 @@ class Answer(msgspec.Struct, frozen=True, array_like=True):
     stance: list[float]
 
 
-def run(post: ProcessHandle, settings: LoopSettings) -> None:
+# Made while the module is imported: see `minorloop.head.console.messages`.
+_commands = msgspec.msgpack.Decoder(Command)
+_answers = msgspec.msgpack.Decoder(Answer)
+
+
+def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     """Pass commands on to the plant until the supervisor ends; for a process of its own."""
     loop = NewestPipe()
-    over = post.begin(loop=loop)
+    stop = handle.begin(loop=loop)
     try:
         plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
     except (MinorloopError, ImportError):
-        while not over.wait(_LOOK_EVERY):  # the loop says what is wrong
-            post.beat()
+        while not stop.wait(_POLL):  # the loop reports the error
+            handle.beat()
         return
     plant.exchange(_REST)  # compiles what the first command would wait for
-    hurry()
-    guarded = WatchedPlant(plant, settings.patience, _ANEW if post.again else "")
+    raise_priority()
+    watched = WatchedPlant(plant, settings.patience, _RESTARTED if handle.again else "")
     try:
-        guarded.serve(loop, post, over)
+        watched.serve(loop, handle, stop)
     finally:
         plant.safe()
 
@@ -90,7 +95,7 @@ class WatchedPlant:
     patience : float
         Seconds to wait for a command.
     why : str
-        Why it has to be made safe before anything else; empty where it has not been used before.
+        Why it must be made safe before anything else; empty if it was not used before.
     """
 
     def __init__(self, plant: Plant, patience: float, why: str = "") -> None:
@@ -101,27 +106,27 @@ class WatchedPlant:
         if why:
             self._make_safe(why)
 
-    def serve(self, loop: NewestPipe, post: ProcessHandle, over: threading.Event) -> None:
-        """Answer one loop after the other until it is over."""
+    def serve(self, loop: NewestPipe, handle: ProcessHandle, stop: threading.Event) -> None:
+        """Answer one loop after the other until the event is set."""
         last = None
-        while not over.is_set():
-            post.beat()
-            pipe = loop.next(last, _LOOK_EVERY)
+        while not stop.is_set():
+            handle.beat()
+            pipe = loop.next(last, _POLL)
             if pipe is None:
                 continue
             last = pipe
             with contextlib.suppress(EOFError, OSError):
                 pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
-                while not over.is_set():
-                    post.beat()
-                    self._listen(pipe)
+                while not stop.is_set():
+                    handle.beat()
+                    self._answer_next(pipe)
             self._stop(_ENDED)
 
-    def _listen(self, pipe: Connection) -> None:
+    def _answer_next(self, pipe: Connection) -> None:
         if not pipe.poll(self._patience):
             self._stop(_SILENT.format(self._patience))
             return
-        command = msgspec.msgpack.decode(pipe.recv_bytes(), type=Command)
+        command = _commands.decode(pipe.recv_bytes())
         if command.known == self.safe_at:
             self._carry_out(command)
         pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
@@ -135,7 +140,7 @@ class WatchedPlant:
             self._make_safe(f"a command could not be carried out: {error}")
 
     def _stop(self, why: str) -> None:
-        """Make it safe, unless it has been safe since it was last used."""
+        """Make it safe if it was used since it was last made safe."""
         if self._used:
             self._make_safe(why)
 
@@ -149,21 +154,21 @@ class WatchedPlant:
 
 
 class RemotePlant:
-    """The plant of another process, for the control loop; it waits for nobody.
+    """The plant in another process, for the control loop.
 
     Parameters
     ----------
     channel : NewestPipe
         To that process.
     patience : float
-        Seconds that an answer may take; as long as none comes, readings are NaN.
+        Seconds to wait for an answer; without one, readings are NaN and nothing waits any more.
     """
 
     def __init__(self, channel: NewestPipe, patience: float) -> None:
         self._channel, self._patience = channel, patience
         self._pipe: Connection | None = None
         self._waiting = True
-        self.there = False
+        self.responds = False
         self.answer = Answer(0.0, "", 0.0, list(_LOST), [])
         self._known = 0.0
 
@@ -173,29 +178,29 @@ class RemotePlant:
         return self.answer.tick
 
     def meet(self, timeout: float) -> bool:
-        """Wait for the first word of it, which tells where it is; whether it came."""
+        """Wait for its first answer, which has the first readings; return whether it came."""
         pipe = self._channel.next(self._pipe, timeout)
         if pipe is not None:
             self._pipe, self._waiting = pipe, True
-        self.there = self._hear(timeout)
-        return self.there
+        self.responds = self._receive(timeout)
+        return self.responds
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """The readings after a tick; NaN where no answer came in time."""
+        """Apply inputs for a tick; return the readings, NaN without an answer in time."""
         pipe = self._channel.next(self._pipe, 0.0)
         if pipe is not None:
             self._pipe, self._waiting = pipe, True
-        patience = self._patience if self.there else 0.0
+        patience = self._patience if self.responds else 0.0
         if not self._waiting and self._pipe is not None:
             with contextlib.suppress(OSError):
                 command = Command(self._known, np.asarray(u).tolist())
                 self._pipe.send_bytes(msgspec.msgpack.encode(command))
                 self._waiting = True
-        self.there = self._hear(patience)
-        return np.array(self.answer.y if self.there else _LOST)
+        self.responds = self._receive(patience)
+        return np.array(self.answer.y if self.responds else _LOST)
 
     def accept(self) -> None:
-        """Take notice that it was made safe; commands are carried out again."""
+        """Acknowledge that it was made safe; commands are carried out again."""
         self._known = self.answer.safe_at
 
     @property
@@ -204,20 +209,20 @@ class RemotePlant:
         return self.answer.safe_at != self._known
 
     def stance(self) -> tuple[float, ...]:
-        """What a simulated tip has to be told of where it is."""
+        """Return where the simulated tip is; see `Plant.stance`."""
         return tuple(self.answer.stance)
 
     def safe(self) -> None:
-        """Leave it alone; it makes itself safe."""
+        """Close the pipe; the plant then makes itself safe."""
         if self._pipe is not None:
             self._pipe.close()
 
-    def _hear(self, patience: float) -> bool:
+    def _receive(self, patience: float) -> bool:
         if self._pipe is None or not self._waiting:
             return False
         with contextlib.suppress(EOFError, OSError):
             if self._pipe.poll(patience):
-                self.answer = msgspec.msgpack.decode(self._pipe.recv_bytes(), type=Answer)
+                self.answer = _answers.decode(self._pipe.recv_bytes())
                 self._waiting = False
                 return True
         return False

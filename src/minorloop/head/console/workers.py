@@ -1,7 +1,7 @@
-"""Processes that compute for pages, so that the server goes on answering.
+"""Worker processes for long computations, so that the server keeps answering.
 
-Each worker does one task at a time and may tell stages of it. One that takes too long, that is
-stopped, or whose page has gone away, is ended and replaced. All end with the server.
+Each worker does one task at a time and may report stages of it. A worker is killed and replaced if
+it takes too long, is stopped, or its page has closed. All end with the server.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from minorloop.errors import MinorloopError
-from minorloop.head.console.supervisor import tie
+from minorloop.head.console.supervisor import bind_to_parent
 
 TASKS = "minorloop.head.console.lab_work"
 _POLL = 0.01
 _BEGINNING = 180.0
-"""Seconds within which a process has to begin, on a machine that is busy with others."""
+"""Seconds in which a process must start, on a busy machine."""
 
 
 class Workers:
-    """Some processes.
+    """A pool of worker processes.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ class Workers:
     longest : float
         Seconds that a task may take.
     tasks : str
-        Module of the tasks; it has ``warm_up``.
+        Module of the tasks, with a function ``warm_up``.
     nice : int
-        How far a computation stands back behind who steers.
+        Niceness of the workers: the processes that steer run first.
     """
 
     def __init__(
@@ -48,31 +48,31 @@ class Workers:
         self._all: set[_Worker] = set()
 
     async def start(self) -> None:
-        """Start them; they import what they need before they are first asked."""
+        """Start the processes, which import and compile what they need."""
         for _ in range(self._count):
             self._add()
 
     async def stop(self) -> None:
-        """End them."""
+        """Kill the processes."""
         for worker in self._all:
             worker.end()
 
     async def run(self, task: str, **options: Any) -> AsyncIterator[dict[str, Any]]:
-        """What a task tells, one after the other; a refusal is ``{"error": sentence}``."""
+        """Yield the reports of a task; an error is ``{"error": sentence}``."""
         if self._idle.empty():
             yield {"stage": "waiting for others to finish"}
         worker = await self._idle.get()
-        while worker.ended():  # while it had nothing to do
+        while worker.ended():  # while it was idle
             self._replace(worker)
             worker = await self._idle.get()
         whole = False
         try:
             async with asyncio.timeout(_BEGINNING):
-                await worker.begun()
+                await worker.ready()
             worker.pipe.send((task, options))
             async with asyncio.timeout(self._longest):
-                async for told in worker.told():
-                    yield told
+                async for report in worker.reports():
+                    yield report
             whole = True
         except TimeoutError:
             yield {
@@ -84,14 +84,14 @@ class Workers:
         finally:
             if whole:
                 self._idle.put_nowait(worker)
-            else:  # it is in the middle of something that nobody waits for
+            else:  # it still computes something that nobody waits for
                 self._replace(worker)
 
     async def ask(self, task: str, **options: Any) -> dict[str, Any]:
-        """The last thing that a task tells."""
+        """Return the last report of a task."""
         last: dict[str, Any] = {}
-        async for told in self.run(task, **options):
-            last = told
+        async for report in self.run(task, **options):
+            last = report
         return last
 
     def _replace(self, worker: _Worker) -> None:
@@ -111,22 +111,22 @@ class _Worker:
         self.pipe, theirs = context.Pipe()
         self._process = context.Process(target=serve, args=(theirs, tasks, nice), daemon=True)
         self._process.start()
-        self._begun = False
+        self._ready = False
         theirs.close()
 
-    async def begun(self) -> None:
-        """Wait until it has imported what it needs, which is not what a task takes."""
-        if not self._begun:
+    async def ready(self) -> None:
+        """Wait until it has started, which does not count as time of a task."""
+        if not self._ready:
             await self._next()
-            self._begun = True
+            self._ready = True
 
-    async def told(self) -> AsyncIterator[dict[str, Any]]:
-        """What comes until the task is done."""
+    async def reports(self) -> AsyncIterator[dict[str, Any]]:
+        """Yield reports until the task is done."""
         while True:
-            told = await self._next()
-            if told is None:
+            report = await self._next()
+            if report is None:
                 return
-            yield told
+            yield report
 
     async def _next(self) -> Any:
         while not self.pipe.poll():
@@ -136,37 +136,37 @@ class _Worker:
         return self.pipe.recv()
 
     def _stopped(self) -> bool:
-        """Whether a signal has stopped it, so that it would never answer."""
+        """Return whether a signal has stopped it, so that it would never answer."""
         asked = getattr(os, "WSTOPPED", 0) | os.WNOHANG | getattr(os, "WNOWAIT", 0)
         with contextlib.suppress(AttributeError, ChildProcessError):
             return os.waitid(os.P_PID, self._process.pid or 0, asked) is not None
         return False
 
     def ended(self) -> bool:
-        """Whether it is no longer there to work."""
+        """Return whether it cannot work any more."""
         return self._stopped() or not self._process.is_alive()
 
     def end(self) -> None:
         with contextlib.suppress(OSError):
             self.pipe.close()
-        self._process.kill()  # one that is stopped hears nothing else
+        self._process.kill()  # a stopped process reacts to nothing else
 
 
 def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
-    """Do tasks until the other end goes away; for a process of its own."""
+    """Do tasks until the pipe closes; for a process of its own."""
     with contextlib.suppress(OSError, AttributeError):
         os.nice(nice)
-    tie("console-worker", signal.SIGKILL)
+    bind_to_parent("console-worker", signal.SIGKILL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     tasks = importlib.import_module(module)
     tasks.warm_up()
     with contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
-        pipe.send(None)  # it has begun
+        pipe.send(None)  # ready
         while True:
             task, options = pipe.recv()
             try:
-                for told in getattr(tasks, task)(**options):
-                    pipe.send(told)
+                for report in getattr(tasks, task)(**options):
+                    pipe.send(report)
             except MinorloopError as error:
                 pipe.send({"error": str(error)})
             except MemoryError:
@@ -177,7 +177,7 @@ def serve(pipe: Connection, module: str = TASKS, nice: int = 10) -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of who started this process; for a thread of its own."""
+    """End this process when its parent ends; for a thread of its own."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from minorloop.errors import OutputError
-from minorloop.files import table_text
+from minorloop.files import check_writable, table_text, write_atomically
 from minorloop.head.ultrasound.pits import PitDepth
 
 
@@ -107,19 +106,25 @@ def finding_table(findings: Sequence[Finding]) -> str:
     return table_text(["number", *header], numbered)
 
 
-def save_findings(findings: Sequence[Finding], path: str | os.PathLike[str]) -> Path:
-    """Write the table of findings.
+def save_findings(
+    findings: Sequence[Finding], path: str | os.PathLike[str], *, force: bool = False
+) -> Path:
+    """Write the table of findings as CSV, and return its path.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    path : path
+    force : bool
+        Whether a file that exists may be replaced.
 
     Raises
     ------
     OutputError
-        If the place cannot be written.
+        If the file exists and ``force`` is false, or it cannot be written.
     """
-    place = Path(path)
-    try:
-        place.write_text(finding_table(findings), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write {place}: {error.strerror or error}") from None
+    place = check_writable(path, force=force)
+    write_atomically(place, finding_table(findings))
     return place
 
 

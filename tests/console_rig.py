@@ -1,16 +1,18 @@
-"""Sessions for tests: a rig, its eyes, a pilot who sends what a page would, a loop that is none."""
+"""Console sessions for tests: plant, cameras, a pilot, and a stand-in for the control loop."""
 
 import math
 import warnings
 from functools import cache
 
+import msgspec
 import numpy as np
 
 from minorloop.head.console import messages
-from minorloop.head.console.camera_protocol import CameraReport
+from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
 from minorloop.head.console.perception import Perception
 from minorloop.head.console.plant import PlantView, head_of, open_plant, open_tip
 from minorloop.head.console.session import Session
+from minorloop.head.console.units import to_shown
 from minorloop.head.geometry import Pinhole
 
 with warnings.catch_warnings():
@@ -21,14 +23,18 @@ with warnings.catch_warnings():
 __all__ = [
     "AHEAD",
     "PIT",
-    "Open",
+    "DirectCamera",
     "Pilot",
-    "Shut",
+    "ScriptedCamera",
     "SilentLoop",
     "TestClient",
     "control",
+    "position",
+    "request",
     "right",
+    "text",
     "tip",
+    "towards",
     "view",
 ]
 ADDRESS = "twin:pipe"
@@ -58,56 +64,85 @@ def right(yaw, pitch=0.0):
     return x[3] * y[0], x[1] * y[3], -x[1] * y[0], x[3] * y[3]
 
 
-class Open:
-    """Eyes that see at once."""
+def request(position, *commands, number=0):
+    """A tick of a loop whose sensors have no error."""
+    pan, tilt, advance, roll = position
+    return CameraRequest(
+        number=number,
+        t=0.04 * number,
+        position=position,
+        stance=(pan, tilt, 0.0, 0.0, advance, roll),
+        commands=list(commands),
+    )
+
+
+def towards(place, share=1.0, position=(0.0, 0.0, 0.0, 0.0)):
+    """Position of the head that looks a share of the way towards phi and z."""
+    point = (10e-3 * math.cos(place[0]), 10e-3 * math.sin(place[0]), place[1])
+    pan, tilt = np.multiply(view().mount(position).aim(point), share)
+    return (float(pan), float(tilt), *position[2:])
+
+
+def text(kind, **content):
+    """A message to the pages with any fields."""
+    return msgspec.json.encode({"type": kind, **content})
+
+
+def position(session):
+    """Pan, tilt, advance and roll of the head in degrees and mm."""
+    return to_shown(session.position())
+
+
+class DirectCamera:
+    """A camera in the same process."""
 
     def __init__(self):
         real, _ = tip()
-        self.eyes, self._seen = Perception(real, view()), []
+        self.perception, self._reports = Perception(real, view()), []
 
-    def look(self, look):
-        self._seen.append(self.eyes.tick(look))
+    def send(self, request):
+        self._reports.append(self.perception.tick(request))
 
-    def seen(self):
-        seen, self._seen = self._seen, []
-        return seen
+    def reports(self):
+        reports, self._reports = self._reports, []
+        return reports
 
 
-class Shut:
-    """Eyes that see what a test says: ``target`` always, ``events`` once; they hear at once."""
+class ScriptedCamera:
+    """A camera that always reports ``target``, each of ``events`` once, and fires at once."""
 
     def __init__(self):
-        self.target, self.events, self.spots, self.looks = None, [], [], []
+        self.target, self.events, self.spots, self.requests = None, [], [], []
 
-    def look(self, look):
-        self.looks.append(look)
-        heard = sum(name == "shoot" for name, _ in look.wishes)
-        self.events += [{"what": "burst", "verdict": ""}] * heard
+    def send(self, request):
+        self.requests.append(request)
+        fired = sum(name == "fire" for name, _ in request.commands)
+        self.events += [{"what": "burst", "verdict": ""}] * fired
 
-    def seen(self):
-        if not self.looks:
+    def reports(self):
+        if not self.requests:
             return []
         events, self.events = self.events, []
-        number = self.looks[-1].number
+        number = self.requests[-1].number
         return [CameraReport(number=number, target=self.target, spots=self.spots, events=events)]
 
     @property
-    def wishes(self):
-        return [name for look in self.looks for name, _ in look.wishes]
+    def commands(self):
+        return [name for request in self.requests for name, _ in request.commands]
 
 
 class Pilot:
-    """A session and somebody who steers it."""
+    """A session and its pilot."""
 
-    def __init__(self, sight=None):
+    def __init__(self, camera=None):
         self.plant = open_plant(ADDRESS)
-        self.sight = sight or Shut()
-        self.session = Session(self.plant, view(), control(), self.sight)
+        self.camera = camera or ScriptedCamera()
+        self.session = Session(self.plant, view(), control(), self.camera)
         self.now, self.seq = 100.0, 0
 
     def order(self, kind, **content):
         self.seq += 1
-        self.session.hear(kind(seq=self.seq, t=self.now, grant=1, **content), self.now)
+        self.session.receive(kind(seq=self.seq, t=self.now, grant=1, **content), self.now)
 
     def drive(self, ticks=1, pose=AHEAD, stick=(0.0, 0.0), clutch=False, age=0.0, look=None):
         """Ticks with the operator's head, stick and clutch; ``look`` is called after each."""
@@ -118,21 +153,21 @@ class Pilot:
                 look(self.session)
 
     def silence(self, ticks=1):
-        """Ticks without a word."""
+        """Ticks without a message."""
         for _ in range(ticks):
             self.session.tick(self.now)
             self.now += self.session.interval
 
     def until(self, holds, ticks=1500, pose=AHEAD):
-        """Drive until something holds."""
+        """Drive until a condition is met."""
         for _ in range(ticks):
             if holds(self.session):
                 return
             self.drive(pose=pose)
-        raise AssertionError("it never came to that")
+        raise AssertionError("the condition was never met")
 
     def mode(self, mode):
-        self.order(messages.Mode, mode=mode)
+        self.order(messages.SetMode, mode=mode)
 
     def steering(self, ticks=50):
         """In HEAD, the wires warm."""
@@ -142,16 +177,16 @@ class Pilot:
         return self
 
     def following(self, pixel=(400.0, 200.0)):
-        """In TRACK, on a point that shut eyes see at a pixel."""
+        """In TRACK, on a point that a scripted camera reports at a pixel."""
         self.steering()
-        self.sight.target = (*pixel, 1.0, True)
+        self.camera.target = (*pixel, 1.0, True)
         self.drive(2)
         self.mode("TRACK")
         self.drive()
         return self
 
     def tracking(self):
-        """In TRACK, on the likeliest candidate, which has come to rest in the middle, in focus."""
+        """In TRACK, on the likeliest candidate, which rests in the middle, in focus."""
         self.steering(2)
         self.until(lambda s: s.seen.spots, pose=right(27.0, -12.0))
         self.order(messages.Pick, u=self.session.seen.spots[0][0], v=self.session.seen.spots[0][1])
@@ -161,24 +196,28 @@ class Pilot:
         return self
 
     def measured(self):
-        """What was tracked, by its outline."""
+        """With a finding: the tracked target, measured by its outline."""
         self.order(messages.Measure)
         self.until(lambda s: s.findings)
         return self
 
 
 class SilentLoop:
-    """Stands in for the control loop: keeps what it is ordered, and says what it is told to."""
+    """A stand-in for the control loop: keeps orders, and sends what a test gives it."""
 
-    def __init__(self, settings, said):
-        self.settings, self.said, self.orders = settings, said, []
+    def __init__(self, settings, received):
+        self.settings, self.received, self.orders = settings, received, []
 
     def start(self):
         small = PlantView(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
-        self.said(messages.encode("hello", view={}, known=small.told(), cone=28.0, planes=[]))
+        self.received(text("hello", view={}, known=small.to_dict(), cone=28.0, planes=[]))
 
     def order(self, message):
         self.orders.append(message)
+
+    def kinds(self):
+        """Names of the messages that were ordered."""
+        return [type(order).__name__ for order in self.orders]
 
     def stop(self):
         pass

@@ -1,0 +1,48 @@
+"""Degrees and millimetres of pages, wires and sticks; poses, scans and pictures are in SI.
+
+A position is pan and tilt about the middle, advance and roll. Pages, pictures, the control of the
+wires and the commands of the operator have it in degrees and mm, everything else in rad and m.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TypeAlias
+
+Position: TypeAlias = tuple[float, float, float, float]
+"""Pan and tilt about the middle, advance and roll as measured, in rad and m."""
+
+
+def to_si(shown: Iterable[float]) -> Position:
+    """Return a position in rad and m from one in degrees and mm."""
+    pan, tilt, advance, roll = shown
+    return math.radians(pan), math.radians(tilt), 1e-3 * advance, math.radians(roll)
+
+
+def to_shown(position: Iterable[float]) -> Position:
+    """Return a position in degrees and mm from one in rad and m."""
+    pan, tilt, advance, roll = position
+    return math.degrees(pan), math.degrees(tilt), 1e3 * advance, math.degrees(roll)
+
+
+def angles_shown(angles: Iterable[float]) -> tuple[float, float]:
+    """Return pan and tilt in degrees."""
+    pan, tilt = angles
+    return math.degrees(pan), math.degrees(tilt)
+
+
+def rates_shown(rates: Iterable[float]) -> tuple[float, float]:
+    """Return rates of advance and roll in mm/s and degrees/s."""
+    advance, roll = rates
+    return 1e3 * advance, math.degrees(roll)
+
+
+def mm(metres: float, digits: int = 4) -> float:
+    """Return a length in mm, rounded for a message."""
+    return round(1e3 * metres, digits)
+
+
+def degrees(radians: float, digits: int = 4) -> float:
+    """Return an angle in degrees, rounded for a message."""
+    return round(math.degrees(radians), digits)

@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from console_rig import PIT, request, tip
+from minorloop.head.console import depth_work
+from minorloop.head.console.scan_echoes import ScanEchoes
+from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.reconstruction.depth_map import Patch
+from minorloop.head.reconstruction.fusion import fuse
+from minorloop.head.ultrasound.pits import PitDepth
+
+
+def fitted(flooded):
+    """Reports of the fit of a raster over the pit, with the head exactly at its targets."""
+    place = PIT[1], PIT[0]
+    probe, known = tip()
+    probe.flood(flooded)
+    echoes = ScanEchoes(known, 1, PIT[:2], PIT[2])
+    targets = RasterScan(calibration=known).targets(PIT[:2], np.array(place))
+    for pan, tilt in targets.tolist():
+        here = (pan, tilt, *place)
+        probe.stand(request(here).stance)
+        echoes.fire(probe, here, (pan, tilt))
+    return list(depth_work.depth(**echoes.job((0.0, 0.0, *place))))
+
+
+def test_the_echoes_of_a_scan_give_depth_map_and_mesh():
+    *stages, last = fitted(True)
+    assert len(stages) == 2
+    result = last["result"]
+    assert result["verdict"] == "measured"
+    assert result["depth"] == pytest.approx(PIT[3], abs=4 * result["depth_sd"])
+    grid = np.array(result["patch"]["depth"], dtype=float)
+    assert np.nanmax(grid) == pytest.approx(1e3 * PIT[3], abs=0.05)
+    assert abs(np.nanmedian(grid)) < 0.02
+    assert last["meshes"]["ply"].startswith(b"ply")
+    assert last["meshes"]["glb"].startswith(b"glTF")
+
+
+def test_no_depth_is_made_up_where_there_is_no_floor():
+    patch = Patch.around(*PIT[:2], size=0.2e-3)
+    pit = PitDepth("through-hole", *PIT[:2], diameter=PIT[2])
+    shown = depth_work._result(pit, fuse(pit, None, patch))["patch"]
+    assert len(shown["through"]) > 5
+    assert all(shown["depth"][i][j] is None for i, j in shown["through"])
+    known = [depth for row in shown["depth"] for depth in row if depth is not None]
+    assert max(known, default=0.0) == 0.0
+
+
+def test_a_dry_pipe_gives_no_depth_and_says_why():
+    *_, last = fitted(False)
+    assert last["result"]["depth"] is None
+    assert last["result"]["verdict"] not in ("measured", "")

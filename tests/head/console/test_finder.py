@@ -1,0 +1,19 @@
+from console_rig import view
+from minorloop.head.console.finder import Finder
+from minorloop.head.console.units import to_si
+
+
+def searches(finder, shown, ticks):
+    return [finder.at_rest_somewhere_new(to_si(shown)) for _ in range(ticks)]
+
+
+def test_a_view_is_searched_once_the_head_rests_and_again_when_it_has_moved_on():
+    finder = Finder(view())
+    assert searches(finder, (0.0, 0.0, 0.0, 0.0), 12) == [False] * 11 + [True]
+    finder.searched(to_si((0.0, 0.0, 0.0, 0.0)))
+    assert not any(searches(finder, (4.0, 0.0, 1.0, 5.0), 30))
+    assert searches(finder, (6.0, 0.0, 0.0, 0.0), 12) == [False] * 11 + [True]
+
+
+def test_without_candidates_nothing_is_shown():
+    assert Finder(view()).shown(to_si((0.0, 0.0, 0.0, 0.0))) == []
