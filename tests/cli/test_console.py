@@ -11,10 +11,10 @@ import pytest
         ("--plant twin:ipmc", "nothing to steer"),
         ("--timeout 0", "0.05 to 5"),
         ("--certificate good.csv", "together"),
-        ("--certificate none.pem --private-key none.key", "none.pem is no file"),
+        ("--certificate none.pem --private-key none.key", "none.pem is not a file"),
         (
             "--certificate good.csv --private-key good.csv",
-            "good.csv and good.csv are no certificate",
+            "good.csv and good.csv are not a certificate",
         ),
         ("--specimen -1", "--specimen is -1; give 0 or more"),
         ("--seed -1", "--seed is -1; give 0 or more"),

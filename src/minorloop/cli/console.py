@@ -1,4 +1,4 @@
-"""``minorloop console``: the operator's seat and the lab page, in a browser."""
+"""``minorloop console``: the operate page and the lab page, in a browser."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ NAME = "console"
 EXAMPLE = "minorloop console --folder inspections"
 
 _Host = Annotated[
-    str, typer.Option(help="Where to listen; 0.0.0.0 lets in other machines that have the key.")
+    str,
+    typer.Option(help="Address to listen on; 0.0.0.0 accepts other machines with the key."),
 ]
 _WAITING = 128
+"""Connections that wait before the server accepts them."""
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
     str,
-    typer.Option(
-        help="What to steer: twin:pipe, a simulated head in a pipe, with camera and probe."
-    ),
+    typer.Option(help="The plant: twin:pipe, a simulated head in a pipe, with camera and probe."),
 ]
-_Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
+_Folder = Annotated[Path, typer.Option(help="Folder for recorded sessions.")]
 _Specimen = Annotated[
     int | None, _common.whole_option("Seed of the simulated specimen; nominal without it.")
 ]
 _Seed = Annotated[int, _common.whole_option("Seed of the simulated noise.")]
 _Timeout = Annotated[
     float,
-    _common.number_option("Seconds without word from the operator after which the head holds."),
+    _common.number_option("Seconds without a message of the operator until the head holds."),
 ]
 _Certificate = Annotated[
     Path | None,
-    typer.Option(help="Certificate (PEM): phones and headsets give their pose over https only."),
+    typer.Option(help="Certificate (PEM): phones and headsets send their pose over https only."),
 ]
 _Name = Annotated[
     str | None,
-    typer.Option(help="Name under which browsers reach an https proxy before the console."),
+    typer.Option(help="Host name of an https proxy in front of the console."),
 ]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
@@ -76,7 +76,7 @@ def run(
         raise ParameterError("give --certificate and --private-key together, or neither")
     for file in (certificate, private_key):
         if file is not None and not file.is_file():
-            raise ParameterError(f"{file} is no file; give a PEM file")
+            raise ParameterError(f"{file} is not a file; give a PEM file")
     if certificate is not None and private_key is not None:
         _check_pair(certificate, private_key)
     if folder.exists() and not folder.is_dir():
@@ -94,7 +94,7 @@ def run(
     doors = Authentication(host, port=port, name=name)
     scheme = "http" if certificate is None else "https"
     if not (STATIC / "index.html").is_file():
-        typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
+        typer.echo("note: the pages are not built; 'make pages' builds them", err=True)
     address = f"{scheme}://{_shown(host)}:{port}" if name is None else f"https://{name}"
     typer.echo(f"open {address}/?key={doors.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
@@ -105,26 +105,26 @@ def run(
 
 
 def _check_pair(certificate: Path, key: Path) -> None:
-    """Refuse a certificate that the server could not use, before anybody is told to open it."""
+    """Refuse a certificate that the server cannot use, before the address is printed."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
         context.load_cert_chain(certificate, key, password="")  # without one, openssl would ask
     except (OSError, ValueError) as error:  # what ssl raises are OSErrors
         reason = getattr(error, "reason", None) or error
         raise ParameterError(
-            f"{certificate} and {key} are no certificate with its private key ({reason}); give "
+            f"{certificate} and {key} are not a certificate and its private key ({reason}); give "
             "PEM files that belong together, the key without a password"
         ) from None
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A socket that listens, so that a port in use is refused in a sentence."""
+    """Return a listening socket; a port in use is refused."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     found = socket.socket(family, socket.SOCK_STREAM)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((host, port))
-        found.listen(_WAITING)  # who comes before the server, or while it starts anew, waits
+        found.listen(_WAITING)  # clients that connect before the server has started wait
     except OSError as error:
         found.close()
         other = "--host" if isinstance(error, socket.gaierror) else "--port"
@@ -135,7 +135,7 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _shown(host: str) -> str:
-    """The host as it stands in an address."""
+    """Return the host as written in an address."""
     if host in ("0.0.0.0", "::"):
         return socket.gethostname()
     return f"[{host}]" if ":" in host else host

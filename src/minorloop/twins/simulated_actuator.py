@@ -1,4 +1,4 @@
-"""What the simulated actuators share: clock, sensor noise, time steps, checkpoints."""
+"""Base class of simulated actuators: clock, sensor noise, time steps, checkpoints."""
 
 from __future__ import annotations
 
@@ -18,34 +18,35 @@ from minorloop.twins.checkpoints import Checkpoint, check_within
 SPREAD = 0.1
 """Specimens differ from the nominal parameters by up to this share."""
 MAX_SAMPLES = 20_000_000
+"""Most samples of one call: 480 MB of a record."""
 MAX_STEPS = 200_000_000
+"""Most time steps of one call: about a minute."""
 
 
 class SimulatedActuator(ABC):
-    """A plant with one input and one output that lives in simulated time.
+    """A plant with one input and one output in simulated time.
 
-    The physics is hidden: only private attributes know the parameters and the output without
-    noise, and they are there for scoring after a run, never for an estimator.
+    The physics is hidden: the parameters and the output without noise are private attributes, for
+    scoring after a run and not for estimators.
 
     Parameters
     ----------
     parameters : dict of str to float
         Nominal physical parameters.
     specimen : int, optional
-        Seed of a specimen: each parameter is multiplied by a number drawn evenly from
-        [0.9, 1.1] by ``numpy.random.default_rng(specimen)``, in the order given. Without it
-        the parameters are nominal.
+        Seed of a specimen: each parameter is multiplied by a number drawn uniformly from [0.9, 1.1]
+        by ``numpy.random.default_rng(specimen)``, in the given order. Nominal if not given.
     noise : float
         Standard deviation of the sensor, in the unit of the output.
     seed : int
-        Seed of the noise. The noise of the n-th sample since the start depends on the seed and
-        n alone.
+        Seed of the noise. The noise of the n-th sample since the start depends only on the seed
+        and n.
     tick : float
         How long one ``exchange`` takes, in seconds.
     drift : float
         Relative change of the coupling gain per hour, compounding.
     substeps : int
-        Divides every time step of the integration by this number; more is slower and nearer.
+        Number of parts of each time step of the integration; more is slower and more exact.
     """
 
     kind: str
@@ -77,7 +78,7 @@ class SimulatedActuator(ABC):
         if self.noise < 0:
             raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
         if self.drift <= -1:
-            raise ParameterError(f"drift is {drift} per hour; give more than -1, a gain stays one")
+            raise ParameterError(f"drift is {drift} per hour; give more than -1")
         if self.substeps < 1:
             raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
         self._parameters = spread(parameters, self.specimen)
@@ -89,7 +90,7 @@ class SimulatedActuator(ABC):
         return self._clock
 
     def reset(self) -> None:
-        """Go back to the start: the state at rest, clock at 0, the noise from its beginning."""
+        """Return to the start: state at rest, clock at 0, noise from its beginning."""
         self._state: FloatArray = np.array(self._rest)
         self._clock = 0.0
         self._input: float | None = None
@@ -97,7 +98,7 @@ class SimulatedActuator(ABC):
         self._samples = 0
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input and record it and the output.
+        """Hold an input, and return a record of input and output.
 
         Parameters
         ----------
@@ -111,7 +112,7 @@ class SimulatedActuator(ABC):
         Returns
         -------
         Record
-            On the clock of the twin; the first sample comes one interval after the start.
+            On the clock of the twin; the first sample is one interval after the start.
 
         Raises
         ------
@@ -127,14 +128,14 @@ class SimulatedActuator(ABC):
         return self._record(began + ends, np.full(ends.size, value), y)
 
     def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
-        """Drive with a sampled waveform, straight from sample to sample.
+        """Apply a sampled waveform that is linear between samples.
 
         Parameters
         ----------
         t : (T,) array_like
-            Strictly increasing times in seconds; the first is now, whatever its value. The
-            steps of the integration end at these times, and at others in between if they are
-            far apart; 240 samples a period are enough for a sine.
+            Strictly increasing times in seconds; the first is now, whatever its value. Steps of
+            the integration end at these times, and between them if they are far apart. 240 samples
+            for each period are enough for a sine.
         u : (T,) array_like
             Input at these times, in its unit. The step to the first value takes no time.
 
@@ -159,7 +160,7 @@ class SimulatedActuator(ABC):
         return self._record(began + times - times[0], values, y)
 
     def exchange(self, u: Value) -> float:
-        """Hold an input for one tick and give the output at its end.
+        """Hold an input for one tick, and return the output at its end.
 
         Raises
         ------
@@ -170,13 +171,13 @@ class SimulatedActuator(ABC):
         return float(self._sensed(self._hold(value, np.array([self.tick])))[0])
 
     def safe(self) -> None:
-        """Go to the resting input; it takes no time, and is not sampled."""
+        """Apply the resting input; this takes no time and is not sampled."""
         self._switch(self._rest_input)
 
     def checkpoint(self) -> dict[str, Any]:
-        """All that a later ``restore`` needs to go on exactly from here, ready for JSON.
+        """Return all that ``restore`` needs to continue exactly from here, ready for JSON.
 
-        It holds the hidden state of the physics: keep it, do not look into it.
+        It contains the hidden state of the physics: do not use it for estimation.
         """
         return {
             **self._identity(),
@@ -193,8 +194,8 @@ class SimulatedActuator(ABC):
         Raises
         ------
         ParameterError
-            If the checkpoint is damaged or impossible, or was taken from a twin with other
-            options; the twin stays as it was then.
+            If the checkpoint is damaged or impossible, or belongs to a twin with other options; the
+            twin then stays unchanged.
         """
         found = Checkpoint(checkpoint, self._identity())
         state, clock = found.array("state", self._state), found.clock()
@@ -209,18 +210,18 @@ class SimulatedActuator(ABC):
 
     @abstractmethod
     def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
-        """March the state through steps ``h`` with inputs ``u`` at their ends; the outputs."""
+        """Integrate over steps ``h`` with inputs ``u`` at their ends; return the outputs."""
 
     @abstractmethod
     def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest state that the physics can lead to until a time."""
+        """Return the least and the greatest state that the physics can reach until a time."""
 
     @abstractmethod
     def _output_now(self) -> float:
-        """The output without noise, at the present state. For scoring only."""
+        """Return the output without noise at the present state. For scoring only."""
 
     def _identity(self) -> dict[str, Any]:
-        """What must agree for a checkpoint to be taken up."""
+        """Return the options that must equal those of a checkpoint."""
         return {
             "twin": self.kind,
             "specimen": self.specimen,
@@ -239,7 +240,7 @@ class SimulatedActuator(ABC):
             self._input, self._held = value, 0.0
 
     def _hold(self, value: float, ends: FloatArray) -> FloatArray:
-        """Output without noise at times ``ends`` (T,) from now, under a constant input."""
+        """Return the output without noise at times ``ends`` (T,) from now, at a constant input."""
         self._switch(value)
         samples = self._held + ends
         points = np.union1d(self._grid(self._held, float(samples[-1])), samples)
@@ -250,7 +251,7 @@ class SimulatedActuator(ABC):
         return y
 
     def _follow(self, t: FloatArray, u: FloatArray) -> FloatArray:
-        """Output without noise at all samples but the first, under a waveform."""
+        """Return the output without noise at all samples of a waveform but the first."""
         self._input, self._held = float(u[-1]), 0.0
         gaps = np.diff(t)
         parts = np.maximum(np.ceil(gaps / self._first_step - 1e-9), 1)
@@ -262,7 +263,7 @@ class SimulatedActuator(ABC):
         return self._march(np.interp(inside, t, u), h, since=float(u[0]))[last]
 
     def _march(self, u: FloatArray, h: FloatArray, since: float | None = None) -> FloatArray:
-        """Run steps ``h``, each cut into substeps, with the input straight within a step."""
+        """Run steps ``h``, each divided into substeps, with a linear input within a step."""
         n = self.substeps
         if n > 1:
             before = u if since is None else np.concatenate([[since], u[:-1]])
@@ -275,7 +276,7 @@ class SimulatedActuator(ABC):
         return y[n - 1 :: n]
 
     def _grid(self, since: float, until: float) -> FloatArray:
-        """Ends of steps, as times after a change of input: growing to the longest step."""
+        """Return ends of steps as times after a change of input; steps grow to the longest."""
         turns = math.ceil(math.log(self._longest_step / self._first_step, self._growth))
         early = np.cumsum(self._first_step * self._growth ** np.arange(turns))
         low, high = ((time - early[-1]) / self._longest_step for time in (since, until))
@@ -285,7 +286,7 @@ class SimulatedActuator(ABC):
         return grid[(grid > since) & (grid < until)]
 
     def _sensed(self, y: FloatArray) -> FloatArray:
-        """Outputs as the sensor gives them."""
+        """Return outputs with the noise of the sensor."""
         began, self._samples = self._samples, self._samples + y.size
         if self.noise == 0:
             return y
@@ -296,9 +297,9 @@ class SimulatedActuator(ABC):
 
 
 def gaussian(seed: int, first: int, count: int) -> FloatArray:
-    """Standard normal numbers (count,) that depend on the seed and the sample number alone."""
+    """Return standard normal numbers (count,) that depend only on seed and sample number."""
     pairs = np.random.Philox(key=seed)
-    pairs.advance(first // 2)  # one turn of the counter is four words, two samples
+    pairs.advance(first // 2)  # one step of the counter is four words, two samples
     words = pairs.random_raw(2 * (count + first % 2)).reshape(-1, 2)[first % 2 :]
     # Box and Muller, A note on the generation of random normal deviates, 1958.
     radius = np.sqrt(-2 * np.log(((words[:, 0] >> np.uint64(11)) + 0.5) * 2.0**-53))
@@ -306,7 +307,7 @@ def gaussian(seed: int, first: int, count: int) -> FloatArray:
 
 
 def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, float]:
-    """The parameters of a specimen, each within +-10 % of nominal; nominal without one."""
+    """Return the parameters of a specimen, within +-10 % of nominal; nominal if it is None."""
     if specimen is None:
         return dict(parameters)
     factors = np.random.default_rng(specimen).uniform(1 - SPREAD, 1 + SPREAD, len(parameters))
@@ -317,7 +318,7 @@ def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, floa
 
 
 def sample_times(duration: float, sample_interval: float) -> FloatArray:
-    """Times of the samples of a hold from its beginning, the last at its end."""
+    """Return the times of the samples of a hold from its beginning, the last at its end."""
     length, interval = (
         positive("duration", duration),
         positive("sample_interval", sample_interval),
@@ -332,7 +333,7 @@ def sample_times(duration: float, sample_interval: float) -> FloatArray:
 
 
 def as_waveform(t: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Times and values of a sampled waveform, (T,) each, refused unless time increases."""
+    """Return times and values of a waveform, (T,) each; refuse times that do not increase."""
     times, values = as_samples(t, name="t"), as_samples(u, name="u")
     if times.ndim != 1 or times.shape != values.shape or times.size < 2:
         raise SignalError(
@@ -345,7 +346,7 @@ def as_waveform(t: npt.ArrayLike, u: npt.ArrayLike) -> tuple[FloatArray, FloatAr
 
 
 def positive(name: str, value: float) -> float:
-    """Give a time in seconds as a float, refused unless it is positive."""
+    """Return a time in seconds as a float; refuse it unless it is positive."""
     number = as_finite(name, value)
     if number <= 0:
         raise ParameterError(f"{name} is {value}; give a positive number of seconds")
@@ -353,7 +354,7 @@ def positive(name: str, value: float) -> float:
 
 
 def whole_number(name: str, value: int) -> int:
-    """Give a number that can seed a generator, refused unless it is whole and in range."""
+    """Return a number that can seed a generator; refuse others."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not 0 <= value < 2**64:
         raise ParameterError(f"{name} is {value!r}; give a whole number from 0 to 2^64 - 1")
@@ -361,7 +362,7 @@ def whole_number(name: str, value: int) -> int:
 
 
 def check_count(count: float, most: int, what: str) -> None:
-    """Refuse to begin what would take too many samples or steps."""
+    """Refuse too many samples or steps."""
     if not count <= most:
         raise ParameterError(
             f"that takes {count:.3g} {what}, more than {most:.3g}; shorten it, or sample less "
@@ -370,5 +371,5 @@ def check_count(count: float, most: int, what: str) -> None:
 
 
 def prefixed(parameters: dict[str, float], prefix: str) -> FloatArray:
-    """The parameters whose names begin so, in order."""
+    """Return the parameters whose names begin with a prefix, in order."""
     return np.array([value for name, value in parameters.items() if name.startswith(prefix)])

@@ -82,7 +82,7 @@ def test_model_report_and_inputs_are_downloaded(client, user, tmp_path):
     assert "<html" in client.get(f"/api/lab/{user}/report.html").text
     client.post(f"/api/lab/{user}/invert", content=json.dumps({"targets": [1.0, 0.5]}))
     lines = client.get(f"/api/lab/{user}/inputs.csv").text.splitlines()
-    assert lines[0] == "target,input,output"
+    assert lines[0] == "voltage [V],target length [um],predicted length [um],reachable"
     assert len(lines) == 3
 
 

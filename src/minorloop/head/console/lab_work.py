@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from minorloop import modelfile
 from minorloop.errors import ParameterError, RecordError
-from minorloop.files import write_atomically
+from minorloop.files import table_text, write_atomically
 from minorloop.identification import Identification, identify
 from minorloop.lab.columns import read_each, read_headers, split_header
 from minorloop.lab.records import Record
@@ -111,20 +111,12 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
     result = identify(np.asarray(record.u), np.asarray(record.y), **options)
     seconds = time.perf_counter() - began
     yield {"stage": "scoring"}
-    scores = {
-        "nrmse_train": result.nrmse,
-        "nrmse_holdout": result.holdout_nrmse,
-        "baseline_nrmse": result.baseline_nrmse,
-    }
-    source = modelfile.Provenance.of(Path(name))
-    modelfile.save(
-        result.model,
+    modelfile.save_identification(
+        result,
         MODEL,
+        data=modelfile.Provenance.of(Path(name)),
         input=record.input,
         output=record.output,
-        lag=result.lag,
-        provenance=modelfile.Provenance(data=source.data, sha256=source.sha256, scores=scores),
-        warnings=result.warnings,
         force=True,
     )
     shown = _shown(result, record, seconds)
@@ -139,7 +131,8 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
 
 def move(folder: str, memory: list[float] | None, u: float) -> Told:
     """Output and memory after one more input."""
-    known, _ = _model(folder)
+    known = _model(folder).model
+    assert isinstance(known, Preisach)
     before = Memory.negative(float(known.levels[0])) if memory is None else Memory(memory)
     y, after = known.step(before, u)
     yield {"y": float(np.asarray(y)), "memory": list(after.extrema)}
@@ -149,18 +142,18 @@ def invert(folder: str, targets: list[float], start: str) -> Told:
     """Inputs for targets; those out of reach are brought as near as can be, and marked."""
     if not 0 < len(targets) <= _MOST_TARGETS:
         raise ParameterError(f"there are {len(targets)} targets; give 1 to {_MOST_TARGETS}")
-    model, warnings = _model(folder)
-    found = model.invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
-    rows = zip(targets, found.u.tolist(), found.y.tolist(), strict=True)
-    lines = ["target,input,output", *(f"{t:.9g},{u:.9g},{y:.9g}" for t, u, y in rows)]
+    known = _model(folder)
+    assert isinstance(known.model, Preisach)
+    found = known.model.invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
+    columns = known.inverse_columns(targets, found)
     os.chdir(folder)
-    write_atomically(INPUTS, "\n".join(lines) + "\n")
+    write_atomically(INPUTS, table_text(columns, zip(*columns.values(), strict=True)))
     yield {
         "u": found.u.tolist(),
         "y": found.y.tolist(),
         "reachable": found.reachable.tolist(),
         "worst": found.worst,
-        "warnings": list(warnings),
+        "warnings": list(known.warnings),
     }
 
 
@@ -194,8 +187,8 @@ def _shown(result: Identification, record: Record, seconds: float) -> dict[str, 
     }
 
 
-def _model(folder: str) -> tuple[Preisach, tuple[str, ...]]:
-    """The model of a user, and why it is not to be trusted."""
+def _model(folder: str) -> modelfile.ModelFile:
+    """Return the model of a user, and why it is not to be trusted."""
     file = Path(folder) / MODEL
     if not file.is_file():
         raise ParameterError("there is no model yet; identify one first")
@@ -203,10 +196,8 @@ def _model(folder: str) -> tuple[Preisach, tuple[str, ...]]:
 
 
 @lru_cache(maxsize=16)
-def _loaded(file: str, changed: int) -> tuple[Preisach, tuple[str, ...]]:
-    known = modelfile.read(file)
-    assert isinstance(known.model, Preisach)
-    return known.model, known.warnings
+def _loaded(file: str, changed: int) -> modelfile.ModelFile:
+    return modelfile.read(file)
 
 
 def _few(count: int, most: int) -> npt.NDArray[np.intp]:
