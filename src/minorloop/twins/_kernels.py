@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 ITERATIONS = 200
-"""Most iterations of Newton's method; with bisection 60 suffice for any root."""
+"""Most iterations of the guarded Newton method, so that it always ends."""
 TOLERANCE = 1e-15
 """Of a root, as a share of its range: rounding."""
 

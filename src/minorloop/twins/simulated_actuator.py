@@ -20,7 +20,7 @@ SPREAD = 0.1
 MAX_SAMPLES = 20_000_000
 """Most samples of one call: 480 MB of a record."""
 MAX_STEPS = 200_000_000
-"""Most time steps of one call: about a minute."""
+"""Most time steps of one call, to bound its duration."""
 
 
 class SimulatedActuator(ABC):
