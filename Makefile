@@ -51,7 +51,7 @@ torture: setup $(BUILT) ## go wrong at every line of runs, kill runs, fleets and
 	PYTHONPATH=tests $(BIN)/python -m faults 670
 	PYTHONPATH=tests $(BIN)/python -m fleet_torture 3
 	$(BIN)/python -m benchmarks --only faults
-	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest tests/cli/test_run_verbs.py -k killed
+	MINORLOOP_KILLED_RUNS=50 $(BIN)/python -m pytest tests/cli/test_resume.py -k killed
 
 check: setup ## check format, style, types and who imports whom
 	$(BIN)/ruff format --check .

@@ -98,11 +98,11 @@ class _Line:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._file = self._socket.makefile("r", encoding="ascii")
 
-    def tell(self, text: str) -> None:
+    def send(self, text: str) -> None:
         self._socket.sendall(f"{text}\n".encode())
 
     def ask(self, text: str) -> str:
-        self.tell(text)
+        self.send(text)
         return self.read()
 
     def read(self) -> str:

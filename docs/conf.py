@@ -20,7 +20,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
-    "rooms",
+    "modules",
     "verbs",
 ]
 exclude_patterns = ["_ext"]

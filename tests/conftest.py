@@ -27,7 +27,7 @@ LONGEST = (
     "test_documents.py",
     "head/studies/test_inspection_parts.py",
     "head/studies/test_head_study.py",
-    "cli/test_run_verbs.py",
+    "cli/test_resume.py",
     "head/twins/test_ultrasound.py",
     "head/console/test_perception.py",
     "head/console/test_lab.py",

@@ -1,7 +1,8 @@
-"""From an address to an actuator.
+"""Connect to the actuator at an address.
 
-An address is ``SCHEME:NAME``. Schemes are the entry points of the group ``minorloop.actuators``,
-simulated actuators those of ``minorloop.twins``; any installed package can add to either.
+An address is ``SCHEME:NAME``. Schemes are the entry points of the group ``minorloop.actuators``.
+The names after ``twin:`` are the entry points of the group ``minorloop.twins``. Any installed
+package can add to both.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def connect(
         A simulated actuator: ``twin:ipmc``, ``twin:fibre``, ``twin:wire``, ``twin:head`` or
         ``twin:catheter``. Or real instruments: ``visa:FILE``, a file that describes them as
         `minorloop.lab.drivers.visa` says. Installed packages can add schemes and simulated
-        actuators; a call of an added scheme gets ``NAME`` and the options.
+        actuators; the entry point of a scheme is called with ``NAME`` and the options.
     specimen : int, optional
         Seed of the specimen; nominal parameters without it.
     noise : float
@@ -40,9 +41,9 @@ def connect(
     seed : int
         Seed of the noise.
     **options
-        What else the simulated actuator takes: ``tick`` and ``substeps`` all of them;
-        ``drift`` all but the catheter; ``delay``, ``faults`` and ``log_truth`` the wire, the
-        head and the catheter; ``surroundings`` and ``ageing`` the wire and the head.
+        Further options of what is at the address. All simulated actuators have ``tick`` and
+        ``substeps``; all but the catheter have ``drift``; wire, head and catheter have ``delay``,
+        ``faults`` and ``log_truth``; wire and head have ``surroundings`` and ``ageing``.
 
     Returns
     -------
@@ -51,7 +52,8 @@ def connect(
     Raises
     ------
     ParameterError
-        If there is nothing at the address, or an option is unknown there or out of its range.
+        If there is nothing at the address, its driver cannot be loaded, or an option is unknown
+        there or out of its range.
     MissingExtraError
         If what is asked for needs an extra that is not installed.
     InstrumentError
@@ -64,7 +66,7 @@ def connect(
     if scheme == "twin":
         return open_twin(name, specimen=specimen, noise=noise, seed=seed, **options)
     if specimen is not None or noise != 0 or seed != 0:
-        raise ParameterError("instruments are real; leave specimen, noise and seed out")
+        raise ParameterError(f"{address} is no simulation; leave specimen, noise and seed out")
     opener = _loaded(schemes[scheme], address)
     _check_options(address, opener, options)
     opened: Actuator = opener(name, **options)
@@ -79,9 +81,9 @@ def open_twin(
     Parameters
     ----------
     name : str
-        Of an entry point of the group ``minorloop.twins``.
+        Name of an entry point of the group ``minorloop.twins``.
     specimen, noise, seed, **options
-        As of `connect`.
+        As in `connect`.
 
     Returns
     -------
@@ -101,6 +103,15 @@ def open_twin(
     return twin
 
 
+def addresses() -> list[str]:
+    """Return the known addresses: each simulated actuator, and ``SCHEME:NAME`` for instruments.
+
+    Those of installed packages are among them.
+    """
+    twins = [f"twin:{name}" for name in _registered(TWINS)]
+    return [*twins, *(f"{name}:NAME" for name in _registered(SCHEMES) if name != "twin")]
+
+
 def _registered(group: str) -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=group)}
 
@@ -110,18 +121,19 @@ def _loaded(point: EntryPoint, address: str) -> Any:
         return point.load()
     except ModuleNotFoundError as error:
         raise ParameterError(f"{address} needs {error.name}, which is not installed") from None
+    except (ImportError, AttributeError) as error:
+        raise ParameterError(f"the driver of {address} cannot be loaded: {error}") from None
 
 
 def _nothing_at(address: object) -> str:
-    twins = ", ".join(f"'twin:{name}'" for name in _registered(TWINS))
-    others = ", ".join(f"'{name}:...'" for name in _registered(SCHEMES) if name != "twin")
-    return f"there is nothing at address {address!r}; what exists is {twins}, and {others}"
+    known = ", ".join(f"'{each}'" for each in addresses())
+    return f"there is nothing at address {address!r}; give one of {known}"
 
 
 def _check_options(
     address: str, opener: Any, options: dict[str, Any], always: tuple[str, ...] = ()
 ) -> None:
-    """Refuse options that are unknown at an address, naming those that it takes."""
+    """Refuse options that are unknown at an address; the message names those that it takes."""
     parameters = inspect.signature(opener).parameters.values()
     allowed = [*always, *(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)]
     for name in options:

@@ -45,9 +45,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
+import numpy.typing as npt
 
 from minorloop._modelschema import (
     LONGEST_WARNING,
@@ -69,8 +71,12 @@ from minorloop.files import PathLike, check_name, check_writable, write_atomical
 from minorloop.lab.records import Quantity
 from minorloop.version import __version__
 
+if TYPE_CHECKING:
+    from minorloop.identification.result import Identification
+    from minorloop.operators.inversion import Inversion
+
 __all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "ModelWarning", "Provenance"]
-__all__ += ["load", "read", "save"]
+__all__ += ["load", "read", "save", "save_identification"]
 
 FORMAT = "minorloop model"
 VERSION = 2
@@ -113,6 +119,23 @@ class ModelFile:
     def kind(self) -> str:
         """The word for the class of the model in the file."""
         return kind_of(self.model)
+
+    def inverse_columns(self, targets: npt.ArrayLike, found: Inversion) -> dict[str, list[float]]:
+        """Return the columns of a CSV file of an inverse, by headers with units.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Outputs wanted.
+        found : Inversion
+            What the model gave for them.
+        """
+        return {
+            str(self.input): found.u.tolist(),
+            f"target {self.output}": np.asarray(targets, dtype=np.float64).tolist(),
+            f"predicted {self.output}": found.y.tolist(),
+            "reachable": found.reachable.astype(int).tolist(),
+        }
 
 
 def save(
@@ -176,6 +199,52 @@ def save(
     if flood := _flood(data):
         raise ParameterError(f"this cannot go into a model file: {flood}; use fewer levels")
     write_atomically(target, data)
+
+
+def save_identification(
+    found: Identification,
+    path: PathLike,
+    *,
+    data: Provenance,
+    input: str | Quantity,
+    output: str | Quantity,
+    warnings: Sequence[str] | None = None,
+    force: bool = False,
+) -> None:
+    """Write an identified model to a file, with its scores and warnings.
+
+    Parameters
+    ----------
+    found : Identification
+        What was identified.
+    path : str or path
+        The file to write.
+    data : Provenance
+        The file that it was identified from, as ``Provenance.of`` gives it.
+    input, output : str or Quantity
+        As in `save`.
+    warnings : sequence of str, optional
+        Those of ``found`` if not given.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    OutputError, ParameterError
+        As in `save`.
+    """
+    from minorloop.identification.scores import scores
+
+    save(
+        found.model,
+        path,
+        input=input,
+        output=output,
+        lag=found.lag,
+        provenance=msgspec.structs.replace(data, scores=scores(found)),
+        warnings=found.warnings if warnings is None else warnings,
+        force=force,
+    )
 
 
 def load(path: PathLike) -> Model:

@@ -1,4 +1,4 @@
-"""Self-contained HTML reports: text, tables and figures in one file that opens offline."""
+"""HTML reports: text, tables and figures in one file without external links."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from minorloop.identification.result import Identification
 
 _RESOLUTION = 110
+"""Dots per inch of the raster parts of a figure."""
 _MOST_SCORED = 2000
+"""Readings, evenly spaced, whose bands are computed: more take long and change little."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table: ``columns`` of headings, ``rows`` of cells ready to be shown."""
+    """A table: headings ``columns`` and ``rows`` of cells, as text."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -40,28 +42,28 @@ class Picture:
         from matplotlib import rc_context
 
         text = io.BytesIO()
-        # Text stays text: a browser has letters that the fonts of matplotlib lack, of which
-        # matplotlib warns. Nothing is said of when and with what the figure was made.
-        unsaid = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        # Text stays text: a browser has letters that the fonts of matplotlib lack, so its warning
+        # is ignored. Without metadata the same figure gives the same bytes.
+        no_metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         with (
             rc_context({"svg.hashsalt": "minorloop", "svg.fonttype": "none"}),
             warnings.catch_warnings(),
         ):
             warnings.filterwarnings("ignore", message="Glyph")
-            self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata=unsaid)
+            self.figure.savefig(text, format="svg", dpi=_RESOLUTION, metadata=no_metadata)
         return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode()
 
 
 @dataclass
 class Report:
-    """Sections in the order in which they are added.
+    """A page with a title, a summary and sections.
 
     Parameters
     ----------
     title : str
         Heading of the page.
     summary : str
-        One paragraph under it: what was done and what came of it.
+        One paragraph under it: method and results.
     """
 
     title: str
@@ -104,7 +106,7 @@ class Report:
         )
 
     def html(self) -> str:
-        """The whole page."""
+        """Return the whole page."""
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
         environment = Environment(
@@ -126,14 +128,14 @@ class Report:
 def identification_report(
     result: Identification, *, source: str, input_label: str, output_label: str
 ) -> Report:
-    """What a user should know about an identified model before relying on it.
+    """Return a report on an identified model and its quality.
 
     Parameters
     ----------
     result : Identification
         The identification.
     source : str
-        What the record is called.
+        Name of the record.
     input_label, output_label : str
         Name and unit of input and output, such as ``voltage [V]``.
 
@@ -141,6 +143,8 @@ def identification_report(
     -------
     Report
     """
+    from minorloop.identification.scores import score_rows
+
     held = result.holdout_nrmse
     score = "nothing was held out" if held is None else f"{held:.2%} of range on held-out data"
     report = Report(
@@ -150,32 +154,26 @@ def identification_report(
         f"the best polynomial of the delayed input reaches {result.baseline_nrmse:.2%}.",
     )
     rows = [
-        ("samples fitted", f"{result.samples}"),
-        ("unknowns", f"{result.unknowns}"),
-        ("cells of the plane excited", f"{result.excited_fraction:.0%}"),
-        ("lag of the output", f"{result.lag} samples"),
-        ("error on fitted data", f"{result.rmse:.4g} ({result.nrmse:.3%} of range)"),
-        ("error on held-out data", "-" if held is None else f"{held:.3%} of range"),
-        ("best delayed polynomial", f"{result.baseline_nrmse:.3%} of range"),
-        *_bands(result),
-        ("optimality (KKT)", f"{result.kkt:.1e}"),
+        *score_rows(result),
+        ("rms error on fitted data", f"{result.rmse:.4g}"),
+        *_band_rows(result),
     ]
     report.add("How good it is", table=Table(("", ""), rows), notes=result.advice)
-    # A dollar in a label is a dollar, and no formula.
+    # A dollar in a label is not the begin of a formula.
     of_input, of_output = (label.replace("$", r"\$") for label in (input_label, output_label))
     figure = result.plot(input_label=of_input, output_label=of_output)
     grey = "" if result.posterior else ", cells that the record does not excite in grey"
     band = ", with the band in which 90 % of the readings should lie" if result.posterior else ""
     caption = (
-        f"Measured loop with the model; density on the Preisach plane{grey}; the record over time "
-        f"with what was held out shaded; what is left{band}."
+        f"Measured loop with the model; density on the Preisach plane{grey}; the record over time, "
+        f"with held-out samples shaded; the residual{band}."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     return report
 
 
-def _bands(result: Identification) -> list[tuple[str, str]]:
-    """How the weights were held together, and what that says of the error."""
+def _band_rows(result: Identification) -> list[tuple[str, str]]:
+    """Return the smoothness, or the width of the bands and how many readings lie within."""
     if result.posterior is None:
         return [("smoothness", f"{result.smoothness:g}")]
     import numpy as np
@@ -189,5 +187,5 @@ def _bands(result: Identification) -> list[tuple[str, str]]:
     where = "held-out" if result.held_out.any() else "fitted"
     return [
         ("90 % bands of a reading, half width", f"{reach.mean():.4g} on average"),
-        ("they hold", f"{inside:.0%} of the {where} readings"),
+        ("readings within them", f"{inside:.0%} of the {where} readings"),
     ]

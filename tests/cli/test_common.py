@@ -142,14 +142,14 @@ def test_places_for_results():
 def test_two_results_never_share_a_file(other, force):
     Path("here").mkdir()
     Path("link.csv").symlink_to("new.csv")
-    with pytest.raises(OutputError, match="named for two results"):
+    with pytest.raises(OutputError, match="is given for two results"):
         _common.check_outputs([Path("new.csv"), Path(other)], force=force)
 
 
 @pytest.mark.parametrize("name", ["good.csv", "./good.csv", "link.csv"])
 def test_what_is_read_is_never_replaced(name):
     Path("link.csv").symlink_to("good.csv")
-    with pytest.raises(OutputError, match="is read here and is not replaced"):
+    with pytest.raises(OutputError, match="is an input and is not replaced"):
         _common.check_outputs([Path(name)], inputs=[Path("good.csv")], force=True)
 
 

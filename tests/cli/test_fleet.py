@@ -29,7 +29,7 @@ def test_a_fleet_of_which_nothing_is_identified_has_a_status_of_its_own(run, tmp
 
 
 def test_refusals(refused, tmp_path):
-    assert "no fleet 'dance'" in refused("fleet dance manifest.csv --out fleet")
+    assert "no action 'dance'" in refused("fleet dance manifest.csv --out fleet")
     assert "cannot be read" in refused("fleet identify manifest.csv --out fleet")
     (tmp_path / "m.csv").write_text("specimen,file\na,good.csv\n")
     assert "has no input" in refused("fleet identify m.csv --out fleet")

@@ -114,7 +114,7 @@ def test_advice_is_printed_for_an_input_that_cannot_identify(run):
 
 def test_the_rank_of_a_large_plane_is_worked_out_when_asked(monkeypatch, run):
     monkeypatch.setattr(verb, "_RANK_LIMIT", 10)
-    assert "not worked out (--rank)" in run(IDENTIFY)[1]
+    assert "not computed (--rank)" in run(IDENTIFY)[1]
     assert json.loads(run(f"{IDENTIFY} --json")[1])["rank"] is None
     assert json.loads(run(f"{IDENTIFY} --rank --json")[1])["rank"] > 30
 
@@ -238,8 +238,8 @@ def test_a_plane_too_fine_is_refused_before_it_takes_memory(refused, monkeypatch
         ("--save good.csv/new.json", "good.csv does not exist; make it first|cannot be written"),
         ("--save model.json", "model.json exists already; .* or --force to replace it"),
         ("--save new.json --report targets.csv", "targets.csv exists already"),
-        ("--save new.json --report ./new.json", "named for two results"),
-        ("--save good.csv --force", "good.csv is read here and is not replaced"),
+        ("--save new.json --report ./new.json", "is given for two results"),
+        ("--save good.csv --force", "good.csv is an input and is not replaced"),
         ("--report /dev/null --force", "not a regular file"),
     ],
 )

@@ -112,8 +112,8 @@ def test_every_model_with_an_inverse_is_inverted(answer):
         ("--target reach", "has no column 'reach', it has 'length [um]'"),
         ("--save missing/in.csv", "folder missing does not exist"),
         ("--save far.csv", "or --force to replace it"),
-        ("--save targets.csv --force", "targets.csv is read here"),
-        ("--save model.json --force", "model.json is read here"),
+        ("--save targets.csv --force", "targets.csv is an input"),
+        ("--save model.json --force", "model.json is an input"),
     ],
 )
 def test_options_that_cannot_be_used(options, says, refused):

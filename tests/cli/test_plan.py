@@ -46,7 +46,7 @@ def test_says_what_does_not_determine_the_plane(run):
 
 def test_a_large_plan_leaves_out_what_takes_long(monkeypatch, run, answer):
     monkeypatch.setattr(plan, "_RANKED", 3)
-    assert "what more than 3 bands determine is not worked out" in run(PLAN)[1]
+    assert "what more than 3 bands determine is not computed" in run(PLAN)[1]
     found = answer(PLAN)
     assert found["rank"] is None
     assert len(found["inputs"]) == 11
@@ -72,7 +72,7 @@ def test_a_large_plan_leaves_out_what_takes_long(monkeypatch, run, answer):
         (f"{PLAN} --hold -1", "--hold is -1.0"),
         (f"{PLAN} --hold nan", "--hold is nan"),
         (f"{PLAN} --hold inf", "--hold is inf"),
-        (f"{PLAN} --input 'hold [s]'", "as the column of times is; give another name"),
+        (f"{PLAN} --input 'hold [s]'", "the header of hold times; give another name"),
         (f"{PLAN} --save missing/plan.csv", "folder missing does not exist"),
         (f"{PLAN} --save good.csv", "or --force to replace it"),
     ],

@@ -101,8 +101,8 @@ def test_what_is_no_model_is_refused(refused, tmp_path, monkeypatch):
         ("--start odd", "start is 'odd'"),
         ("--save missing/out.csv", "folder missing does not exist"),
         ("--save targets.csv", "or --force to replace it"),
-        ("--save model.json --force", "model.json is read here"),
-        ("--save good.csv --force", "good.csv is read here"),
+        ("--save model.json --force", "model.json is an input"),
+        ("--save good.csv --force", "good.csv is an input"),
         ("--input volts", "has no column 'volts', it has 'voltage [V]', 'length [um]'"),
     ],
 )

@@ -143,7 +143,7 @@ def test_a_folder_holds_models_of_what_is_identified_and_says_what_else_it_holds
     assert [one.specimen for one in summary.failures] == ["a"]
     assert summary.strays == ["models/c.json", "results/c.json"]
     assert summary.plain()["strays"] == summary.strays
-    assert "models/c.json belongs to no specimen" in str(summary)
+    assert "models/c.json does not belong to any specimen" in str(summary)
     assert sorted(file.name for file in (out / "models").iterdir()) == ["b.json", "c.json"]
 
 

@@ -1,6 +1,6 @@
-"""Damaged files and answers, thousands of them, and what becomes of each at the doors.
+"""Thousands of damaged files and answers, and how each reader treats them.
 
-``python -m fuzz`` with the tests folder on the path prints the counts; `make fuzz` does that for
-100,000 cases, and `test_fuzz.py` for a few of them. Each case has a number, from which alone it
-is made, so that one which goes wrong can be looked at again.
+``python -m fuzz`` with the tests folder on the path prints the counts; `make fuzz` does this for
+100,000 cases, and `test_fuzz.py` for a few of them. Each case follows from its number alone, so
+that a case that fails can be repeated.
 """

@@ -1,4 +1,4 @@
-"""``python -m fuzz [CASES]``: that many cases, and the counts; status 1 if one went wrong."""
+"""``python -m fuzz [CASES]``: run cases and print the counts; status 1 if one fails."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fuzz.counts import LONGEST, knock, table
-from fuzz.doors import doors
+from fuzz.counts import LONGEST, run_cases, table
+from fuzz.readers import readers
 
 SHARES = {"model files": 5, "records": 5, "plans": 2, "manifests": 2, "serial line": 3, "SCPI": 3}
 SHARES |= {"texts": 4, "floods": 1}
@@ -18,13 +18,14 @@ def main(cases: int) -> int:
     faulthandler.enable()
     found = []
     with tempfile.TemporaryDirectory() as scratch:
-        for door in doors(Path(scratch)):
+        for reader in readers(Path(scratch)):
             # A loop that no signal interrupts ends the program, with a traceback.
             faulthandler.dump_traceback_later(6 * LONGEST + cases / 100, exit=True)
-            found.append(knock(door, range(cases * SHARES[door.name] // sum(SHARES.values()))))
+            share = cases * SHARES[reader.name] // sum(SHARES.values())
+            found.append(run_cases(reader, range(share)))
     faulthandler.cancel_dump_traceback_later()
     for one in found:
-        print(*one.told, sep="\n", end="\n" if one.told else "")
+        print(*one.notes, sep="\n", end="\n" if one.notes else "")
     print(table(found))
     return 0 if all(one.sound for one in found) else 1
 

@@ -1,4 +1,4 @@
-"""More doors: texts that are written for spreadsheets and read again, and floods."""
+"""More readers: of texts that are written for spreadsheets, and of huge files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzz.doors import Door, _expect, cells_of, printable
+from fuzz.readers import Reader, _expect, cells_of, printable
 from minorloop import Preisach, modelfile
 from minorloop.errors import MinorloopError
 from minorloop.fleet.manifest import read_manifest
@@ -57,11 +57,11 @@ DEPTHS = (1, 30, 300, 5_001, 100_000, 2_000_000)
 NESTS = ("[", '{"a":', "[[],", "[1,", '{"a":[', "[{},", '"')
 
 
-def text_doors(scratch: Path) -> list[Door]:
+def text_readers(scratch: Path) -> list[Reader]:
     """Names that go out and come back, and files of one mark again and again."""
     return [
-        Door("texts", _make_text, lambda case: _there_and_back(scratch, case)),
-        Door("floods", _make_flood, lambda case: _flooded(scratch, *case)),
+        Reader("texts", _make_text, lambda case: _there_and_back(scratch, case)),
+        Reader("floods", _make_flood, lambda case: _flooded(scratch, *case)),
     ]
 
 

@@ -151,8 +151,8 @@ def test_a_meter_that_becomes_slow_is_told_of_by_its_points(tmp_path):
     bench = _bench(plant)
     plan = _plan(1.0, window=0.5)
 
-    def watch(moment):
-        if moment.index == 2:
+    def watch(progress):
+        if progress.index == 2:
             plant.answer = 0.12
 
     with Store.create(tmp_path / "a", plan, SETUP) as store:
@@ -172,8 +172,8 @@ def test_a_meter_that_becomes_slow_is_told_of_by_its_points(tmp_path):
 def test_a_replay_takes_as_long_as_the_holds_took(tmp_path):
     plan = _plan(1.0, sample_interval=0.1)
 
-    def stop(moment):
-        if moment.index == 3:
+    def stop(progress):
+        if progress.index == 3:
             raise KeyboardInterrupt
 
     with Store.create(tmp_path / "a", plan, SETUP) as store:

@@ -5,9 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from minorloop.errors import OutputError, ParameterError, RecordError
-from minorloop.lab import columns
-from minorloop.lab.records import Quantity, Record, read_columns, read_headers
+from minorloop.errors import OutputError, RecordError
+from minorloop.lab.records import Quantity, Record, read_columns
 
 PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
 numbers = arrays(np.float64, (3, 5), elements=st.floats(allow_nan=False, allow_infinity=False))
@@ -61,32 +60,6 @@ def test_time_in_an_unknown_unit_is_refused(table):
         Record.from_csv(file, input="voltage", output="curvature", time="time")
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda text: "\ufeff" + text,
-        lambda text: text.replace("\n", "\r\n"),
-        lambda text: text.replace(",", ";"),
-        lambda text: text.replace(",", "\t"),
-        lambda text: text + "\n\n",
-        lambda text: text.removesuffix("\n"),
-        lambda text: text.replace("\n1", "\n\n1"),
-        lambda text: text.replace(",", " , "),
-        lambda text: text.replace("0.5", '"0.5"'),
-    ],
-)
-def test_reads_what_other_programs_write(table, change):
-    read = read_columns(table(change(PLAIN)), ["voltage", "time [s]"])
-    np.testing.assert_array_equal(read["voltage"], [0.5, 0.6, 0.7])
-    np.testing.assert_array_equal(read["time [s]"], [0, 1, 2])
-
-
-def test_columns_that_are_not_wanted_may_hold_anything(table):
-    file = table("kind,u,note_1\ncal,1,\ncurve,2,some_text\n")
-    np.testing.assert_array_equal(read_columns(file, ["u"])["u"], [1, 2])
-    assert read_headers(file) == ["kind", "u", "note_1"]
-
-
 @given(numbers)
 def test_writing_and_reading_gives_the_same_numbers(tmp_path_factory, values):
     t, u, y = np.sort(values[0]), values[1], values[2]
@@ -97,120 +70,6 @@ def test_writing_and_reading_gives_the_same_numbers(tmp_path_factory, values):
     for name in "tuy":
         np.testing.assert_array_equal(getattr(again, name), getattr(record, name))
     assert (again.inputs, again.outputs, again.time) == (record.inputs, record.outputs, record.time)
-
-
-def test_gaps_are_legal_only_where_asked(table):
-    file = table("u,y\n1,2\n2,\n3,nan\n4, \n")
-    read = read_columns(file, ["u", "y"], gaps=["y"])
-    np.testing.assert_array_equal(read["y"], [2, np.nan, np.nan, np.nan])
-    with pytest.raises(RecordError, match=r"column 'y' of .* is empty in row 3"):
-        read_columns(file, ["u", "y"])
-    with pytest.raises(RecordError, match=r"column 'y' of .* has 'nan' in row 2"):
-        read_columns(table("u,y\n1,nan\n", "other.csv"), ["y"])
-    record = Record.from_csv(file, input="u", output="y", gaps=True)
-    assert np.isnan(record.y).sum() == 3
-    record.to_csv(file, force=True)
-    assert np.isnan(Record.from_csv(file, input="u", output="y", gaps=True).y).sum() == 3
-
-
-@pytest.mark.parametrize("text", ["oops", "1_000", "1.2.3", "0x10", "--1", "1 2", "٣", "1𝟙"])
-def test_text_among_the_numbers_is_named(table, text):
-    file = table(f"t,u\n1,2\n2,{text}\n3,4\n")
-    with pytest.raises(
-        RecordError, match=rf"column 'u' of .*table\.csv has the text '{text}' in row 3"
-    ):
-        read_columns(file, ["t", "u"], gaps=["u"])
-
-
-def test_rows_are_counted_across_chunks_and_blank_lines(table, monkeypatch):
-    monkeypatch.setattr(columns, "CHUNK", 4)
-    rows = ["u", *map(str, range(10)), "", "x", "3"]
-    with pytest.raises(RecordError, match="the text 'x' in row 13"):
-        read_columns(table("\n".join(rows)), ["u"])
-
-
-def test_a_decimal_comma_is_recognised(table):
-    with pytest.raises(RecordError, match="'1,5' in row 2; write decimals with a point"):
-        read_columns(table("t;u\n0;1,5\n"), ["u"])
-
-
-@pytest.mark.parametrize("text", ["inf", "-Infinity", "1e999"])
-def test_infinity_is_refused_even_among_gaps(table, text):
-    with pytest.raises(RecordError, match=f"'{text}' in row 2; every cell must be a finite"):
-        read_columns(table(f"u\n{text}\n"), ["u"], gaps=["u"])
-
-
-@pytest.mark.parametrize(
-    ("asked", "hint"),
-    [("voltagee", "voltage [V]"), ("Voltage", "voltage [V]"), ("CURVATURE [1/m]", "curvature")],
-)
-def test_a_misspelt_column_is_told_what_exists(table, asked, hint):
-    with pytest.raises(RecordError) as caught:
-        read_columns(table(PLAIN), [asked])
-    message = str(caught.value)
-    assert f"no column '{asked}', it has 'time [s]', 'voltage [V]', 'curvature [1/m]'" in message
-    assert f"did you mean '{hint}" in message
-
-
-def test_a_missing_column_far_from_all_others_gets_no_guess(table):
-    with pytest.raises(RecordError) as caught:
-        read_columns(table(PLAIN), ["qqq"])
-    assert "did you mean" not in str(caught.value)
-
-
-def test_a_name_with_two_units_must_be_given_whole(table):
-    file = table("voltage [V],voltage [mV]\n1,1000\n")
-    assert read_columns(file, ["voltage [mV]"])["voltage [mV]"] == [1000]
-    with pytest.raises(RecordError, match=r"'voltage' of .* could be any of 'voltage \[V\]'"):
-        read_columns(file, ["voltage"])
-
-
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [
-        (b"", "is empty"),
-        (b"\nu\n1\n", "begins with an empty line"),
-        (b"u,v\n", "has a header and no rows"),
-        (b"u,v\n\n\n", "has a header and no rows"),
-        (b"\x7fELF\0\0\0\n", "looks like a binary file"),
-        (b"u\n\xff\xfe\n", "is not UTF-8 text"),
-        ("u\n1\n".encode("utf-16"), "is not UTF-8 text"),
-        (b"u,v\n1,2\n3\n", "row 3 of .* has 1 cells, the header has 2"),
-        (b"u,v\n1,2\n3,4,5\n", "row 3 of .* has 3 cells, the header has 2"),
-        (b"u,u\n1,2\n", "two columns named 'u'"),
-        (b"1,2\n3,4\n", "begins with numbers; it needs a header line"),
-        (b'u,v\n"1,2\n' + b"3,4\n" * 40_000, "is not a table"),
-        (b"u\n1\n\x00\n", "has the text"),
-        (b'u,"v\n1,2\n', "is not a table"),
-        (b'u,"v\nw"\n1,2\n', "is not a table"),
-        (b'u,v\n1,"2\n', "is not a table"),
-        (b'u,v\n1,"2"3\n', "is not a table"),
-    ],
-)
-def test_what_is_no_table_is_refused_in_one_sentence(table, content, complaint):
-    with pytest.raises(RecordError, match=complaint) as caught:
-        read_columns(table(content), ["u"])
-    assert "\n" not in str(caught.value)
-
-
-def test_places_without_a_file_are_refused(tmp_path, table, monkeypatch):
-    with pytest.raises(RecordError, match=r"absent\.csv does not exist"):
-        read_columns(tmp_path / "absent.csv", ["u"])
-    with pytest.raises(RecordError, match="is a folder"):
-        read_columns(tmp_path, ["u"])
-    with pytest.raises(RecordError, match="not a regular file"):
-        read_columns("/dev/zero", ["u"])
-    with pytest.raises(RecordError, match="cannot be read"):
-        read_columns("a\0b", ["u"])
-    monkeypatch.setattr(columns, "MAX_BYTES", 3)
-    with pytest.raises(RecordError, match="has 4 bytes, more than the 3 that are read; split it"):
-        read_columns(table("u\n1\n"), ["u"])
-
-
-def test_a_header_without_end_is_not_read_to_its_end(table, monkeypatch):
-    monkeypatch.setattr(columns, "MAX_LINE", 10)
-    with pytest.raises(RecordError, match="binary"):
-        read_columns(table("u" * 11), ["u"])
 
 
 @pytest.mark.parametrize("make", [pd.DataFrame, dict])
@@ -327,17 +186,6 @@ def test_reads_measured_records(shared_data):
     assert forc["field_Oe"].size == forc["moment_emu"].size > 10_000
 
 
-@pytest.mark.parametrize("letter", ["\x07", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
-def test_headers_with_characters_that_are_obeyed_are_refused(letter, table):
-    content = f"u,a{letter}b\n1,2\n".encode()
-    with pytest.raises(RecordError, match=r"header 2 of .* leave out what cannot be printed"):
-        read_headers(table(content))
-    with pytest.raises(RecordError, match=r"cannot be printed"):
-        read_columns(table(b"u,y\n1,2\n"), [f"u{letter}"])
-    with pytest.raises(ParameterError, match="cannot be printed"):
-        Quantity("u", f"V{letter}")
-
-
 def test_a_name_that_begins_as_a_formula_comes_back(tmp_path):
     record = Record([0.0, 1.0], [-1.0, 1.0], [2.0, -3.0], "=1+1 [V]", "@SUM(A1) [mm]")
     record.to_csv(tmp_path / "r.csv")
@@ -346,27 +194,3 @@ def test_a_name_that_begins_as_a_formula_comes_back(tmp_path):
     again = Record.from_csv(tmp_path / "r.csv", input="=1+1", output="@SUM(A1)", time="time")
     assert (again.input, again.output) == (record.input, record.output)
     np.testing.assert_array_equal(again.u, record.u)
-
-
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [
-        (b"," * 1_800_000, "columns or more; give at most 10000"),
-        (b"u,y\n" + b"," * 900_000 + b"\n", "line 2 of .* has more than 102 cells"),
-        (b"u,y\n" + b'"\n",' * 5_000, "goes on for more than 1000 lines"),
-        (b",".join(b"c%d" % k for k in range(20_000)) + b"\n", "20000 columns or more"),
-    ],
-)
-def test_floods_are_refused_before_they_are_kept(content, complaint, table):
-    for read in (read_headers, columns.read_each):
-        if read is read_headers and content.startswith(b"u,y"):
-            continue
-        with pytest.raises(RecordError, match=complaint):
-            read(table(content))
-
-
-def test_wide_rows_are_kept_a_few_at_a_time(table, monkeypatch):
-    monkeypatch.setattr(columns, "_CELLS", 250)
-    text = "u,y\n" + "".join(f"{k},{2 * k}\n" for k in range(50))
-    found = read_columns(table(text.encode()), ["u", "y"])
-    np.testing.assert_array_equal(found["y"], 2.0 * np.arange(50))

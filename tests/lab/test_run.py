@@ -124,16 +124,16 @@ def test_a_twin_goes_on_exactly_where_it_was(tmp_path, store, twin, looks):
     for _ in range(100):
         left = iter(range(looks))
 
-        def watch(moment, left=left):
+        def watch(progress, left=left):
             if next(left, None) is None:
                 raise Pulled
 
         fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
         try:
-            way = run(fresh, PLAN, store, watch=watch)
+            mode = run(fresh, PLAN, store, watch=watch)
         except Pulled:
             continue
-        assert way in ("fresh", "restored")
+        assert mode in ("fresh", "restored")
         break
     if looks == 3:  # no life is long enough for a single point
         assert len(store) == 0
@@ -158,8 +158,8 @@ def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
     assert second.told[:settled] == replayed
     assert [row[:2] for row in _rows(store)] == [row[:2] for row in whole]
     np.testing.assert_allclose([r[2] for r in _rows(store)], [r[2] for r in whole], atol=1e-9)
-    assert [sitting.way for sitting in store.sittings()] == ["fresh", "replayed"]
-    assert [sitting.end for sitting in store.sittings()] == ["the cable was pulled", "finished"]
+    assert [session.mode for session in store.sessions()] == ["fresh", "replayed"]
+    assert [session.end for session in store.sessions()] == ["the cable was pulled", "finished"]
 
 
 def test_a_finished_run_is_left_alone(store, twin):
@@ -173,8 +173,8 @@ def test_a_finished_run_is_left_alone(store, twin):
 def test_a_signal_leaves_the_actuator_safe(store, name):
     bench = Bench()
 
-    def watch(moment):
-        if moment.index == 2:
+    def watch(progress):
+        if progress.index == 2:
             os.kill(os.getpid(), getattr(signal, name))
 
     before = signal.getsignal(getattr(signal, name))
@@ -182,7 +182,7 @@ def test_a_signal_leaves_the_actuator_safe(store, name):
         run(bench, PLAN, store, watch=watch)
     assert bench.told[-1] == "safe"
     assert len(store) == 2
-    assert store.sittings()[0].end == "interrupted"
+    assert store.sessions()[0].end == "interrupted"
     assert signal.getsignal(getattr(signal, name)) == before
 
 
@@ -194,7 +194,7 @@ def test_a_second_signal_does_not_keep_it_from_being_safe(store):
 
     bench = Slow()
 
-    def watch(moment):
+    def watch(progress):
         os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(Stopped):
@@ -321,8 +321,8 @@ def test_a_run_with_chosen_levels_goes_on_exactly_where_it_was(tmp_path, twin):
         fresh = connect("twin:ipmc", specimen=3, noise=0.02, seed=5)
         seen = iter(range(2))
 
-        def watch(moment, seen=seen):
-            if moment.point is not None and next(seen, None) is None:
+        def watch(progress, seen=seen):
+            if progress.point is not None and next(seen, None) is None:
                 raise Pulled
 
         there = (tmp_path / "killed.sqlite").exists()

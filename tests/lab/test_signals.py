@@ -6,12 +6,15 @@ import pytest
 
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+KEPT = {name: signal.getsignal(getattr(signal, name)) for name in NAMES}
+
 
 def send(name):
     os.kill(os.getpid(), getattr(signal, name))
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_signal_ends_what_it_may_and_leaves_the_handlers_as_they_were(name):
     before = signal.getsignal(getattr(signal, name))
     done = []
@@ -54,6 +57,21 @@ def test_within_what_is_deferred_a_signal_may_be_allowed():
         send("SIGTERM")  # only the first is raised
         with Allowed():
             send("SIGINT")
+
+
+def test_where_the_process_exits_a_second_signal_does_not_end_it():
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        with pytest.raises(Stopped), ended_by_signals(exiting=True):
+            send("SIGTERM")
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+        send("SIGTERM")  # the default handler would end the process
+    finally:
+        for name in NAMES:
+            signal.signal(getattr(signal, name), KEPT[name])
+    with ended_by_signals(exiting=True):
+        pass
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_an_error_says_more_than_a_signal():

@@ -58,10 +58,10 @@ def _filled(path, points=3):
     """A store in the middle of a run, closed."""
     with Store.create(path, PLAN, SETUP) as store:
         store.set_origin(STATE)
-        sitting = store.begin_sitting("fresh")
+        session = store.begin_session("fresh")
         for index in range(points):
             store.add(_point(index), *_trace(index))
-        store.end_sitting(sitting, "interrupted")
+        store.end_session(session, "interrupted")
     return path
 
 
@@ -69,7 +69,7 @@ def _content(path, *, write=False):
     """All that a store can tell, as text, so that NaN equals NaN."""
     with Store.open(path, write=write) as store:
         traces = [[part.tolist() for part in store.trace(k)] for k in range(len(store))]
-        told = (store.points(), store.sittings(), store.origin(), store.finished, store.last())
+        told = (store.points(), store.sessions(), store.origin(), store.finished, store.last())
         return repr((store.plan.to_json(), store.setup, traces, told, store.columns()))
 
 
@@ -90,9 +90,9 @@ class TestKeeping:
             for index in range(3):
                 for kept, given_ in zip(store.trace(index), _trace(index), strict=True):
                     np.testing.assert_array_equal(kept, given_)
-            (sitting,) = store.sittings()
-            assert (sitting.first, sitting.way, sitting.end) == (0, "fresh", "interrupted")
-            assert sitting.began <= sitting.ended
+            (session,) = store.sessions()
+            assert (session.first, session.mode, session.end) == (0, "fresh", "interrupted")
+            assert session.began <= session.ended
         assert _folder_is_clean(tmp_path, "a.sqlite")
 
     @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
@@ -307,7 +307,7 @@ class TestRefusals:
             with pytest.raises(StoreError, match="protected against writing; its points are kept"):
                 store.add(_point(3), *_trace(3))
             with pytest.raises(StoreError, match="protected against writing"):
-                store.begin_sitting("restored")
+                store.begin_session("restored")
         assert (tmp_path / "a").read_bytes() == before
 
     def test_a_closed_store_says_so(self, tmp_path):
@@ -347,7 +347,7 @@ class TestRights:
         folder.chmod(0o555)
         with _without_privileges(folder):
             assert _content(path) == expected
-            with pytest.raises(StoreError, match="and its folder cannot both be written"):
+            with pytest.raises(StoreError, match="and its folder must be writable"):
                 Store.open(path, write=True)
             with pytest.raises(OutputError, match="cannot be written to"):
                 Store.create(folder / "b", PLAN, SETUP)
@@ -359,7 +359,7 @@ class TestRights:
         path.chmod(0o444)
         with _without_privileges(folder):
             assert _content(path) == expected
-            with pytest.raises(StoreError, match="cannot both be written; check their rights"):
+            with pytest.raises(StoreError, match="must be writable; check their permissions"):
                 Store.open(path, write=True)
         path.chmod(0)
         with _without_privileges(folder), pytest.raises(StoreError, match="cannot be opened"):
@@ -620,7 +620,7 @@ class TestFullDisk:
     def test_no_store_is_begun_where_none_fits(self, tmp_path, room):
         with (
             _files_no_longer_than(room),
-            pytest.raises(StoreError, match="a cannot be made: the disk"),
+            pytest.raises(StoreError, match="a cannot be created: the disk"),
         ):
             Store.create(tmp_path / "a", PLAN, SETUP)
         assert _folder_is_clean(tmp_path)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.studies import fibre, ipmc
-from minorloop.studies.facts import Probes, twin_facts
+from minorloop.studies.facts import ProbeInputs, twin_facts
 from minorloop.twins.fibre import Fibre
 from minorloop.twins.ipmc import Ipmc
 
@@ -32,7 +32,7 @@ class Ideal(Ipmc):
 
 
 def test_what_remembers_nothing_violates_nothing():
-    facts = twin_facts(Ideal, Probes(-1.0, 1.0, 5, 10.0, (0.1, 0.6), -0.2))
+    facts = twin_facts(Ideal, ProbeInputs(-1.0, 1.0, 5, 10.0, (0.1, 0.6), -0.2))
     np.testing.assert_allclose(facts["quadratic_fit"], [0, 2, 1], atol=1e-12)
     for name in ("loop_gap", "congruency", "wiping_out"):
         assert facts[name] == pytest.approx(0.0, abs=1e-12)

@@ -41,4 +41,4 @@ def test_the_report_shows_every_figure_of_the_paper(study):
         assert number in html
     assert html.count("<img") == 13
     assert "the strip is a twin" in html.lower()
-    assert "upside down" in html
+    assert "gives the radius" in html

@@ -37,7 +37,7 @@ _UsageError: type[Exception] = typer.BadParameter.__mro__[2]
 
 app = typer.Typer(
     help="Hysteresis of smart actuators: from measured data to precise positioning.",
-    epilog="Begin with: minorloop demo --out demo. Every verb has its own --help.",
+    epilog="Start with: minorloop demo --out demo. Every command has its own --help.",
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -47,7 +47,8 @@ _VERBS = (
     *(export, fleet, study, console, demo),
 )
 for _verb in _VERBS:
-    app.command(_verb.NAME, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
+    _kind = getattr(_verb, "COMMAND", None)
+    app.command(_verb.NAME, cls=_kind, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
 
 
 def _print_version(wanted: bool) -> None:
@@ -80,15 +81,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         The exit status: 0 for success, 2 for a refusal, 3 where a source may still be on, 130 for
-        an interruption, 1 where what reads the output went away, a fleet has nothing that could
-        be identified, or an identified model is not to be trusted.
+        an interruption, 1 where the program that reads the output has ended, nothing in a fleet
+        could be identified, or an identified model is not to be trusted.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by whoever started the program
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     if hasattr(sys.stdout, "reconfigure"):
-        # A unit or a file name that the terminal cannot show is no reason to fail.
+        # A unit or a file name that the terminal cannot show must not end the program.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = int(app(given or ["--help"], prog_name="minorloop", standalone_mode=False) or 0)
@@ -116,14 +117,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _usage(error: Exception) -> str:
-    """What the parser says, and where to read on."""
+    """Return the message of the parser, and where to read more."""
     said = getattr(error, "format_message", error.__str__)()
     context = getattr(error, "ctx", None)
     return f"{said.rstrip('.')}; see {context.command_path if context else 'minorloop'} --help"
 
 
 def _refuse(message: str) -> int:
-    """One line on stderr, in characters that a terminal shows and does not obey."""
+    """Print one line on stderr, without characters that control a terminal."""
     line = " ".join(message.split())
     line = "".join(
         letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in line
@@ -135,6 +136,6 @@ def _refuse(message: str) -> int:
 
 
 def _drop_output() -> None:
-    """Let go of a stdout that cannot be written, or the interpreter complains of it at exit."""
+    """Redirect a stdout that cannot be written, or the interpreter complains at exit."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

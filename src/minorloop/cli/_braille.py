@@ -1,4 +1,4 @@
-"""A small drawing for the terminal: points in braille, two by four to a character."""
+"""Draw curves in a terminal with braille characters of two by four dots."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ _BLANK = 0x2800
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 """Bits of the dots of a character, by column and by row from the top."""
 _BETWEEN = 24
-"""Dots drawn from a point to the next."""
+"""Dots drawn from a point to the next: no gaps in lines across half of the drawing."""
 
 
 def scatter(
     series: Sequence[tuple[Sequence[float], Sequence[float]]], width: int, height: int
 ) -> list[str]:
-    """Lines of text with the points of each series joined in their order, and their ranges.
+    """Return lines of text with the points of each series joined in order, and their ranges.
 
     Points that are not finite are left out.
     """

@@ -1,4 +1,4 @@
-"""What the verbs share: options, output as a table or as JSON, progress."""
+"""Options, output and progress that several verbs share."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
+from typer.core import TyperCommand
 
 from minorloop.errors import MinorloopError, OutputError, ParameterError, RecordError
 
@@ -21,12 +22,14 @@ if TYPE_CHECKING:
     from minorloop.report import Report
 
 
+HOLD = 200.0
+"""Seconds to hold each input if no option says otherwise: a polymer strip settles in that."""
 _EVERY = 10.0
 """Seconds between lines of a log."""
 
 
 def whole(text: str) -> int:
-    """A whole number, for the parser of options."""
+    """Return a whole number, for the parser of options."""
     try:
         return int(text)
     except ValueError:
@@ -34,7 +37,7 @@ def whole(text: str) -> int:
 
 
 def number(text: str) -> float:
-    """A number, for the parser of options."""
+    """Return a number, for the parser of options."""
     try:
         return float(text)
     except ValueError:
@@ -42,13 +45,29 @@ def number(text: str) -> float:
 
 
 def whole_option(help: str, *, panel: str | None = None) -> Any:
-    """An option that takes a whole number; its help stands in a panel of that title."""
+    """Return an option for a whole number, whose help is in the panel of that title."""
     return typer.Option(parser=whole, metavar="N", help=help, rich_help_panel=panel)
 
 
 def number_option(help: str, *, panel: str | None = None) -> Any:
-    """An option that takes a number; its help stands in a panel of that title."""
+    """Return an option for a number, whose help is in the panel of that title."""
     return typer.Option(parser=number, metavar="X", help=help, rich_help_panel=panel)
+
+
+class LateHelp(TyperCommand):
+    """A verb whose options have a help text that is looked up when it is shown.
+
+    ``late`` of a subclass maps the name of an option or argument to a function that returns the
+    text. So a command that prints no help does not read the entry points of installed packages.
+    """
+
+    late: ClassVar[Mapping[str, Callable[[], str]]] = {}
+
+    def get_help(self, ctx: Any) -> str:
+        for parameter in self.params:
+            if parameter.name in self.late:
+                parameter.help = self.late[parameter.name]()  # type: ignore[attr-defined]
+        return super().get_help(ctx)
 
 
 DataFile = Annotated[
@@ -67,7 +86,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and no
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """One JSON object on stdout; numbers that are not finite become null."""
+    """Print one JSON object on stdout; numbers that are not finite become null."""
     print(json.dumps(_plain(content), allow_nan=False))
 
 
@@ -84,7 +103,7 @@ def _plain(value: Any) -> Any:
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """A table on stdout, under its title."""
+    """Print a table on stdout, under its title."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -100,7 +119,7 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: st
 
 
 def print_advice(sentences: Sequence[str]) -> None:
-    """Advice on stdout, a paragraph each."""
+    """Print advice on stdout, one paragraph each."""
     from rich.console import Console
     from rich.text import Text
 
@@ -109,18 +128,17 @@ def print_advice(sentences: Sequence[str]) -> None:
 
 
 def print_warnings(sentences: Sequence[str]) -> None:
-    """What a model file says against its model, on stderr, a line each."""
+    """Print the warnings of a model file on stderr, one line each."""
     for sentence in sentences:
         typer.echo(f"warning: this model is not to be trusted: {sentence}", err=True)
 
 
 @contextmanager
 def working(what: str, *, logged: bool = False) -> Iterator[Callable[[str], None]]:
-    """Show on stderr, where that is a terminal, that something is being worked on.
+    """Show progress on stderr if that is a terminal.
 
-    Yields a function that changes what it says. Nothing may be printed meanwhile. Where stderr is
-    no terminal and it is to be logged, what is said is a line there, no more than one in ten
-    seconds.
+    Yields a function that changes the text. Nothing else may be printed meanwhile. If stderr is no
+    terminal and ``logged`` is true, the text is printed there, at most every ten seconds.
     """
     if not sys.stderr.isatty():
         yield _logger() if logged else lambda stage: None
@@ -148,15 +166,15 @@ def _logger() -> Callable[[str], None]:
 
 @contextmanager
 def connected(address: str, **options: Any) -> Iterator[Actuator]:
-    """Yield the actuator at an address; let go of its instruments at the end.
+    """Yield the actuator at an address; close its instruments at the end.
 
-    A signal that ends the process is an exception in here. From before the first line to an
-    instrument to after the last, none cuts one in half.
+    A signal that ends the process is an exception in here. It never cuts a line to an instrument
+    in half.
     """
     from minorloop.connect import connect
     from minorloop.lab.signals import Deferred, ended_by_signals
 
-    with ended_by_signals():
+    with ended_by_signals(exiting=True):
         plant = connect(address, **options)
         try:
             for warning in getattr(plant, "warnings", ()):
@@ -168,7 +186,7 @@ def connected(address: str, **options: Any) -> Iterator[Actuator]:
 
 
 def read_column(file: Path, column: str, unit: str = "") -> FloatArray:
-    """One column of a CSV file, without gaps, refused if its header names another unit."""
+    """Return one column of a CSV file, without gaps; refuse it if its header has another unit."""
     from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
 
     header = find_column(column, read_headers(file), source=file)
@@ -182,7 +200,7 @@ def read_column(file: Path, column: str, unit: str = "") -> FloatArray:
 
 
 def as_rows(text: str | None, total: int) -> slice:
-    """Rows ``A:B``, from A up to but not including B, counted from 0 as Python does."""
+    """Return the rows ``A:B``, from A up to but not including B, counted from 0."""
     if text is None:
         return slice(0, total)
     parts = text.split(":")
@@ -204,7 +222,7 @@ def as_rows(text: str | None, total: int) -> slice:
 
 
 def write_csv(path: Path, columns: Mapping[str, Any], *, force: bool) -> None:
-    """Columns of equal length by their headers."""
+    """Write columns of equal length under their headers."""
     from minorloop.files import check_writable, table_text, write_atomically
 
     check_writable(path, force=force)
@@ -213,7 +231,7 @@ def write_csv(path: Path, columns: Mapping[str, Any], *, force: bool) -> None:
 
 
 def write_report(draw: Callable[[], Report], path: Path, *, force: bool) -> None:
-    """Draw a report and write it; whatever goes wrong in drawing is one sentence."""
+    """Draw a report and write it; an error in drawing becomes one sentence."""
     try:
         draw().write(path, force=force)
     except MinorloopError:
@@ -223,10 +241,9 @@ def write_report(draw: Callable[[], Report], path: Path, *, force: bool) -> None
 
 
 def do_all(steps: Iterable[Callable[[], None]]) -> None:
-    """Do every step, whatever became of those before it; then raise the first error.
+    """Do every step, even if an earlier one fails; then raise the first error.
 
-    For what follows a long computation, so that one result that cannot be written does not
-    take the others with it.
+    After a long computation, one result that cannot be written must not prevent the others.
     """
     errors: list[Exception] = []
     for step in steps:
@@ -241,21 +258,21 @@ def do_all(steps: Iterable[Callable[[], None]]) -> None:
 def check_outputs(
     paths: Sequence[Path | None], *, force: bool, inputs: Sequence[Path] = ()
 ) -> None:
-    """Find out before a long computation whether its results can be written.
+    """Check before a long computation that its results can be written.
 
     Parameters
     ----------
     paths : sequence of path
-        Files that are going to be written; None where one was not asked for.
+        Files to be written; None for a result that is not wanted.
     force : bool
-        Whether files that exist may be replaced.
+        Whether existing files may be replaced.
     inputs : sequence of path
-        Files that are going to be read, which are never replaced.
+        Files to be read, which are never replaced.
 
     Raises
     ------
     OutputError
-        If one of them cannot be written, is read, or is named twice.
+        If one of them cannot be written, is also an input, or is named twice.
     """
     from minorloop.files import check_writable
 
@@ -266,9 +283,9 @@ def check_outputs(
         check_writable(path, force=True)
         place = os.path.realpath(path)
         if place in read:
-            raise OutputError(f"{path} is read here and is not replaced; give another name")
+            raise OutputError(f"{path} is an input and is not replaced; give another name")
         if place in written:
-            raise OutputError(f"{path} is named for two results; give each a file of its own")
+            raise OutputError(f"{path} is given for two results; give each its own file")
         if path.exists() and not force:
             raise OutputError(f"{path} exists already; give another name, or --force to replace it")
         written.add(place)

@@ -1,4 +1,4 @@
-"""What a run shows while it goes on: progress, time left, and the loop drawn so far."""
+"""Progress of a run: levels, time left, and the loop measured so far."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from minorloop.cli._braille import scatter
 
 if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
-    from minorloop.lab.run import Moment
+    from minorloop.lab.run import RunProgress
     from minorloop.lab.store import Store
 
 _WIDTH, _HEIGHT = 48, 10
 _ENOUGH, _LOOP = 4, 20
+"""Points from which bands are drawn; inputs of each branch of the loop drawn with them."""
 
 
 @contextmanager
-def watching(store: Store, chooser: Adaptive | None = None) -> Iterator[Callable[[Moment], None]]:
-    """Yield what ``lab.run.run`` tells its moments to.
+def watching(
+    store: Store, chooser: Adaptive | None = None
+) -> Iterator[Callable[[RunProgress], None]]:
+    """Yield a function that shows each `RunProgress` of a run on stderr.
 
-    On a terminal: a bar, the time left and the loop. Elsewhere: one line a settled point, as a
-    log of a run of hours should have. All on stderr.
+    On a terminal it shows a bar, the time left and the loop. Elsewhere it prints one line for each
+    settled point.
     """
     if sys.stderr.isatty():
         with _live(store, chooser) as show:
@@ -32,24 +35,24 @@ def watching(store: Store, chooser: Adaptive | None = None) -> Iterator[Callable
         return
     units = [quantity.unit for quantity in store.outputs]
 
-    def log(moment: Moment) -> None:
-        if moment.point is not None:
-            with suppress(OSError):  # whoever reads the log may go away; the run does not
-                print(_line(moment, *units), file=sys.stderr, flush=True)
+    def log(progress: RunProgress) -> None:
+        if progress.point is not None:
+            with suppress(OSError):  # the reader of the log may end; the run continues
+                print(_line(progress, *units), file=sys.stderr, flush=True)
 
     yield log
 
 
-def _line(moment: Moment, input_unit: str, output_unit: str) -> str:
-    verdict = moment.point.verdict if moment.point else ""
+def _line(progress: RunProgress, input_unit: str, output_unit: str) -> str:
+    verdict = progress.point.verdict if progress.point else ""
     return (
-        f"{moment.index + 1}/{moment.total}  {moment.input:.6g} {input_unit}  "
-        f"{moment.output:.6g} {output_unit}  {verdict} after {moment.held:.6g} s"
+        f"{progress.index + 1}/{progress.total}  {progress.input:.6g} {input_unit}  "
+        f"{progress.output:.6g} {output_unit}  {verdict} after {progress.held:.6g} s"
     )
 
 
 @contextmanager
-def _live(store: Store, chooser: Adaptive | None) -> Iterator[Callable[[Moment], None]]:
+def _live(store: Store, chooser: Adaptive | None) -> Iterator[Callable[[RunProgress], None]]:
     from rich.console import Console, Group
     from rich.live import Live
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -62,14 +65,14 @@ def _live(store: Store, chooser: Adaptive | None) -> Iterator[Callable[[Moment],
     u, y = [point.input for point in points], [point.value for point in points]
     clock, shown = _Clock(store), [""]
 
-    def show(moment: Moment) -> None:
-        doing = f"{moment.input:.5g} {store.outputs[0].unit} for {moment.held:.0f} s"
-        if moment.point is not None:
-            u.append(moment.point.input)
-            y.append(moment.point.value)
-        left = clock.left(moment)
+    def show(progress: RunProgress) -> None:
+        doing = f"{progress.input:.5g} {store.outputs[0].unit} for {progress.held:.0f} s"
+        if progress.point is not None:
+            u.append(progress.point.input)
+            y.append(progress.point.value)
+        left = clock.left(progress)
         bar.update(task, description=doing, completed=len(u), left=left)
-        if moment.point is not None or moment.index == len(u):
+        if progress.point is not None or progress.index == len(u):
             picture = _drawn(store, u, y) if chooser is None else _banded(store, chooser, u, y)
             shown[:] = [picture]
         live.update(Group(bar, Text(shown[0])))
@@ -79,7 +82,7 @@ def _live(store: Store, chooser: Adaptive | None) -> Iterator[Callable[[Moment],
 
 
 class _Clock:
-    """Time left, from how long each second of holding has taken so far."""
+    """Time left, estimated from how long each second of holding has taken so far."""
 
     def __init__(self, store: Store) -> None:
         self._longest = store.plan.longest
@@ -88,20 +91,20 @@ class _Clock:
         self._shares: list[float] = []
         self._said = ""
 
-    def left(self, moment: Moment) -> str:
-        if moment.point is None:
+    def left(self, progress: RunProgress) -> str:
+        if progress.point is None:
             return self._said
-        self._held += moment.held
-        self._shares.append(moment.held / float(self._longest[moment.index]))
+        self._held += progress.held
+        self._shares.append(progress.held / float(self._longest[progress.index]))
         share = sum(self._shares) / len(self._shares)
-        to_hold = share * float(self._longest[moment.index + 1 :].sum())
+        to_hold = share * float(self._longest[progress.index + 1 :].sum())
         seconds = (time.monotonic() - self._began) * to_hold / self._held
         self._said = "" if seconds < 1 else f"{as_duration(seconds)} left"
         return self._said
 
 
 def as_duration(seconds: float) -> str:
-    """A time as people say it."""
+    """Return a time as text with a suitable unit."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 5400:
@@ -115,7 +118,7 @@ def _drawn(store: Store, u: Sequence[float], y: Sequence[float]) -> str:
 
 
 def _banded(store: Store, chooser: Adaptive, u: list[float], y: list[float]) -> str:
-    """The points, and both ends of the bands along the major loop."""
+    """Return a drawing of the points, and of the bands along the major loop."""
     if len(u) < _ENOUGH:
         return _drawn(store, u, y)
     ends = [chooser.low, chooser.high]

@@ -1,4 +1,4 @@
-"""``minorloop console``: the console and the lab page, in a browser."""
+"""``minorloop console``: the operate page and the lab page, in a browser."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ NAME = "console"
 EXAMPLE = "minorloop console --folder inspections"
 
 _Host = Annotated[
-    str, typer.Option(help="Where to listen; 0.0.0.0 lets in other machines that have the key.")
+    str,
+    typer.Option(help="Address to listen on; 0.0.0.0 accepts other machines with the key."),
 ]
 _WAITING = 128
+"""Connections that wait before the server accepts them."""
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
     str,
-    typer.Option(
-        help="What to steer: twin:pipe, a simulated head in a pipe, with camera and probe."
-    ),
+    typer.Option(help="The plant: twin:pipe, a simulated head in a pipe, with camera and probe."),
 ]
-_Folder = Annotated[Path, typer.Option(help="Where sessions are recorded.")]
+_Folder = Annotated[Path, typer.Option(help="Folder for recorded sessions.")]
 _Specimen = Annotated[
     int | None, _common.whole_option("Seed of the simulated specimen; nominal without it.")
 ]
 _Seed = Annotated[int, _common.whole_option("Seed of the simulated noise.")]
 _Timeout = Annotated[
     float,
-    _common.number_option("Seconds without word from the operator after which the head holds."),
+    _common.number_option("Seconds without a message of the operator until the head holds."),
 ]
 _Certificate = Annotated[
     Path | None,
-    typer.Option(help="Certificate (PEM): phones and headsets give their pose over https only."),
+    typer.Option(help="Certificate (PEM): phones and headsets send their pose over https only."),
 ]
 _Name = Annotated[
     str | None,
-    typer.Option(help="Name under which browsers reach an https proxy before the console."),
+    typer.Option(help="Host name of an https proxy in front of the console."),
 ]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
@@ -94,7 +94,7 @@ def run(
     authentication = Authentication(host, port=port, name=name)
     scheme = "http" if certificate is None else "https"
     if not (STATIC / "index.html").is_file():
-        typer.echo("note: the pages are not built yet; 'make pages' builds them", err=True)
+        typer.echo("note: the pages are not built; 'make pages' builds them", err=True)
     address = f"{scheme}://{_shown(host)}:{port}" if name is None else f"https://{name}"
     typer.echo(f"open {address}/?key={authentication.key}")
     typer.echo("Ctrl-C ends the console; the head then holds and cools")
@@ -123,13 +123,13 @@ def _check_pair(certificate: Path, key: Path) -> None:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket; refuse a port in use in a sentence."""
+    """Return a listening socket; a port in use is refused."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     found = socket.socket(family, socket.SOCK_STREAM)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind((host, port))
-        found.listen(_WAITING)  # connections wait until the server has started, or restarted
+        found.listen(_WAITING)  # clients that connect before the server has started wait
     except OSError as error:
         found.close()
         other = "--host" if isinstance(error, socket.gaierror) else "--port"
@@ -140,7 +140,7 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _shown(host: str) -> str:
-    """Return the host as it is written in an address."""
+    """Return the host as written in an address."""
     if host in ("0.0.0.0", "::"):
         return socket.gethostname()
     return f"[{host}]" if ":" in host else host

@@ -1,4 +1,4 @@
-"""``minorloop demo``: position a simulated actuator with and without a model of hysteresis."""
+"""``minorloop demo``: position a simulated actuator with two models."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ EXAMPLE = "minorloop demo --out demo --seed 3"
 def run(
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for report, data and model; a new or an empty one."),
+        typer.Option(help="New or empty folder for report, data and model."),
     ] = None,
-    seed: Annotated[int, _common.whole_option("Draws specimen and targets, 0 or more.")] = 0,
+    seed: Annotated[int, _common.whole_option("Seed of specimen and targets, 0 or more.")] = 0,
     noise: Annotated[
         float, _common.number_option("Standard deviation of the curvature sensor, in 1/m.")
     ] = 0.0,
     as_json: _common.Json = False,
 ) -> None:
-    """Measure, identify, invert and drive an ionic polymer strip (a simulated one)."""
+    """Measure, identify, invert and drive a simulated ionic polymer strip."""
     if out is not None:
         from minorloop.files import make_folder
 
@@ -71,7 +71,7 @@ def _print(result: Positioning) -> None:
         f"{result.quadratic.rms:.3f} 1/m with the quadratic: {ratio:.1f} times"
     )
     typer.echo(
-        f"largest error {result.preisach.worst:.3f} 1/m against {result.quadratic.worst:.3f} 1/m"
+        f"largest error {result.preisach.worst:.3f} 1/m and {result.quadratic.worst:.3f} 1/m"
     )
 
 

@@ -34,7 +34,7 @@ def run(
         Path, typer.Option(help="The folder for C, or the .fmu file.", show_default=False)
     ],
     name: Annotated[
-        str, typer.Option(help="Of the files, and what every name in the C begins with.")
+        str, typer.Option(help="Name of the files, and prefix of every name in the C.")
     ] = "minorloop",
     float32: Annotated[
         bool, typer.Option("--float32", help="Compute in single precision.", rich_help_panel=_FOR_C)
@@ -42,14 +42,16 @@ def run(
     memory: Annotated[
         int | None,
         _common.whole_option(
-            "Extrema of the input that are remembered, at least 6; 32 if not given."
+            "Extrema of the input that the C can remember, at least 6; 32 if not given."
         ),
     ] = None,
     largest: Annotated[
-        int | None, _common.whole_option("Most bytes for the tables and one state.", panel=_FOR_C)
+        int | None,
+        _common.whole_option("Most bytes of tables and one state.", panel=_FOR_C),
     ] = None,
     no_inverse: Annotated[
-        bool, typer.Option("--no-inverse", help="Leave the inverse out.", rich_help_panel=_FOR_C)
+        bool,
+        typer.Option("--no-inverse", help="Omit the inverse.", rich_help_panel=_FOR_C),
     ] = False,
     linear: Annotated[
         Path | None,
@@ -60,14 +62,15 @@ def run(
     ] = None,
     first: Annotated[
         str | None,
-        typer.Option(help="Which the input meets first, with --linear: operator or linear."),
+        typer.Option(help="Which comes first, with --linear: operator or linear."),
     ] = None,
     firmware: Annotated[
-        bool, typer.Option("--firmware", help="A sketch of firmware too.", rich_help_panel=_FOR_C)
+        bool,
+        typer.Option("--firmware", help="Add a sketch of firmware.", rich_help_panel=_FOR_C),
     ] = False,
     interval: Annotated[
         float | None,
-        _common.number_option("Seconds that a simulator should step by.", panel=_FOR_FMU),
+        _common.number_option("Step recommended to simulators, in seconds.", panel=_FOR_FMU),
     ] = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -89,7 +92,7 @@ def run(
     _common.print_warnings(known.warnings)
     if memory is not None and not isinstance(known.model, Preisach):
         raise ParameterError(
-            f"--memory does nothing for a {type(known.model).__name__}, whose memory is of one "
+            f"--memory does nothing for a {type(known.model).__name__}, whose memory has a fixed "
             "size; leave it out"
         )
     options: dict[str, Any] = {
@@ -158,20 +161,23 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
         ("constant tables", f"{code.table_bytes} bytes"),
         ("one state", f"{code.state_bytes} bytes"),
         ("extrema remembered", f"{code.memory}"),
-        ("dropping one pair costs at most", f"{code.drop_error:.3g} {known.output.unit}".rstrip()),
+        (
+            "error of dropping one pair, at most",
+            f"{code.drop_error:.3g} {known.output.unit}".rstrip(),
+        ),
     ]
     if code.input_error:
-        rows.append(("rounding an input costs at most", f"{code.input_error:.2g} of the range"))
+        rows.append(("error of rounding an input, at most", f"{code.input_error:.2g} of the range"))
     _common.print_table(("", ""), rows, f"{known.output} against {known.input}, written to {out}")
     if known.lag:
-        typer.echo(f"the output follows the model by {known.lag} samples, which is not in the C")
+        typer.echo(f"the output follows the model by {known.lag} samples; this lag is not in the C")
     test = next(name for name in code.files if name.endswith("_selftest.c"))
     source = test.replace("_selftest", "")
     typer.echo(f"next: cd {out} && cc -std=c99 {source} {test} -lm -o selftest && ./selftest")
 
 
 def _linear(path: Path) -> Linear:
-    """The linear part that a file describes."""
+    """Return the linear part that a file describes."""
     from minorloop.dynamics.linear import Linear
 
     try:

@@ -24,14 +24,14 @@ def run(
     manifest: Annotated[
         Path,
         typer.Argument(
-            help="CSV file: a row for each specimen under specimen, file, input, output.",
+            help="CSV file with columns specimen, file, input, output; one row for each specimen.",
             show_default=False,
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            help="Folder for the results; with that of a fleet that was stopped, the rest is done.",
+            help="Folder for the results; that of a stopped fleet continues it.",
             show_default=False,
         ),
     ],
@@ -53,46 +53,44 @@ def run(
         str,
         typer.Option(
             help="gaussian, none, or auto: gaussian where a record has fewer than three samples "
-            "for each cell and at most 64 bands. It takes seconds a specimen where none takes "
-            "tenths."
+            "for each cell and at most 64 bands. gaussian takes seconds for each specimen, none "
+            "tenths of a second."
         ),
     ] = "auto",
     start: _common.Start = "negative",
     holdout: Annotated[
         float,
         _common.number_option(
-            "Share at the end of each record kept from the fit and scored, 0 to 0.9; try 0.2."
+            "Share at the end of each record that is scored, not fitted, 0 to 0.9; try 0.2."
         ),
     ] = 0.0,
     workers: Annotated[
-        int | None, _common.whole_option("Local processes; as many as cores if not given.")
+        int | None, _common.whole_option("Local processes; one for each core if not given.")
     ] = None,
     address: Annotated[
-        str | None, typer.Option(help="Scheduler of a Dask cluster: tcp://10.0.0.1:8786.")
+        str | None, typer.Option(help="Scheduler of a Dask cluster, such as tcp://10.0.0.1:8786.")
     ] = None,
     limit: Annotated[
         float,
-        _common.number_option("Seconds after which a specimen is given up, or inf for no limit."),
+        _common.number_option("Time limit of a specimen in seconds, or inf."),
     ] = 3600.0,
     retry_failed: Annotated[
         bool,
-        typer.Option("--retry-failed", help="Try specimens again that failed before."),
+        typer.Option("--retry-failed", help="Try specimens that failed before again."),
     ] = False,
     patience: Annotated[
         float,
-        _common.number_option(
-            "Seconds to wait for a worker of the cluster, or for an answer of its scheduler."
-        ),
+        _common.number_option("Seconds to wait for a worker of the cluster or for its scheduler."),
     ] = 60.0,
     as_json: _common.Json = False,
 ) -> None:
-    """Identify every specimen of a manifest; what fails is reported and stops nothing.
+    """Identify every specimen of a manifest; failures are reported, and the rest continues.
 
-    The exit status is 1 where nothing at all was identified, and 2 where all workers or the
-    scheduler of a cluster are lost; what is done by then is kept.
+    The exit status is 1 if nothing was identified, and 2 if all workers or the scheduler of a
+    cluster are lost; finished specimens are kept.
     """
     if what != "identify":
-        raise ParameterError(f"there is no fleet {what!r}; give identify")
+        raise ParameterError(f"there is no action {what!r}; give identify")
     from minorloop.fleet import identify_fleet, read_manifest
 
     specimens = read_manifest(manifest, input=input, output=output)
@@ -124,7 +122,7 @@ def run(
 
 
 def _say(sentence: str) -> None:
-    """Print it at once: what is shown as progress may wait for ten seconds."""
+    """Print a sentence on stderr at once; progress may wait for ten seconds."""
     print(sentence, file=sys.stderr, flush=True)
 
 
@@ -144,15 +142,14 @@ def _show(summary: Summary, out: Path) -> None:
     outliers = summary.outliers()
     for one in outliers[:_SHOWN]:
         typer.echo(
-            f"outlier {one.specimen}: {one.figure} {one.value:.4g}, where the median is "
-            f"{one.median:.4g}"
+            f"outlier {one.specimen}: {one.figure} {one.value:.4g}; the median is {one.median:.4g}"
         )
     for doubted in summary.warned[:_SHOWN]:
         typer.echo(f"not to be trusted {doubted.specimen}: {doubted.warning}")
     for failure in summary.failures[:_SHOWN]:
         typer.echo(f"failed {failure.specimen}: {failure.error}")
     for file in summary.strays[:_SHOWN]:
-        typer.echo(f"{out / file} is of no specimen of this manifest; remove it if it is of no use")
+        typer.echo(f"{out / file} does not belong to any specimen in this manifest")
     listed = outliers, summary.warned, summary.failures, summary.strays
     if any(len(rows) > _SHOWN for rows in listed):
         typer.echo(f"more are in {out / 'summary.json'}")

@@ -53,13 +53,13 @@ _Levels = Annotated[
     ),
 ]
 _Spacing = Annotated[
-    str, typer.Option(help="Thresholds: uniform, or adaptive (dense where output is steep).")
+    str, typer.Option(help="Thresholds: uniform, or adaptive (denser where the output is steep).")
 ]
 _Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1) or unipolar (0, 1).")]
 _Diagonal = Annotated[
     str | None,
     typer.Option(
-        help="Smallest loops: uniform, or reversible (answer at once), as after adaptive runs.",
+        help="Smallest loops: uniform, or reversible (no hysteresis), as in adaptive runs.",
         show_default="uniform",
     ),
 ]
@@ -90,10 +90,10 @@ _Rows = Annotated[
 ]
 _Holdout = Annotated[
     float,
-    _common.number_option("Share at the end kept from the fit and scored, 0 to 0.9; try 0.3."),
+    _common.number_option("Share at the end that is scored, not fitted, 0 to 0.9; try 0.3."),
 ]
 _Rank = Annotated[
-    bool, typer.Option("--rank", help="Work out the rank of more than 3000 unknowns too.")
+    bool, typer.Option("--rank", help="Compute the rank for more than 3000 unknowns too.")
 ]
 _Save = Annotated[Path | None, typer.Option(help="Write the model to this file.")]
 _Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
@@ -124,8 +124,7 @@ def run(
 ) -> None:
     """Identify a hysteresis model from measured data, and say how far to trust it.
 
-    The exit status is 1 where the model is not to be trusted; it is written all the same, with the
-    warnings in its file.
+    If the model is not to be trusted, it is written with warnings, and the exit status is 1.
     """
     _common.check_outputs([save, report], inputs=[file], force=force)
     options = {
@@ -144,7 +143,7 @@ def run(
     }
     done = _identified(file, input, output, rows, options)
     steps: list[Callable[[], None]] = [partial(_show, done, rank, as_json)]
-    # Files first: whoever reads what is printed may go away.
+    # Files first: the reader of the output may end.
     if report is not None:
         steps.insert(0, partial(_report, done, report, force, as_json))
     if save is not None:
@@ -156,7 +155,7 @@ def run(
 
 @dataclass(frozen=True)
 class _Done:
-    """What was identified, and from what."""
+    """An identification and its data."""
 
     record: Record
     result: Identification
@@ -168,7 +167,7 @@ class _Done:
 
     @property
     def advice(self) -> list[str]:
-        """What is wrong with the run, then with the model."""
+        """Advice about the run, then about the model."""
         said = list(dict.fromkeys([*self.notes, *self.result.advice]))
         result = self.result
         if self.first and (result.findings or result.codes or result.suspects):
@@ -177,7 +176,7 @@ class _Done:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What of it stands in the model file: why the model is not to be trusted."""
+        """The part of the advice that says why the model is not to be trusted."""
         known = self.result.advice
         return (*(note for note in self.notes if note not in known), *self.result.warnings)
 
@@ -211,12 +210,12 @@ def _of_run(
     options: dict[str, Any],
     provenance: Provenance,
 ) -> _Done:
-    """The model of an adaptive run, as it was designed for; its validation is held out."""
-    from minorloop.cli._adaptive import warnings
+    """Return the model of an adaptive run, with the settings of the run; validation held out."""
+    from minorloop.identification.adaptive_run import findings
 
     if rows is not None or options["holdout"] != 0:
         raise ParameterError(
-            "an adaptive run knows which of its holds are held out; leave --rows and --holdout out"
+            "an adaptive run holds out its own validation; leave --rows and --holdout out"
         )
     given = {name: v for name, v in options.items() if v is not None and name != "holdout"}
     if given["smoothness"] != "auto":
@@ -225,13 +224,12 @@ def _of_run(
     u, y = record.u.tolist(), record.y.tolist()
     result = chooser.identification(u, y, **given)
     seconds = time.perf_counter() - began
-    out = [k for k, role in enumerate(chooser.roles(u, y)) if role == "outlier"]
-    notes = tuple(warnings(chooser, u, y))
-    return _Done(record, result, provenance, seconds, notes, tuple(out))
+    found = findings(chooser, u, y)
+    return _Done(record, result, provenance, seconds, found.warnings, found.outliers)
 
 
 def _record(file: Path, input: str | None, output: str | None) -> tuple[Record, Adaptive | None]:
-    """The settled points of a store and what chose them, or two columns of a CSV file."""
+    """Return the points of a store and what chose them, or two columns of a CSV file."""
     from minorloop.cli._adaptive import chooser_of
     from minorloop.lab.records import Record
     from minorloop.lab.store import Store, is_store
@@ -239,7 +237,7 @@ def _record(file: Path, input: str | None, output: str | None) -> tuple[Record, 
     if is_store(file):
         if input is not None or output is not None:
             raise ParameterError(
-                f"{file} is an experiment store and knows its input and output; "
+                f"{file} is an experiment store, which has one input and one output; "
                 "leave --input and --output out"
             )
         with Store.open(file) as store:
@@ -259,21 +257,12 @@ def _record(file: Path, input: str | None, output: str | None) -> tuple[Record, 
 def _save(done: _Done, path: Path, force: bool, as_json: bool) -> None:
     from minorloop import modelfile
 
-    result = done.result
-    scores = {
-        "nrmse_train": result.nrmse,
-        "nrmse_holdout": result.holdout_nrmse,
-        "baseline_nrmse": result.baseline_nrmse,
-        "kkt": result.kkt,
-    }
-    source = done.provenance
-    modelfile.save(
-        result.model,
+    modelfile.save_identification(
+        done.result,
         path,
+        data=done.provenance,
         input=done.record.input,
         output=done.record.output,
-        lag=result.lag,
-        provenance=modelfile.Provenance(data=source.data, sha256=source.sha256, scores=scores),
         warnings=done.warnings,
         force=force,
     )
@@ -321,44 +310,23 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
     }
 
 
-def _apart(done: _Done, figures: dict[str, Any]) -> list[tuple[str, str]]:
-    """Samples that the model was not shown."""
-    rows = [("samples held out", f"{figures['held_out']}")] if figures["held_out"] else []
-    if done.left_out:
-        rows.append(("knocked, left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
-    return rows
-
-
-def _banded(figures: dict[str, Any]) -> list[tuple[str, str]]:
-    if figures["band_sd"] is None:
-        return []
-    return [("standard deviation predicted", f"{figures['band_sd']:.3g}")]
-
-
 def _band_sd(result: Identification) -> float | None:
-    """Standard deviation of the outputs of the record, on average, as the prior has it."""
+    """Return the mean standard deviation of the predicted outputs; None without the prior."""
     if result.posterior is None:
         return None
     return float(result.predict(result.u, bands=0.9).sd.mean())
 
 
 def _print(done: _Done, figures: dict[str, Any]) -> None:
-    held = figures["nrmse_holdout"]
+    from minorloop.identification.scores import score_rows
+
     rank = figures["rank"]
-    rows = [
-        ("error on fitted data", f"{figures['nrmse_train']:.3%} of range"),
-        ("error on held-out data", "-" if held is None else f"{held:.3%} of range"),
-        ("best delayed polynomial", f"{figures['baseline_nrmse']:.3%} of range"),
-        ("lag", f"{figures['lag_samples']} samples"),
-        ("samples fitted", f"{figures['samples']}"),
-        *_apart(done, figures),
-        ("unknowns", f"{figures['unknowns']}"),
-        ("rank", "not worked out (--rank)" if rank is None else f"{rank}"),
-        ("cells excited", f"{figures['excited_fraction']:.0%}"),
-        *_banded(figures),
-        ("optimality (KKT)", f"{figures['kkt']:.1e}"),
-        ("time", f"{figures['seconds']:.2f} s"),
-    ]
+    rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
+    if done.left_out:
+        rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
+    if figures["band_sd"] is not None:
+        rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
+    rows.append(("time", f"{figures['seconds']:.2f} s"))
     record = done.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)

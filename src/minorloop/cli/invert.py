@@ -1,4 +1,4 @@
-"""``minorloop invert``: the inputs that bring a model to the targets in a CSV file."""
+"""``minorloop invert``: inputs for the targets in a CSV file."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _SHOWN = 20
 def run(
     model: _common.ModelFile,
     file: _common.DataFile,
-    target: Annotated[str, typer.Option(help="Column of the outputs wanted, in order.")],
+    target: Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")],
     clip: Annotated[
-        bool, typer.Option("--clip", help="Go as near as the model can to what is out of reach.")
+        bool, typer.Option("--clip", help="Go as near as possible to targets out of reach.")
     ] = False,
     start: _common.Start = "negative",
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Find the inputs that bring the output to each target in turn."""
+    """Compute the inputs that bring the output to each target in turn."""
     _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
 
@@ -42,12 +42,7 @@ def run(
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, targets, start, clip)
         if save is not None:
-            columns = {
-                str(known.input): result.u,
-                f"target {known.output}": targets,
-                f"predicted {known.output}": result.y,
-                "reachable": result.reachable.astype(int),
-            }
+            columns = known.inverse_columns(targets, result)
             _common.write_csv(save, columns, force=force)
     if as_json:
         inputs = {} if save is not None else {"u": result.u, "y": result.y}
@@ -68,7 +63,7 @@ def _inverted(
 
     if isinstance(known.model, RelayModel):
         raise NotInvertibleError(
-            f"{path} holds a relay-by-relay model, which has no exact inverse; identify a "
+            f"{path} has a relay-by-relay model, which has no exact inverse; identify a "
             "Preisach model on the same levels"
         )
     try:
@@ -96,6 +91,6 @@ def _print(known: ModelFile, targets: FloatArray, result: Inversion) -> None:
 
 
 def _in_six_digits(values: FloatArray) -> list[str]:
-    """The numbers that are shown; what is nothing but rounding error is shown as 0."""
+    """Return the first numbers as text; rounding errors are shown as 0."""
     least = 1e-12 * float(abs(values).max())
     return [f"{value if abs(value) > least else 0:.6g}" for value in values[:_SHOWN]]

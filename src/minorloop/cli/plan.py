@@ -1,4 +1,4 @@
-"""``minorloop plan``: which inputs to apply, and for how long."""
+"""``minorloop plan``: inputs to apply, and how long to hold them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PATTERNS = {
 }
 _SHOWN = 24
 _RANKED = 60
-"""Bands up to which it takes seconds to work out what a plan determines."""
+"""Bands up to which computing what a plan determines takes seconds only."""
 _HOLD = "hold [s]"
 _HOUR = 3600.0
 
@@ -35,15 +35,15 @@ def run(
         str,
         typer.Argument(
             show_default=False,
-            help="decaying (determines the plane), reversal (curves), or staircase (one loop).",
+            help="decaying or reversal (determine the plane), or staircase (one loop).",
         ),
     ],
     low: Annotated[float, _common.number_option("Least input.")],
     high: Annotated[float, _common.number_option("Greatest input.")],
     levels: Annotated[int, _common.whole_option("Bands between them, 250 at most.")] = 10,
-    hold: Annotated[float, _common.number_option("Seconds to hold each input.")] = 200.0,
+    hold: Annotated[float, _common.number_option("Seconds to hold each input.")] = _common.HOLD,
     input: Annotated[
-        str, typer.Option(help="Name and unit of the input, as the header of its column.")
+        str, typer.Option(help="Header of the column of the input: its name and unit.")
     ] = "input",
     save: _common.Save = None,
     force: _common.Force = False,
@@ -57,7 +57,7 @@ def run(
     if not 0 < hold < float("inf"):
         raise ParameterError(f"--hold is {hold}; give a positive number of seconds")
     if input == _HOLD:
-        raise ParameterError(f"--input is {_HOLD!r}, as the column of times is; give another name")
+        raise ParameterError(f"--input is {_HOLD!r}, the header of hold times; give another name")
     inputs, report = _planned(pattern, low, high, levels)
     if save is not None:
         _common.write_csv(save, {input: inputs, _HOLD: [hold] * inputs.size}, force=force)
@@ -72,7 +72,7 @@ def run(
 def _planned(
     pattern: str, low: float, high: float, levels: int
 ) -> tuple[FloatArray, ExcitationReport | None]:
-    """The inputs, and what they determine where that is quickly worked out."""
+    """Return the inputs, and what they determine if that is quickly computed."""
     from minorloop.arrays import uniform_levels
     from minorloop.identification import excitation
     from minorloop.identification.design_matrix import check_bands
@@ -82,7 +82,7 @@ def _planned(
     inputs: FloatArray = getattr(excitation, _PATTERNS[pattern])(grid)
     if levels > _RANKED:
         return inputs, None
-    with _common.working("working out what it would determine"):
+    with _common.working("computing what it would determine"):
         return inputs, excitation.report(inputs, grid)
 
 
@@ -95,7 +95,7 @@ def _figures(inputs: FloatArray, hold: float, report: ExcitationReport | None) -
 def _print(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> None:
     typer.echo(f"{inputs.size} holds of {hold:g} s, {inputs.size * hold / _HOUR:.1f} h in all")
     typer.echo(
-        str(report) if report else f"what more than {_RANKED} bands determine is not worked out"
+        str(report) if report else f"what more than {_RANKED} bands determine is not computed"
     )
     shown = " ".join(f"{u:.6g}" for u in inputs[:_SHOWN])
     more = f" ... and {inputs.size - _SHOWN} more" if inputs.size > _SHOWN else ""

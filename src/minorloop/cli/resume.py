@@ -1,4 +1,4 @@
-"""``minorloop resume``: go on with a run that was stopped."""
+"""``minorloop resume``: continue a run that was stopped."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ EXAMPLE = "minorloop resume --store runs.sqlite"
 
 
 def run(
-    store: Annotated[Path, typer.Option(show_default=False, help="The file that run has made.")],
+    store: Annotated[Path, typer.Option(show_default=False, help="The store that run wrote.")],
     as_json: _common.Json = False,
 ) -> None:
-    """Go on with a run behind its last settled point, whatever stopped it."""
+    """Continue a run after its last settled point, whatever stopped it."""
     from minorloop.lab.store import Store
 
     with Store.open(store, write=True) as opened:

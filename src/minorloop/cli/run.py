@@ -1,4 +1,4 @@
-"""``minorloop run``: carry a plan out on an actuator, and keep every settled point."""
+"""``minorloop run``: carry out a plan on an actuator, and store every settled point."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -23,30 +23,41 @@ if TYPE_CHECKING:
 NAME = "run"
 EXAMPLE = "minorloop run --actuator twin:ipmc --plan plan.csv --store runs.sqlite"
 SLOW = 1.2
-"""Sample intervals of the plan from which on those of a hold count as longer."""
+"""A warning is given from this ratio of the sample interval of a hold to that of the plan."""
 _ADAPTIVE = ("holds", "hours", "hold", "low", "high", "step", "least_gain", "levels")
+
+
+def _actuator_help() -> str:
+    from minorloop.connect import addresses
+
+    return f"Its address: {', '.join(addresses())}."
+
+
+class RunCommand(_common.LateHelp):
+    """``minorloop run``; its help lists the addresses that exist."""
+
+    late: ClassVar = {"actuator": _actuator_help}
+
+
+COMMAND = RunCommand
 
 
 def run(
     actuator: Annotated[
         str,
-        typer.Option(
-            show_default=False, help="Its address: twin:ipmc, twin:fibre, or visa:bench.json."
-        ),
+        typer.Option(show_default=False, help="Its address, such as twin:ipmc or visa:bench.json."),
     ],
     plan: Annotated[
         str,
         typer.Option(
             show_default=False,
-            help="CSV file, as plan --save writes it; or adaptive, to choose each input by what "
-            "was measured before.",
+            help="CSV file, as plan --save writes it; or adaptive, to choose each input from the "
+            "measurements before it.",
         ),
     ],
-    store: Annotated[
-        Path, typer.Option(show_default=False, help="Where the points go: a new file.")
-    ],
+    store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
     specimen: Annotated[
-        int | None, _common.whole_option("Seed of a twin's specimen; without it, nominal.")
+        int | None, _common.whole_option("Seed of a twin's specimen; nominal if not given.")
     ] = None,
     noise: Annotated[
         float, _common.number_option("Standard deviation of a twin's sensor, in its unit.")
@@ -55,42 +66,42 @@ def run(
     tolerance: Annotated[
         float | None,
         _common.number_option(
-            "Slope of a settled output, its unit per second; without it, what moves the output "
-            "by 0.2 % of its span in another hold."
+            "Slope of a settled output, in its unit per second; if not given, the slope that moves "
+            "the output by 0.2 % of its span in another hold."
         ),
     ] = None,
     shortest: Annotated[
         float | None,
-        _common.number_option("Shortest hold in seconds; without it, a quarter of the longest."),
+        _common.number_option("Shortest hold in seconds; a quarter of the longest if not given."),
     ] = None,
     interval: Annotated[
         float | None,
         _common.number_option(
-            "Seconds between samples; without it, 1/200 of the least hold, or what the meter takes."
+            "Seconds between samples; if not given, 1/200 of the shortest hold, or what the meter "
+            "needs."
         ),
     ] = None,
     holds: Annotated[
         int | None,
         _common.whole_option(
-            "Adaptive: holds to spend, 12 if not given; 4 for validation and up to 3 repetitions "
-            "come on top."
+            "Adaptive: holds of the design, 12 if not given; 4 for validation and up to 3 "
+            "repetitions are added."
         ),
     ] = None,
     hours: Annotated[
         float | None,
         _common.number_option(
-            "Adaptive: hours to spend at most, validation and repetitions included, instead of "
-            "holds."
+            "Adaptive: hours at most, validation and repetitions included, instead of holds."
         ),
     ] = None,
     hold: Annotated[
         float | None, _common.number_option("Adaptive: longest hold in seconds, 200 if not given.")
     ] = None,
     low: Annotated[
-        float | None, _common.number_option("Adaptive: least input; the actuator's limit.")
+        float | None, _common.number_option("Adaptive: least input; the limit if not given.")
     ] = None,
     high: Annotated[
-        float | None, _common.number_option("Adaptive: greatest input; the actuator's limit.")
+        float | None, _common.number_option("Adaptive: greatest input; the limit if not given.")
     ] = None,
     step: Annotated[
         float | None, _common.number_option("Adaptive: largest change from hold to hold.")
@@ -98,7 +109,7 @@ def run(
     least_gain: Annotated[
         float | None,
         _common.number_option(
-            "Adaptive: stop when a hold should make the model surer by less than this share."
+            "Adaptive: stop when a hold would reduce the standard deviation by a smaller share."
         ),
     ] = None,
     levels: Annotated[
@@ -106,7 +117,7 @@ def run(
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Hold each level of a plan until the output settles; resume goes on after any stop."""
+    """Hold each level of a plan until the output settles; resume continues a stopped run."""
     from minorloop.lab.run import answer_time, check_plan
     from minorloop.lab.store import Setup, Store
 
@@ -121,7 +132,7 @@ def run(
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
         if store.exists():
             raise StoreError(
-                f"{store} exists already; minorloop resume --store {store} goes on with a run, "
+                f"{store} exists already; continue it with minorloop resume --store {store}, "
                 "or give another name"
             )
         _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
@@ -129,7 +140,7 @@ def run(
         setup = Setup(actuator, *names, specimen, seed, {"noise": noise})
         if adaptive:
             setup = replace(setup, design=_adaptive.design_of(plant, options))
-        wanted = _wanted(plan, setup, _adaptive.HOLD if hold is None else hold, settings)
+        wanted = _wanted(plan, setup, _common.HOLD if hold is None else hold, settings)
         if interval is None:
             wanted = wanted.slowed(answer_time(plant))
         check_plan(plant, wanted)
@@ -138,7 +149,7 @@ def run(
 
 
 def _wanted(plan: str, setup: Setup, longest: float, settings: dict[str, Any]) -> Plan:
-    """The plan of a file, or one whose levels are open."""
+    """Return the plan of a file, or one whose levels are open."""
     from minorloop.lab.plan import Plan
 
     if setup.design is None:
@@ -148,27 +159,28 @@ def _wanted(plan: str, setup: Setup, longest: float, settings: dict[str, Any]) -
 
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
-    """Do what is left of the plan in a store, and say what came of it."""
+    """Carry out the rest of the plan in a store, and print the results."""
     from minorloop.lab.run import run as carry
 
     chooser = (
         None if store.setup.design is None else _adaptive.chooser_of(store.setup, store.points())
     )
-    choose = None if chooser is None else partial(_adaptive.chosen, chooser)
+    choose = None if chooser is None else partial(_adaptive.next_level, chooser)
     try:
         with watching(store, chooser) as watch:
-            way = carry(plant, store.plan, store, choose=choose, watch=watch)
+            mode = carry(plant, store.plan, store, choose=choose, watch=watch)
     except InstrumentError as error:
         left = (
             ""
             if store.finished
-            else (f", and minorloop resume --store {shlex.quote(str(store.path))} goes on")
+            else f"; continue with minorloop resume --store {shlex.quote(str(store.path))}"
         )
         kept = f"{len(store)} of {len(store.plan)} levels are kept"
         raise type(error)(f"{error}; {kept}{left}") from None
     figures = summary(store)
-    if chooser is not None:
-        figures |= _adaptive.findings(chooser, store)
+    found = None if chooser is None else _adaptive.findings_of(chooser, store)
+    if found is not None:
+        figures |= _adaptive.as_json(found)
     figures["warnings"] = [
         *getattr(plant, "warnings", ()),
         *figures.get("warnings", []),
@@ -176,61 +188,61 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         *_slow(figures),
     ]
     if as_json:
-        _common.print_json({**figures, "way": way})
+        _common.print_json({**figures, "way": mode})
         return
-    if way == "finished":
-        typer.echo("this run had finished already; nothing was applied")
-    if way == "replayed":
-        typer.echo("the actuator was taken through its recorded inputs again, unmeasured, first")
+    if mode == "finished":
+        typer.echo("this run was finished already; nothing was applied")
+    if mode == "replayed":
+        typer.echo("first the recorded inputs were applied again, unmeasured")
     levels = f"{figures['points']} of {figures['levels']} levels measured"
     typer.echo(
-        f"{levels if chooser is None else _adaptive.measured(figures)}, "
+        f"{levels if chooser is None else _adaptive.progress(figures)}, "
         f"{figures['settled']} settled, {figures['extrapolated']} extrapolated, "
         f"{figures['unsettled']} unsettled, held for {as_duration(figures['held_s'])} in all"
     )
     if said := sampling(figures):
         typer.echo(said)
-    if chooser is not None:
-        _adaptive.print_findings(figures)
+    if found is not None:
+        _adaptive.print_findings(found)
     _common.print_advice(figures["warnings"])
     typer.echo(f"kept in {store.path}; next: minorloop identify {store.path}")
 
 
 def _refuse(options: dict[str, Any], plan: str) -> None:
-    """Options of adaptive runs, where a plan says all that."""
+    """Refuse options of adaptive runs, where the plan is a file."""
     for name, value in options.items():
         if value is not None:
             raise ParameterError(
-                f"--{name.replace('_', '-')} is for --plan adaptive, and {plan} says what to hold; "
-                "leave it out"
+                f"--{name.replace('_', '-')} is for --plan adaptive, not for a plan in a file "
+                f"({plan}); leave it out"
             )
 
 
 def _unsettled(figures: dict[str, Any]) -> list[str]:
-    """A warning where half of the holds or more had not settled."""
+    """Return a warning if half of the holds or more had not settled."""
     if not figures["points"] or 2 * figures["unsettled"] < figures["points"]:
         return []
     return [
-        f"{figures['unsettled']} of {figures['points']} points had not settled, so that they say "
-        "little of settled outputs; hold longer"
+        f"{figures['unsettled']} of {figures['points']} points had not settled and are no "
+        "settled outputs; hold longer"
     ]
 
 
 def _slow(figures: dict[str, Any]) -> list[str]:
-    """A warning where the meter did not give the samples that the plan asks for."""
+    """Return a warning if the meter was slower than the plan."""
     asked, most = figures["sample_interval_s"], figures["longest_interval_s"]
     if most is None or most <= SLOW * asked:
         return []
     return [
         f"the meter was slower than the plan: samples were up to {most:.3g} s apart, not {asked:g} "
-        "s; their times are the true ones"
+        "s; the times in the store are the true ones"
     ]
 
 
 def sampling(figures: dict[str, Any]) -> str:
-    """How often the output was read, in words, and how well the times are known.
+    """Return in words how often the output was read, and how well the times are known.
 
-    Empty where the times are exact, as those of a twin, or the store does not know.
+    Empty where the times are exact, as for a twin, or not known.
     """
     if not figures["time_uncertainty_s"] or figures["median_interval_s"] is None:
         return ""
@@ -241,7 +253,7 @@ def sampling(figures: dict[str, Any]) -> str:
 
 
 def summary(store: Store) -> dict[str, Any]:
-    """What a store is about, and how far it has come."""
+    """Return the actuator, the specimen and the progress of a store, by name."""
     points = store.points()
     verdicts = [point.verdict for point in points]
     intervals = [p.sample_interval for p in points if p.sample_interval > 0]

@@ -1,9 +1,9 @@
-"""``minorloop runs``: look into experiment stores, and take the points out."""
+"""``minorloop runs``: list experiment stores, show them, and export their points."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,7 +15,7 @@ from minorloop.errors import ParameterError, StoreError
 from minorloop.files import table_text
 
 if TYPE_CHECKING:
-    from minorloop.lab.store import Store
+    from minorloop.lab.store import RunSession, Store
 
 NAME = "runs"
 EXAMPLE = "minorloop runs export --store runs.sqlite --save points.csv"
@@ -27,25 +27,26 @@ def run(
         str,
         typer.Argument(
             show_default=False,
-            help="list (one line a store), show (its points), or export (one row a point).",
+            help="list (one line for each store), show (its points), or export (one row for each "
+            "point).",
         ),
     ],
     store: Annotated[
         Path,
         typer.Option(
-            show_default=False, help="The file that run has made; for list, a folder of them too."
+            show_default=False, help="The store that run wrote; for list, also a folder of stores."
         ),
     ],
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Look into experiment stores, and take the settled points out."""
+    """List or show experiment stores, or export their settled points."""
     if action not in _ACTIONS:
         known = ", ".join(_ACTIONS)
         raise ParameterError(f"there is no action {action!r}; give one of {known}")
     if save is not None and action != "export":
-        raise ParameterError(f"--save goes with export, not with {action}; leave it out")
+        raise ParameterError(f"--save is for export, not for {action}; leave it out")
     if action == "list":
         _list(store, as_json)
     elif action == "show":
@@ -59,7 +60,7 @@ def _list(place: Path, as_json: bool) -> None:
 
     files = sorted(filter(is_store, place.iterdir())) if place.is_dir() else [place]
     if not files:
-        raise StoreError(f"there is no experiment store in {place}; run makes one")
+        raise StoreError(f"there is no experiment store in {place}; minorloop run writes one")
     found, damaged = [], []
     for file in files:
         try:
@@ -78,7 +79,7 @@ def _list(place: Path, as_json: bool) -> None:
             str(figures["actuator"]),
             "nominal" if figures["specimen"] is None else str(figures["specimen"]),
             f"{figures['points']} of {figures['levels']}",
-            "finished" if figures["finished"] else "to be resumed",
+            "finished" if figures["finished"] else "not finished",
         )
         for figures in found
     ]
@@ -92,9 +93,9 @@ def _show(file: Path, as_json: bool) -> None:
 
     with Store.open(file) as opened:
         if as_json:
-            sittings = [vars(sitting) for sitting in opened.sittings()]
+            sessions = [_session_json(session) for session in opened.sessions()]
             _common.print_json(
-                {**summary(opened), "sittings": sittings, "columns": opened.columns()}
+                {**summary(opened), "sittings": sessions, "columns": opened.columns()}
             )
             return
         _print(opened)
@@ -114,14 +115,21 @@ def _print(store: Store) -> None:
     if said := sampling(figures):
         rows.append(("sampling", said))
     _common.print_table(("", ""), rows, str(store.path))
-    for sitting in store.sittings():
-        end = sitting.end or "killed, or still at work"
-        typer.echo(f"{sitting.began}: {sitting.way}, from point {sitting.first} on; {end}")
+    for session in store.sessions():
+        end = session.end or "killed, or still running"
+        typer.echo(f"{session.began}: {session.mode}, from point {session.first} on; {end}")
     points, (u, y) = store.points(), store.outputs
     if points:
         typer.echo(f"\n{y} against {u}")
         for line in scatter([([p.input for p in points], [p.value for p in points])], 60, 14):
             typer.echo(line)
+
+
+def _session_json(session: RunSession) -> dict[str, Any]:
+    """Return the fields of a session under the keys of the store format."""
+    fields = vars(session).copy()
+    fields["way"] = fields.pop("mode")
+    return fields
 
 
 def _export(file: Path, save: Path | None, force: bool, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""``minorloop simulate``: what a model gives for the inputs in a CSV file."""
+"""``minorloop simulate``: outputs for the inputs in a CSV file."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def run(
 
 
 def _warn_beyond(known: ModelFile, u: FloatArray) -> None:
-    """Say on stderr where relays are saturated, which looks like any other answer."""
+    """Say on stderr how many inputs saturate the relays."""
     levels = getattr(known.model, "levels", None)
     if levels is None:
         return

@@ -1,13 +1,12 @@
-"""``minorloop study``: the experiments of a paper, end to end, with their numbers."""
+"""``minorloop study``: reproduce the experiments of a paper on simulated specimens."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import typer
 
@@ -21,16 +20,28 @@ STUDIES = "minorloop.studies"
 _MOST, _MOST_SCENES = 1000, 100_000
 
 
+def _registered() -> dict[str, str]:
+    """Return the module of each study by its name."""
+    from importlib.metadata import entry_points
+
+    return {point.name: point.value for point in entry_points(group=STUDIES)}
+
+
+class StudyCommand(_common.LateHelp):
+    """``minorloop study``; its help lists the studies that exist."""
+
+    late: ClassVar = {"name": lambda: f"Which one: {', '.join(_registered())}."}
+
+
+COMMAND = StudyCommand
+
+
 def run(
     name: Annotated[
         str,
-        typer.Argument(
-            show_default=False, help="Which one: ipmc, fibre, design, head or inspection."
-        ),
+        typer.Argument(show_default=False, help="Which one, such as ipmc, fibre or design."),
     ],
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for the report; a new or an empty one.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="New or empty folder for the report.")] = None,
     specimens: Annotated[
         int, _common.whole_option("Specimens; figures are medians over them.")
     ] = 1,
@@ -38,22 +49,22 @@ def run(
     scenes: Annotated[
         int | None,
         _common.whole_option(
-            "Scenes with a hole, and as many without, that inspection scores its finder on, in "
-            "all; 4 a specimen without this."
+            "For inspection: scenes with a hole, and as many without, over all specimens; 4 for "
+            "each specimen if not given."
         ),
     ] = None,
     soundings: Annotated[
         int | None,
         _common.whole_option(
-            "Pits with a flat floor that inspection scores its depths on, in all; 6 a specimen "
-            "without this."
+            "For inspection: pits with a flat floor that are measured, over all specimens; 6 for "
+            "each specimen if not given."
         ),
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Carry a whole experiment out on simulated specimens, and compare what is claimed.
+    """Carry out a whole experiment on simulated specimens, and compare it with its claims.
 
-    A specimen takes fifteen seconds to a minute, that of inspection two to four minutes.
+    One specimen takes fifteen seconds to a minute, for inspection two to four minutes.
     """
     module = _module_of(name)
     if not 1 <= specimens <= _MOST:
@@ -82,15 +93,15 @@ def run(
 
 
 def _module_of(name: str) -> str:
-    """The module of a study, which has ``run_study``; reports are in that with ``_report``."""
-    studies = {point.name: point.value for point in entry_points(group=STUDIES)}
+    """Return the module of a study; the module of its report has ``_report`` at the end."""
+    studies = _registered()
     if name not in studies:
         raise ParameterError(f"there is no study {name!r}; give one of {', '.join(studies)}")
     return studies[name]
 
 
 def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> dict[str, int]:
-    """How many scenes and soundings each specimen is to score."""
+    """Return how many scenes and soundings each specimen has."""
     shares = {}
     for option, count in counts.items():
         if count is None:
@@ -104,7 +115,7 @@ def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> 
 
 
 def _figures_of(module: str, options: Mapping[str, int], seed: int) -> dict[str, Any]:
-    """One specimen, in a process of its own."""
+    """Return the figures of one specimen, in a process of its own."""
     found: dict[str, Any] = import_module(module).run_study(seed, **options).figures()
     return found
 

@@ -106,7 +106,7 @@ class Summary:
     outcomes : sequence of Outcome
         In the order of the manifest.
     strays : sequence of str
-        Files in the folder that belong to none of these specimens.
+        Files in the folder that do not belong to any of these specimens.
     """
 
     outcomes: Sequence[Outcome]
@@ -185,7 +185,7 @@ class Summary:
         ]
         lines += [f"warning {one.specimen}: {one.warning}" for one in self.warned]
         lines += [f"failed {one.specimen}: {one.error}" for one in self.failures]
-        lines += [f"{file} belongs to no specimen in this manifest" for file in self.strays]
+        lines += [f"{one} does not belong to any specimen in this manifest" for one in self.strays]
         return "\n".join(lines)
 
     def _values(self, figure: str) -> Any:

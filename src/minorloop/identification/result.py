@@ -17,6 +17,7 @@ from minorloop.identification.bands import Prediction, as_probability
 from minorloop.identification.baseline import delayed
 from minorloop.identification.fitted import Fit
 from minorloop.identification.prior import Posterior, regressors
+from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
 
@@ -134,17 +135,7 @@ class Identification(Fit):
         return tuple(advising.advice(self))
 
     def __str__(self) -> str:
-        held = self.holdout_nrmse
-        rows = [
-            ("model", repr(self.model)),
-            ("samples, unknowns", f"{self.samples}, {self.unknowns}"),
-            ("cells excited", f"{self.excited_fraction:.0%}"),
-            ("lag", f"{self.lag} samples"),
-            ("error, fitted", f"{self.nrmse:.3%} of range"),
-            ("error, held out", "not asked for" if held is None else f"{held:.3%} of range"),
-            ("best delayed polynomial", f"{self.baseline_nrmse:.3%} of range"),
-            ("optimality", f"{self.kkt:.1e}" + ("" if self.converged else ", not converged")),
-        ]
+        rows = [("model", repr(self.model)), *score_rows(self)]
         lines = [f"{name:<24} {value}" for name, value in rows]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 

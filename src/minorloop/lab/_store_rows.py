@@ -1,4 +1,4 @@
-"""What is in the rows of an experiment store, and how it gets in and out."""
+"""Rows of an experiment store: their content, and how they are written and read."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SCHEMA = (
     "y BLOB NOT NULL, digest TEXT NOT NULL)",
 )
 ABOUT = "SELECT name, value, digest FROM about"
-SITTINGS = "SELECT id, began, ended, first, way, end, digest FROM sitting ORDER BY id"
+SESSIONS = "SELECT id, began, ended, first, way, end, digest FROM sitting ORDER BY id"
 _KNOWN_OF_POINT = {
     1: "id, input, value, sd, verdict, t, held, checkpoint",
     2: "id, input, value, sd, verdict, t, held, checkpoint, sample_interval, time_uncertainty",
@@ -42,7 +42,7 @@ POINTS = {
 }
 TRACES = "SELECT id, t, y, digest FROM trace ORDER BY id"
 INSERT_ABOUT = "INSERT OR IGNORE INTO about VALUES (?, ?, ?)"
-REPLACE_SITTING = "REPLACE INTO sitting VALUES (?, ?, ?, ?, ?, ?, ?)"
+REPLACE_SESSION = "REPLACE INTO sitting VALUES (?, ?, ?, ?, ?, ?, ?)"
 INSERT_POINT = {
     version: f"INSERT INTO point VALUES ({', '.join('?' * (columns.count(',') + 2))})"
     for version, columns in _KNOWN_OF_POINT.items()
@@ -52,22 +52,22 @@ INSERT_TRACE = "INSERT INTO trace VALUES (?, ?, ?, ?)"
 
 @dataclass(frozen=True)
 class Setup:
-    """What a plan is carried out on.
+    """The actuator and specimen that a plan is carried out on.
 
     Parameters
     ----------
     address : str
-        Where the actuator is, such as ``twin:ipmc``.
+        Address of the actuator, such as ``twin:ipmc``.
     input, output : str
-        Name and unit of its channels, such as ``voltage [V]``.
+        Name and unit of each channel, such as ``voltage [V]``.
     specimen : int, optional
         Seed of the specimen; None for the nominal one.
     seed : int
         Seed of the noise.
     options : dict
-        What else it takes to connect to it, such as ``noise``; ready for JSON.
+        Further options of `connect`, such as ``noise``; ready for JSON.
     design : dict, optional
-        What chooses the levels that the plan leaves open; ready for JSON.
+        Parameters of what chooses the levels that the plan leaves open; ready for JSON.
     """
 
     address: str
@@ -79,14 +79,14 @@ class Setup:
     design: dict[str, Any] | None = None
 
     def to_json(self) -> str:
-        """The setup as JSON; equal setups give equal text."""
+        """Return the setup as JSON; equal setups give equal text."""
         try:
             return json.dumps(asdict(self), sort_keys=True)
         except (TypeError, ValueError) as error:
             raise ParameterError(f"the setup cannot be written as JSON: {error}") from None
 
     def difference(self, other: Setup) -> str:
-        """The first thing in which another setup differs, in words; empty if it is the same.
+        """Return the first difference from another setup, in words; empty if there is none.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class Setup:
 
 @dataclass(frozen=True)
 class Point:
-    """A level that was held to its end.
+    """The result of one hold.
 
     Parameters
     ----------
@@ -120,18 +120,18 @@ class Point:
         ``settled``, ``extrapolated`` or ``unsettled``; see ``lab.settling``.
     t : float
         Time at the end of the hold since the first level was applied, by the clock of the actuator,
-        in seconds. What a store took to write a point between two holds is in it; the time between
-        two sittings is not.
+        in seconds. It includes the time to write points between holds, but not the time between two
+        sessions.
     held : float
-        How long it was held, in seconds: from when the input was on to the end of the hold.
+        Duration of the hold in seconds, from when the input was on.
     checkpoint : dict, optional
         The state of a twin at the end of the hold.
     sample_interval : float
-        Time between samples on average, in seconds; longer than that of the plan where the meter
-        was slower. NaN where there is one sample only, or the store is older than that.
+        Mean time between samples, in seconds; longer than that of the plan where the meter was
+        slower. NaN where there is only one sample, or the store has format 1.
     time_uncertainty : float
-        No time of the hold is further from the true one, in seconds: half the exchange that set the
-        input and half the longest that read the output; 0 for a twin, NaN in an older store.
+        Largest error of a time of the hold, in seconds: half the exchange that set the input and
+        half the longest that read the output; 0 for a twin, NaN in a store of format 1.
     """
 
     index: int
@@ -147,20 +147,20 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Sitting:
-    """One process that carried the plan on.
+class RunSession:
+    """One process that carried out part of the plan.
 
     Parameters
     ----------
     began : str
         When, in UTC.
     ended : str, optional
-        When it ended; None where it was killed, or is still at work.
+        When it ended; None if it was killed or is still running.
     first : int
         The point that it began with.
-    way : str
-        How the actuator got there: ``fresh``, ``restored`` to exactly the state at the last
-        settled point, or ``replayed``: taken through its recorded inputs again, unmeasured.
+    mode : str
+        How the actuator was brought there: ``fresh``, ``restored`` to exactly the state at the last
+        settled point, or ``replayed``: its recorded inputs were applied again, unmeasured.
     end : str, optional
         How it ended: ``finished``, ``interrupted``, or what went wrong.
     """
@@ -168,22 +168,22 @@ class Sitting:
     began: str
     ended: str | None
     first: int
-    way: str
+    mode: str
     end: str | None
 
 
 def sealed(*content: object) -> tuple[Any, ...]:
-    """A row as it is written: its content, and a digest that tells whether it was altered."""
+    """Return a row as it is written: its content, and a digest that shows changes."""
     return (*content, _digest(content))
 
 
 def unsealed(row: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The content of a row as it was written.
+    """Return the content of a row.
 
     Raises
     ------
     ValueError
-        If it was altered since.
+        If it was changed since it was written.
     """
     *content, written = row
     if _digest(content) != written:
@@ -192,7 +192,7 @@ def unsealed(row: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def point_row(point: Point, version: int) -> tuple[Any, ...]:
-    """A point as a store of some format keeps it."""
+    """Return the row of a point, in a format of the store."""
     output = _or_none(point.value), _or_none(point.sd)
     times = _or_none(point.t), _or_none(point.held)
     state = None if point.checkpoint is None else json.dumps(point.checkpoint)
@@ -202,7 +202,7 @@ def point_row(point: Point, version: int) -> tuple[Any, ...]:
 
 
 def as_point(row: tuple[Any, ...]) -> Point:
-    """A point as it was written; raises ``ValueError`` if it was altered since."""
+    """Return the point of a row; raise ``ValueError`` if the row was changed."""
     index, input, value, sd, verdict, t, held, state, *known = unsealed(row)
     checkpoint = None if state is None else json.loads(state)
     times = [_or_nan(item) for item in known]
@@ -210,23 +210,23 @@ def as_point(row: tuple[Any, ...]) -> Point:
 
 
 def trace_row(index: int, t: FloatArray, y: FloatArray) -> tuple[Any, ...]:
-    """A trace as it is written: little-endian float64."""
+    """Return the row of a trace: little-endian float64."""
     return sealed(index, *(np.asarray(values, dtype="<f8").tobytes() for values in (t, y)))
 
 
 def as_trace(row: tuple[Any, ...]) -> tuple[FloatArray, FloatArray]:
-    """A trace as it was written; raises ``ValueError`` if it was altered since."""
+    """Return the trace of a row; raise ``ValueError`` if the row was changed."""
     t, y = (np.frombuffer(item, dtype="<f8").astype(np.float64) for item in unsealed(row)[1:])
     return t, y
 
 
-def as_sitting(row: tuple[Any, ...]) -> Sitting:
-    """A sitting as it was written; raises ``ValueError`` if it was altered since."""
-    return Sitting(*unsealed(row)[1:])
+def as_session(row: tuple[Any, ...]) -> RunSession:
+    """Return the session of a row; raise ``ValueError`` if the row was changed."""
+    return RunSession(*unsealed(row)[1:])
 
 
 def reason(error: sqlite3.Error) -> str:
-    """What SQLite says, for people."""
+    """Return the error of SQLite in words."""
     name = getattr(error, "sqlite_errorname", "")
     for begin, words in (
         ("SQLITE_FULL", "the disk is full; make room"),
@@ -236,7 +236,7 @@ def reason(error: sqlite3.Error) -> str:
         ("SQLITE_CORRUPT", "it is damaged; restore a copy of it"),
         ("SQLITE_NOTADB", "it is not an experiment store, or damaged; run makes a new one"),
         ("SQLITE_CANTOPEN", "it, or the journal beside it, cannot be opened"),
-        ("SQLITE_IOERR", f"the disk does not take or give it ({error})"),
+        ("SQLITE_IOERR", f"the disk cannot read or write it ({error})"),
     ):
         if name.startswith(begin):
             return words
@@ -244,16 +244,16 @@ def reason(error: sqlite3.Error) -> str:
 
 
 def take_name(scratch: Path, target: Path) -> None:
-    """Give a finished file its name in one move, unless something has that name.
+    """Rename a finished file in one step; never replace an existing one.
 
     Raises
     ------
     OutputError
-        If something has it, or the folder does not allow it.
+        If the name exists, or the folder cannot be written.
     """
     try:
         try:
-            os.link(scratch, target)  # unlike a rename, never replaces what is there
+            os.link(scratch, target)  # unlike a rename, never replaces a file
         except FileExistsError:
             raise
         except OSError:  # a file system without links
@@ -268,7 +268,7 @@ def take_name(scratch: Path, target: Path) -> None:
 
 
 def _settle_folder(folder: Path) -> None:
-    """Have the new name survive a loss of power, where the system can promise that."""
+    """Make the new name survive a power cut, where the system can guarantee it."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
@@ -290,7 +290,7 @@ def _digest(content: Iterable[object]) -> str:
 
 
 def _or_none(value: float) -> float | None:
-    # SQLite keeps no negative zero, and what is read has to be what was sealed.
+    # SQLite keeps no negative zero, and the digest is of what is read back.
     return float(value) + 0.0 if math.isfinite(value) else None
 
 

@@ -1,4 +1,4 @@
-"""The only doors to a plant: a twin and an instrument stand behind them alike."""
+"""Protocols of a plant, which simulated actuators and instruments implement alike."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Value: TypeAlias = float | FloatArray
 """A number for one channel, a (channels,) array for more."""
 
 ROUNDING = 1e-12
-"""Share of a channel's range by which rounding may carry an input past a limit."""
+"""Share of a channel's range by which an input may exceed a limit, because of rounding."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Channel:
     Parameters
     ----------
     name : str
-        What it is, such as ``voltage``.
+        Such as ``voltage``.
     unit : str
-        Its unit, such as ``V``; empty for a pure number.
+        Such as ``V``; empty for a pure number.
     low, high : float
         Hard limits in the unit of the channel, low below high; infinite where there is none.
     rate : float
@@ -85,7 +85,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """An ultrasonic trace and when it was fired.
+    """An ultrasonic trace and when its pulse was fired.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Actuator(Protocol):
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """Input channels, with the limits that inputs must keep."""
+        """Input channels, with their limits."""
 
     @property
     def outputs(self) -> tuple[Channel, ...]:
@@ -119,7 +119,7 @@ class Actuator(Protocol):
         """How long one ``exchange`` takes, in seconds."""
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input and record it and the output.
+        """Hold an input, and return a record of input and output.
 
         Parameters
         ----------
@@ -135,8 +135,8 @@ class Actuator(Protocol):
         -------
         Record
             Its times are those at which the output was read. A plant whose exchanges take time
-            says in ``timing`` when the hold really began and ended; without it, the hold is taken
-            to have lasted as long as it was asked to.
+            says in ``timing`` when the hold really began and ended; without it, the hold counts as
+            exactly ``duration`` long.
 
         Raises
         ------
@@ -145,7 +145,7 @@ class Actuator(Protocol):
         """
 
     def exchange(self, u: Value) -> Value:
-        """Hold an input for one tick and give the output at its end.
+        """Hold an input for one tick, and return the output at its end.
 
         Parameters
         ----------
@@ -159,31 +159,31 @@ class Actuator(Protocol):
         """
 
     def safe(self) -> None:
-        """Go to the input that can be left on unattended; never raises on a healthy plant."""
+        """Apply the input that can stay on unattended; raises only if the plant is faulty."""
 
 
 @runtime_checkable
 class Timed(Protocol):
-    """A plant that knows how long its meter takes, so that no plan asks more of it."""
+    """A plant that knows how long its meter takes, so that too fast a plan can be refused."""
 
     def answer_time(self) -> float:
-        """How long one reading takes, in seconds: the median of the latest."""
+        """Return how long one reading takes, in seconds: the median of the latest."""
 
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """Something that sees."""
+    """A camera."""
 
     def frame(self) -> Frame:
-        """The next image."""
+        """Return the next image."""
 
 
 @runtime_checkable
 class EchoSource(Protocol):
-    """Something that hears."""
+    """An ultrasonic probe."""
 
     def shot(self) -> Shot:
-        """Fire one pulse and listen."""
+        """Fire one pulse, and return what is received."""
 
 
 def check_input(
@@ -193,9 +193,9 @@ def check_input(
     before: npt.ArrayLike | None = None,
     interval: float = 0.0,
 ) -> FloatArray:
-    """Give an input as an array when a plant may have it; refuse it otherwise.
+    """Return an input as an array; refuse it if it is beyond the limits of a plant.
 
-    An input past a limit by no more than rounding, 1e-12 of the range, counts as at the limit.
+    An input that exceeds a limit by rounding only, 1e-12 of the range, counts as at the limit.
 
     Parameters
     ----------
@@ -211,14 +211,14 @@ def check_input(
     Returns
     -------
     (channels,) array
-        The input as it was given; it is never clipped.
+        The input as it was given; it is not clipped.
 
     Raises
     ------
     LimitError
         If a number is not finite, or beyond a limit or a rate limit.
     ParameterError
-        If these are not real numbers, one for each channel.
+        If there is not one real number for each channel.
     """
     values = _one_each(channels, u)
     for channel, value in zip(channels, values, strict=True):
@@ -234,7 +234,7 @@ def check_input(
 
 
 def rounded_up(seconds: float) -> float:
-    """The next time of two digits that is no less.
+    """Return a time rounded up to two digits.
 
     Parameters
     ----------

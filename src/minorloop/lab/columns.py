@@ -1,4 +1,4 @@
-"""Reading columns of numbers from a CSV file, and saying exactly what is wrong with it."""
+"""Read columns of numbers from a CSV file; errors name the column and the row."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ MAX_LINE = 1024**2
 MAX_COLUMNS = 10_000
 """Most columns that are read."""
 CHUNK = 50_000
-"""Rows that are turned into numbers at a time, where they are not long."""
+"""Rows that are converted to numbers at a time, if they are short."""
 DELIMITERS = ",;\t"
 _SLACK, _CELLS = 100, 10_000_000
-"""Separators of a line beyond those of the header, which texts may hold; cells kept at a time."""
+"""Separators that quoted texts may add to a line; cells kept at a time."""
 _LONGEST_CELL = 1000
-"""Lines of a quoted cell."""
+"""Most lines of a quoted cell; more mean a missing quotation mark."""
 
 
 def read_columns(
@@ -48,20 +48,20 @@ def read_columns(
     path : str or path
         The file, 4 GiB at most.
     names : sequence of str
-        Columns wanted, by the whole header (``voltage [V]``) or its name (``voltage``).
+        Columns to read, by the whole header (``voltage [V]``) or the name (``voltage``).
     gaps : collection of str
-        Those of ``names`` in which an empty cell or ``nan`` is legal and gives NaN.
+        Those of ``names`` in which an empty cell or ``nan`` is allowed and gives NaN.
 
     Returns
     -------
     dict of str to (rows,) array
-        The columns under the names that they were asked by.
+        The columns by the given names.
 
     Raises
     ------
     RecordError
-        If the file cannot be read, is no such table, lacks a column, or has a cell that is
-        not a finite number; the message gives the column and the row, the header being row 1.
+        If the file cannot be read, is not such a table, lacks a column, or has a cell that is not a
+        finite number. The message gives the column and the row; the header is row 1.
     """
     with _table(path) as (file, rows, headers):
         where = {name: headers.index(find_column(name, headers, source=file)) for name in names}
@@ -81,12 +81,12 @@ def read_columns(
 
 
 def read_each(path: PathLike) -> list[FloatArray | RecordError]:
-    """All columns of a CSV file in one reading, gaps allowed; for each that cannot be had, why.
+    """Return all columns of a CSV file, gaps allowed; in place of unusable ones, the error.
 
     Raises
     ------
     RecordError
-        If the file cannot be read, is no such table, or has no rows.
+        If the file cannot be read, is not such a table, or has no rows.
     """
     with _table(path) as (file, rows, headers):
         pieces: list[list[FloatArray]] = [[] for _ in headers]
@@ -112,7 +112,7 @@ def read_each(path: PathLike) -> list[FloatArray | RecordError]:
 
 
 def read_headers(path: PathLike) -> list[str]:
-    """Column headers of a CSV file, as they are written there.
+    """Return the column headers of a CSV file.
 
     Raises
     ------
@@ -124,13 +124,13 @@ def read_headers(path: PathLike) -> list[str]:
 
 
 def split_header(header: str) -> tuple[str, str]:
-    """Name and unit of a header such as ``voltage [V]``; the unit is empty if it has none."""
+    """Return name and unit of a header such as ``voltage [V]``; an absent unit is empty."""
     match = re.fullmatch(r"\s*(.*?)\s*\[([^\[\]]*)\]\s*", header)
     return (match[1], match[2].strip()) if match and match[1] else (header.strip(), "")
 
 
 def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
-    """The one header that a name means: the header itself, or its part before the unit.
+    """Return the one header with a name: the whole header, or its part before the unit.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def _listed(headers: Sequence[str], *, most: int = 12) -> str:
 
 @contextmanager
 def _table(path: PathLike) -> Iterator[tuple[Path, Iterator[list[str]], list[str]]]:
-    """Open a file; give its path, an iterator over its rows, and its headers."""
+    """Open a file; yield its path, an iterator over its rows, and its headers."""
     file = Path(path)
     _check_file(file)
     try:
@@ -179,7 +179,7 @@ def _table(path: PathLike) -> Iterator[tuple[Path, Iterator[list[str]], list[str
 
 
 def _check_file(file: Path) -> None:
-    """Refuse what should not even be opened."""
+    """Refuse a file that must not be opened."""
     try:
         status = file.stat()
     except FileNotFoundError:
@@ -199,7 +199,7 @@ def _check_file(file: Path) -> None:
 
 
 def _lines(text: TextIO, file: Path, delimiter: str, most: int) -> Iterator[str]:
-    """Lines of a table; refuses those that would make rows without end."""
+    """Yield the lines of a table; refuse endless rows."""
     quoted, running = 0, 0
     for number, line in enumerate(iter(partial(text.readline, MAX_LINE), ""), 2):
         if len(line) > most and line.count(delimiter) > most:
@@ -209,14 +209,14 @@ def _lines(text: TextIO, file: Path, delimiter: str, most: int) -> Iterator[str]
             running = running + 1 if quoted else 0
             if running > _LONGEST_CELL:
                 raise RecordError(
-                    f"{file} is not a table: a quoted cell goes on for more than {_LONGEST_CELL} "
-                    f"lines, up to line {number}; close the quotation mark"
+                    f"{file} is not a table: a quoted cell has more than {_LONGEST_CELL} lines, "
+                    f"up to line {number}; close the quotation mark"
                 )
         yield line
 
 
 def _at_once(headers: Sequence[str]) -> int:
-    """Rows that are turned into numbers at a time."""
+    """Return how many rows are converted to numbers at a time."""
     return max(1, min(CHUNK, _CELLS // (len(headers) + _SLACK)))
 
 
@@ -248,7 +248,7 @@ def _read_header(text: TextIO, file: Path) -> tuple[list[str], str]:
 def _full_rows(
     chunk: list[list[str]], first: int, width: int, file: Path
 ) -> tuple[list[list[str]], Sequence[int]]:
-    """Rows that are not blank, with their row numbers in the file."""
+    """Return rows that are not blank, with their row numbers in the file."""
     numbers: Sequence[int] = range(first, first + len(chunk))
     if set(map(len, chunk)) == {width}:
         return chunk, numbers
@@ -262,7 +262,7 @@ def _full_rows(
 
 
 class _Cells:
-    """Turns the cells of one column into numbers, or says which one is none."""
+    """Converts the cells of one column to numbers, or says which one is not a number."""
 
     def __init__(self, where: str, numbers: Sequence[int], gaps: bool) -> None:
         self.where = where
@@ -274,7 +274,7 @@ class _Cells:
             values = np.fromiter(map(float, cells), np.float64, len(cells))
         except ValueError:
             values = self._one_by_one(cells)
-        # float() takes 1_000 and digits of other scripts for numbers; a logger that writes them
+        # float() reads 1_000 and digits of other scripts as numbers; a logger that writes them
         # means something else.
         together = "".join(cells)
         if "_" in together or not together.isascii():

@@ -1,4 +1,4 @@
-"""One level while it is held: for how long, what came of it, and how well its times are known."""
+"""One level while it is held: its samples, its duration, and how well its times are known."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from minorloop.lab.records import Record
 __all__ = ["Hold"]
 
 LOOKS = 2
-"""Looks at the output in each window."""
+"""How often the output is judged in each window."""
 
 
 class Hold:
-    """A level that is held in stretches, with a look at the output after each.
+    """A level that is held in stretches; the output is judged after each.
 
-    Times are those that the records of the stretches tell; a record without ``timing`` is taken to
-    have lasted as long as it was asked to.
+    Times are those of the records of the stretches; a record without ``timing`` counts as exactly
+    as long as was asked for.
 
     Parameters
     ----------
     plan : Plan
-        What is carried out.
+        The plan.
     index : int
         The level, counted from 0.
     answer : float
@@ -44,7 +44,7 @@ class Hold:
         self.held = 0.0
 
     def stretches(self) -> Iterator[float]:
-        """Lengths of the stretches that are left, in seconds; each is carried out before the next.
+        """Yield the lengths of the stretches to come, in seconds.
 
         All but the last are whole numbers of sample intervals, so that samples stay evenly spaced.
         """
@@ -59,12 +59,12 @@ class Hold:
             stretch = self._plan.window / LOOKS
 
     def add(self, record: Record, length: float) -> None:
-        """Take in a stretch that was carried out.
+        """Add a stretch that was carried out.
 
         Parameters
         ----------
         record : Record
-            What the actuator gave.
+            What the actuator returned.
         length : float
             How long it was asked to hold, in seconds.
         """
@@ -92,12 +92,12 @@ class Hold:
 
     @property
     def latest(self) -> float:
-        """The latest sample."""
+        """Latest sample of the output."""
         return float(self._records[-1].y[-1])
 
     @property
     def trace(self) -> tuple[FloatArray, FloatArray]:
-        """Times since the level was applied, and outputs, (T,) each."""
+        """Times since the level was applied, and outputs; (T,) each."""
         t = np.concatenate([record.t for record in self._records])
         y = np.concatenate([record.y for record in self._records])
         if self.timed:
@@ -107,7 +107,7 @@ class Hold:
 
     @property
     def uncertainty(self) -> float:
-        """No time of the hold is further from the true one, in seconds; 0 where they are exact."""
+        """Largest error of a time of the hold, in seconds; 0 where times are exact."""
         return max(r.timing.uncertainty if r.timing else 0.0 for r in self._records)
 
     @property
@@ -120,5 +120,5 @@ class Hold:
 
     @property
     def timed(self) -> bool:
-        """Whether the actuator tells when a hold began and ended."""
+        """Whether the actuator measures when a hold begins and ends."""
         return bool(self._records) and all(record.timing for record in self._records)

@@ -1,4 +1,4 @@
-"""What to apply, how long to hold it, and when it counts as settled."""
+"""A plan: levels to apply, how long to hold them, and when they count as settled."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ LONGEST = Quantity("hold", "s")
 SHORTEST = Quantity("shortest hold", "s")
 """Header of the column of shortest holds."""
 FEWEST = 4
-"""Samples that a window has at least: a slope and its uncertainty need that many."""
+"""Least samples of a window: a slope and its uncertainty need that many."""
 ENOUGH = 8
-"""Readings that a slow meter gives in a hold at least: fewer do not tell a movement from noise."""
+"""Least readings of a slow meter in a hold: fewer cannot distinguish movement from noise."""
 MAX_POINTS = 1_000_000
+"""Most levels of a plan."""
 MAX_SAMPLES = 2_000_000
-"""Samples of the longest hold."""
+"""Most samples of a hold."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
     """Inputs to hold one after the other, each until the output has settled.
 
-    A level is held for ``shortest`` at least and ``longest`` at most; between these it is left
-    as soon as the slope of the output over the last ``window`` is known to be below
-    ``tolerance``.
+    A level is held for ``shortest`` at least and ``longest`` at most. Between these the hold ends
+    as soon as the slope of the output over the last ``window`` is known to be below ``tolerance``.
 
     Parameters
     ----------
     inputs : (N,) array_like
-        Levels of the input, in its unit; NaN for a level that is chosen when its turn comes.
+        Levels of the input, in its unit; NaN for a level that is chosen during the run.
     longest : float or (N,) array_like
         Longest hold of each level, in seconds.
     shortest : float or (N,) array_like, optional
-        Shortest hold of each level, in seconds; a quarter of the longest if not given. An
-        output that turns looks settled at its turn: hold longer than it takes to turn.
+        Shortest hold of each level, in seconds; a quarter of the longest if not given. An output
+        that reverses looks settled at the reversal: hold longer than that.
     window : float, optional
         Trailing time over which the slope is taken, in seconds; a tenth of the least of
         ``longest`` if not given.
@@ -61,7 +61,7 @@ class Plan:
     Raises
     ------
     ParameterError
-        If the plan is empty, a number is out of its range, or the times contradict each other.
+        If the plan is empty, a number is out of range, or the times contradict each other.
     """
 
     inputs: FloatArray
@@ -108,7 +108,7 @@ class Plan:
 
     @property
     def open(self) -> bool:
-        """Whether there are levels that are chosen when their turn comes."""
+        """Whether there are levels that are chosen during the run."""
         return bool(np.isnan(self.inputs).any())
 
     def __str__(self) -> str:
@@ -122,20 +122,19 @@ class Plan:
         Parameters
         ----------
         path : str or path
-            A file with a column ``hold [s]`` (or ms, min, h), perhaps a column
+            A file with a column ``hold [s]`` (or ms, min, h), optionally a column
             ``shortest hold [s]``, and one of the input.
         input : str, optional
-            The column of the input; needed where there are several other columns.
+            The column of the input; needed if there are several other columns.
         **settings
-            ``window``, ``tolerance``, ``sample_interval``, and ``shortest`` to replace the
-            column.
+            ``window``, ``tolerance``, ``sample_interval``, and ``shortest`` in place of the column.
 
         Raises
         ------
         RecordError
             If the file or a column in it cannot be used.
         ParameterError
-            If a number is out of its range.
+            If a number is out of range.
         """
         headers = read_headers(path)
         times = {name: _time_column(name, headers) for name in (str(LONGEST), str(SHORTEST))}
@@ -159,14 +158,14 @@ class Plan:
         return cls(columns[header], longest, input=header, **settings)
 
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
-        """Write inputs, longest and shortest holds as CSV; the settings stay behind.
+        """Write inputs, longest and shortest holds as CSV, without the other settings.
 
         Parameters
         ----------
         path : str or path
-            Where.
+            The file.
         force : bool
-            Replace a file that exists.
+            Whether an existing file may be replaced.
 
         Raises
         ------
@@ -180,7 +179,7 @@ class Plan:
         write_atomically(path, table_text(header, rows))
 
     def to_json(self) -> str:
-        """The whole plan as JSON; equal plans give equal text."""
+        """Return the whole plan as JSON; equal plans give equal text."""
         return json.dumps(
             {
                 "input": str(self.input),
@@ -195,17 +194,17 @@ class Plan:
 
     @classmethod
     def from_json(cls, text: str) -> Plan:
-        """The plan that ``to_json`` wrote.
+        """Return the plan that ``to_json`` wrote.
 
         Parameters
         ----------
         text : str
-            What ``to_json`` gave.
+            The JSON text.
 
         Raises
         ------
         ParameterError
-            If the text is no plan.
+            If the text is not a plan.
         """
         try:
             fields = json.loads(text)
@@ -215,7 +214,7 @@ class Plan:
             raise ParameterError(f"that is not a plan: {error}") from None
 
     def difference(self, other: Plan) -> str:
-        """The first thing in which another plan differs, in words; empty if it is the same.
+        """Return the first difference from another plan, in words; empty if there is none.
 
         Parameters
         ----------
@@ -237,7 +236,7 @@ class Plan:
         return ""
 
     def slowed(self, seconds: float) -> Plan:
-        """The same plan, with a sample interval and a window that a slow meter can keep.
+        """Return the same plan with a sample interval and a window for a slow meter.
 
         Parameters
         ----------
@@ -247,7 +246,7 @@ class Plan:
         Returns
         -------
         Plan
-            This one where the meter is fast enough, or no interval makes up for it.
+            This plan if the meter is fast enough, or too slow for any interval.
         """
         brief = float(self.longest.min())
         if not self.sample_interval < seconds <= brief / (1.1 * ENOUGH):
@@ -258,7 +257,7 @@ class Plan:
         return Plan(self.inputs, self.longest, self.shortest, input=self.input, **settings)
 
     def check_answers(self, seconds: float) -> None:
-        """Refuse a plan that wants more readings than a meter can give.
+        """Refuse a plan that needs more readings than a meter can give.
 
         Parameters
         ----------
@@ -275,7 +274,7 @@ class Plan:
             return
         interval = rounded_up(max(seconds, self.sample_interval))
         raise ParameterError(
-            f"the meter takes {seconds:.3g} s for an answer, and a verdict takes {ENOUGH} of them "
+            f"the meter takes {seconds:.3g} s for an answer, and a verdict needs {ENOUGH} of them "
             f"in a hold and {FEWEST} in the window: the plan has a hold of {hold:g} s and a window "
             f"of {self.window:g} s; the shortest hold possible is "
             f"{rounded_up(ENOUGH * interval):g} s, with {interval:g} s between samples"
@@ -316,11 +315,11 @@ def _levels(inputs: npt.ArrayLike) -> FloatArray:
             f"inputs have shape {levels.shape}; a plan has (N,) levels of one input, "
             f"1 to {MAX_POINTS} of them"
         )
-    return levels + 0.0  # no negative zero, which some files cannot keep
+    return levels + 0.0  # without negative zeros, which SQLite cannot store
 
 
 def _each(name: str, times: npt.ArrayLike, count: int) -> FloatArray:
-    """One time for each level, (count,)."""
+    """Return one time for each level, (count,)."""
     try:
         values = np.array(np.broadcast_to(np.asarray(times, dtype=np.float64), (count,)))
     except (TypeError, ValueError):
@@ -344,7 +343,7 @@ def _positive(name: str, value: float) -> float:
 
 
 def _time_column(name: str, headers: list[str]) -> str | None:
-    """The header that means this time, whatever its unit."""
+    """Return the header of this time, with any unit."""
     wanted = split_header(name)[0]
     found = [header for header in headers if split_header(header)[0] == wanted]
     return name if name in headers else next(iter(found), None)
@@ -355,5 +354,5 @@ def _seconds(times: FloatArray, header: str, path: PathLike) -> FloatArray:
     if unit not in SECONDS:
         units = ", ".join(unit for unit in SECONDS if unit)
         raise RecordError(f"column '{header}' of {path} must be in one of {units}")
-    with np.errstate(over="ignore"):  # what is infinite then is refused as such
+    with np.errstate(over="ignore"):  # infinite times are refused later
         return np.asarray(times * SECONDS[unit])

@@ -1,4 +1,4 @@
-"""A measured record: what was applied, what came of it, and when."""
+"""A measured record: inputs and outputs against time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from minorloop.lab.columns import find_column, read_columns, read_headers, split
 __all__ = ["SAMPLE", "Quantity", "Record", "Timing", "read_columns", "read_headers"]
 
 SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
-"""Units of time that a record understands, in seconds."""
+"""Units of time that a record may have, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,12 @@ class Quantity:
 
 
 SAMPLE = Quantity("sample")
-"""Stands for time where none was measured."""
+"""Takes the place of time where none was measured."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """When a hold began and ended by the clock of its record, as an instrument measured it.
+    """When a hold began and ended, by the clock of its record.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ class Timing:
     ended : float
         When the hold ended, in seconds.
     uncertainty : float
-        In seconds: half the exchange that set the input and half the longest that read the output.
-        No true time since the input was on is further from what it is said to be.
+        Largest error of a time since the input was on, in seconds: half the exchange that set the
+        input and half the longest that read the output.
     """
 
     began: float
@@ -88,13 +88,13 @@ class Record:
     time : Quantity
         What ``t`` is.
     timing : Timing, optional
-        When the hold began and ended, and how well times are known; None where the times are
-        exact, as those of a twin, or nobody measured that.
+        When the hold began and ended, and how well times are known; None where the times are exact,
+        as those of a twin, or this was not measured.
 
     Raises
     ------
     RecordError
-        If the shapes do not fit together, or a number cannot be used.
+        If the shapes do not match, or a number cannot be used.
     """
 
     t: FloatArray
@@ -163,10 +163,10 @@ class Record:
         path : str or path
             A CSV file with one header line; see ``read_columns``.
         input, output : str
-            Columns, by the whole header (``voltage [V]``) or its name (``voltage``).
+            Columns, by the whole header (``voltage [V]``) or the name (``voltage``).
         time : str, optional
-            The column of time, in s unless its header says ms, us, min or h; without it the
-            samples are numbered 0, 1, 2, ...
+            The column of time, in s unless its header says ms, us, min or h. Without it the samples
+            are numbered 0, 1, 2, ...
         gaps : bool
             Whether the output may have empty cells and ``nan``, which give NaN.
 
@@ -191,7 +191,7 @@ class Record:
         time: str | None = None,
         gaps: bool = False,
     ) -> Record:
-        """Take one input and one output from a data frame.
+        """Read one input and one output from a data frame.
 
         Parameters
         ----------
@@ -203,7 +203,7 @@ class Record:
         Raises
         ------
         RecordError
-            If a column is missing or holds anything but numbers.
+            If a column is missing or has other values than numbers.
         """
         keys = {str(key): key for key in getattr(frame, "columns", frame)}
         wanted = [name for name in (input, output, time) if name is not None]
@@ -216,7 +216,7 @@ class Record:
 
     @classmethod
     def joined(cls, records: Sequence[Record]) -> Record:
-        """One record of several that follow each other on the same clock.
+        """Join records that follow each other on the same clock.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class Record:
         Raises
         ------
         RecordError
-            If there is none, they have different channels, or time runs backwards.
+            If there is none, their channels differ, or time runs backwards.
         """
         if not records:
             raise RecordError("there is no record to join; give at least one")
@@ -246,7 +246,7 @@ class Record:
     def to_csv(self, path: PathLike, *, force: bool = False) -> None:
         """Write the record as CSV: time, inputs, outputs, with name and unit as headers.
 
-        Numbers are written so that reading them gives the same float64 back.
+        Reading the numbers gives the same float64.
 
         Parameters
         ----------
@@ -283,7 +283,7 @@ class Record:
         if clock.unit not in SECONDS:
             units = ", ".join(unit for unit in SECONDS if unit)
             raise RecordError(f"time in column '{found[time]}' must be in one of {units}")
-        with np.errstate(over="ignore"):  # what is infinite then is refused as such
+        with np.errstate(over="ignore"):  # infinite times are refused later
             t = columns[time] * SECONDS[clock.unit]
         return cls(t, u, y, *names, time=Quantity(clock.name, "s"))
 
@@ -318,7 +318,7 @@ def _quantities(names: str | Quantity | Sequence[str | Quantity]) -> tuple[Quant
 
 
 def _numbers(column: Any, header: str, *, gaps: bool) -> FloatArray:
-    """A column of a frame as numbers, naming the first cell that is none."""
+    """Return a column of a frame as numbers; an error names the first other cell."""
     where = f"column '{header}' of the frame"
     if np.iscomplexobj(column):
         raise RecordError(f"{where} is complex; give real numbers")

@@ -1,8 +1,8 @@
-"""Carry a plan out; stop and go on without losing a settled point.
+"""Carry out a plan; a run can be stopped and continued without losing a settled point.
 
-Each level is held until its output has settled, and the settled point is in the store, with its
-raw trace, before the next level is applied. Whatever stops the run, the actuator is left on its
-safe input; whoever calls ``run`` again with the same store goes on behind the last point.
+Each level is held until its output has settled. The settled point is in the store, with its raw
+trace, before the next level is applied. Whatever stops the run, the actuator is left on its safe
+input. Another call of ``run`` with the same store continues after the last point.
 """
 
 from __future__ import annotations
@@ -24,45 +24,54 @@ from minorloop.lab.settling import judge, trend
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 from minorloop.lab.store import Point, Store
 
-__all__ = ["Choose", "Described", "Moment", "Restorable", "Stopped", "Way", "check_plan", "run"]
+__all__ = [
+    "Choose",
+    "Described",
+    "Restorable",
+    "ResumeMode",
+    "RunProgress",
+    "Stopped",
+    "check_plan",
+    "run",
+]
 
-Way: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
+ResumeMode: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 
 SPAN_SHARE = 0.002
 """A settled output moves by less than this share of the span seen so far in another hold."""
 Choose: TypeAlias = Callable[[Sequence[Point]], float | None]
-"""From the points so far to the next level, or None where these are enough; the same points must
-give the same level, so that a run that is stopped goes on as it would have."""
+"""Maps the points so far to the next level, or to None where they are enough. The same points must
+give the same level, so that a stopped run continues as it would have."""
 
 
 @runtime_checkable
 class Restorable(Protocol):
-    """A plant whose state can be kept and brought back exactly, as that of a twin can."""
+    """A plant whose state can be saved and restored exactly, such as a twin."""
 
     def checkpoint(self) -> dict[str, Any]:
-        """The state, ready for JSON."""
+        """Return the state, ready for JSON."""
 
     def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go back to a state."""
+        """Go back to a saved state."""
 
 
 @runtime_checkable
 class Described(Protocol):
-    """A plant that can tell what it consists of, so that a run goes on with the same."""
+    """A plant that describes its instruments, so that a run continues with the same ones."""
 
     @property
     def description(self) -> dict[str, Any] | None:
-        """Instruments, and how their readings are understood, ready for JSON; None if unknown."""
+        """Instruments and how their readings are converted, ready for JSON; None if unknown."""
 
 
 @dataclass(frozen=True)
-class Moment:
-    """How far a run is.
+class RunProgress:
+    """Progress of a run.
 
     Parameters
     ----------
     index, total : int
-        The level that is held, counted from 0, and how many there are.
+        The level that is held, counted from 0, and the number of levels.
     input : float
         The level, in the unit of the input.
     output : float
@@ -87,9 +96,9 @@ def run(
     store: Store,
     *,
     choose: Choose | None = None,
-    watch: Callable[[Moment], None] = lambda moment: None,
-) -> Way:
-    """Carry out what is left of a plan, and leave the actuator on its safe input.
+    watch: Callable[[RunProgress], None] = lambda progress: None,
+) -> ResumeMode:
+    """Carry out the rest of a plan, and leave the actuator on its safe input.
 
     Parameters
     ----------
@@ -98,61 +107,60 @@ def run(
     plan : Plan
         What to apply.
     store : Store
-        Where the points go, open to write; it may hold the first of them already.
+        Where the points are written, open to write; it may contain the first of them already.
     choose : callable, optional
-        Gives the levels that the plan leaves open, from the points so far.
+        Chooses the levels that the plan leaves open, from the points so far.
     watch : callable
-        Called with a ``Moment`` while a level is held, and when its point is in the store.
+        Called with a ``RunProgress`` while a level is held, and when its point is in the store.
 
     Returns
     -------
     str
-        How the actuator came to where the run began: ``fresh``; ``restored`` to exactly the
-        state at the last settled point, as twins can be; ``replayed``: taken through its
-        recorded inputs again, unmeasured; or ``finished``: there was nothing left to do.
+        How the actuator was brought to the first level of this session: ``fresh``; ``restored``
+        to exactly the state at the last settled point, as twins can be; ``replayed``: its recorded
+        inputs were applied again, unmeasured; or ``finished``: there was nothing left to do.
 
     Raises
     ------
     ParameterError
-        If the plan is in another unit than the actuator, this has several channels or a meter that
-        is too slow for the plan, or there are open levels and nothing that chooses them.
+        If the plan has another unit than the actuator, the actuator has several channels or a meter
+        too slow for the plan, or the plan has open levels and there is no ``choose``.
     LimitError
         If a level is beyond the limits of the actuator; it is not applied then.
     StoreError
         If the store belongs to another plan, was measured on another bench, or cannot be written;
         its points are kept.
     SafetyError
-        If the actuator does not say at the end that it is safe, whatever came before; the
-        points are kept.
+        If the actuator does not confirm at the end that it is safe; the points are kept.
     """
     check_plan(actuator, plan)
     store.check_same(plan)
     channels = str(actuator.inputs[0]), str(actuator.outputs[0])
     if channels != (store.setup.input, store.setup.output):
         raise StoreError(
-            f"{store.path} is about '{store.setup.input}' and '{store.setup.output}' and the "
-            f"actuator has '{channels[0]}' and '{channels[1]}'; give the store of this actuator"
+            f"{store.path} has '{store.setup.input}' and '{store.setup.output}', and the actuator "
+            f"has '{channels[0]}' and '{channels[1]}'; give the store of this actuator"
         )
     if plan.open and choose is None:
         raise ParameterError(
-            f"level {int(np.argmax(np.isnan(plan.inputs)))} of the plan is open and nothing "
-            "chooses it; give every level, or what chooses them"
+            f"level {int(np.argmax(np.isnan(plan.inputs)))} of the plan is open; give every level, "
+            "or a function that chooses them"
         )
     if store.finished:
         return "finished"
     if isinstance(actuator, Described) and actuator.description is not None:
         store.check_bench(actuator.description)
     with _left_safe(actuator):
-        way, ended = _take_up(actuator, store, watch)
-        sitting = store.begin_sitting(way)
+        mode, ended = _take_up(actuator, store, watch)
+        session = store.begin_session(mode)
         try:
             _carry_on(actuator, store, choose, watch, ended)
         except BaseException as error:
             with suppress(MinorloopError):
-                store.end_sitting(sitting, _reason(error))
+                store.end_session(session, _reason(error))
             raise
-        store.end_sitting(sitting, "finished")
-    return way
+        store.end_session(session, "finished")
+    return mode
 
 
 def check_plan(actuator: Actuator, plan: Plan) -> None:
@@ -161,8 +169,8 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
     Raises
     ------
     ParameterError
-        If the plan is in another unit, the actuator has several channels, or its meter is too
-        slow for the plan.
+        If the plan has another unit, the actuator has several channels, or its meter is too slow
+        for the plan.
     LimitError
         If a level is beyond the limits.
     """
@@ -184,7 +192,7 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
 
 
 def answer_time(actuator: Actuator) -> float:
-    """How long a reading takes, in seconds; 0 where the actuator does not tell.
+    """Return how long a reading takes, in seconds; 0 where the actuator does not say.
 
     Parameters
     ----------
@@ -195,9 +203,9 @@ def answer_time(actuator: Actuator) -> float:
 
 
 def _take_up(
-    actuator: Actuator, store: Store, watch: Callable[[Moment], None]
-) -> tuple[Way, float | None]:
-    """Bring the actuator to where the store ends; when the last hold ended, where it tells."""
+    actuator: Actuator, store: Store, watch: Callable[[RunProgress], None]
+) -> tuple[ResumeMode, float | None]:
+    """Bring the actuator to the last point; return how, and when the last hold ended if known."""
     last = store.last()
     if isinstance(actuator, Restorable):
         if last is None:
@@ -211,7 +219,7 @@ def _take_up(
     plan, record = store.plan, None
     for point in store.points():
         record = actuator.apply(point.input, point.held, min(plan.sample_interval, point.held))
-        watch(Moment(point.index, len(plan), point.input, float("nan"), point.held))
+        watch(RunProgress(point.index, len(plan), point.input, float("nan"), point.held))
     return "replayed", record.timing.ended if record and record.timing else None
 
 
@@ -219,10 +227,10 @@ def _carry_on(
     actuator: Actuator,
     store: Store,
     choose: Choose | None,
-    watch: Callable[[Moment], None],
+    watch: Callable[[RunProgress], None],
     ended: float | None,
 ) -> None:
-    """Measure level after level; ``ended`` is when the last one did, where that is known."""
+    """Measure level after level; ``ended`` is when the last hold ended, if known."""
     points = store.points()
     while not store.finished:
         level = _level(actuator, store.plan, points, choose)
@@ -234,13 +242,13 @@ def _carry_on(
         ended = hold.ended if hold.timed else None
         points.append(_kept(actuator, store, level, hold, tolerance, points, gap))
         point = points[-1]
-        watch(Moment(point.index, len(store.plan), level, point.value, point.held, point))
+        watch(RunProgress(point.index, len(store.plan), level, point.value, point.held, point))
 
 
 def _level(
     actuator: Actuator, plan: Plan, points: Sequence[Point], choose: Choose | None
 ) -> float | None:
-    """What to hold next; None where the points are enough."""
+    """Return the level to hold next; None where the points are enough."""
     level = float(plan.inputs[len(points)])
     if choose is None or not math.isnan(level):
         return level
@@ -255,14 +263,14 @@ def _hold(
     plan: Plan,
     level: float,
     points: Sequence[Point],
-    watch: Callable[[Moment], None],
+    watch: Callable[[RunProgress], None],
 ) -> tuple[Hold, float]:
-    """Hold one level until it has settled; the hold, and the slope of a settled output."""
+    """Hold one level until it has settled; return the hold and the slope of a settled output."""
     index, values = len(points), [point.value for point in points]
     hold, tolerance = Hold(plan, index, answer_time(actuator)), 0.0
     for length in hold.stretches():
         hold.add(actuator.apply(level, length, plan.sample_interval), length)
-        watch(Moment(index, len(plan), level, hold.latest, hold.held))
+        watch(RunProgress(index, len(plan), level, hold.latest, hold.held))
         t, y = hold.trace
         tolerance = _tolerance(plan, index, values, y)
         line = trend(t, y, plan.window)
@@ -280,7 +288,7 @@ def _kept(
     points: Sequence[Point],
     gap: float,
 ) -> Point:
-    """Judge a hold that has ended, and put its point into the store."""
+    """Judge a finished hold, and write its point to the store."""
     t, y = hold.trace
     end = judge(t, y, tolerance=tolerance, window=store.plan.window)
     point = Point(
@@ -316,16 +324,16 @@ def _reason(error: BaseException) -> str:
 
 @contextmanager
 def _left_safe(actuator: Actuator) -> Iterator[None]:
-    """Bring the actuator to its safe input at the end, however that comes.
+    """Bring the actuator to its safe input at the end, whatever ends the context.
 
-    No signal is raised but in the run itself, so that none comes between its end and safety.
+    Signals are raised only inside the context, so that none comes between its end and safety.
     """
     with ended_by_signals(), Deferred():
         try:
             with Allowed():
                 yield
         except SafetyError:
-            raise  # it has been tried until a deadline
+            raise  # the actuator was asked again and again until a deadline
         except BaseException as error:
             _make_safe(actuator, error)
             raise
@@ -333,7 +341,7 @@ def _left_safe(actuator: Actuator) -> Iterator[None]:
 
 
 def _make_safe(actuator: Actuator, cause: BaseException | None) -> None:
-    """Make an actuator safe; if that fails, say so first and what ended the run after it."""
+    """Make an actuator safe; if that fails, say this first and then what ended the run."""
     try:
         actuator.safe()
     except Exception as error:

@@ -1,9 +1,9 @@
-"""Has it settled, and where is it going.
+"""Judge from the samples of a hold whether the output has settled, and extrapolate it if not.
 
-The end of a hold is judged from the samples alone. A line through the trailing window gives
-the slope with its uncertainty. Where noise hides so small a slope, an output that cannot be told
-from a constant has settled too. A hold that is still moving is carried to its end by a fit of
-decaying exponentials with fixed, log-spaced time constants.
+A line through the trailing window gives the slope with its uncertainty. Where noise hides so small
+a slope, an output that cannot be distinguished from a constant counts as settled too. An output
+that still moves is extrapolated by a fit of decaying exponentials with fixed, log-spaced time
+constants.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from minorloop.arrays import FloatArray
 Verdict: TypeAlias = Literal["settled", "extrapolated", "unsettled"]
 
 SURE = 2.0
-"""Standard deviations of the slope that must fit below the tolerance too."""
+"""Standard deviations of the slope that are added to it before it is compared."""
 TAIL = 0.7
-"""Share of a hold, at its end, that the exponentials are fitted to: what fades in the first
-third is often nonlinear, and gone."""
+"""Share of a hold, at its end, that the exponentials are fitted to: the faster decays of the first
+third are often nonlinear."""
 TIME_CONSTANTS = tuple(np.geomspace(1 / 20, 1 / 2.5, 7).tolist())
 """Time constants to choose from, as shares of the hold."""
 DOUBT = 0.3
-"""Share of the way extrapolated that counts as uncertain, as decays need not be exponential."""
+"""Share of the extrapolated change that counts as uncertain: decays need not be exponential."""
 TRUST = 0.1
-"""An end is trusted up to an uncertainty of this share of what the fitted tail has moved. As
-a third of that is the way extrapolated, a ramp, which goes nowhere, exceeds it."""
+"""A limit is trusted up to an uncertainty of this share of the change of the fitted tail. A ramp,
+which has no limit, exceeds it."""
 FADING = 0.5
-"""Time constant, as a share of the hold, with which the slope at its end is taken to fade."""
+"""Assumed time constant of the slope at the end of a hold, as a share of the hold."""
 HIDDEN = 0.5
-"""Share of the noise of a sample that may remain of the way of an output that stands still."""
+"""Share of the noise of a sample by which a settled output may still change."""
 STRETCH = 2.5
-"""Windows over which an output that noise hides has to stand still."""
+"""Windows over which a noisy output has to be constant."""
 CHANCE = 1e-4
-"""Probability with which the noise of a constant is taken for a movement, in each of two tests."""
+"""Probability that the noise of a constant counts as movement, in each of two tests."""
 FEWEST_STILL = 8
-"""Samples without which a movement cannot be told from noise."""
+"""Least samples that distinguish movement from noise."""
 _FEWEST = 4
 _FEWEST_TAIL = 12
 _MOST = 2000
@@ -73,17 +73,17 @@ class Trend:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """Where exponentials lead.
+    """The limit of exponentials fitted to a hold.
 
     Parameters
     ----------
     value, sd : float
         Settled value and its standard deviation, in the unit of the output.
     remaining : float
-        How far it is from the end of the hold to there.
+        Change from the end of the hold to the limit.
     trusted : bool
-        Whether the samples bear it out: it is no less certain than a single sample, or certain
-        to a tenth of what the fitted tail of the hold has moved.
+        Whether the limit is at least as certain as a single sample, or certain to a tenth of the
+        change of the fitted tail.
     noise : float
         Standard deviation of a sample about the fit.
     """
@@ -105,20 +105,20 @@ class Settling:
         The settled value, as well as it is known, and its standard deviation, in the unit of
         the output; NaN where nothing was measured.
     verdict : str
-        ``settled``: the slope was below the tolerance, ``value`` is the end of the trend; or noise
-        hides so small a slope and no movement can be told from noise, and ``value`` is where the
-        exponentials lead, or the end of a longer trend where they lead nowhere.
-        ``extrapolated``: it still moves, ``value`` is where the exponentials lead.
-        ``unsettled``: they lead nowhere; ``value`` is the end of the trend.
-        Where ``value`` is the end of the trend, ``sd`` counts the way that seems to remain.
+        ``settled``: the slope was below the tolerance, and ``value`` is the end of the trend; or
+        noise hides so small a slope, and ``value`` is the limit of the exponentials if that is
+        trusted, otherwise the end of a longer trend.
+        ``extrapolated``: the output still moves, and ``value`` is the limit of the exponentials.
+        ``unsettled``: the limit is not trusted; ``value`` is the end of the trend.
+        Where ``value`` is the end of the trend, ``sd`` includes the change that seems to remain.
     slope, slope_sd : float
         Slope over the trailing window and its standard deviation, per second.
 
     Notes
     -----
-    A hold shows what is faster than itself. ``sd`` is honest where the hold is at least four
-    times the slowest time constant that matters; what fades more slowly than that, and an
-    output that is just about to turn, look more settled than they are.
+    A hold shows only what is faster than itself. ``sd`` is reliable if the hold is at least four
+    times the slowest time constant that matters. Slower decays, and an output that is about to
+    reverse, look more settled than they are.
     """
 
     value: float
@@ -131,8 +131,7 @@ class Settling:
 def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
     """Fit a line to the samples of the trailing window, the last four at least.
 
-    The uncertainty is taken from the residuals, with fewer samples counted where neighbours
-    are alike.
+    The uncertainty follows from the residuals; correlated neighbours count as fewer samples.
 
     Parameters
     ----------
@@ -146,7 +145,7 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
     Returns
     -------
     Trend or None
-        None where there are fewer than four samples.
+        None if there are fewer than four samples.
     """
     times, values = _trailing(*_measured(t, y), window)
     if times.size < _FEWEST or times[-1] == times[0]:
@@ -159,13 +158,13 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
 
 
 def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
-    """Whether an output cannot be told from a constant with white noise.
+    """Whether an output cannot be distinguished from a constant with white noise.
 
-    The slope over the last ``STRETCH`` windows must be no surprise by Student's distribution, and
-    neighbours must be no more alike than those of white noise are, by the ratio of von Neumann
-    (Distribution of the ratio of the mean square successive difference to the variance, 1941).
-    Its distribution is taken as a beta distribution of the same variance. What moves smoothly has
-    neighbours that are alike.
+    The slope over the last ``STRETCH`` windows must not be significant by Student's distribution.
+    Neighbours must not be more similar than those of white noise, by the ratio of von Neumann
+    (Distribution of the ratio of the mean square successive difference to the variance, 1941),
+    whose distribution is approximated by a beta distribution of the same variance. An output that
+    moves smoothly has similar neighbours.
 
     Parameters
     ----------
@@ -179,8 +178,8 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
     Returns
     -------
     bool
-        False where there are fewer than eight samples: noise rises from the first to the last of
-        seven too often for that to be a surprise.
+        False if there are fewer than eight samples: seven samples of noise rise from first to last
+        too often.
     """
     times, values = _trailing(*_measured(t, y), STRETCH * window)
     if times.size < FEWEST_STILL or times[-1] == times[0]:
@@ -203,12 +202,11 @@ def is_still(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> bool:
 
 
 def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
-    """Carry a hold to its end: y_inf + sum a_i exp(-t / tau_i), signed a_i, linear in all.
+    """Extrapolate a hold by y_inf + sum a_i exp(-t / tau_i), with signed a_i.
 
-    One or two time constants of ``TIME_CONSTANTS`` are taken at a time, each choice fitted by
-    least squares, and the choices averaged by their likelihood with the penalty of Schwarz
-    (Estimating the dimension of a model, 1978). The spread between choices counts as
-    uncertainty.
+    Each choice of one or two ``TIME_CONSTANTS`` is fitted by least squares. The choices are
+    averaged by their likelihood with the penalty of Schwarz (Estimating the dimension of a model,
+    1978). The spread between choices is part of the uncertainty.
 
     Parameters
     ----------
@@ -220,7 +218,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     Returns
     -------
     Extrapolation or None
-        None where the tail of the hold has fewer than twelve samples.
+        None if the tail of the hold has fewer than twelve samples.
     """
     times, values = _measured(t, y)
     tail = times >= times[-1] - TAIL * (times[-1] - times[0]) if times.size else slice(0)
@@ -243,7 +241,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
 
 
 def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float) -> Settling:
-    """Judge a hold that has ended.
+    """Judge a finished hold.
 
     Parameters
     ----------
@@ -294,7 +292,7 @@ class _Fit:
 
     @property
     def sd(self) -> float:
-        """Noise of a sample, raised where neighbouring residuals are alike."""
+        """Noise of a sample, larger if neighbouring residuals are correlated."""
         return self.noise * math.sqrt(self.alike)
 
 
@@ -304,7 +302,7 @@ def _least_squares(rows: FloatArray, y: FloatArray) -> _Fit:
     weights = inverse @ (q.T @ y)
     fitted = rows @ weights
     rest = y - fitted
-    # Below rounding, residuals say nothing.
+    # Residuals below rounding have no information.
     squares = max(float(rest @ rest), y.size * (_ROUNDING * float(np.abs(y).max())) ** 2)
     noise = math.sqrt(squares / (y.size - weights.size))
     like = float(rest[1:] @ rest[:-1]) / squares if squares > 0 else 0.0
@@ -324,7 +322,7 @@ def _choices() -> list[tuple[float, ...]]:
 
 
 def _likelihoods(fits: list[_Fit], count: int) -> FloatArray:
-    """A weight for each fit, (fits,), summing to one."""
+    """Return a weight for each fit, (fits,), that sum to one."""
     squares = np.array([fit.squares for fit in fits])
     if not squares.all():
         return np.asarray((squares == 0) / np.count_nonzero(squares == 0), dtype=np.float64)
@@ -343,7 +341,7 @@ def _measured(t: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArra
 
 
 def _trailing(t: FloatArray, y: FloatArray, window: float) -> tuple[FloatArray, FloatArray]:
-    """Samples of the trailing window, and the last few where a slow meter gave no more."""
+    """Return the samples of the trailing window, or the last few of a slow meter."""
     if t.size == 0:
         return t, y
     first = int(np.argmax(t >= t[-1] - window * (1 + 1e-9)))
@@ -352,7 +350,7 @@ def _trailing(t: FloatArray, y: FloatArray, window: float) -> tuple[FloatArray, 
 
 
 def _thinned(t: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means of neighbours, where there are more samples than a fit gains from."""
+    """Return means of neighbours, if there are more samples than a fit needs."""
     width = -(-t.size // _MOST)
     if width <= 1:
         return t, y

@@ -1,9 +1,9 @@
-"""Signals that end a process, and when they may.
+"""Defer signals that end the process until they do no harm.
 
-A signal that came in the middle of a line to an instrument would leave half of it there, and one
-that came while a source is made safe would leave it on. So a signal is only noted where it is
-`Deferred`, and raised as `Stopped` where it is `Allowed`, and that once: no second signal
-interrupts what the first has begun.
+A signal in the middle of a line to an instrument would leave half of the line there. One that
+comes while a source is made safe would leave the source on. So a signal is only noted where it is
+`Deferred`, and raised as `Stopped` where it is `Allowed`. Only the first signal is raised: no
+second one interrupts what the first has begun.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 
 __all__ = ["Allowed", "Deferred", "Stopped", "ended_by_signals"]
 
-# The last one is given back last: its usual handler raises, and then all others are back.
+# SIGINT is restored last: its usual handler raises, and then all others are already restored.
 _NAMES = ("SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK", "SIGINT")
 
 
@@ -27,23 +27,23 @@ class Stopped(KeyboardInterrupt):
 
 
 class _State:
-    """What came to the main thread, and whether it may be told now."""
+    """The signal that the main thread received, and whether it may be raised now."""
 
     def __init__(self) -> None:
         self.installed = self.may_raise = False
         self.forget()
 
     def forget(self) -> None:
-        """Forget what came."""
+        """Forget the signal."""
         self.raised, self.noted = False, ""
 
     def note(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
         self.noted = self.noted or signal.Signals(number).name
-        self.tell()
+        self.deliver()
 
-    def tell(self) -> None:
-        """Raise what was noted, once, if that is allowed."""
+    def deliver(self) -> None:
+        """Raise the noted signal, once, if that is allowed."""
         if self.may_raise and self.noted and not self.raised:
             self.raised = True
             raise Stopped(self.noted)
@@ -62,7 +62,7 @@ class _Switched:
         if self._counts:
             self._before = _state.may_raise
             _state.may_raise = self._may_raise
-            _state.tell()
+            _state.deliver()
 
     def __exit__(
         self,
@@ -72,29 +72,35 @@ class _Switched:
     ) -> None:
         if self._counts:
             _state.may_raise = self._before
-            if sys.exception() is None:  # an error on its way says more than a signal
-                _state.tell()
+            if sys.exception() is None:  # an error that is being raised says more than a signal
+                _state.deliver()
 
 
 class Deferred(_Switched):
-    """A context in which signals wait until it is over."""
+    """A context at whose end signals are raised."""
 
     _may_raise = False
 
 
 class Allowed(_Switched):
-    """A context that signals interrupt, though what is around it defers them."""
+    """A context that signals interrupt, even inside one that defers them."""
 
     _may_raise = True
 
 
 @contextmanager
-def ended_by_signals() -> Iterator[None]:
+def ended_by_signals(*, exiting: bool = False) -> Iterator[None]:
     """Raise `Stopped` for the first signal that ends a process, where that is allowed.
 
     Later signals are only noted. One that came where it was deferred is raised at the end. A
-    signal that is ignored, as SIGHUP under ``nohup``, stays so. Inside another such context, and
-    in any thread but the main one, this does nothing.
+    signal that is ignored, as SIGHUP under ``nohup``, stays ignored. Inside another such context,
+    and in any thread but the main one, this does nothing.
+
+    Parameters
+    ----------
+    exiting : bool
+        Whether the process exits after the first signal. Later ones are then ignored after the
+        context too, so that they do not change the exit status.
     """
     if _state.installed or not _in_main_thread():
         yield
@@ -112,8 +118,9 @@ def ended_by_signals() -> Iterator[None]:
             yield
     finally:
         _state.may_raise = _state.installed = False
+        ignored = exiting and bool(_state.noted)
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if ignored else handler)
         if _state.noted and not _state.raised and sys.exception() is None:
             raise Stopped(_state.noted)
 

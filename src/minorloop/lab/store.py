@@ -1,10 +1,9 @@
-"""The experiment store: one run in one file, and nothing in it that is half written.
+"""The experiment store: one run in one file, which is consistent after a crash at any instant.
 
-A store is an SQLite database. It is made under another name and takes its own in one move, so
-that a store that can be seen already holds the plan, the actuator, the specimen and the seed.
-A settled point and its raw trace are written in one transaction, which a rollback journal and
-the default of full synchronisation carry through a crash at any instant. Whoever opens a store
-to write has it alone.
+A store is an SQLite database. It is written under another name and renamed in one step, so that it
+has the plan, the actuator, the specimen and the seed as soon as it exists. A settled point and its
+raw trace are written in one transaction, with a rollback journal and full synchronisation. A
+process that opens a store to write has exclusive access.
 """
 
 from __future__ import annotations
@@ -26,26 +25,26 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError, StoreError
 from minorloop.files import PathLike, check_writable, first_difference
 from minorloop.lab import _store_rows as rows
-from minorloop.lab._store_rows import Point, Setup, Sitting
+from minorloop.lab._store_rows import Point, RunSession, Setup
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.signals import Deferred
 
-__all__ = ["Point", "Setup", "Sitting", "Store", "is_store"]
+__all__ = ["Point", "RunSession", "Setup", "Store", "is_store"]
 
 APPLICATION = 0x6D6C6F70
 """The application id in the header of the file: 'mlop'."""
 VERSION = 2
-"""Format 1 knows no sample interval and no time uncertainty; it is read, and gone on with."""
+"""Format 1 has no sample interval and no time uncertainty; it can be read and continued."""
 _PATIENCE = 1.0
 """Seconds to wait for another process that is just finishing."""
 
 
 def is_store(path: PathLike) -> bool:
-    """Whether a file begins as an SQLite database does; false where it cannot be read.
+    """Whether a file begins like an SQLite database; false if it cannot be read.
 
-    Not for a store that this process has open: on most systems a process that closes a file
-    gives up every lock it has on it.
+    Do not use it on a store that this process has open: on most systems a process that closes a
+    file gives up all its locks on it.
     """
     with suppress(OSError, ValueError), open(path, "rb") as file:
         return file.read(len(rows.MAGIC)) == rows.MAGIC
@@ -53,16 +52,16 @@ def is_store(path: PathLike) -> bool:
 
 
 class Store:
-    """A plan, what it is carried out on, and the points that have settled so far.
+    """A plan, its actuator, and the points that have settled so far.
 
-    Make one with ``Store.create`` or ``Store.open``; use it as a context manager.
+    Use ``Store.create`` or ``Store.open``, as a context manager.
 
     Parameters
     ----------
     path : Path
         The file.
     connection : sqlite3.Connection
-        To it, as ``create`` and ``open`` make it.
+        A connection to it, as ``create`` and ``open`` make it.
     """
 
     path: Path
@@ -77,25 +76,25 @@ class Store:
         self.plan = Plan.from_json(about["plan"])
         self.setup = Setup(**json.loads(about["setup"]))
         self._check_points()
-        self.sittings()
+        self.sessions()
 
     @classmethod
     def create(cls, path: PathLike, plan: Plan, setup: Setup) -> Store:
-        """Make a store and open it to write.
+        """Create a store, and open it to write.
 
         Parameters
         ----------
         path : str or path
-            Where; nothing that exists is replaced.
+            The file; an existing one is not replaced.
         plan : Plan
-            What is going to be carried out.
+            The plan to carry out.
         setup : Setup
-            On what.
+            Its actuator.
 
         Raises
         ------
         OutputError
-            If the file exists already or cannot be made.
+            If the file exists already or cannot be written.
         StoreError
             If the disk is full.
         """
@@ -105,7 +104,7 @@ class Store:
             _write_header(scratch, plan, setup)
             rows.take_name(scratch, target)
         except sqlite3.Error as error:
-            raise StoreError(f"{target} cannot be made: {rows.reason(error)}") from None
+            raise StoreError(f"{target} cannot be created: {rows.reason(error)}") from None
         finally:
             for leftover in (scratch, scratch.with_name(scratch.name + "-journal")):
                 with suppress(OSError):
@@ -114,26 +113,26 @@ class Store:
 
     @classmethod
     def open(cls, path: PathLike, *, write: bool = False) -> Store:
-        """Open a store that exists, after checking all of it.
+        """Open an existing store, after checking all of it.
 
         Parameters
         ----------
         path : str or path
             The file.
         write : bool
-            Whether points are going to be added. Nobody else can open the store meanwhile.
+            Whether points are to be added. No other process can open the store meanwhile.
 
         Raises
         ------
         StoreError
-            If there is no store, it is damaged, was written by a newer version, or another
-            process has it open.
+            If there is no store, it is damaged or of a newer version, or another process has it
+            open.
         """
         file = _existing(path)
         if write and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
-            raise StoreError(f"{file} and its folder cannot both be written; check their rights")
-        # The file is never opened but by SQLite: closing another handle on it would give up the
-        # lock of a connection that this process may have already.
+            raise StoreError(f"{file} and its folder must be writable; check their permissions")
+        # Only SQLite opens the file: closing another handle on it would give up the lock of a
+        # connection that this process may have already.
         uri = f"{file.absolute().as_uri()}?mode=rw"
         with _explained(file):
             connection = sqlite3.connect(uri, uri=True, timeout=_PATIENCE, isolation_level=None)
@@ -145,7 +144,7 @@ class Store:
                 raise
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._connection.close()
 
     def __enter__(self) -> Store:
@@ -166,7 +165,7 @@ class Store:
 
     @property
     def finished(self) -> bool:
-        """Whether every level of the plan has its point, or what chooses levels has enough."""
+        """Whether every level of the plan has its point, or no further level was chosen."""
         with _explained(self.path):
             enough = self._select("SELECT 1 FROM about WHERE name = 'enough'")
         return bool(enough) or len(self) == len(self.plan)
@@ -177,14 +176,14 @@ class Store:
         return Quantity.parse(self.setup.input), Quantity.parse(self.setup.output)
 
     def check_same(self, plan: Plan, setup: Setup | None = None) -> None:
-        """Refuse to go on with another plan or on another actuator than the store is about.
+        """Refuse another plan or another actuator than that of the store.
 
         Parameters
         ----------
         plan : Plan
-            What is going to be carried out.
+            The plan to continue.
         setup : Setup, optional
-            On what; not compared without it.
+            Its actuator; not compared if not given.
 
         Raises
         ------
@@ -201,23 +200,23 @@ class Store:
             )
 
     def points(self) -> list[Point]:
-        """The settled points, in the order in which they were taken."""
+        """Return the points in the order in which they were measured."""
         with _explained(self.path):
             return [rows.as_point(row) for row in self._select(self._points)]
 
     def last(self) -> Point | None:
-        """The point that settled last."""
+        """Return the last point; None if there is none."""
         with _explained(self.path):
             found = self._select(f"{self._points} DESC LIMIT 1")
             return rows.as_point(found[0]) if found else None
 
     def trace(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """Times and outputs of the whole hold of a point, (T,) each.
+        """Return times and outputs of the whole hold of a point, (T,) each.
 
         Parameters
         ----------
         index : int
-            Of the point.
+            Index of the point.
 
         Raises
         ------
@@ -231,7 +230,7 @@ class Store:
         raise ParameterError(f"there is no point {index}; {self.path} has the first {len(self)}")
 
     def record(self) -> Record:
-        """The settled points as a record, ready to be identified.
+        """Return the points as a record, ready to be identified.
 
         Raises
         ------
@@ -245,7 +244,7 @@ class Store:
         return Record(t, u, y, *self.outputs)
 
     def columns(self) -> dict[str, list[Any]]:
-        """One row a settled point, as columns by their headers; what ``export`` writes."""
+        """Return the columns of a table with one row for each point, by their headers."""
         points, (u, y) = self.points(), self.outputs
         measured = y if str(y) != str(u) else Quantity(f"measured {y.name}", y.unit)
         named = {
@@ -261,17 +260,17 @@ class Store:
         }
         return {header: [getattr(p, name) for p in points] for header, name in named.items()}
 
-    def sittings(self) -> list[Sitting]:
-        """Every time that somebody sat down to carry the plan on, and how that ended."""
+    def sessions(self) -> list[RunSession]:
+        """Return every session that carried out part of the plan, and how it ended."""
         with _explained(self.path):
-            return [rows.as_sitting(row) for row in self._select(rows.SITTINGS)]
+            return [rows.as_session(row) for row in self._select(rows.SESSIONS)]
 
     def origin(self) -> dict[str, Any] | None:
-        """The state of the actuator before the first level, where it can tell."""
+        """Return the state of the actuator before the first level, if it was saved."""
         return self._noted("origin")
 
     def set_origin(self, checkpoint: dict[str, Any]) -> None:
-        """Keep the state of the actuator before the first level, once.
+        """Save the state of the actuator before the first level, once.
 
         Parameters
         ----------
@@ -282,16 +281,16 @@ class Store:
             self._execute(rows.INSERT_ABOUT, *rows.sealed("origin", json.dumps(checkpoint)))
 
     def bench(self) -> dict[str, Any] | None:
-        """What the run was measured with, where the actuator can tell."""
+        """Return the description of the instruments, if the actuator has one."""
         return self._noted("bench")
 
     def check_bench(self, description: dict[str, Any]) -> None:
-        """Refuse to go on with other instruments than the run began with; keep them, once.
+        """Refuse other instruments than those the run began with; save their description, once.
 
         Parameters
         ----------
         description : dict
-            Of the instruments, and how their readings are understood; ready for JSON.
+            Instruments and how their readings are converted; ready for JSON.
 
         Raises
         ------
@@ -304,51 +303,51 @@ class Store:
                 self._execute(rows.INSERT_ABOUT, *rows.sealed("bench", json.dumps(description)))
         elif difference := first_difference(before, description):
             raise StoreError(
-                f"{self.path} was measured on another bench: {difference}; put the bench back "
-                "as it was, or begin a new run"
+                f"{self.path} was measured on another bench: {difference}; restore the bench, or "
+                "begin a new run"
             )
 
     def set_enough(self) -> None:
-        """Note that the points are enough: the levels that are still open stay open."""
+        """Note that the points are enough: the remaining levels stay open."""
         with self._transaction():
             self._execute(rows.INSERT_ABOUT, *rows.sealed("enough", "true"))
 
-    def begin_sitting(self, way: str) -> int:
-        """Note that the run goes on from here, and in which way the actuator got here.
+    def begin_session(self, mode: str) -> int:
+        """Note that a session begins at the next point; return its number.
 
         Parameters
         ----------
-        way : str
-            How the actuator got here.
+        mode : str
+            How the actuator was brought there.
         """
-        number = len(self.sittings()) + 1
-        row = rows.sealed(number, _now(), None, len(self), way, None)
+        number = len(self.sessions()) + 1
+        row = rows.sealed(number, _now(), None, len(self), mode, None)
         with self._transaction():
-            self._execute(rows.REPLACE_SITTING, *row)
+            self._execute(rows.REPLACE_SESSION, *row)
         return number
 
-    def end_sitting(self, number: int, end: str) -> None:
-        """Note how a sitting ended.
+    def end_session(self, number: int, end: str) -> None:
+        """Note how a session ended.
 
         Parameters
         ----------
         number : int
-            Of the sitting.
+            Number of the session.
         end : str
             How it ended.
         """
-        sitting = self.sittings()[number - 1]
-        row = rows.sealed(number, sitting.began, _now(), sitting.first, sitting.way, end)
+        session = self.sessions()[number - 1]
+        row = rows.sealed(number, session.began, _now(), session.first, session.mode, end)
         with self._transaction():
-            self._execute(rows.REPLACE_SITTING, *row)
+            self._execute(rows.REPLACE_SESSION, *row)
 
     def add(self, point: Point, t: FloatArray, y: FloatArray) -> None:
-        """Write a settled point and its trace, both or neither, before the run goes on.
+        """Write a point and its trace, both or neither.
 
         Parameters
         ----------
         point : Point
-            What settled.
+            The next point of the plan.
         t : (T,) array_like
             Times of the hold, in seconds.
         y : (T,) array_like
@@ -378,7 +377,7 @@ class Store:
             self._execute(rows.INSERT_TRACE, *rows.trace_row(point.index, t, y))
 
     def _check_points(self) -> None:
-        """Check that points and traces are all there, and as they were written."""
+        """Check that all points and traces are there and unchanged."""
         points = [rows.as_point(row) for row in self._connection.execute(self._points)]
         for count, point in enumerate(points):
             if point.index != count or not self._is_level(count, point.input):
@@ -392,14 +391,14 @@ class Store:
         return bool(np.isfinite(level) and (np.isnan(planned) | (planned == level)).any())
 
     def _noted(self, name: str) -> dict[str, Any] | None:
-        """What was noted of the whole run under a name, where it was."""
+        """Return a note about the whole run by its name; None if there is none."""
         with _explained(self.path):
             found = self._select(f"{rows.ABOUT} WHERE name = ?", name)
             return json.loads(rows.unsealed(found[0])[1]) if found else None
 
     @property
     def _points(self) -> str:
-        """What asks for the points of a store of this format."""
+        """Query for the points of a store of this format."""
         return rows.POINTS[self._version]
 
     def _select(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
@@ -425,14 +424,14 @@ class Store:
             if isinstance(error, sqlite3.Error):
                 raise StoreError(
                     f"{self.path} cannot be written: {rows.reason(error)}; "
-                    "its points are kept, and resume goes on from there"
+                    "its points are kept, and resume continues from there"
                 ) from None
             raise
 
 
 @contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Say of a store that cannot be read why, in one sentence."""
+    """Raise errors of reading as one sentence."""
     try:
         yield
     except sqlite3.Error as error:
@@ -455,7 +454,7 @@ def _existing(path: PathLike) -> Path:
 
 
 def _prepare(connection: sqlite3.Connection, write: bool) -> None:
-    """Take the store, alone where it is going to be written, and check the database."""
+    """Check the database, and lock it if it is to be written."""
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != APPLICATION:

@@ -1,4 +1,4 @@
-"""What a study has to show: figures by name, and rows of claim, measurement and verdict."""
+"""Claims of a paper beside the figures of a study: rows, tables, medians over specimens."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Claim:
-    """One row: what a paper says or the study asks for, and what this run gave.
+    """One row: what a paper reports, what this project requires, and the figure of this run.
 
     Parameters
     ----------
     what : str
-        In words.
+        The figure in words.
     key : str
         Name of the figure, with dots for nesting, such as ``steady.curves_nrmse``.
     paper : str
-        What the paper reports; it has most of its numbers as plots only.
+        What the paper reports.
     least, most : float
-        What the figure must lie between; infinite where it is only reported.
+        Bounds of the figure; infinite where it is only reported.
     percent : bool
         Whether the figure is shown in percent.
     count : str
-        Name of the figure that says of how many this one is; it is shown beside it.
+        Name of the figure with the size of the sample, which is shown beside this one.
     enough : int
-        So many are needed for a verdict.
+        Least sample for a verdict.
     """
 
     what: str
@@ -50,7 +50,7 @@ class Claim:
     enough: int = 0
 
     def row(self, figures: Mapping[str, Any]) -> tuple[str, str, str, str, str]:
-        """What, the paper, this run, asked for, verdict."""
+        """Return the cells of the row: figure, paper, this run, required, verdict."""
         value = figure(figures, self.key)
         asked = self._asked(value)
         if isinstance(value, bool):
@@ -72,13 +72,13 @@ class Claim:
         return self.what, self.paper, shown, asked or "-", verdict
 
     def _asked(self, value: float) -> str:
-        """What the figure must be, as short as it can be said."""
+        """Return the bounds as a short text."""
         if math.isfinite(self.least) and math.isfinite(self.most):
             return f"{self._text(self.least)} to {self._text(self.most)}"
         if math.isfinite(self.least):
             return f">= {self._text(self.least)}"
         if math.isfinite(self.most):
-            # What is counted is not below nothing.
+            # A count is not negative.
             return "0" if self.most == 0 and value >= 0 else f"<= {self._text(self.most)}"
         return ""
 
@@ -89,7 +89,7 @@ class Claim:
 
 
 def figure(figures: Mapping[str, Any], key: str) -> Any:
-    """The figure that a dotted key names."""
+    """Return the figure with a dotted key."""
     found: Any = figures
     for part in key.split("."):
         found = found[part]
@@ -97,20 +97,20 @@ def figure(figures: Mapping[str, Any], key: str) -> Any:
 
 
 def claim_table(claims: Sequence[Claim], figures: Mapping[str, Any]) -> Table:
-    """All rows as a table of a report."""
-    columns = ("", "the paper", "this run", "asked for", "verdict")
+    """Return all rows as a table."""
+    columns = ("", "the paper", "this run", "required", "verdict")
     return Table(columns, [claim.row(figures) for claim in claims])
 
 
 def specimens(runs: Sequence[Mapping[str, Any]]) -> str:
-    """How many there are, in words."""
+    """Return the number of specimens in words."""
     return f"{len(runs)} simulated specimen{'s' if len(runs) > 1 else ''}"
 
 
 def medians(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Figure by figure, the median over specimens; the least where the key ends in ``_min``.
+    """Return the median of each figure over specimens; the least if its key ends in ``_min``.
 
-    Of what is true or false, whether it is true of any; of what is no number, the first.
+    A truth value is true if it is true for any specimen. Of other values the first is taken.
     """
     return {key: _over(key, [run[key] for run in runs]) for key in runs[0]}
 

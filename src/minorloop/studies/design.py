@@ -1,9 +1,9 @@
-"""Fewer holds: the error of a model against what its measurements cost.
+"""Fewer holds: the error of a model against the number of its measurements.
 
-Four ways to measure on the same budget: the decaying staircase with plain constrained least
-squares, and with the prior random inputs, a sequence designed without data, and one in which
-each input is chosen by what was measured before. All are scored on inputs and targets that no
-fit has seen, on both twins and on a rough synthetic plane.
+Four methods have the same budget: a decaying staircase with constrained least squares and, with
+the prior, random inputs, a sequence designed without data, and inputs chosen from the measurements
+before them. All are scored on inputs and targets that were not fitted, on both twins and on a rough
+synthetic plane.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ BANDS, STAIRS = 20, 10
 HOLDS = (8, 12, 16, 20, 28)
 ALL_HOLDS = (*HOLDS, 56)
 FIRST = 4
-"""Holds of the adaptive sequence that are taken from the design without data."""
+"""First holds of the adaptive sequence, which come from the design without data."""
 UNSEEN, TARGETS = 40, 14
 MARGIN = 0.05
-"""Share of full scale at either end in which no target lies."""
+"""Share of full scale at each end without targets."""
 PROBABILITY = 0.9
 METHODS = ("staircase", "random", "design", "adaptive")
 TWINS = {"ipmc": (-1.2, 1.2, 200.0), "fibre": (0.20, 0.65, 300.0)}
@@ -44,7 +44,7 @@ TWINS = {"ipmc": (-1.2, 1.2, 200.0), "fibre": (0.20, 0.65, 300.0)}
 ROUGH_BANDS = 20
 
 Hold = Callable[[float], float]
-"""Apply an input, wait, and give the settled output."""
+"""Applies an input, waits, and returns the settled output."""
 
 
 def _claims() -> tuple[Claim, ...]:
@@ -94,7 +94,7 @@ CLAIMS = _claims()
 
 @dataclass(frozen=True)
 class DesignSetup:
-    """Something to measure, and how to begin anew: ``begin(noise, seed)`` gives a `Hold`."""
+    """A plant to measure; ``begin(noise, seed)`` returns a `Hold` that starts at rest."""
 
     name: str
     low: float
@@ -104,7 +104,7 @@ class DesignSetup:
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Errors of one model on what it has not seen, over full scale."""
+    """Errors of one model on data that were not fitted, over full scale."""
 
     holds: int
     holdout: float
@@ -161,13 +161,13 @@ class DesignStudy:
 
 
 def run_study(seed: int) -> DesignStudy:
-    """Measure a specimen of each twin and a rough plane in all four ways."""
+    """Measure a specimen of each twin and a rough plane with all four methods."""
     twins = {name: compare(_twin(name, seed), seed) for name in TWINS}
     return DesignStudy(seed, twins, compare(_rough(seed), seed))
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Medians over specimens; shares and means where these are asked for."""
+    """Return medians over specimens, and shares and means of some figures."""
     found = medians(runs)
     for twin in TWINS:
         beats = [figure(run, f"{twin}.beats_baseline_at_12") for run in runs]
@@ -187,7 +187,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def compare(plant: DesignSetup, seed: int) -> Comparison:
-    """Measure a plant in four ways and score every model on the same unseen inputs."""
+    """Measure a plant with four methods, and score every model on the same unseen inputs."""
     trial = _Trial(plant, seed)
     grid = uniform_levels(plant.low, plant.high, BANDS)
     stairs = excitation.decaying_staircase(uniform_levels(plant.low, plant.high, STAIRS))
@@ -217,7 +217,7 @@ def compare(plant: DesignSetup, seed: int) -> Comparison:
 
 
 class _Trial:
-    """One plant with its full scale, unseen inputs and targets, which no fit is shown."""
+    """A plant with its full scale, and inputs and targets that are not fitted."""
 
     def __init__(self, plant: DesignSetup, seed: int) -> None:
         self.plant, self.seed = plant, seed
@@ -230,22 +230,22 @@ class _Trial:
         self.targets = rng.uniform(low + edge, high - edge, TARGETS)
 
     def settled(self, u: FloatArray, noise: float | None = None) -> FloatArray:
-        """Settled outputs for inputs, from the beginning."""
+        """Return settled outputs for inputs, from rest."""
         sensor = NOISE * self.scale if noise is None else noise
         hold = self.plant.begin(sensor, self.seed)
         return np.array([hold(float(value)) for value in u])
 
     def plain(self, u: FloatArray) -> Identification:
-        """The staircase as the papers evaluate it: a uniform density in every cell."""
+        """Return a fit to a staircase as in the papers: a uniform density in every cell."""
         grid = uniform_levels(self.plant.low, self.plant.high, STAIRS)
         return identify(u, self.settled(u), levels=grid, smoothness=0.0, prior="none")
 
     def with_prior(self, grid: Levels, u: FloatArray) -> Identification:
-        """Inputs that were settled on beforehand, evaluated with the prior."""
+        """Return a fit with the prior to inputs that were chosen beforehand."""
         return self._fit(grid, u, self.settled(u))
 
     def adaptive(self, grid: Levels, first: FloatArray) -> tuple[dict[int, Identification], float]:
-        """Models after `HOLDS` of inputs that are chosen one by one; the longest choice."""
+        """Return models after `HOLDS` chosen inputs, and the time of the longest choice."""
         hold = self.plant.begin(NOISE * self.scale, self.seed)
         u, y = list(first), [hold(float(value)) for value in first]
         found, longest = {}, 0.0
@@ -262,7 +262,7 @@ class _Trial:
             y.append(hold(u[-1]))
 
     def score(self, fit: Identification) -> Score:
-        """Errors on unseen inputs and at the targets."""
+        """Return the errors on unseen inputs and at the targets."""
         predicted = fit.model.simulate(np.append(self.plant.low, self.unseen))[1:]
         missed = predicted - self.unseen_outputs
         holdout = float(np.sqrt(np.mean(missed**2)))
@@ -277,7 +277,7 @@ class _Trial:
         return Score(fit.u.size, holdout / self.scale, positioning / self.scale, coverage, width)
 
     def predicted(self, fit: Identification) -> Prediction:
-        """The unseen inputs with bands."""
+        """Return predictions for the unseen inputs, with bands."""
         whole = fit.predict(np.append(self.plant.low, self.unseen), bands=PROBABILITY)
         return Prediction(whole.u[1:], whole.y[1:], whole.sd[1:], whole.probability)
 
@@ -320,7 +320,7 @@ def _twin(name: str, seed: int) -> DesignSetup:
 
 
 def _rough(seed: int) -> DesignSetup:
-    """A Preisach operator of clusters, or of cells that have nothing to do with each other."""
+    """Return a Preisach operator of clusters, or of independent cells."""
     rng = np.random.default_rng([seed, 3])
     grid = uniform_levels(0.0, 1.0, ROUGH_BANDS)
     middle = (grid[1:] + grid[:-1]) / 2

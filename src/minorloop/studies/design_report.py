@@ -27,25 +27,29 @@ _NAMES = {"ipmc": "ionic polymer strip", "fibre": "polyaniline fibre"}
 def study_report(
     study: DesignStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> Report:
-    """The page; see the other studies for the parameters."""
+    """Return the page; see the other studies for the parameters."""
     ipmc = figures["ipmc"]
     report = Report(
         TITLE,
         f"Twelve chosen holds position the simulated strip within {ipmc['positioning_12']:.2%} of "
-        f"full scale rms, 56 holds of a decaying staircase within {ipmc['baseline_56']:.2%}; "
+        f"full scale rms, and 56 holds of a decaying staircase within {ipmc['baseline_56']:.2%}; "
         f"{specimens(runs)}.",
     )
     report.add(
         "What was found",
         text=(
             "Every method measures the same specimens with the same noise, 0.53 % of full scale. "
-            "Models are scored on 40 inputs and 14 targets that no fit has seen, and against the "
-            "output without noise. The design knows nothing of the plant beforehand. The staircase "
-            "is evaluated as the papers do, by constrained least squares with a uniform density in "
-            "each of 55 cells; cut short, it has not yet turned often enough to say anything of "
-            "minor loops. Figures are medians over the specimens unless they say otherwise.",
-            "Rough planes are Preisach operators of clusters, or of cells that have nothing to do "
-            "with each other; there a prior that expects neighbours to be alike is wrong.",
+            "Models are scored on 40 inputs and 14 targets that were not fitted, against the "
+            "output "
+            "without noise. The design uses no knowledge of the plant. The staircase is evaluated "
+            "as "
+            "in the papers, by constrained least squares with a uniform density in each of 55 "
+            "cells; "
+            "its first part has too few reversals to determine minor loops. Figures are medians "
+            "over "
+            "the specimens unless stated otherwise.",
+            "Rough planes are Preisach operators of clusters, or of independent cells. For them, "
+            "the prior that neighbouring weights are similar is wrong.",
         ),
         table=claim_table(CLAIMS, figures),
         pictures=[
@@ -63,20 +67,20 @@ def study_report(
         report.add(
             f"Bands after twelve holds: the {_NAMES[name]}",
             text=f"90 % bands on {one.truth.size} unseen inputs, of which "
-            f"{one.shown.covers(one.truth):.0%} are covered; and where the holds went.",
+            f"{one.shown.covers(one.truth):.0%} are covered; and the chosen inputs.",
             pictures=[Picture(draw_bands(one), "Predictions, the truth, and the chosen inputs.")],
         )
     return report
 
 
 def _each() -> list[Any]:
-    """Claims that hold for a single specimen."""
+    """Return the claims that hold for a single specimen."""
     shared = ("beats_baseline_at_12", "mean_28", "baseline_56_mean", "better")
     return [claim for claim in CLAIMS if claim.key.split(".")[-1] not in shared]
 
 
 def draw_curves(runs: Sequence[Mapping[str, Any]]) -> Any:
-    """Positioning error against the number of holds, median and middle half."""
+    """Draw the positioning error against the number of holds, median and middle half."""
     figure, axes = new_figure(1, 2, height=4.2, sharey=True)
     for one, twin in zip(axes, _NAMES, strict=True):
         for method in METHODS:
@@ -97,14 +101,14 @@ def draw_curves(runs: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def draw_bands(one: Comparison) -> Any:
-    """Predictions of unseen inputs with bands, and the inputs that were chosen."""
+    """Draw predictions of unseen inputs with bands, and the chosen inputs."""
     figure, (left, right) = new_figure(1, 2, height=3.8, width_ratios=[2, 1])
     sample = np.arange(one.truth.size)
     half = np.vstack([one.shown.half_width, one.shown.half_width]) / one.scale * 100
     error = (one.shown.y - one.truth) / one.scale * 100
     left.errorbar(sample, error, half, fmt="o", ms=3, lw=0.9, color="C0", label="90 % band")
     left.axhline(0.0, color="0.3", lw=0.8)
-    left.set(xlabel="unseen input", ylabel="predicted less true [% of full scale]")
+    left.set(xlabel="unseen input", ylabel="predicted minus true [% of full scale]")
     left.legend(frameon=False)
     hold = np.arange(1, one.inputs.size + 1)
     right.plot(hold, one.inputs, "o-", ms=4, lw=0.7, color="C0")

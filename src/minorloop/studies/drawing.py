@@ -1,4 +1,4 @@
-"""What the figures of all studies share. Matplotlib is imported only when one is drawn."""
+"""Parts of the figures of all studies. Matplotlib is imported only when one is drawn."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MINUTE, HOUR = 60.0, 3600.0
 def new_figure(
     rows: int = 1, columns: int = 1, height: float = 3.6, **options: Any
 ) -> tuple[Any, Any]:
-    """A figure as wide as a page, and its axes with a faint grid."""
+    """Return a figure as wide as a page, and its axes with a grid."""
     from matplotlib.figure import Figure
 
     drawn = Figure(figsize=(9.2, height), layout="constrained")
@@ -30,7 +30,7 @@ def new_figure(
 def every_specimen(
     claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], first_seed: int
 ) -> list[Picture]:
-    """`draw_specimens` for a report, where there is more than one."""
+    """Return `draw_specimens` for a report, if there is more than one specimen."""
     if len(runs) == 1:
         return []
     said = f"Every specimen (points) and the median (bar), {len(runs)} in all."
@@ -40,10 +40,10 @@ def every_specimen(
 def draw_specimens(
     claims: Sequence[Claim], runs: Sequence[Mapping[str, Any]], first_seed: int
 ) -> Any:
-    """Every bounded figure of every specimen, over what is asked for: at 1 it is just met.
+    """Draw every bounded figure of every specimen, relative to its bound.
 
-    A figure that must be small is drawn as it is over its bound, one that must be large as the
-    bound over it, so that less is better everywhere.
+    A figure with an upper bound is divided by the bound, one with a lower bound divides it: values
+    below 1 meet the bound.
     """
     from matplotlib.ticker import LogLocator
 

@@ -1,7 +1,7 @@
-"""What a twin is like, measured at its door: trend, loop, and how far from any Preisach model.
+"""Measure properties of a twin: trend, loop, and deviation from every Preisach model.
 
-An estimator that is tried on data of its own model proves nothing; these figures say by how
-much a twin differs from every Preisach operator.
+A test of an estimator on data of its own model proves nothing. These figures show how much a twin
+differs from every Preisach operator.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from minorloop.studies.holds import hold_each
 
 
 @dataclass(frozen=True)
-class Probes:
-    """Inputs that bring out what a twin is like, in its own unit.
+class ProbeInputs:
+    """Inputs that show the properties of a twin, in its unit.
 
     Parameters
     ----------
     low, high : float
         Range of the staircases.
     bands : int
-        Steps between these.
+        Steps between them.
     hold : float
         Seconds at each level.
     loop : tuple of float
-        Low and high end of a minor loop, which is reached from ``high`` and from below.
-    excursion : tuple of float
-        A way from ``high`` and back, as far as this, that should be wiped out.
+        Low and high end of a minor loop, which is reached from above and from below.
+    excursion : float
+        End of an excursion from ``high`` and back, which a Preisach operator forgets.
     """
 
     low: float
@@ -44,8 +44,8 @@ class Probes:
     excursion: float
 
 
-def twin_facts(make: Callable[[], Actuator], probes: Probes) -> dict[str, Any]:
-    """Measure a twin as it comes, from rest each time.
+def twin_facts(make: Callable[[], Actuator], probes: ProbeInputs) -> dict[str, Any]:
+    """Measure properties of a twin, each time from rest.
 
     Returns
     -------
@@ -53,8 +53,8 @@ def twin_facts(make: Callable[[], Actuator], probes: Probes) -> dict[str, Any]:
         ``quadratic_fit``: coefficients of u^2, u and 1 of the least-squares quadratic through
         the settled points of a decaying staircase. ``loop_gap``: widest gap of the major loop
         over its range. ``congruency``: difference in height of one minor loop after two pasts,
-        over its height. ``wiping_out``: what an excursion that should leave no trace leaves,
-        over the range.
+        over its height. ``wiping_out``: change of the output by an excursion that a Preisach
+        operator forgets, over the range.
     """
 
     def settled(inputs: FloatArray) -> FloatArray:

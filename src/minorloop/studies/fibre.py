@@ -1,9 +1,9 @@
-"""The polyaniline fibre paper, end to end, on the twin.
+"""The polyaniline fibre paper, reproduced on the twin.
 
 Sohn and colleagues (Modeling hysteresis and step response of a carbon-nanotube-reinforced
-electroactive actuator) identify a Preisach model by first-order transition curves, the way from
-one settled length to the next by an ARX model of a single step, and join the two. They put what
-remains wrong on downward steps down to the single step; so here the second is measured too.
+electroactive actuator) identify a Preisach model by first-order reversal curves and the transition
+between settled lengths by an ARX model of a single step, and combine the two. They explain their
+error on downward steps by the single step. So this study also measures a downward step.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.operators.relays import RelayModel
 from minorloop.studies.claims import Claim
-from minorloop.studies.facts import Probes, twin_facts
+from minorloop.studies.facts import ProbeInputs, twin_facts
 from minorloop.studies.fibre_steady import HIGH, HOLD, LOW, VALIDATION, Steady, run_steady
 from minorloop.studies.holds import hold_each
 from minorloop.twins.fibre import Fibre
 
 TITLE = "Hysteresis and step response of a polyaniline fibre"
-PROBES = Probes(low=LOW, high=HIGH, bands=9, hold=HOLD, loop=(0.35, 0.45), excursion=0.35)
+PROBES = ProbeInputs(low=LOW, high=HIGH, bands=9, hold=HOLD, loop=(0.35, 0.45), excursion=0.35)
 STEPS = (0.40, 0.45, 0.50, 0.45)
 """Voltages of the step experiment in V: the paper's step, one to score it on, and one down."""
 REST, INTERVAL = 600.0, 1.0

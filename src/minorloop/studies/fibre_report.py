@@ -45,8 +45,8 @@ def study_report(
         TITLE,
         f"The experiments of Sohn and colleagues on {specimens(runs)}; figures are drawn for "
         f"that of seed {study.seed}. Seven settled "
-        f"lengths predicted within {steady:.2%} rms of full scale, and the way between them within "
-        f"{joined:.1%} once rising and falling steps have a response each.",
+        f"lengths are predicted within {steady:.2%} rms of full scale, and the transitions between "
+        f"them within {joined:.1%} if rising and falling steps have separate responses.",
     )
     _add_overview(report, study, figures, runs)
     _add_marker(report)
@@ -67,14 +67,14 @@ def _add_overview(
         "What was found",
         text=(
             "The fibre is a twin, a simulation of doping, conformational pinning, diffusion and "
-            "creep with no Preisach operator in it. Its curves are its own, not those of the "
+            "creep without a Preisach operator. Its curves differ from those of the "
             "paper's fibre, which are printed as plots only. Figures are medians over the "
             "specimens, errors fractions of the settled range.",
-            "Two printed formulas of the paper cannot be used as they stand. In Eq. (2) a relay "
-            "would be on below its upper threshold, and would follow the sign of du/dt between "
-            "its thresholds, which makes it forget; a relay keeps its state there. And with "
-            "relays of -1 and +1 the output with all relays off is y0 less the sum of the "
-            "weights, not y0. The marker rules are right, and are what is used.",
+            "Two printed formulas of the paper contain errors. In Eq. (2) a relay is on below its "
+            "upper threshold and follows the sign of du/dt between its thresholds; a relay must "
+            "keep its state there. And with relays of -1 and +1 the output with all relays off is "
+            "y0 minus the sum of the weights, not y0. The marker rules are right and are used "
+            "here.",
         ),
         table=claim_table(CLAIMS, figures),
         pictures=every_specimen(CLAIMS, runs, study.seed),
@@ -82,11 +82,11 @@ def _add_overview(
     report.add(
         "The twin",
         text=f"At nominal parameters its major loop is {facts['loop_gap']:.0%} of its range wide; "
-        f"a step up to 0.45 V comes 63 % of its way in {facts['up_t63_s']:.0f} s and 95 % in "
+        f"a step up to 0.45 V reaches 63 % in {facts['up_t63_s']:.0f} s and 95 % in "
         f"{facts['up_t95_s']:.0f} s, one down in {facts['down_t63_s']:.0f} s and "
-        f"{facts['down_t95_s']:.0f} s. It is no Preisach operator: one minor loop differs in "
-        f"height by {facts['congruency']:.1%} from one past to another, and an excursion that "
-        f"should be wiped out leaves {facts['wiping_out']:.2%} of the range.",
+        f"{facts['down_t95_s']:.0f} s. It is not a Preisach operator: the height of one minor loop "
+        f"differs by {facts['congruency']:.1%} between two histories, and an excursion that "
+        f"should be wiped out changes the output by {facts['wiping_out']:.2%} of the range.",
     )
 
 
@@ -94,7 +94,8 @@ def _add_marker(report: Report) -> None:
     report.add(
         "Fig 2: the marker",
         text="The paper draws relays as dots (beta, alpha) and moves a marker along the diagonal: "
-        "up a level, the row it comes to goes on; down a level, the column it leaves goes off. "
+        "up a level, the row that it enters switches on; down a level, the column that it leaves "
+        "switches off. "
         "After the inputs u4, u6, u2, u4 the left two columns are still on up to row 6.",
         pictures=[Picture(draw_marker(), "Relays that are on (filled) after each input.")],
     )
@@ -113,13 +114,13 @@ def _add_steady(report: Report, study: FibreStudy) -> None:
     ]
     report.add(
         "Fig 3: seven voltages",
-        text="The paper identifies by first-order transition curves, holds each voltage for up to "
+        text="The paper identifies by first-order reversal curves, holds each voltage for up to "
         "five minutes, and shows that predicted and measured lengths overlap for an input that "
-        "was not used. Some of its voltages lie between the levels, where dots say nothing; a "
-        "density spread over the cells does.",
+        "was not used. Some of its voltages lie between the levels, where single relays predict "
+        "nothing; a density spread over the cells does.",
         table=Table(columns, rows),
         pictures=[
-            Picture(draw_loops(study), "Fig 3(a): the major loop, and the way of the seven."),
+            Picture(draw_loops(study), "Fig 3(a): the major loop, and the path of the seven."),
             Picture(draw_predictions(study), "Fig 3(b): measured and predicted lengths."),
         ],
     )
@@ -142,8 +143,8 @@ def _add_steps(report: Report, study: FibreStudy) -> None:
         "Fig 4: the step response",
         text="The paper fits an ARX model to one step from 0.40 V to 0.45 V and simulates its unit "
         "step; order and sampling are not given. Here order and dead time are chosen by the "
-        f"Bayesian criterion among {len(study.fit.candidates)} and refined for their simulation "
-        f"error: time constants of {times} s, DC gain 1.",
+        f"Bayesian criterion among {len(study.fit.candidates)} candidates and refined for the "
+        f"simulation error: time constants of {times} s, DC gain 1.",
         pictures=[Picture(draw_steps(study), "Fig 4: the step, its model, and steps not fitted.")],
     )
 
@@ -153,7 +154,7 @@ def _add_trajectory(report: Report, study: FibreStudy) -> None:
     report.add(
         "Fig 5: the joined model",
         text="The paper joins its steady lengths by the one step response and finds discrepancies "
-        "on downward steps. On this specimen the joined model errs "
+        "on downward steps. On this specimen the error of the joined model is "
         f"{figures['single_nrmse']:.1%} with one response and {figures['updown_nrmse']:.1%} with "
         "one for each direction.",
         pictures=[Picture(draw_trajectory(study), "Fig 5: length in time, and the errors.")],
@@ -161,7 +162,7 @@ def _add_trajectory(report: Report, study: FibreStudy) -> None:
 
 
 def draw_marker() -> Any:
-    """Four diagrams of relays, beta to the right, alpha upwards."""
+    """Draw four diagrams of relays, beta to the right, alpha upwards."""
     figure, axes = new_figure(1, 4, height=2.9, sharey=True)
     levels = np.arange(1, MARKER_LEVELS + 1)
     for place, (one, (name, states)) in enumerate(zip(axes, marker_diagrams(), strict=True)):
@@ -181,7 +182,7 @@ def draw_marker() -> Any:
 
 
 def draw_loops(study: FibreStudy) -> Any:
-    """The measured major loop, the model on the way of the seven voltages, and its density."""
+    """Draw the measured major loop, the model along the seven voltages, and its density."""
     figure, (left, right) = new_figure(1, 2, height=4.0)
     model = study.steady.curves.model
     left.plot(study.major.u, study.major.y, color="0.6", lw=1.4, label="major loop, measured")
@@ -197,7 +198,7 @@ def draw_loops(study: FibreStudy) -> Any:
 
 
 def draw_predictions(study: FibreStudy) -> Any:
-    """Errors of the four models at the seven voltages."""
+    """Draw the errors of the four models at the seven voltages."""
     figure, axes = new_figure()
     steady = study.steady
     place = np.arange(len(VALIDATION)) + 1
@@ -210,13 +211,13 @@ def draw_predictions(study: FibreStudy) -> Any:
         axes.bar(place + shift, error, width=0.2, color=colour, label=label)
     axes.axhline(0.0, color="0.3", lw=0.8)
     axes.set_xticks(place, [f"{voltage:g} V" for voltage in VALIDATION])
-    axes.set(xlabel="voltage, in this order", ylabel="predicted less measured [um]")
+    axes.set(xlabel="voltage, in this order", ylabel="predicted minus measured [um]")
     axes.legend(frameon=False)
     return figure
 
 
 def draw_inverse(study: FibreStudy) -> Any:
-    """The inverse as a map from length to voltage, and what driving with it gave."""
+    """Draw the inverse as a map from length to voltage, and the errors of driving with it."""
     figure, (left, right) = new_figure(1, 2, height=3.8)
     steady, model = study.steady, study.steady.curves.model
     low, high = model.range
@@ -231,14 +232,14 @@ def draw_inverse(study: FibreStudy) -> Any:
         error = steady.achieved[name] - steady.targets
         right.bar(place + shift, error, width=0.38, color=colour, label=f"{words} inverse")
     right.axhline(0.0, color="0.3", lw=0.8)
-    right.set(xlabel="target", ylabel="achieved less wanted [um]")
+    right.set(xlabel="target", ylabel="achieved minus target [um]")
     right.set_xticks(place)
     right.legend(frameon=False)
     return figure
 
 
 def draw_steps(study: FibreStudy) -> Any:
-    """The measured unit steps with the model, and the two responses."""
+    """Draw the measured unit steps with the model, and the two responses."""
     figure, (left, right) = new_figure(1, 2, height=3.8, sharey=True)
     rest, up, second, down = study.steps
     t = up.t - rest.t[-1]
@@ -258,7 +259,7 @@ def draw_steps(study: FibreStudy) -> Any:
 
 
 def draw_trajectory(study: FibreStudy) -> Any:
-    """Measured and joined, and the errors."""
+    """Draw the measured length, the joined models, and the errors."""
     figure, (upper, lower) = new_figure(2, 1, height=5.2, sharex=True)
     t, y = (study.validation.t - study.validation.t[0]) / MINUTE, study.validation.y
     upper.plot(t, y, color="0.3", lw=2.2, alpha=0.5, label="measured")

@@ -1,8 +1,9 @@
 """Steady behaviour of the polyaniline fibre: identification, prediction and inverse on the twin.
 
-Sohn et al. identify a fibre of polyaniline and carbon nanotubes by first-order transition
-curves and predict its length after seven voltages. The same is done here, beside a decaying
-staircase, a generalised Prandtl-Ishlinskii operator and a polynomial fitted to the same points.
+Sohn et al. identify a fibre of polyaniline and carbon nanotubes by first-order reversal curves and
+predict its length after seven voltages. This study does the same, and compares it with a decaying
+staircase, and with a generalised Prandtl-Ishlinskii operator and a polynomial fitted to the same
+points.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _MARGIN = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """Settled measurements and the models made from them; lengths in um, voltages in V.
+    """Settled measurements and models fitted to them; lengths in um, voltages in V.
 
     ``curves`` and ``staircase`` are the identifications from reversal curves and from the
     decaying staircase; ``validation`` (7,) the settled lengths after `VALIDATION`;
@@ -53,7 +54,7 @@ class Steady:
         return float(np.ptp(self.curves.y))
 
     def figures(self) -> dict[str, Any]:
-        """Errors as fractions of full scale; inverses by their root-mean-square error in um."""
+        """Return errors as fractions of full scale, and rms errors of the inverses in um."""
         steady: dict[str, Any] = {}
         for name, predicted in self.predictions.items():
             error = (predicted - self.validation) / self.span
@@ -108,7 +109,7 @@ def _fibre(seed: int) -> Actuator:
 
 
 def _at_rest(seed: int) -> Actuator:
-    """The fibre settled at the lowest voltage: negative saturation."""
+    """Return the fibre settled at the lowest voltage: negative saturation."""
     fibre = _fibre(seed)
     fibre.apply(LOW, HOLD, 1.0)
     return fibre
@@ -116,5 +117,5 @@ def _at_rest(seed: int) -> Actuator:
 
 def _identified(seed: int, grid: Levels, voltages: FloatArray) -> Identification:
     _, lengths = hold_each(_fibre(seed), voltages, HOLD)
-    # Part of the doping follows the smallest reversal at once.
+    # Part of the doping responds to the smallest reversal at once.
     return identify(voltages, lengths, levels=grid, smoothness=0.0, diagonal="reversible")

@@ -1,4 +1,4 @@
-"""Settled measurements on an actuator, as the studies need them."""
+"""Settled measurements on an actuator."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from minorloop.lab.records import Record
 def hold_each(
     actuator: Actuator, inputs: npt.ArrayLike, hold: float, sample_interval: float = 1.0
 ) -> tuple[Record, FloatArray]:
-    """Apply inputs one after the other.
+    """Apply inputs one after the other, and return the settled outputs.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""The ionic polymer paper, end to end, on the twin.
+"""The ionic polymer paper, reproduced on the twin.
 
 Chen, Tan and Shahinpoor (Quasi-static positioning of ionic polymer-metal composite actuators,
 2005) measure a strip quasi-statically, identify a Preisach operator, position the strip with its
-inverse, and put linear dynamics behind it. They leave open how to follow the slow drift that
-they saw. All of it is done here on one specimen, with two more models for comparison.
+inverse, and add linear dynamics. They leave open how to follow the slow drift that they observed.
+This study does all of it on one specimen, with two more models for comparison.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from minorloop.lab.records import Record
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.studies.claims import Claim
-from minorloop.studies.facts import Probes, twin_facts
+from minorloop.studies.facts import ProbeInputs, twin_facts
 from minorloop.studies.holds import hold_each
 from minorloop.studies.positioning import (
     AppliedSequence,
@@ -40,7 +40,7 @@ from minorloop.twins.ipmc import Ipmc
 
 TITLE = "Quasi-static positioning of an ionic polymer strip"
 NOISE = 0.1
-"""Of the noisy identification, in 1/m."""
+"""Standard deviation of the sensor in the noisy identification, in 1/m."""
 FINE = 20
 """Bands of the finer identification."""
 AMPLITUDES = (0.7, 1.0)
@@ -48,11 +48,11 @@ FREQUENCIES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5
 HALF_HERTZ, HERTZ = 0.5, 1.0
 SETTLING = 300.0
 """Seconds before a sine is measured: five times the slowest time constant of the strip."""
-PROBES = Probes(low=-1.2, high=1.2, bands=10, hold=200.0, loop=(0.1, 0.6), excursion=-0.24)
+PROBES = ProbeInputs(low=-1.2, high=1.2, bands=10, hold=200.0, loop=(0.1, 0.6), excursion=-0.24)
 REPEATS = 2
 RANDOM_HOLDS = 60
 SWEEP_PERIOD, SWEEP_REACH, SWEEP_INTERVAL = 40.0, 5.0, 0.05
-"""The trajectory that the cascade is inverted for: seconds, 1/m, seconds."""
+"""Period, amplitude and sample interval of the trajectory: seconds, 1/m, seconds."""
 
 CLAIMS = (
     Claim(
@@ -132,7 +132,7 @@ CLAIMS = (
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A trajectory followed with two inverses, that of the operator alone and of the cascade."""
+    """A trajectory followed with the inverse of the operator alone and with that of the cascade."""
 
     inversion: CascadeInversion
     alone: Record
@@ -151,7 +151,7 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False)
 class Repetition:
-    """A record that comes to the same memories again, and how three models fit it."""
+    """A record that returns to the same memories, and the errors of three models."""
 
     u: FloatArray
     y: FloatArray
@@ -161,7 +161,7 @@ class Repetition:
 
 @dataclass(frozen=True, eq=False)
 class IpmcStudy:
-    """Everything that one specimen gave; see the fields' own classes."""
+    """All results of one specimen."""
 
     seed: int
     facts: dict[str, Any]
@@ -181,7 +181,7 @@ class IpmcStudy:
     seconds: float
 
     def figures(self) -> dict[str, Any]:
-        """Every number by the name under which it is printed."""
+        """Return all figures by the names under which they are printed."""
         spread = self.response.gain_spread(high=HALF_HERTZ)
         at_one = self.response.gain_spread(HERTZ, HERTZ)
         before, after = self.response.phase_spread(high=HALF_HERTZ)
@@ -230,12 +230,12 @@ class IpmcStudy:
 
 
 def run_study(seed: int) -> IpmcStudy:
-    """Carry the whole study out on one specimen.
+    """Carry out the whole study on one specimen.
 
     Parameters
     ----------
     seed : int
-        Draws specimen, noise, targets and random voltages.
+        Seed of specimen, noise, targets and random voltages.
     """
     began = time.perf_counter()
     base = run_positioning(seed)
@@ -271,7 +271,7 @@ def _ratios(result: Positioning) -> dict[str, float]:
 
 
 def _phases(response: FrequencyResponse) -> dict[str, Any]:
-    """Phases in degrees at every frequency, a list for each amplitude."""
+    """Return the phases in degrees at every frequency, a list for each amplitude."""
     found: dict[str, Any] = {"frequencies_hz": response.frequencies.tolist()}
     for name, gains in (("before", response.plant), ("after", response.after)):
         if gains is not None:
@@ -282,12 +282,12 @@ def _phases(response: FrequencyResponse) -> dict[str, Any]:
 
 def _strip(seed: int) -> Ipmc:
     strip = connect("twin:ipmc", specimen=seed, seed=seed)
-    assert isinstance(strip, Ipmc)  # the only actuator here that takes waveforms and senses
+    assert isinstance(strip, Ipmc)  # the only twin with waveforms and sensing here
     return strip
 
 
 def _major_loop(seed: int, setup: ExperimentProtocol) -> Record:
-    """Fig 4: up and down again, every step held."""
+    """Return the record of Fig 4: up and down, every step held."""
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     u = np.concatenate([grid, grid[-2::-1]])
     return hold_each(_strip(seed), u, setup.hold, setup.sample_interval)[0]
@@ -305,7 +305,7 @@ def _response(seed: int, model: Preisach) -> FrequencyResponse:
 
 
 def _sweep(seed: int, cascade: Cascade) -> Sweep:
-    """A sine in curvature, swelling from rest, by way of both inverses."""
+    """Follow a sine in curvature with growing amplitude, with both inverses."""
     t = np.arange(0.0, 4 * SWEEP_PERIOD, SWEEP_INTERVAL)
     rest = float(cascade.operator.simulate([-1.2, 0.0])[-1])
     swell = np.minimum(t / SWEEP_PERIOD, 1.0)
@@ -323,7 +323,7 @@ def _sweep(seed: int, cascade: Cascade) -> Sweep:
 
 
 def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
-    """Two staircases and random levels: memories and branches that come again."""
+    """Measure two staircases and random levels, in which memories and branches repeat."""
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     stairs = excitation.decaying_staircase(grid)
     random = np.random.default_rng(seed).choice(grid, RANDOM_HOLDS)
@@ -341,7 +341,7 @@ def _repetition(seed: int, setup: ExperimentProtocol) -> Repetition:
 
 
 def _sensing(seed: int) -> Record:
-    """The strip as a sensor: bent to and fro, then held bent."""
+    """Use the strip as a sensor: bend it back and forth, then hold it bent."""
     t = np.arange(0.0, 12.0, 0.02)
     bending = np.where(t < 6.0, 5.0 * np.sin(np.pi * t) ** 2 * np.sign(np.sin(np.pi * t)), 5.0)
     bending[(t >= 6.0) & (t < 6.2)] = np.linspace(0, 5, np.count_nonzero((t >= 6) & (t < 6.2)))

@@ -46,9 +46,9 @@ def study_report(
         TITLE,
         f"The experiments of Chen, Tan and Shahinpoor (2005) on {specimens(runs)}; figures are "
         f"drawn for that of seed {study.seed}. Positioning with the inverse of a Preisach model "
-        f"errs {ratio:.1f} times less than with that of a quadratic, the gains of two amplitudes "
-        "fall together behind the operator, and "
-        "a strip that fades is followed.",
+        f"has {ratio:.1f} times less error than with that of a quadratic. After the operator the "
+        "gains "
+        "of two amplitudes agree. Recursive identification follows a strip whose response fades.",
     )
     _add_overview(report, study, figures, runs)
     _add_hysteresis(report, study)
@@ -68,13 +68,14 @@ def _add_overview(
     facts = study.facts
     c2, c1, c0 = facts["quadratic_fit"]
     report.add(
-        "What was found",
+        "Results",
         text=(
-            "The strip is a twin, a simulation of ion pinning, water relaxation and creep with no "
-            "Preisach operator in it. Its curves are its own, not those of the paper's strip, "
-            "which are printed as plots only. Neither identification nor inversion sees anything "
-            "but voltages and measured curvatures. Figures are medians over the specimens.",
-            "The paper prints the curvature formula upside down: what stands there is the radius. "
+            "The strip is a twin, a simulation of ion pinning, water relaxation and creep without "
+            "a "
+            "Preisach operator. Its curves differ from those of the paper's strip, "
+            "which are printed as plots only. Identification and inversion use only voltages and "
+            "measured curvatures. Figures are medians over the specimens.",
+            "The curvature formula printed in the paper gives the radius, its inverse. "
             "minorloop uses 2 (d0 - d) / ((d - d0)^2 + h0^2), which is 0 for a straight strip.",
         ),
         table=claim_table(CLAIMS, figures),
@@ -85,9 +86,12 @@ def _add_overview(
         text=(
             f"At nominal parameters its settled points follow {c2:.2f} u^2 + {c1:.2f} u + "
             f"{c0:.2f} in 1/m (the paper's strip: -0.35 u^2 + 8.2 u + 0.34), and its major loop "
-            f"is {facts['loop_gap']:.0%} of its range wide. It is no Preisach operator: one minor "
-            f"loop differs in height by {facts['congruency']:.1%} from one past to another, and "
-            f"an excursion that should be wiped out leaves {facts['wiping_out']:.2%} of the range.",
+            f"is {facts['loop_gap']:.0%} of its range wide. It is not a Preisach operator: the "
+            "height "
+            f"of one minor loop differs by {facts['congruency']:.1%} between two histories, and "
+            "an excursion that should be wiped out changes the output by "
+            f"{facts['wiping_out']:.2%} "
+            "of the range.",
         ),
     )
 
@@ -98,7 +102,7 @@ def _add_hysteresis(report: Report, study: IpmcStudy) -> None:
         text="The paper holds each voltage for 200 s, from -1.2 V to 1.2 V and back, and reports "
         "a significant gap between the two branches.",
         pictures=[
-            Picture(draw_major(study), "Voltage and curvature of the twin, and where they settle.")
+            Picture(draw_major(study), "Voltage and curvature of the twin, and the settled points.")
         ],
     )
 
@@ -106,10 +110,11 @@ def _add_hysteresis(report: Report, study: IpmcStudy) -> None:
 def _add_identification(report: Report, study: IpmcStudy) -> None:
     report.add(
         "Figs 7 to 9: identification",
-        text="The paper takes the strip through an oscillation of decreasing amplitude, sees the "
-        "trend of minor loops in the settled points, and identifies a density on ten levels. A "
-        "staircase that settles at every level determines all 55 cells and the offset from 56 "
-        "points; reversal points alone would determine 11.",
+        text="The paper applies an oscillation of decreasing amplitude, observes the trend of "
+        "minor loops in the settled points, and identifies a density on ten levels. A staircase "
+        "with a settled point at every level determines all 55 cells and the offset from 56 "
+        "points; "
+        "reversal points alone would determine 11.",
         pictures=[
             Picture(draw_staircase(study.positioning), "Figs 7, 8: the decaying staircase."),
             Picture(draw_model(study.positioning), "Figs 8, 9: settled points, model, density."),
@@ -133,7 +138,7 @@ def _add_positioning(report: Report, study: IpmcStudy) -> None:
         ),
         pictures=[
             Picture(draw_sequences(study.positioning), "Fig 12: the voltages of both inverses."),
-            Picture(draw_trajectories(study.positioning), "Fig 13: what the strip did."),
+            Picture(draw_trajectories(study.positioning), "Fig 13: the curvature of the strip."),
             Picture(draw_errors(study.positioning), "Fig 14: settled errors."),
             Picture(draw_three(study), "Errors of three models fitted to the same points."),
         ],
@@ -145,22 +150,28 @@ def _add_dynamics(report: Report, study: IpmcStudy) -> None:
     before, after = study.response.phase_spread(high=0.5)
     sweep = study.sweep.errors()
     report.add(
-        "Figs 15, 16: the operator with linear dynamics behind it",
+        "Figs 15, 16: the operator followed by linear dynamics",
         text=(
             "The paper finds that the gains at 0.7 V and 1 V differ from voltage to curvature and "
-            "match much better from the operator's output to curvature, with a discrepancy left, "
-            "and that phases match in both. On this specimen, up to 0.5 Hz, gains are "
-            f"{spread.before:.2f} dB apart before and {spread.after:.2f} dB after; phases "
-            f"{before:.1f} and {after:.1f} degrees. Above, what the strip does between settled "
-            "values is nonlinear too, and the gains part again.",
+            "agree much better from the operator's output to curvature, with a remaining "
+            "discrepancy, and that phases agree in both. On this specimen, up to 0.5 Hz, gains "
+            "differ "
+            f"by {spread.before:.2f} dB before and {spread.after:.2f} dB after; phases by "
+            f"{before:.1f} and {after:.1f} degrees. Above 0.5 Hz the transition between settled "
+            "values is nonlinear too, and the gains differ again.",
             f"A transfer function of order {study.dynamics.model.order} with DC gain 1 is fitted "
-            f"to both amplitudes, {study.dynamics.error:.1%} off. With it the cascade is inverted "
-            f"for a swelling sine: {sweep['rms_cascade']:.2f} 1/m rms from the target, against "
-            f"{sweep['rms_operator']:.2f} with the inverse of the operator alone.",
+            f"to both amplitudes, with an error of {study.dynamics.error:.1%}. With it the cascade "
+            "is "
+            "inverted for a sine of growing amplitude: the error is "
+            f"{sweep['rms_cascade']:.2f} 1/m rms, and {sweep['rms_operator']:.2f} with the inverse "
+            "of the operator alone.",
         ),
         pictures=[
             Picture(draw_response(study), "Fig 16: gains before and after, and the phases."),
-            Picture(draw_sweep(study), "A trajectory by way of the operator and of the cascade."),
+            Picture(
+                draw_sweep(study),
+                "A trajectory with both inverses.",
+            ),
         ],
     )
 
@@ -170,28 +181,32 @@ def _add_open_ends(report: Report, study: IpmcStudy) -> None:
     found, errors = repetition.found, repetition.nrmse
     report.add(
         "Section VI: following a strip that changes",
-        text="The paper sees the strip vary slightly over time and suggests recursive "
-        "identification. Here its bending fades by 2 % an hour: predictions of a recursion, of a "
-        "batch fit to the most recent points, and of a model identified once.",
+        text="The paper observes that the strip varies slightly over time and suggests recursive "
+        "identification. Here its bending fades by 2 % an hour. The figure compares predictions of "
+        "a recursion, of a batch fit to the most recent points, and of a model identified once.",
         pictures=[Picture(draw_tracking(study), "Errors of the predictions, one hold ahead.")],
     )
     report.add(
-        "How well any Preisach model can do",
+        "The least error of any Preisach model",
         text=(
-            "A record that comes to the same memory, or the same branch, again shows by how much "
-            "it contradicts every Preisach model. Two decaying staircases and random levels: "
+            "A record that returns to the same memory or branch shows by how much it contradicts "
+            "every Preisach model. Two decaying staircases and random levels: "
             f"{found}.",
-            f"The fitted Preisach model errs {errors['preisach']:.2%} rms on this record, hence "
-            f"{(found.floor / errors['preisach']) ** 2:.0%} of its squared error is of that kind. "
-            f"Play operators err {errors['plays']:.2%}, the quadratic {errors['quadratic']:.2%}. "
-            "In positioning, inputs between the levels of the model come on top.",
+            f"The error of the fitted Preisach model is {errors['preisach']:.2%} rms on this "
+            "record, "
+            f"so {(found.floor / errors['preisach']) ** 2:.0%} of its squared error is "
+            "unavoidable. "
+            f"The error of play operators is {errors['plays']:.2%}, that of the quadratic "
+            f"{errors['quadratic']:.2%}. Positioning adds the error between the levels of the "
+            "model.",
         ),
     )
     report.add(
         "Section I: the strip as a sensor",
-        text="The paper mentions that bending gives millivolts. The twin's charge builds up with "
-        f"the bending and leaks away: here {np.ptp(study.sensing.y):.1f} mV peak to peak. Gain "
-        "and leakage are a choice of this project.",
+        text="The paper mentions that bending gives millivolts. In the twin, bending makes a "
+        "charge "
+        f"that leaks away: here {np.ptp(study.sensing.y):.1f} mV peak to peak. This project chose "
+        "gain and leakage.",
         pictures=[Picture(draw_sensing(study), "Imposed bending, and the voltage it gives.")],
     )
 
@@ -207,7 +222,7 @@ def _drives(study: IpmcStudy) -> dict[str, Any]:
 
 
 def draw_major(study: IpmcStudy) -> Any:
-    """Fig 4: the staircase in time, and the loop."""
+    """Draw Fig 4: the staircase in time, and the loop."""
     figure, (left, right) = new_figure(1, 2, height=3.8)
     record = study.major
     settled = np.append(np.flatnonzero(np.diff(record.u)), len(record) - 1)
@@ -221,7 +236,7 @@ def draw_major(study: IpmcStudy) -> Any:
 
 
 def draw_three(study: IpmcStudy) -> Any:
-    """Settled errors of the three inverses, target by target."""
+    """Draw the settled errors of the three inverses at each target."""
     figure, axes = new_figure()
     place = np.arange(study.positioning.targets.size) + 1
     for shift, (name, drive) in zip((-0.27, 0.0, 0.27), _drives(study).items(), strict=True):
@@ -234,7 +249,7 @@ def draw_three(study: IpmcStudy) -> Any:
 
 
 def draw_response(study: IpmcStudy) -> Any:
-    """Fig 16: gains before and after the operator with the fit, and the phases."""
+    """Draw Fig 16: gains before and after the operator with the fit, and the phases."""
     figure, grid = new_figure(2, 2, height=5.6, sharex=True)
     response, dynamics = study.response, study.dynamics.model
     assert response.after is not None
@@ -259,11 +274,11 @@ def draw_response(study: IpmcStudy) -> Any:
 
 
 def draw_sweep(study: IpmcStudy) -> Any:
-    """The swelling sine: wanted, and by both inverses."""
+    """Draw the sine of growing amplitude: target, and result of both inverses."""
     figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
     sweep = study.sweep
     t, targets = sweep.inversion.t, sweep.inversion.targets
-    upper.plot(t, targets, color="0.2", lw=1.4, ls="--", label="wanted")
+    upper.plot(t, targets, color="0.2", lw=1.4, ls="--", label="target")
     for name, record, colour in (
         ("operator alone", sweep.alone, "C3"),
         ("cascade", sweep.cascade, "C0"),
@@ -277,7 +292,7 @@ def draw_sweep(study: IpmcStudy) -> Any:
 
 
 def draw_tracking(study: IpmcStudy) -> Any:
-    """Errors one hold ahead on the fading strip."""
+    """Draw the errors of one-step predictions on the fading strip."""
     figure, axes = new_figure()
     tracking = study.tracking
     hold = np.arange(tracking.measured.size) + 1
@@ -288,13 +303,13 @@ def draw_tracking(study: IpmcStudy) -> Any:
     ):
         label = f"{name}: {tracking.rms(predicted):.2f} 1/m rms"
         axes.plot(hold, predicted - tracking.measured, lw=1.0, color=colour, label=label)
-    axes.set(xlabel="hold", ylabel="predicted less measured [1/m]")
+    axes.set(xlabel="hold", ylabel="predicted minus measured [1/m]")
     axes.legend(frameon=False)
     return figure
 
 
 def draw_sensing(study: IpmcStudy) -> Any:
-    """Bending in, millivolts out."""
+    """Draw the imposed bending and the voltage."""
     figure, (upper, lower) = new_figure(2, 1, height=4.2, sharex=True)
     upper.plot(study.sensing.t, study.sensing.u, color="0.25", lw=1.0)
     upper.set(ylabel="imposed curvature [1/m]")

@@ -1,9 +1,8 @@
 """Positioning without a sensor: the experiment of Chen, Tan and Shahinpoor (2005), on the twin.
 
-A strip of ionic polymer is taken through a decaying staircase of voltages and its settled
-curvature measured at each. A Preisach model and a single-valued quadratic are fitted to these
-same points, both are inverted for the same target curvatures, and the two voltage sequences
-are applied to the strip, which says how far it really went.
+The settled curvature of an ionic polymer strip is measured along a decaying staircase of voltages.
+A Preisach model and a single-valued quadratic are fitted to the same points. Both are inverted for
+the same target curvatures, and the two voltage sequences are applied to the strip.
 """
 
 from __future__ import annotations
@@ -28,22 +27,22 @@ from minorloop.studies.holds import hold_each
 
 @dataclass(frozen=True)
 class ExperimentProtocol:
-    """Figures of the experiment.
+    """Parameters of the experiment.
 
     Parameters
     ----------
     voltage : float
         Largest voltage, in V; the staircase runs over plus and minus this.
     bands : int
-        L, the number of steps of the staircase and of bands of the model.
+        Number of steps of the staircase and of bands of the model.
     hold : float
-        How long a voltage is held before the curvature is taken, in seconds.
+        Duration of a hold, in seconds; the curvature is measured at its end.
     saturation_hold : float
-        How long the strip is saturated before the targets, in seconds.
+        Duration of the saturation before the targets, in seconds.
     targets : int
         Number of target curvatures.
     reach : float
-        They are drawn evenly from plus and minus this, in 1/m.
+        The targets are uniform between minus and plus this, in 1/m.
     sample_interval : float
         Time between samples, in seconds.
     """
@@ -62,7 +61,7 @@ class AppliedSequence:
     """A voltage sequence applied to the strip.
 
     ``voltages`` (n,) in V; ``achieved`` (n,) settled curvatures in 1/m; ``errors`` (n,) achieved
-    less wanted; ``record`` every sample of it.
+    minus target; ``record`` with every sample.
     """
 
     voltages: FloatArray
@@ -83,10 +82,10 @@ class AppliedSequence:
 
 @dataclass(frozen=True, eq=False)
 class Positioning:
-    """What the experiment gave.
+    """Results of the experiment.
 
-    ``staircase`` is the record of the identification, ``settled`` (n,) the curvatures taken
-    from it at ``voltages`` (n,); ``preisach`` and ``quadratic`` the drives under either inverse.
+    ``staircase`` is the record of the identification; ``settled`` (n,) are its curvatures at
+    ``voltages`` (n,); ``preisach`` and ``quadratic`` are the sequences of the two inverses.
     """
 
     protocol: ExperimentProtocol
@@ -103,9 +102,9 @@ class Positioning:
 
     @cached_property
     def bands(self) -> Prediction:
-        """Where the curvatures at the Preisach inverse's voltages were to be expected, at 90 %.
+        """90 % bands of the curvatures for the voltages of the Preisach inverse.
 
-        The same measurements are evaluated once more for it, with a prior on the plane.
+        They follow from a second fit to the same measurements, with a prior on the plane.
         """
         form: Any = {"levels": self.identification.model.levels, "diagonal": "reversible"}
         known = identify(self.voltages, self.settled, **form, prior="gaussian")
@@ -142,13 +141,13 @@ def run_positioning(
     Parameters
     ----------
     seed : int
-        Draws the specimen, its noise, and the targets.
+        Seed of the specimen, its noise, and the targets.
     noise : float
         Standard deviation of the curvature sensor, in 1/m.
     protocol : ExperimentProtocol, optional
-        Other figures than those of the paper.
+        Parameters of the paper if not given.
     progress : callable
-        Told what begins.
+        Called with the name of each stage when it begins.
 
     Returns
     -------
@@ -157,8 +156,8 @@ def run_positioning(
     Raises
     ------
     ParameterError
-        If the seed is not a whole number of at least 0, or the noise is negative or so large
-        that nothing can be fitted to what is measured.
+        If the seed is not a whole number of at least 0, or the noise is negative or too large for a
+        fit.
     """
     if isinstance(seed, bool) or int(seed) != seed or seed < 0:
         raise ParameterError(f"seed is {seed!r}; give a whole number of at least 0")
@@ -172,7 +171,7 @@ def run_positioning(
     staircase, settled = hold_each(_strip(seed, noise), voltages, setup.hold, setup.sample_interval)
 
     progress("identifying")
-    # A strip of polymer answers the smallest reversal at once: some of its bending is reversible.
+    # The strip responds to the smallest reversal at once: part of its bending is reversible.
     identification = identify(voltages, settled, levels=grid, smoothness=0.0, diagonal="reversible")
     polynomial = Polynomial.fit(voltages, settled, degree=2, low=-setup.voltage, high=setup.voltage)
 
@@ -201,13 +200,13 @@ def run_positioning(
 
 
 def _inverted(polynomial: Polynomial, targets: FloatArray, noise: float) -> FloatArray:
-    """Inputs by the single-valued model, which noise can bend until it has no inverse."""
+    """Return the inputs of the single-valued model, which noise can make non-invertible."""
     try:
         return polynomial.invert(targets, unreachable="clip").u
     except NotInvertibleError:
         raise ParameterError(
-            f"noise is {noise} 1/m, which bends the quadratic until it turns round inside the "
-            "voltages; give less"
+            f"noise is {noise} 1/m, which makes the quadratic non-monotone within the voltages; "
+            "give less"
         ) from None
 
 

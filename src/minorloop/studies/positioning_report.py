@@ -19,7 +19,7 @@ _HOUR = 3600.0
 
 
 def positioning_report(result: Positioning) -> Report:
-    """The experiment as a page: what was done, every figure, and how far each inverse came."""
+    """Return the experiment as a page: method, figures, and the errors of both inverses."""
     setup, figures = result.protocol, result.summary
     report = Report(
         "Positioning an ionic polymer strip without a sensor",
@@ -33,11 +33,11 @@ def positioning_report(result: Positioning) -> Report:
         text=(
             "The experiment of Chen, Tan and Shahinpoor (Quasi-static positioning of ionic "
             "polymer-metal composite actuators, 2005), carried out on a twin: a simulation of the "
-            "strip from its physics, with ion pinning, water relaxation and creep, and no Preisach "
-            "operator in it. The figures are those of the twin, not of the paper's strip.",
+            "strip from its physics, with ion pinning, water relaxation and creep, and without a "
+            "Preisach operator. The figures are those of the twin, not of the paper's strip.",
             f"Specimen and targets are drawn with seed {result.seed}; the curvature sensor has a "
-            f"noise of {result.noise:g} 1/m. Neither identification nor inversion sees anything "
-            "but voltages and measured curvatures.",
+            f"noise of {result.noise:g} 1/m. Identification and inversion use only voltages and "
+            "measured curvatures.",
         ),
         table=_scores(result),
     )
@@ -67,13 +67,12 @@ def positioning_report(result: Positioning) -> Report:
         f"holds each voltage for {setup.hold:g} s; the last sample counts.",
         table=_target_table(result),
         pictures=[
-            Picture(draw_sequences(result), "The voltages that each inverse asks for (Fig 12)."),
-            Picture(draw_trajectories(result), "What the strip did (compare Fig 13)."),
+            Picture(draw_sequences(result), "The voltages of each inverse (Fig 12)."),
+            Picture(draw_trajectories(result), "The curvature of the strip (compare Fig 13)."),
             Picture(
                 draw_errors(result),
-                "Settled error at each target (compare Fig 14). Whiskers: where the error of the "
-                "Preisach inverse was to be expected with a probability of 90 %, by what the "
-                "identification left open; it lies there at "
+                "Settled error at each target (compare Fig 14). Whiskers: 90 % band of the error "
+                "of the Preisach inverse, as the identification predicts it; it lies inside at "
                 f"{result.bands.covers(result.preisach.achieved):.0%} of the targets.",
             ),
         ],
@@ -199,7 +198,7 @@ def draw_errors(result: Positioning) -> Any:
         place - 0.2, middle, reach, fmt="none", color="0.1", lw=0.9, capsize=2, label=label
     )
     axes.axhline(0.0, color="0.3", lw=0.8)
-    axes.set(xlabel="target", ylabel="achieved less wanted [1/m]")
+    axes.set(xlabel="target", ylabel="achieved minus target [1/m]")
     axes.set_xticks(place)
     axes.legend(frameon=False)
     return figure
@@ -210,6 +209,6 @@ def _drives(result: Positioning) -> tuple[tuple[str, AppliedSequence], tuple[str
 
 
 def _between(voltages: Any, points: int = 12) -> Any:
-    """The staircase with points in between, as a line for the eye."""
+    """Return the staircase with points in between, to draw a line."""
     places = np.linspace(0, voltages.size - 1, (voltages.size - 1) * points + 1)
     return np.interp(places, np.arange(voltages.size), voltages)

@@ -1,9 +1,8 @@
-"""Following what drifts: the open end of the ionic polymer paper.
+"""Recursive identification of a drifting strip, which the ionic polymer paper leaves open.
 
-On data of a Preisach operator the recursion is tested for what it can do at best; on a twin
-whose bending fades, against a batch fit that is made anew at every sample from the most recent
-ones. An exponential window with the same mean age as that batch is used, so that both know as
-much of the past.
+Data of a Preisach operator show the best that the recursion can do. On a twin whose bending fades,
+the recursion is compared with a batch fit to the most recent samples, repeated at every sample.
+The exponential window has the same mean age as that batch, so that both use the same history.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from minorloop.twins.ipmc import Ipmc
 
 VOLTAGE, BANDS, HOLD = 1.2, 10, 200.0
 NOISE = 0.006
-"""Of the synthetic data, over their range."""
+"""Noise of the synthetic data, over their range."""
 SYNTHETIC, SETTLING_IN = 1500, 500
 SWING = 0.1
-"""By which the drifting synthetic density swells and fades, once over the record."""
+"""Relative amplitude by which the synthetic density drifts, one period over the record."""
 FADING, FADING_NOISE = -0.02, 0.05
 """Relative loss of bending an hour, and sensor noise in 1/m, of the drifting twin."""
 _DIVERGED = 0.5
@@ -33,10 +32,10 @@ _DIVERGED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class DriftTracking:
-    """Outputs of the drifting twin with the predictions of the sample before.
+    """Outputs of the drifting twin, with predictions from the samples before.
 
-    ``measured``, ``recursive``, ``batch`` (n,) in 1/m, over the part that is scored; ``fixed``
-    the predictions of a model that was identified once, before.
+    ``measured``, ``recursive`` and ``batch`` (n,) in 1/m, over the part that is scored; ``fixed``
+    has the predictions of a model that was identified once, before.
     """
 
     measured: FloatArray
@@ -50,7 +49,7 @@ class DriftTracking:
 
 
 def synthetic_figures(seed: int) -> dict[str, Any]:
-    """Errors of the recursion on data of an operator, over their range, and divergence."""
+    """Return errors of the recursion on data of an operator, over their range, and divergence."""
     rng = np.random.default_rng(seed)
     grid = uniform_levels(-VOLTAGE, VOLTAGE, BANDS)
     shape = np.linspace(0, 1, BANDS)
@@ -70,7 +69,7 @@ def synthetic_figures(seed: int) -> dict[str, Any]:
 
 
 def _errors(model: Preisach, u: FloatArray, swing: float, rng: np.random.Generator) -> FloatArray:
-    """Errors of the one-step-ahead predictions, over the range of the model."""
+    """Return errors of the one-step predictions, over the range of the model."""
     recursion = Recursive(model.levels)
     state, span = recursion.begin(), float(np.ptp(model.range))
     rows = np.arange(BANDS)[:, None] / BANDS
@@ -109,8 +108,8 @@ def run_tracking(seed: int) -> DriftTracking:
 
 
 def _recursive_predictions(grid: Levels, u: FloatArray, y: FloatArray, window: int) -> FloatArray:
-    """What each sample was predicted to be before it was learnt from."""
-    age = window / 2  # a window forgets by the share that gives its samples this mean age
+    """Return the prediction of each sample before the update with it."""
+    age = window / 2  # the forgetting factor that gives samples this mean age
     recursion = Recursive(grid, forgetting=age / (age + 1), diagonal="reversible")
     state, predicted = recursion.begin(), np.empty_like(y)
     for k in range(u.size):
@@ -122,7 +121,7 @@ def _recursive_predictions(grid: Levels, u: FloatArray, y: FloatArray, window: i
 def _batch_predictions(
     grid: Levels, u: FloatArray, y: FloatArray, window: int, first: int
 ) -> FloatArray:
-    """The same from a fit to the samples of the window before."""
+    """Return the prediction of each sample by a fit to the window before it."""
     predicted = np.empty(u.size - first)
     for k in range(first, u.size):
         recent = y[:k].copy()

@@ -1,1 +1,1 @@
-"""Physics to experiment on when no hardware is there."""
+"""Simulated actuators, for experiments without hardware."""

@@ -1,9 +1,9 @@
 """Compiled physics of the twins: arrays in, arrays out.
 
-Each ``*_run`` marches a plant through steps of lengths ``h`` (N,) with inputs ``u`` (N,) at
-their ends and coupling gains ``gain`` (N,); it changes ``state`` and gives the outputs (N,).
-Implicit Euler: an explicit update of the pinning terms explodes, as one step of the input is
-many times their memory.
+Each ``*_run`` integrates a plant over steps of lengths ``h`` (N,) with inputs ``u`` (N,) at their
+ends and coupling gains ``gain`` (N,). It changes ``state`` and returns the outputs (N,). The method
+is implicit Euler: an explicit update of the pinning terms is unstable, because one step of the
+input is many times their memory.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ import numpy as np
 from numba import njit
 
 ITERATIONS = 200
+"""Most iterations of the guarded Newton method, so that it always ends."""
 TOLERANCE = 1e-15
+"""Of a root, as a share of its range: rounding."""
 
 
 @njit(cache=True, nogil=True)
 def pinned(chi, start, q, strength, rate):
-    """Pinning potentials after q has gone one way from start: (sum, slope of the sum)."""
+    """Pinning potentials after a monotone change from start to q: (sum, slope of the sum)."""
     way = 1.0 if q >= start else -1.0
     total, slope = 0.0, 0.0
     for i in range(chi.size):
@@ -31,7 +33,7 @@ def pinned(chi, start, q, strength, rate):
 
 @njit(cache=True, nogil=True)
 def pin(chi, start, q, strength, rate):
-    """Move the pinning potentials on, exactly (Armstrong and Frederick's law)."""
+    """Update the pinning potentials exactly (Armstrong and Frederick's law)."""
     way = 1.0 if q >= start else -1.0
     for i in range(chi.size):
         limit = strength[i] * way
@@ -126,7 +128,7 @@ def fibre_run(state, parameters, strength, rate, u, h, gain):
 
 @njit(cache=True, nogil=True)
 def relaxing(gaps, x, gain, tau):
-    """Response (T,) of a first-order high-pass of the given gain to x (T,), straight between."""
+    """Response (T,) of a first-order high-pass with a gain to x (T,), linear between samples."""
     out = np.zeros(x.size)
     for n in range(1, x.size):
         keep = math.exp(-gaps[n - 1] / tau)
@@ -136,7 +138,7 @@ def relaxing(gaps, x, gain, tau):
 
 @njit(cache=True, nogil=True)
 def course(c, t):
-    """Value at time t of a quantity that steps or ramps once, and swings from then on."""
+    """Value at time t of a quantity that steps or ramps once, and oscillates from then on."""
     start, end, at, duration, amplitude, period = c
     if t < at:
         return start
@@ -150,8 +152,8 @@ def course(c, t):
 def remember(past, mark, t, y, spacing):
     """Add outputs y at time t to the ring ``past``; the newest row is at ``mark[0]``.
 
-    Row ``mark[0]`` always holds the latest time; a new row is begun ``spacing`` after the one
-    before it, so that many short steps do not push out what is still needed.
+    Row ``mark[0]`` always has the latest time. A new row begins ``spacing`` after the one before,
+    so that many short steps do not overwrite rows that are still needed.
     """
     rows = past.shape[0]
     before = (mark[0] - 1) % rows
@@ -163,7 +165,7 @@ def remember(past, mark, t, y, spacing):
 
 @njit(cache=True, nogil=True)
 def recall(past, mark, t, out):
-    """Outputs at time t from the ring, straight between its rows; the oldest before them all."""
+    """Outputs at time t from the ring, linear between its rows; the oldest for earlier times."""
     rows = past.shape[0]
     newer = mark[0]
     for back in range(1, rows):
@@ -179,12 +181,12 @@ def recall(past, mark, t, out):
 
 @njit(cache=True, nogil=True)
 def catheter_step(axis, drive, stretch, rate, h):
-    """March one axis of the catheter through a step; nothing is returned.
+    """Integrate one axis of the catheter over a step.
 
-    ``axis`` is the motor's rate, its position, the tip's position, and the way it slides (-1,
-    0 where it sticks, 1). ``drive`` is acceleration, breakaway, sliding, relaxation, and the
-    two ends of the travel; breakaway and sliding are the lags at which friction lets go and
-    holds on, and ``stretch`` multiplies them.
+    ``axis`` is the motor's rate, its position, the tip's position, and the direction of sliding
+    (-1, 0 where it sticks, 1). ``drive`` is acceleration, breakaway, sliding, relaxation, and the
+    two ends of the travel. Breakaway and sliding are the lags at which static friction ends and
+    begins; ``stretch`` multiplies them.
     """
     most = drive[0] * h
     before = axis[0]
@@ -208,7 +210,7 @@ def catheter_step(axis, drive, stretch, rate, h):
 
 @njit(cache=True, nogil=True)
 def catheter_run(state, drives, growth, clock, ends, first, u, pace, delay, past, mark):
-    """Advance and roll of the catheter under rates straight between samples.
+    """Advance and roll of the catheter under rates that are linear between samples.
 
     As ``head_run``; ``drives`` (2, 6) are those of ``catheter_step``, and ``growth`` is how
     much friction grows per millimetre of catheter in the pipe.

@@ -1,4 +1,4 @@
-"""What a checkpoint must be for a twin to take it up: of the same options, whole, and possible."""
+"""Read and check checkpoints of simulated actuators."""
 
 from __future__ import annotations
 
@@ -13,31 +13,29 @@ from minorloop.errors import ParameterError
 from minorloop.lab.actuator import ROUNDING, Channel
 
 LONGEST_CLOCK = 1e12
-"""In seconds: beyond it a step of a millisecond is lost in the rounding of the clock."""
+"""In seconds: beyond it, rounding of the clock loses steps of a millisecond."""
 _MOST_SAMPLES = 2**62
 
 
 class Checkpoint:
-    """Reads the parts of a checkpoint, and refuses what no twin can have written.
+    """Reads the parts of a checkpoint, and refuses impossible ones.
 
     Parameters
     ----------
     parts : dict
-        As ``checkpoint`` gave it, perhaps through JSON.
+        The checkpoint, possibly read from JSON.
     identity : dict
-        What must agree, by name.
+        Options of the twin that must be equal, by name.
 
     Raises
     ------
     ParameterError
-        If it is no checkpoint, or was taken from a twin with other options.
+        If it is not a checkpoint, or belongs to a twin with other options.
     """
 
     def __init__(self, parts: dict[str, Any], identity: dict[str, Any]) -> None:
         if not isinstance(parts, dict):
-            raise ParameterError(
-                f"the checkpoint is {short(parts)}; give the dict that checkpoint() gave"
-            )
+            raise ParameterError(f"the checkpoint is {short(parts)}; give a dict from checkpoint()")
         for name, own in identity.items():
             if name not in parts or parts[name] != own:
                 raise ParameterError(
@@ -47,32 +45,32 @@ class Checkpoint:
         self._parts = parts
 
     def number(self, name: str, low: float, high: float) -> float:
-        """A number within bounds."""
+        """Return a number within bounds."""
         value = float(self.array(name, np.zeros(())))
         if not low <= value <= high:
             raise damaged(f"{name} is {value:g}, not from {low:g} to {high:g}")
         return value
 
     def count(self, name: str, most: int = _MOST_SAMPLES) -> int:
-        """A whole number from 0 on."""
+        """Return a whole number from 0."""
         value = self._part(name)
         if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
             raise damaged(f"{name} is {short(value)}, not a whole number from 0 to {most}")
         return value
 
     def clock(self) -> float:
-        """Simulated time since the start, in seconds."""
+        """Return the simulated time since the start, in seconds."""
         return self.number("clock", 0.0, LONGEST_CLOCK)
 
     def array(self, name: str, like: FloatArray) -> FloatArray:
-        """Finite numbers of the shape of others."""
+        """Return finite numbers with the shape of ``like``."""
         values = self._numbers(name, self._part(name))
         if values.shape != like.shape or not np.isfinite(values).all():
             raise damaged(f"{name} is not {like.shape} finite numbers")
         return values
 
     def readings(self, name: str, like: FloatArray) -> FloatArray:
-        """As ``array``, with NaN for None."""
+        """Return numbers with the shape of ``like``; None becomes NaN."""
         part = self._part(name)
         if not isinstance(part, list):
             raise damaged(f"{name} is not a list")
@@ -82,7 +80,7 @@ class Checkpoint:
         return values
 
     def inputs(self, name: str, channels: tuple[Channel, ...], like: FloatArray) -> FloatArray:
-        """Numbers of the shape of others, one for each channel and within its limits."""
+        """Return one number within the limits of each channel, with the shape of ``like``."""
         values = self.array(name, like)
         for channel, value in zip(channels, values.ravel().tolist(), strict=True):
             slack = ROUNDING * (channel.high - channel.low)
@@ -107,17 +105,17 @@ class Checkpoint:
 
 
 def damaged(why: str) -> ParameterError:
-    """The error of a checkpoint that no twin can have written."""
+    """Return the error of an impossible checkpoint."""
     return ParameterError(f"the checkpoint is damaged: {why}; take another one")
 
 
 def check_within(values: FloatArray, low: FloatArray, high: FloatArray, what: str) -> None:
-    """Refuse values outside of what the physics allows, but for rounding.
+    """Refuse values outside bounds of the physics, except for rounding.
 
     Raises
     ------
     ParameterError
-        Naming the first of them.
+        The message names the first of them.
     """
     slack = 1e-9 * (high - low)
     outside = (values < low - slack) | (values > high + slack)

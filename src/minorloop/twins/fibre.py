@@ -1,8 +1,8 @@
 """A polyaniline and carbon nanotube fibre, simulated from its physics.
 
-A voltage dopes the polymer along a steep isotherm; chains pin their conformation and release
-it late. Doping is three times as fast as undoping, diffuses into the fibre, and stretches it;
-then the fibre creeps. There is no Preisach operator in it.
+A voltage dopes the polymer along a steep isotherm. Chains pin their conformation, which causes the
+hysteresis. Doping is three times as fast as undoping, diffuses into the fibre, and stretches it.
+Then the fibre creeps. The model contains no Preisach operator.
 """
 
 from __future__ import annotations
@@ -48,8 +48,7 @@ class Fibre(SimulatedActuator):
     specimen : int, optional
         Seed of a specimen: all twelve physical parameters (potential, width of the isotherm,
         times of doping, undoping, diffusion and creep, creep, stretch, two pinning potentials
-        and their two rates of release) are drawn within +-10 % of nominal. Without it, the
-        nominal fibre.
+        and their two rates of release) are drawn within +-10 % of nominal. Nominal if not given.
     noise : float
         Standard deviation of the measured length, in um.
     seed : int
@@ -59,12 +58,12 @@ class Fibre(SimulatedActuator):
     drift : float
         Relative change of the stretch per hour, compounding.
     substeps : int
-        Divides every time step of the integration.
+        Number of parts of each time step of the integration.
 
     Raises
     ------
     ParameterError
-        If an option is out of its range.
+        If an option is out of range.
 
     Notes
     -----

@@ -1,10 +1,9 @@
 """An ionic polymer-metal composite strip, simulated from its physics.
 
-A voltage charges the strip's double layers through a strongly nonlinear capacity while ion
-clusters stick to their sites and let go late, which is where the hysteresis comes from. The
-charge bends the strip at once; the water it drags along seeps back and relaxes the bending;
-the polymer creeps. There is no Preisach operator in it, and its loops are neither quite
-congruent nor quite wiped out.
+A voltage charges the double layers of the strip through a strongly nonlinear capacity. Ion clusters
+are pinned to their sites, which causes the hysteresis. The charge bends the strip at once; water
+that it drags along flows back and relaxes the bending; the polymer creeps. The model contains no
+Preisach operator, and its loops violate congruency and wiping-out slightly.
 """
 
 from __future__ import annotations
@@ -60,10 +59,10 @@ class Ipmc(SimulatedActuator):
         Seed of a specimen: all seventeen physical parameters (times of charging, relaxation,
         creep and sensing, saturation, drag, bending, asymmetry, set, creep, three pinning
         potentials and their three rates of release, sensing gain) are drawn within +-10 % of
-        nominal. Without it, the nominal strip.
+        nominal. Nominal if not given.
     noise : float
-        Standard deviation of the measured curvature, in 1/m. A laser that errs by 1 um at
-        15 mm above the clamp errs by 0.009 1/m.
+        Standard deviation of the measured curvature, in 1/m. An error of 1 um of a
+        laser 15 mm above the clamp is 0.009 1/m.
     seed : int
         Seed of the noise.
     tick : float
@@ -71,12 +70,12 @@ class Ipmc(SimulatedActuator):
     drift : float
         Relative change of the bending per volt and hour, compounding: -0.05 loses 5 % an hour.
     substeps : int
-        Divides every time step of the integration.
+        Number of parts of each time step of the integration.
 
     Raises
     ------
     ParameterError
-        If an option is out of its range.
+        If an option is out of range.
 
     Notes
     -----
@@ -124,23 +123,23 @@ class Ipmc(SimulatedActuator):
         )
 
     def sense(self, t: npt.ArrayLike, curvature: npt.ArrayLike) -> Record:
-        """Voltage of the open strip while it is bent from outside.
+        """Return the voltage of the open strip while it is bent from outside.
 
         Bending squeezes ions towards one face; the charge builds up with the curvature and
         leaks back: tau dv/dt = s tau dkappa/dt - v. The strip is relaxed at the first sample.
-        Driving and sensing do not disturb each other here, and no time passes for the drive.
+        Driving and sensing do not influence each other here, and no simulated time passes.
 
         Parameters
         ----------
         t : (T,) array_like
             Strictly increasing times, in seconds.
         curvature : (T,) array_like
-            Imposed curvature in 1/m, straight from sample to sample.
+            Imposed curvature in 1/m, linear between samples.
 
         Returns
         -------
         Record
-            Curvature in, voltage in mV out, without noise.
+            Curvature as input and voltage in mV as output, without noise.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The bases of the simulated actuators: clock, sensor noise, time steps, checkpoints."""
+"""Base classes of simulated actuators: clock, sensor noise, time steps, checkpoints."""
 
 from __future__ import annotations
 
@@ -18,32 +18,33 @@ from minorloop.twins.checkpoints import Checkpoint, check_within
 SPREAD = 0.1
 """Specimens differ from the nominal parameters by up to this share."""
 MAX_SAMPLES = 20_000_000
+"""Most samples of one call: 480 MB of a record."""
 MAX_STEPS = 200_000_000
+"""Most time steps of one call, to bound its duration."""
 
 
 class SimulatedPlant(ABC):
     """A plant that lives in simulated time: its clock, holds, waveforms and checkpoints.
 
-    The physics is hidden: only private attributes know the parameters and the output without
-    noise, and they are there for scoring after a run, never for an estimator.
+    The physics is hidden: the parameters and the output without noise are private attributes, for
+    scoring after a run and not for estimators.
 
     Parameters
     ----------
     parameters : dict of str to float
         Nominal physical parameters.
     specimen : int, optional
-        Seed of a specimen: each parameter is multiplied by a number drawn evenly from
-        [0.9, 1.1] by ``numpy.random.default_rng(specimen)``, in the order given. Without it
-        the parameters are nominal.
+        Seed of a specimen: each parameter is multiplied by a number drawn uniformly from [0.9, 1.1]
+        by ``numpy.random.default_rng(specimen)``, in the given order. Nominal if not given.
     noise : float
         Standard deviation of the sensors, in the unit of each output.
     seed : int
-        Seed of the noise. The noise of the n-th sample since the start depends on the seed and
-        n alone.
+        Seed of the noise. The noise of the n-th sample since the start depends only on the seed
+        and n.
     tick : float
         How long one ``exchange`` takes, in seconds.
     substeps : int
-        Divides every time step of the integration by this number; more is slower and nearer.
+        Number of parts of each time step of the integration; more is slower and more exact.
     """
 
     kind: str
@@ -249,13 +250,11 @@ class SimulatedActuator(SimulatedPlant):
         )
         self.drift = as_finite("drift", drift)
         if self.drift <= -1:
-            raise ParameterError(
-                f"drift is {self.drift} per hour; give more than -1, a gain stays one"
-            )
+            raise ParameterError(f"drift is {drift} per hour; give more than -1")
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the start: the state at rest, clock at 0, the noise from its beginning."""
+        """Return to the start: state at rest, clock at 0, noise from its beginning."""
         self._state: FloatArray = np.array(self._rest)
         self._clock = 0.0
         self._input: float | None = None
@@ -263,20 +262,20 @@ class SimulatedActuator(SimulatedPlant):
         self._samples = 0
 
     def safe(self) -> None:
-        """Go to the resting input; it takes no time, and is not sampled."""
+        """Apply the resting input; this takes no time and is not sampled."""
         self._switch(self._rest_input)
 
     @abstractmethod
     def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
-        """March the state through steps ``h`` with inputs ``u`` at their ends; the outputs."""
+        """Integrate over steps ``h`` with inputs ``u`` at their ends; return the outputs."""
 
     @abstractmethod
     def _bounds(self, clock: float) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest state that the physics can lead to until a time."""
+        """Return the least and the greatest state that the physics can reach until a time."""
 
     @abstractmethod
     def _output_now(self) -> float:
-        """The output without noise, at the present state. For scoring only."""
+        """Return the output without noise at the present state. For scoring only."""
 
     def _identity(self) -> dict[str, Any]:
         return {**super()._identity(), "drift": self.drift}
@@ -331,7 +330,7 @@ class SimulatedActuator(SimulatedPlant):
         return self._sensed(np.concatenate([[first], y]))
 
     def _march(self, u: FloatArray, h: FloatArray, since: float | None = None) -> FloatArray:
-        """Run steps ``h``, each cut into substeps, with the input straight within a step."""
+        """Run steps ``h``, each divided into substeps, with a linear input within a step."""
         n = self.substeps
         if n > 1:
             before = u if since is None else np.concatenate([[since], u[:-1]])
@@ -344,7 +343,7 @@ class SimulatedActuator(SimulatedPlant):
         return y[n - 1 :: n]
 
     def _grid(self, since: float, until: float) -> FloatArray:
-        """Ends of steps, as times after a change of input: growing to the longest step."""
+        """Return ends of steps as times after a change of input; steps grow to the longest."""
         turns = math.ceil(math.log(self._longest_step / self._first_step, self._growth))
         early = np.cumsum(self._first_step * self._growth ** np.arange(turns))
         low, high = ((time - early[-1]) / self._longest_step for time in (since, until))
@@ -354,7 +353,7 @@ class SimulatedActuator(SimulatedPlant):
         return grid[(grid > since) & (grid < until)]
 
     def _sensed(self, y: FloatArray) -> FloatArray:
-        """Outputs (T,) as the sensor gives them, (T, 1)."""
+        """Return outputs (T,) with the noise of the sensor, (T, 1)."""
         began, self._samples = self._samples, self._samples + y.size
         if self.noise > 0:
             y = y + self.noise * gaussian(self.seed, began, y.size)
@@ -362,9 +361,9 @@ class SimulatedActuator(SimulatedPlant):
 
 
 def gaussian(seed: int, first: int, count: int) -> FloatArray:
-    """Standard normal numbers (count,) that depend on the seed and the sample number alone."""
+    """Return standard normal numbers (count,) that depend only on seed and sample number."""
     pairs = np.random.Philox(key=seed)
-    pairs.advance(first // 2)  # one turn of the counter is four words, two samples
+    pairs.advance(first // 2)  # one step of the counter is four words, two samples
     words = pairs.random_raw(2 * (count + first % 2)).reshape(-1, 2)[first % 2 :]
     # Box and Muller, A note on the generation of random normal deviates, 1958.
     radius = np.sqrt(-2 * np.log(((words[:, 0] >> np.uint64(11)) + 0.5) * 2.0**-53))
@@ -372,7 +371,7 @@ def gaussian(seed: int, first: int, count: int) -> FloatArray:
 
 
 def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, float]:
-    """The parameters of a specimen, each within +-10 % of nominal; nominal without one."""
+    """Return the parameters of a specimen, within +-10 % of nominal; nominal if it is None."""
     if specimen is None:
         return dict(parameters)
     factors = np.random.default_rng(specimen).uniform(1 - SPREAD, 1 + SPREAD, len(parameters))
@@ -383,7 +382,7 @@ def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, floa
 
 
 def sample_times(duration: float, sample_interval: float) -> FloatArray:
-    """Times of the samples of a hold from its beginning, the last at its end."""
+    """Return the times of the samples of a hold from its beginning, the last at its end."""
     length, interval = (
         positive("duration", duration),
         positive("sample_interval", sample_interval),
@@ -400,7 +399,7 @@ def sample_times(duration: float, sample_interval: float) -> FloatArray:
 def as_waveform(
     t: npt.ArrayLike, u: npt.ArrayLike, channels: int = 1
 ) -> tuple[FloatArray, FloatArray]:
-    """Times (T,) and values (T,) or (channels, T), refused unless time increases."""
+    """Return times (T,) and values (T,) or (channels, T); refuse times that do not increase."""
     times, values = as_samples(t, name="t"), as_samples(u, name="u")
     wanted = times.shape if channels == 1 else (channels, *times.shape)
     if times.ndim != 1 or values.shape != wanted or times.size < 2:
@@ -415,7 +414,7 @@ def as_waveform(
 
 
 def positive(name: str, value: float) -> float:
-    """Give a time in seconds as a float, refused unless it is positive."""
+    """Return a time in seconds as a float; refuse it unless it is positive."""
     number = as_finite(name, value)
     if number <= 0:
         raise ParameterError(f"{name} is {value}; give a positive number of seconds")
@@ -423,7 +422,7 @@ def positive(name: str, value: float) -> float:
 
 
 def whole_number(name: str, value: int) -> int:
-    """Give a number that can seed a generator, refused unless it is whole and in range."""
+    """Return a number that can seed a generator; refuse others."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not 0 <= value < 2**64:
         raise ParameterError(f"{name} is {value!r}; give a whole number from 0 to 2^64 - 1")
@@ -431,7 +430,7 @@ def whole_number(name: str, value: int) -> int:
 
 
 def check_count(count: float, most: int, what: str) -> None:
-    """Refuse to begin what would take too many samples or steps."""
+    """Refuse too many samples or steps."""
     if not count <= most:
         raise ParameterError(
             f"that takes {count:.3g} {what}, more than {most:.3g}; shorten it, or sample less "
@@ -440,5 +439,5 @@ def check_count(count: float, most: int, what: str) -> None:
 
 
 def prefixed(parameters: dict[str, float], prefix: str) -> FloatArray:
-    """The parameters whose names begin so, in order."""
+    """Return the parameters whose names begin with a prefix, in order."""
     return np.array([value for name, value in parameters.items() if name.startswith(prefix)])

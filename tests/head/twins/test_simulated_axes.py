@@ -301,7 +301,7 @@ def test_refuses_a_checkpoint_of_another_or_a_damaged_one(kind, change, complain
 @every_kind
 @pytest.mark.parametrize("nothing", [None, [], 3, "x"])
 def test_refuses_what_is_no_checkpoint(kind, nothing):
-    with pytest.raises(ParameterError, match="give the dict that checkpoint"):
+    with pytest.raises(ParameterError, match="give a dict from checkpoint"):
         kind().restore(nothing)
 
 

@@ -222,10 +222,10 @@ def test_safe_is_tried_until_a_deadline(plant):
 
 def test_a_source_that_stays_on_is_said_before_what_came_before(plant):
     plant.safe_fails, plant.answer = math.inf, 6.0
-    with pytest.raises(SafetyError, match=r"may still be on.*what came before: the meter reads 6"):
+    with pytest.raises(SafetyError, match=r"may still be on.*the error before: the meter reads 6"):
         bench(plant).exchange(0.5)
     plant.broken = KeyboardInterrupt()
-    with pytest.raises(SafetyError, match=r"what came before: KeyboardInterrupt"):
+    with pytest.raises(SafetyError, match=r"the error before: KeyboardInterrupt"):
         bench(plant).exchange(0.5)
 
 

@@ -130,7 +130,7 @@ def test_a_run_is_not_resumed_on_a_bench_that_was_changed(simulated, monkeypatch
     capsys.readouterr()
     assert main(["resume", "--store", "s.sqlite"]) == 2
     said = capsys.readouterr().err
-    assert "another bench: meter.scale was left out and is 2.0 now; put the bench back" in said
+    assert "another bench: meter.scale was left out and is 2.0 now; restore the bench" in said
     with Store.open("s.sqlite") as store:
         assert len(store) == 1
         assert store.bench()["meter"] == described["meter"]
@@ -175,7 +175,7 @@ def late(link, text):
 @pytest.mark.parametrize(
     ("trouble", "message"),
     [
-        (garbage, "which is no number"),
+        (garbage, "which is not a number"),
         (overloaded, "overloaded, or not connected"),
         (silent, "gave no answer within 0.1 s"),
         (late, "gave no answer within 0.1 s"),
@@ -184,28 +184,28 @@ def late(link, text):
 def test_an_instrument_in_trouble_ends_the_run_safely_and_resume_goes_on(
     trouble, message, simulated, monkeypatch, capsys
 ):
-    told, ask, tell = [], VisaLink.ask, VisaLink.tell
+    sent, ask, send = [], VisaLink.ask, VisaLink.send
 
     def listening(link, text):
-        told.append(text)
-        tell(link, text)
+        sent.append(text)
+        send(link, text)
 
     def troubled(link, text):
-        set_to = [line for line in told if line.startswith("VOLT ")][-1]
+        set_to = [line for line in sent if line.startswith("VOLT ")][-1]
         if text == "READ?" and set_to.startswith("VOLT -0.5"):
             return trouble(link, text)
         return ask(link, text)
 
     with monkeypatch.context() as patch:
-        patch.setattr(VisaLink, "tell", listening)
+        patch.setattr(VisaLink, "send", listening)
         patch.setattr(VisaLink, "ask", troubled)
         assert main(simulated) == 2
     *progress, last = capsys.readouterr().err.splitlines()
     assert last.startswith("error: ")
     assert message in last
-    assert last.endswith("1 of 2 levels are kept, and minorloop resume --store s.sqlite goes on")
+    assert last.endswith("1 of 2 levels are kept; continue with minorloop resume --store s.sqlite")
     assert not any("Traceback" in line for line in progress)
-    assert told[-2:] == ["VOLT 0.000000000", "OUTP OFF"]
+    assert sent[-2:] == ["VOLT 0.000000000", "OUTP OFF"]
     with Store.open("s.sqlite") as store:
         kept = [(point.input, point.value) for point in store.points()]
     assert [point[0] for point in kept] == [0.5]
@@ -289,8 +289,8 @@ def test_a_source_that_stays_on_does_not_hide_what_came_before_nor_the_other_way
     assert main(hurried) == 3
     said = capsys.readouterr().err.splitlines()[-1]
     assert "may still be on, switch it off by hand" in said
-    assert f"what came before: {message}" in said.replace("asked 'READ?', ", "")
-    assert said.endswith("1 of 2 levels are kept, and minorloop resume --store s.sqlite goes on")
+    assert f"the error before: {message}" in said.replace("asked 'READ?', ", "")
+    assert said.endswith("1 of 2 levels are kept; continue with minorloop resume --store s.sqlite")
 
 
 def test_a_bench_that_does_not_say_that_it_is_safe_is_not_begun_with(hurried, monkeypatch, capsys):
@@ -307,5 +307,5 @@ def test_a_source_that_answers_nothing_is_said_at_the_beginning(simulated, capsy
     Path("bench.json").write_text(json.dumps({**described, "source": source}))
     assert main([*simulated, "--json"]) == 0
     shown = capsys.readouterr()
-    assert shown.err.startswith("! ASRL1::INSTR answers nothing, so that nobody is told whether")
+    assert shown.err.startswith("! ASRL1::INSTR answers nothing, so it cannot confirm")
     assert json.loads(shown.out)["warnings"][0].startswith("ASRL1::INSTR answers nothing")

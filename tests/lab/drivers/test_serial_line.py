@@ -64,11 +64,11 @@ def test_late_and_damaged_answers_are_thrown_away():
     [
         (SILENCE, "no answer"),
         ("garbage", "no answer"),
-        ("\n".join(["garbage"] * 9), "no sound answer to GET"),
+        ("\n".join(["garbage"] * 9), "no valid answer to GET"),
         (write(2, "ERR", "no", "sensor"), "refuses GET: no sensor"),
         (ok(2), "with 0 words"),
         (ok(2, "1", "2"), "with 2 words"),
-        (ok(2, "abc"), "no number"),
+        (ok(2, "abc"), "not a number"),
         (ok(2, "nan"), "with nan"),
         (ok(2, "inf"), "with inf"),
     ],
@@ -79,7 +79,7 @@ def test_answers_that_cannot_be_used(answer, message):
 
 
 def test_a_board_that_has_another_input_on_is_not_believed():
-    with pytest.raises(InstrumentError, match=r"told 0.25 and has 0.5 on"):
+    with pytest.raises(InstrumentError, match=r"set to 0.25 and answers 0.5"):
         board((write(2, "SET", "0.25"), ok(2, "0.5"))).set(0.25)
 
 
@@ -202,12 +202,12 @@ class Pipe:
             [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
 
-    def tell(self, text):
+    def send(self, text):
         self.process.stdin.write(f"{text}\r\n")
         self.process.stdin.flush()
 
     def ask(self, text):
-        self.tell(text)
+        self.send(text)
         return self.read()
 
     def read(self):
@@ -315,10 +315,10 @@ def test_a_board_that_heard_nothing_says_that_its_input_is_lost(clocked):
     assert parse(link.ask(write(1, "GET")), 1) == (False, ["safe"])  # it may have lost its power
     one = Board(link)
     assert one.patience == 1.0
-    link.tell("@")
+    link.send("@")
     one.set(0.5)  # nothing was on, so nothing was lost
     assert one.read() == 0.5
-    link.tell("@")
+    link.send("@")
     for act in (one.read, lambda: one.set(0.5), one.read):
         with pytest.raises(InstrumentError, match="went to its safe input by itself"):
             act()

@@ -109,20 +109,12 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
     result = identify(np.asarray(record.u), np.asarray(record.y), **options)
     seconds = time.perf_counter() - began
     yield {"stage": "scoring"}
-    scores = {
-        "nrmse_train": result.nrmse,
-        "nrmse_holdout": result.holdout_nrmse,
-        "baseline_nrmse": result.baseline_nrmse,
-    }
-    source = modelfile.Provenance.of(Path(name))
-    modelfile.save(
-        result.model,
+    modelfile.save_identification(
+        result,
         MODEL,
+        data=modelfile.Provenance.of(Path(name)),
         input=record.input,
         output=record.output,
-        lag=result.lag,
-        provenance=modelfile.Provenance(data=source.data, sha256=source.sha256, scores=scores),
-        warnings=result.warnings,
         force=True,
     )
     shown = _shown(result, record, seconds)
@@ -149,10 +141,9 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
         raise ParameterError(f"there are {len(targets)} targets; give 1 to {_MOST_TARGETS}")
     known = _model(folder)
     found = _preisach(known).invert(np.array(targets), start, "clip")  # type: ignore[arg-type]
-    header = [str(known.input), f"target {known.output}", f"predicted {known.output}", "reachable"]
-    columns = found.u.tolist(), targets, found.y.tolist(), found.reachable.astype(int).tolist()
+    columns = known.inverse_columns(targets, found)
     os.chdir(folder)
-    write_atomically(INPUTS, table_text(header, zip(*columns, strict=True)))
+    write_atomically(INPUTS, table_text(columns, zip(*columns.values(), strict=True)))
     yield {
         "u": found.u.tolist(),
         "y": found.y.tolist(),

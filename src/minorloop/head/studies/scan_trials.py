@@ -16,7 +16,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.head.geometry import Mount, Probe, wall_distance
-from minorloop.head.procedures.measure import wall_answers, wall_about
+from minorloop.head.procedures.measure import wall_about, wall_answers
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.studies import scoring

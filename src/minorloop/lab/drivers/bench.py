@@ -1,4 +1,4 @@
-"""A source and a meter as an actuator: limits, timing, and the way to safety."""
+"""Make an actuator of a source and a meter, with limits, timing and a safe end."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ from minorloop.lab.signals import Deferred, ended_by_signals
 __all__ = ["Bench", "Clock", "Meter", "Source", "WallClock"]
 
 OVERLOAD = 9e37
-"""From here on a reading is how instruments say that they are overloaded (IEEE 488.2: 9.9E37)."""
+"""Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)."""
 MAX_SAMPLES = 20_000_000
+"""Most samples of a hold."""
 _READINGS = 3
-"""Readings from which it is known how long the meter takes."""
+"""Readings after which the answer time of the meter is known."""
 _LATEST = 9
-"""Readings from which it is taken how long the next one is going to take."""
+"""Latest readings whose median predicts how long the next one takes."""
 _SLACK = 0.1
 """Share of an answer by which the last reading may end after the hold."""
 _ROUNDING = 1e-9
@@ -36,27 +37,27 @@ _PAUSE, _PAUSES = 0.05, 0.5
 
 
 class Source(Protocol):
-    """What sets the input of a plant."""
+    """Sets the input of a plant."""
 
     def set(self, value: float) -> None:
-        """Put an input on, and be sure that it is on."""
+        """Apply an input; return only when it is on."""
 
     def safe(self) -> None:
-        """Go to what can be left on unattended, and be sure of it; raise otherwise."""
+        """Go to a safe state; raise an error unless this is confirmed."""
 
 
 class Meter(Protocol):
-    """What reads the output of a plant."""
+    """Reads the output of a plant."""
 
     def read(self) -> float:
-        """The output now."""
+        """Return the output now."""
 
 
 class Clock(Protocol):
     """Time in seconds."""
 
     def now(self) -> float:
-        """Time since some beginning."""
+        """Return the time since some origin."""
 
     def sleep(self, seconds: float) -> None:
         """Wait."""
@@ -66,11 +67,11 @@ class WallClock:
     """The clock of the machine."""
 
     def now(self) -> float:
-        """Time since some beginning, in seconds."""
+        """Return the time since some origin, in seconds."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for so many seconds."""
+        """Wait for a number of seconds."""
         time.sleep(seconds)
 
 
@@ -89,22 +90,21 @@ class _Span:
 class Bench:
     """An actuator made of a source and a meter.
 
-    Whatever goes wrong, in an instrument or here, the source is made safe before the error is
-    raised. An input beyond a limit is refused and nothing is applied. A change faster than the
-    rate limit is made in steps, one a tick, no faster than the limit; a hold begins when its
-    input is reached.
+    After any error the source is made safe before the error is raised. An input beyond a limit is
+    refused and nothing is applied. A change faster than the rate limit is made in steps, one for
+    each tick; a hold begins when its input is reached.
 
-    A hold lasts as long as it is asked to by the clock. Each reading has the time of the middle of
-    its exchange. A meter that takes longer than the sample interval is read as often as it answers.
+    The clock determines how long a hold lasts. Each reading has the time of the middle of its
+    exchange. A meter that takes longer than the sample interval is read as often as it answers.
 
     Parameters
     ----------
     source : Source
-        What sets the input.
+        Sets the input.
     meter : Meter
-        What reads the output.
+        Reads the output.
     input : Channel
-        The input, with the limits that must be kept; both finite.
+        The input; both its limits are finite.
     output : Channel
         The output; a reading beyond its limits is an error.
     rest : float
@@ -112,15 +112,16 @@ class Bench:
     tick : float
         How long one ``exchange`` takes, in seconds.
     clock : Clock, optional
-        Another clock than that of the machine.
+        The clock of the machine if not given.
     description : dict, optional
-        What all this is, ready for JSON; a run is not resumed on a bench of another description.
+        Instruments and how their readings are converted, ready for JSON; a run is not resumed on a
+        bench of another description.
     safe_within : float
         How long to try to make the source safe, in seconds.
     links : sequence of Link
-        Lines to the instruments, which `close` lets go of.
+        Connections to the instruments, which `close` closes.
     warnings : sequence of str
-        What whoever uses it has to know.
+        What the user of the bench must know.
 
     Raises
     ------
@@ -162,7 +163,7 @@ class Bench:
         self._began = self._clock.now()
         self._present, self._changed = self._rest, -math.inf
         self._set: _Span | None = None
-        self._doubt = 0.0  # half the exchange that set what is on
+        self._doubt = 0.0  # half the exchange that set the present input
         self._answers: deque[float] = deque(maxlen=_LATEST)
         self._found = 0.0
 
@@ -183,23 +184,23 @@ class Bench:
 
     @property
     def description(self) -> dict[str, Any] | None:
-        """What it is, ready for JSON; None where that was not said."""
+        """Description of the instruments, ready for JSON; None if not given."""
         return self._description
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What whoever uses it has to know."""
+        """What the user of the bench must know."""
         return self._warnings
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input and record it and the output.
+        """Hold an input, and return a record of input and output.
 
         Parameters
         ----------
         u : float
             The input, in its unit.
         duration : float
-            How long to hold it, in seconds, from when it is reached at the rate allowed.
+            How long to hold it, in seconds, from when it is reached.
         sample_interval : float
             Time between samples, in seconds; the last sample is taken at the end of the hold.
             Where a reading takes longer, there are fewer samples.
@@ -241,14 +242,14 @@ class Bench:
         return Record(t, u_held, y, names[0], names[1], timing=timing)
 
     def exchange(self, u: Value) -> float:
-        """Hold an input for one tick and give the output at its end.
+        """Hold an input for one tick, and return the output at its end.
 
         Raises
         ------
         LimitError
             If the input is beyond a limit; nothing is applied then.
         ParameterError
-            If the meter takes longer than a tick, as ``check`` found; nothing is applied then.
+            If the meter takes longer than a tick; nothing is applied then.
         InstrumentError
             If an instrument fails; the source is safe then.
         """
@@ -270,7 +271,7 @@ class Bench:
         return value
 
     def answer_time(self) -> float:
-        """How long one reading takes, in seconds: the median of the latest.
+        """Return how long one reading takes, in seconds: the median of the latest.
 
         Raises
         ------
@@ -282,9 +283,9 @@ class Bench:
         return self._usual()
 
     def check(self) -> float:
-        """Make the source safe and read the output a few times, to be sure that both answer.
+        """Make the source safe, and read the output a few times; return the last reading.
 
-        How long the meter takes is known then.
+        This also measures the answer time of the meter.
 
         Raises
         ------
@@ -298,14 +299,14 @@ class Bench:
         return value
 
     def safe(self) -> None:
-        """Make the source safe; try until it says that it is, or until a deadline.
+        """Make the source safe; try until it confirms or a deadline is over.
 
         No signal interrupts this.
 
         Raises
         ------
         SafetyError
-            If it does not say so in time.
+            If it does not confirm in time.
         """
         with ended_by_signals(), Deferred():
             end, waited, pause = self._clock.now() + self._safe_within, 0.0, _PAUSE
@@ -327,12 +328,12 @@ class Bench:
         ) from last
 
     def close(self) -> None:
-        """Let go of the instruments; make the source safe before."""
+        """Close the connections; make the source safe before."""
         for link in self._links:
             link.close()
 
     def _go(self, wanted: float, end: float) -> None:
-        """Go towards an input, at the rate allowed, until a time."""
+        """Change the input towards a value, at the allowed rate, until a time."""
         most = self._inputs[0].rate * self._tick
         while self._present != wanted:
             ready = self._changed + self._tick if math.isfinite(most) else -math.inf
@@ -344,7 +345,7 @@ class Bench:
             self._present, self._changed = following, self._clock.now()
 
     def _put(self, value: float) -> None:
-        """Set the source, and note when."""
+        """Set the source, and note the time."""
         asked = self._clock.now()
         self._source.set(value)
         self._set = _Span.between(asked, self._clock.now())
@@ -353,10 +354,10 @@ class Bench:
     def _sample(
         self, began: float, duration: float, interval: float, count: int
     ) -> list[tuple[_Span, float]]:
-        """Readings that end every interval and at the end of the hold.
+        """Return readings that end at each interval and at the end of the hold.
 
-        Where the meter is slower, it is asked again as soon as it has answered. A reading that
-        could not end in time is not begun, except for the first.
+        A slower meter is asked again as soon as it has answered. A reading that could not end in
+        time is not begun, except for the first.
         """
         readings: list[tuple[_Span, float]] = []
         k = -1
@@ -373,7 +374,7 @@ class Bench:
         return readings
 
     def _read_timed(self) -> tuple[_Span, float]:
-        """A reading, and when it was taken."""
+        """Return a reading, and when it was taken."""
         asked = self._clock.now()
         value = self._read()
         span = _Span.between(asked, self._clock.now())
@@ -381,7 +382,7 @@ class Bench:
         return span, value
 
     def _usual(self) -> float:
-        """How long the latest readings took, in seconds; 0 before the first."""
+        """Return how long the latest readings took, in seconds; 0 before the first."""
         return median(self._answers) if self._answers else 0.0
 
     def _wait(self, end: float) -> None:
@@ -396,23 +397,23 @@ class Bench:
             raise InstrumentError(f"the meter reads {value}: overloaded, or not connected")
         if not channel.low <= value <= channel.high:
             raise InstrumentError(
-                f"the meter reads {value:g} {channel.unit}, beyond what {channel.name} can be, "
+                f"the meter reads {value:g} {channel.unit}, beyond the limits of {channel.name}, "
                 f"[{channel.low:g}, {channel.high:g}]; check sensor and wiring"
             )
         return value
 
     def _leave(self) -> None:
-        """Make the source safe on the way out; what is on its way out stands behind the error."""
+        """Make the source safe after an error; a `SafetyError` mentions that error."""
         cause = sys.exception()
         try:
             self.safe()
         except SafetyError as error:
             said = str(cause) or type(cause).__name__
-            raise SafetyError(f"{error}; what came before: {said}") from cause
+            raise SafetyError(f"{error}; the error before: {said}") from cause
 
 
 def _count(duration: float, interval: float) -> int:
-    """How many samples a hold has: every interval, and at its end."""
+    """Return how many samples a hold has: at each interval, and at its end."""
     for name, value in (("duration", duration), ("sample_interval", interval)):
         if not 0 < value < math.inf:
             raise ParameterError(f"{name} is {value!r} s; give a positive time")

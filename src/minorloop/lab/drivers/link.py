@@ -14,44 +14,45 @@ from minorloop.lab.signals import Deferred
 __all__ = ["Link", "VisaLink"]
 
 LONGEST = 4096
-"""Characters of an answer, at most."""
+"""Most characters of an answer."""
 _SAID = 400
-"""Characters of what a library says of an error, at most."""
+"""Most characters of an error message of a library."""
 _QUIET, _AT_ONCE = 20, 1
-"""Milliseconds without a character after which nothing more is expected; what is there already."""
+"""Milliseconds without a character after which nothing more is expected; the same for characters
+that have arrived already."""
 _PARTING = 1.0
-"""Seconds for the other end to take what was sent, before a connection is closed."""
+"""Seconds for the other end to receive what was sent, before a connection is closed."""
 
 
 class Link(Protocol):
-    """A line to an instrument."""
+    """A connection to an instrument that exchanges lines of text."""
 
     name: str
 
-    def tell(self, text: str) -> None:
+    def send(self, text: str) -> None:
         """Send one line."""
 
     def ask(self, text: str) -> str:
-        """Send one line and give the line that comes back.
+        """Send one line, and return the answer.
 
         Raises
         ------
         InstrumentError
-            If nothing comes in time.
+            If there is no answer in time.
         """
 
     def read(self) -> str:
-        """The next line, without asking."""
+        """Return the next line, without asking."""
 
     def flush(self) -> None:
-        """Forget what has come and was not read."""
+        """Discard what was received but not read."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the connection."""
 
 
 class VisaLink:
-    """An instrument that PyVISA reaches: GPIB, USB, LAN, or a serial port.
+    """A connection through PyVISA: GPIB, USB, LAN, or a serial port.
 
     Parameters
     ----------
@@ -62,14 +63,14 @@ class VisaLink:
     timeout : float
         Seconds to wait for an answer.
     baud : int, optional
-        Of a serial port.
+        Baud rate of a serial port.
 
     Attributes
     ----------
     owed : int
-        Answers that were given up and may still come, at most.
+        Most answers that may still arrive after their deadline.
     last_lines : tuple of str
-        What is sent last on a network connection in doubt before it is given up.
+        Lines that are sent last on a network connection in an unknown state, before it is closed.
 
     Raises
     ------
@@ -94,19 +95,19 @@ class VisaLink:
         self._doubtful = self._cut = self._stale = False
         try:
             self._manager = pyvisa.ResourceManager(library)
-        except Exception as error:  # each backend has errors of its own
+        except Exception as error:  # each backend has its own errors
             raise InstrumentError(f"{resource} cannot be opened: {_short(error)}") from None
         self._resource: Any = None
         self._open()
 
-    def tell(self, text: str) -> None:
+    def send(self, text: str) -> None:
         """Send one line."""
         with Deferred():
             self._settle()
             self._write(text)
 
     def ask(self, text: str) -> str:
-        """Send one line and give the line that comes back; what came before it is forgotten."""
+        """Send one line, and return the answer; discard what arrived before."""
         with Deferred():
             try:
                 self._settle()
@@ -117,7 +118,7 @@ class VisaLink:
                 raise InstrumentError(f"asked {text!r}, {error}") from None
 
     def read(self) -> str:
-        """The next line, without asking."""
+        """Return the next line, without asking."""
         with Deferred():
             self._settle()
             if self._stale:
@@ -125,16 +126,16 @@ class VisaLink:
             return self._answer()
 
     def flush(self) -> None:
-        """Forget what has come and was not read.
+        """Discard what was received but not read.
 
         Raises
         ------
         InstrumentError
-            If it does not stop sending, or cannot be opened again.
+            If the instrument does not stop sending, or cannot be opened again.
         """
         with Deferred():
             if self._resource is None or self._socket:
-                # Whatever the other side does with the old connection, it ends there.
+                # Nothing of the old connection arrives on the new one.
                 self._let_go()
                 self._open()
             elif self._streams:
@@ -143,7 +144,7 @@ class VisaLink:
                 self._resource.clear()
 
     def close(self) -> None:
-        """Let go of it; what was sent arrives."""
+        """Close the connection; what was sent arrives."""
         with Deferred():
             self._let_go()
             if not self._manager.list_opened_resources():  # links of a library share its manager
@@ -171,7 +172,7 @@ class VisaLink:
         try:
             return line.decode("ascii").strip("\r\n \t")
         except UnicodeDecodeError:
-            raise InstrumentError(f"{self.name} answers {line[:60]!r}, which is no text") from None
+            raise InstrumentError(f"{self.name} answers {line[:60]!r}, which is not text") from None
 
     def _open(self) -> None:
         try:
@@ -179,7 +180,7 @@ class VisaLink:
                 self.name, open_timeout=round(1000 * self._timeout)
             )
             if not hasattr(resource, "write"):
-                raise InstrumentError("it is no instrument that takes lines of text")
+                raise InstrumentError("it is not an instrument that takes lines of text")
             resource.timeout = round(1000 * self._timeout)
             resource.read_termination = "\n"
             resource.write_termination = "\n"
@@ -191,11 +192,11 @@ class VisaLink:
         self._resource = resource
         self._socket = resource.resource_class == "SOCKET"
         self._streams = self._socket or self.name.upper().startswith("ASRL")
-        # Who had a serial port before may have left half a line there.
+        # An earlier program may have left half a line on a serial port.
         self._doubtful, self._cut = self._streams and not self._socket, False
 
     def _send_at_once(self, resource: Any) -> None:
-        """Let no line wait in the queue of a socket for the one before to be acknowledged."""
+        """Send each line without waiting for the acknowledgement of the one before."""
         wire = self._wire(resource)
         if wire is not None:
             if failed := wire.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
@@ -207,13 +208,13 @@ class VisaLink:
             resource.set_visa_attribute(ResourceAttribute.tcpip_nodelay, True)
 
     def _wire(self, resource: Any) -> socket.socket | None:
-        """The socket under a resource, where PyVISA-py has opened one."""
+        """Return the socket of a resource, if PyVISA-py has opened one."""
         sessions = getattr(self._manager.visalib, "sessions", {})
         wire = getattr(sessions.get(resource.session), "interface", None)
         return wire if isinstance(wire, socket.socket) else None
 
     def _settle(self) -> None:
-        """Bring the line into a known state, after an exchange that did not end as it should."""
+        """Bring the connection into a known state after a failed exchange."""
         if self._resource is None:
             self._open()
         if not self._doubtful:
@@ -223,22 +224,20 @@ class VisaLink:
                 self._let_go()
                 self._open()
             elif self._streams:
-                # What was cut off becomes a line of its own, and one that says nothing.
+                # This ends an incomplete line, in a way that the instrument does not understand.
                 self._resource.write_raw(b"!\n" if self._cut else b"\n")
-                self.owed += 1  # some complain of an empty line
+                self.owed += 1  # some answer an empty line with an error
                 self._stale = True
             else:
                 self._resource.clear()
                 self.owed = 0
         except Exception as error:
             self._let_go()
-            raise InstrumentError(
-                f"{self.name} is in no state to be used: {_short(error)}"
-            ) from None
+            raise InstrumentError(f"{self.name} cannot be used: {_short(error)}") from None
         self._doubtful = self._cut = False
 
     def _let_go(self) -> None:
-        """Let go of the line; the next exchange opens it again."""
+        """Close the connection; the next exchange opens it again."""
         resource, self._resource = self._resource, None
         with suppress(Exception):
             wire = self._wire(resource)
@@ -249,10 +248,10 @@ class VisaLink:
         self.owed = 0
 
     def _part(self, wire: socket.socket) -> None:
-        """End a connection so that all that was sent arrives, which closing alone prevents.
+        """Shut a connection down so that all that was sent arrives; closing alone prevents this.
 
-        On one that is in doubt the last lines are sent before: whenever the instrument comes to
-        read it, it ends with them.
+        In an unknown state the last lines are sent first, so that the instrument reads them at the
+        end.
         """
         end = time.monotonic() + min(self._timeout, _PARTING)
         wire.settimeout(min(self._timeout, _PARTING))
@@ -266,22 +265,20 @@ class VisaLink:
                 break
 
     def _discard(self) -> None:
-        """Forget what came since the last answer, or since one was given up."""
+        """Discard what arrived since the last answer or the last missed deadline."""
         if not self._streams:
             return
         try:
             self._drain(_QUIET if self._stale else _AT_ONCE)
         except Exception as error:
             self._doubtful = True
-            raise InstrumentError(
-                f"{self.name} is in no state to be asked: {_short(error)}"
-            ) from None
+            raise InstrumentError(f"{self.name} cannot be asked: {_short(error)}") from None
         self._stale = False
 
     def _line(self) -> bytes:
-        """Bytes to the end of a line, which has to come by one deadline.
+        """Return the bytes of a line, which must arrive before one deadline.
 
-        A stream is read byte by byte, because a longer read ends only when nothing comes.
+        A stream is read byte by byte, because a longer read ends only when nothing arrives.
         """
         deadline = time.monotonic() + self._timeout
         found = b""
@@ -294,24 +291,24 @@ class VisaLink:
         return found
 
     def _some(self, most: int) -> bytes:
-        """What one read of the library gives: not nothing, whatever it says of the reason."""
+        """Return what one read of the library gives; raise an error if it is empty."""
         from pyvisa.constants import StatusCode
 
         status = StatusCode.success_max_count_read, StatusCode.success_device_not_present
         with self._resource.ignore_warning(*status):
             found, _ = self._resource.visalib.read(self._resource.session, most)
         if not found:
-            raise InstrumentError("nothing came")
+            raise InstrumentError("nothing was received")
         return bytes(found)
 
     def _drain(self, quiet: int) -> None:
-        """Read a stream until nothing comes for so many milliseconds."""
+        """Read a stream until nothing arrives for a number of milliseconds."""
         deadline = time.monotonic() + self._timeout
         self._resource.timeout = quiet
         try:
             while time.monotonic() < deadline:
                 self._some(1)
-        except Exception:  # how each backend says that nothing comes
+        except Exception:  # each backend has its own error for this
             return
         finally:
             self._resource.timeout = round(1000 * self._timeout)

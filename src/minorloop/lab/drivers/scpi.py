@@ -1,4 +1,4 @@
-"""A source and a meter that speak SCPI, or any other line that can be written down."""
+"""A source and a meter for SCPI and similar commands in lines of text."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from minorloop.lab.drivers.link import Link
 __all__ = ["ScpiMeter", "ScpiSource"]
 
 _ROUNDED = 5e-6
-"""Share of the range by which six digits may miss an input."""
+"""Rounding error of an input with six digits, as a share of the range."""
 _MOST_ERRORS = 30
-"""Errors that an instrument keeps, at most."""
+"""Most errors in the queue of an instrument."""
 _NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
 
 
@@ -27,36 +27,36 @@ class ScpiSource:
     link : Link
         The line to the instrument.
     set : str
-        What sets the input, with the number in braces: ``VOLT {:.9g}``. An input that it rounds
-        by more than 5e-6 of ``span`` is refused, for it would be recorded as another.
+        Command that sets the input, with the number in braces: ``VOLT {:.9g}``. An input that it
+        rounds by more than 5e-6 of ``span`` is refused, because the record would be wrong.
     on : sequence of str
-        What to send once, before the first input: the range, the current limit, output on.
+        Commands sent once, before the first input: the range, the current limit, output on.
     safe : sequence of str
-        What to send to make it safe: ``VOLT 0``, ``OUTP OFF``.
+        Commands that make it safe: ``VOLT 0``, ``OUTP OFF``.
     confirm : str, optional
-        What asks for the input that is set: ``VOLT?``. What comes back has to be the input to
-        within ``tolerance``.
+        Query for the present input: ``VOLT?``. The answer must equal the input within
+        ``tolerance``.
     tolerance : float
         In the unit of the input.
     errors : str, optional
-        What asks for an error, ``SYST:ERR?``, after each input; an answer that does not begin
-        with the number 0 is one.
+        Query for errors, ``SYST:ERR?``, after each input. An answer that does not begin with the
+        number 0 is an error.
     rest : float
-        What ``confirm`` says when the source is safe.
+        Answer to ``confirm`` when the source is safe.
     safe_query : str, optional
-        What is asked after ``safe`` instead of ``confirm``, such as ``OUTP?``.
+        Query after ``safe`` instead of ``confirm``, such as ``OUTP?``.
     safe_answer : str, optional
-        What has to come back then, such as ``0``, and may not come back after ``on``.
+        Required answer to it, such as ``0``; after ``on`` the answer must differ.
     done : str or None
-        What is asked where neither ``confirm`` nor ``errors`` is given; any answer says that the
-        lines before are done. None where the instrument answers no such thing.
+        Query if neither ``confirm`` nor ``errors`` is given; any answer shows that the lines before
+        are done. None if the instrument does not answer it.
     span : float, optional
         Width of the range of the input, in its unit; the size of each input if not given.
 
     Raises
     ------
     ParameterError
-        If there is no line that makes it safe, or ``set`` does not write a number as one.
+        If there is no command that makes it safe, or ``set`` does not contain the number.
     """
 
     def __init__(
@@ -76,13 +76,13 @@ class ScpiSource:
         done: str | None = "*OPC?",
     ) -> None:
         if not safe:
-            raise ParameterError("there is no line that makes the source safe; give some")
+            raise ParameterError("there is no command that makes the source safe; give safe")
         try:
             different = set.format(1.0) != set.format(2.0)
         except (ValueError, IndexError, KeyError, AttributeError) as error:
-            raise ParameterError(f"set is {set!r}, which takes no number: {error}") from None
+            raise ParameterError(f"set is {set!r}, which has no number: {error}") from None
         if not different:
-            raise ParameterError(f"set is {set!r}, which takes no number; write VOLT {{:.9g}}")
+            raise ParameterError(f"set is {set!r}, which has no number; write VOLT {{:.9g}}")
         if (safe_query is None) != (safe_answer is None):
             raise ParameterError(
                 f"safe_query is {safe_query!r} and safe_answer is {safe_answer!r}; give both or "
@@ -98,22 +98,22 @@ class ScpiSource:
 
     @property
     def answers(self) -> bool:
-        """Whether it can be asked if it is safe."""
+        """Whether the instrument can confirm that it is safe."""
         queries = self._safe_query, self._confirm, self._errors, self._done
         return any(query is not None for query in queries)
 
     def set(self, value: float) -> None:
-        """Put an input on.
+        """Apply an input.
 
         Raises
         ------
         InstrumentError
-            If the instrument does not take it, or says that another input is on.
+            If the instrument does not take it, or answers another input.
         ParameterError
-            If the line that sets it would say another number; nothing is sent then.
+            If the command would contain another number; nothing is sent then.
         """
         if not math.isfinite(value):
-            raise InstrumentError(f"{value} is no input; nothing was sent")
+            raise InstrumentError(f"{value} is not a valid input; nothing was sent")
         said = self._written(value)
         width = abs(value) if self._span is None else self._span
         if any(abs(number - value) > _ROUNDED * width for number in said):
@@ -121,14 +121,14 @@ class ScpiSource:
                 f"{self._set!r} makes {self._set.format(value)!r} of {value:.9g}, which is another "
                 "input; write more digits, such as {:.9g}, or give inputs that need fewer"
             )
-        self._link.tell(self._set.format(value))
+        self._link.send(self._set.format(value))
         if not self._is_on:
             self._switch_on()
         if self._confirm is not None:
             found = number(self._link.ask(self._confirm), self._link.name)
-            if not abs(found - value) <= self._tolerance:  # not a number is not the input either
+            if not abs(found - value) <= self._tolerance:  # also refuses NaN
                 raise InstrumentError(
-                    f"{self._link.name} was told {value:g} and says {found:g}; check its range"
+                    f"{self._link.name} was set to {value:g} and answers {found:g}; check its range"
                 )
         if self._errors is not None:
             answer = self._link.ask(self._errors)
@@ -139,7 +139,7 @@ class ScpiSource:
 
     def _switch_on(self) -> None:
         for line in self._on:
-            self._link.tell(line)
+            self._link.send(line)
         asked = self._safe_query if self._on else None
         if asked is not None and self._link.ask(asked) == self._safe_answer:
             raise InstrumentError(
@@ -149,21 +149,21 @@ class ScpiSource:
         self._is_on = True
 
     def safe(self) -> None:
-        """Send all that makes it safe, whatever becomes of each line, and ask whether it is.
+        """Send all commands that make it safe, even if one fails, and ask whether it is safe.
 
-        An instrument does one line after the other, so an answer says that it has done those
-        before. Where answers were given up, that many more are asked for: one that comes late is
-        not taken for this one.
+        An instrument executes one line after the other, so an answer shows that the lines before
+        are done. If earlier answers missed their deadline, the question is repeated as often, so
+        that a late answer does not count for this question.
 
         Raises
         ------
         InstrumentError
-            The first error, or if it does not answer as it should.
+            The first error, or if the answer is not as required.
         """
         first: InstrumentError | None = None
         for line in self._safe:
             try:
-                self._link.tell(line)
+                self._link.send(line)
             except InstrumentError as error:
                 first = first or error
         self._is_on = False
@@ -184,8 +184,8 @@ class ScpiSource:
             value = number(self._link.ask(self._confirm), self._link.name)
             if not abs(value - self._rest) <= self._tolerance:
                 raise InstrumentError(
-                    f"{self._link.name} was made safe and says {value:g} to {self._confirm!r}, not "
-                    f"{self._rest:g}, which is rest; let safe set that too, or give safe_query and "
+                    f"{self._link.name} was made safe and answers {value:g} to {self._confirm!r}, "
+                    f"not rest, {self._rest:g}; let safe set rest too, or give safe_query and "
                     "safe_answer"
                 )
         if self._errors is not None:
@@ -194,7 +194,7 @@ class ScpiSource:
             self._link.ask(self._done)
 
     def _ask_for_errors(self, query: str) -> None:
-        """Empty the queue of errors; raise the first, which may be one of the lines before."""
+        """Empty the queue of errors; raise the first, which may be older than this command."""
         first = found = self._link.ask(query)
         for _ in range(_MOST_ERRORS):
             if _NO_ERROR.match(found) is not None:
@@ -206,7 +206,7 @@ class ScpiSource:
             )
 
     def _written(self, value: float) -> list[float]:
-        """The numbers that the line says for an input."""
+        """Return the numbers in the command for an input."""
         found = []
         for _, name, spec, conversion in Formatter().parse(self._set):
             if name is not None:
@@ -222,21 +222,21 @@ class ScpiSource:
 
 
 class ScpiMeter:
-    """Reads an output by a line of text.
+    """Reads an output by a query.
 
     Parameters
     ----------
     link : Link
         The line to the instrument.
     read : str
-        What asks for a reading.
+        Query for a reading.
     scale, zero : float
         The output is ``scale * (reading - zero)``.
 
     Raises
     ------
     ParameterError
-        If they are no finite numbers, or the scale is 0.
+        If they are not finite, or the scale is 0.
     """
 
     def __init__(
@@ -244,8 +244,8 @@ class ScpiMeter:
     ) -> None:
         if not math.isfinite(scale) or scale == 0:
             raise ParameterError(
-                f"scale is {scale!r}, with which no reading says anything; give how much of the "
-                "output one unit of the reading is"
+                f"scale is {scale!r}; give the change of the output for one unit of the reading, a "
+                "finite number that is not 0"
             )
         if not math.isfinite(zero):
             raise ParameterError(f"zero is {zero!r}; give the reading at an output of 0")
@@ -253,28 +253,28 @@ class ScpiMeter:
         self._scale, self._zero = scale, zero
 
     def read(self) -> float:
-        """The output now.
+        """Return the output now.
 
         Raises
         ------
         InstrumentError
-            If there is no answer in time, or it is not one number.
+            If there is no answer in time, or it is not a number.
         """
         reading = number(self._link.ask(self._read), self._link.name)
         return self._scale * (reading - self._zero)
 
 
 def number(answer: str, name: str) -> float:
-    """The one number that an answer is.
+    """Return the number in an answer.
 
     Raises
     ------
     InstrumentError
-        If it is anything else.
+        If it is not exactly one number.
     """
     try:
         if "_" in answer or not answer.isascii():
             raise ValueError
         return float(answer)
     except ValueError:
-        raise InstrumentError(f"{name} answers {answer[:80]!r}, which is no number") from None
+        raise InstrumentError(f"{name} answers {answer[:80]!r}, which is not a number") from None

@@ -1,4 +1,4 @@
-"""A conversation written down: what a driver has to say, and what it hears back."""
+"""A scripted conversation with an instrument, for testing a driver."""
 
 from __future__ import annotations
 
@@ -13,60 +13,60 @@ SILENCE = "\0silence"
 
 
 class Script:
-    """A link that knows how the conversation has to go, for testing a driver.
+    """A link that checks what a driver sends and gives prepared answers.
 
     Parameters
     ----------
     lines : iterable of (str, str or None)
-        Each line that the driver has to send, in order, and the answer; None where none is
-        due, `SILENCE` for an answer that never comes. Several answers to one line are separated
-        by newlines.
+        Each line that the driver must send, in order, and the answer: None if there is none,
+        `SILENCE` for an answer that never comes. Several answers to one line are separated by
+        newlines.
 
     Raises
     ------
     AssertionError
-        When the driver says something else, or nothing more where `finished` is asked for.
+        When the driver sends something else.
     """
 
     def __init__(self, lines: Iterable[tuple[str, str | None]]) -> None:
         self.name = "script"
         self._lines = list(lines)
-        self._heard: list[str] = []
+        self._answers: list[str] = []
 
-    def tell(self, text: str) -> None:
-        """Take one line."""
+    def send(self, text: str) -> None:
+        """Check one line."""
         if not self._lines:
-            raise AssertionError(f"the driver says {text!r} after the end of the script")
+            raise AssertionError(f"the driver sends {text!r} after the end of the script")
         expected, answer = self._lines.pop(0)
         if text != expected:
-            raise AssertionError(f"the driver says {text!r}; the script has {expected!r}")
+            raise AssertionError(f"the driver sends {text!r}; the script has {expected!r}")
         if answer is not None and answer != SILENCE:
-            self._heard += answer.split("\n")
+            self._answers += answer.split("\n")
 
     def ask(self, text: str) -> str:
-        """Take one line and give the answer."""
-        self.tell(text)
+        """Check one line, and return the answer."""
+        self.send(text)
         return self.read()
 
     def read(self) -> str:
-        """The next answer.
+        """Return the next answer.
 
         Raises
         ------
         InstrumentError
-            If none comes.
+            If there is none.
         """
-        if not self._heard:
+        if not self._answers:
             raise InstrumentError(f"{self.name} gave no answer")
-        return self._heard.pop(0)
+        return self._answers.pop(0)
 
     def flush(self) -> None:
-        """Forget what has come and was not read."""
-        self._heard.clear()
+        """Discard answers that were not read."""
+        self._answers.clear()
 
     def close(self) -> None:
         """Do nothing."""
 
     def finished(self) -> bool:
-        """Whether all of the script has been said and heard."""
-        return not self._lines and not self._heard
+        """Whether all lines were sent and all answers read."""
+        return not self._lines and not self._answers

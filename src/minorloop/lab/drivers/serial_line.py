@@ -1,26 +1,26 @@
-"""The line protocol of the firmware that the C export sketches.
+"""The serial protocol of the firmware that the C export sketches.
 
-One line of printable ASCII asks, one answers::
+A question is one line of printable ASCII, and so is its answer::
 
-    7 SET 0.25 *1C291CA3        ask: number, command, arguments, CRC-32 of what stands before
-    7 OK 0.25 *40C4B8B3         answer: the same number, OK or ERR, values, CRC-32
+    7 SET 0.25 *1C291CA3        question: number, command, arguments, CRC-32 of the text before
+    7 OK 0.25 *40C4B8B3         answer: same number, OK or ERR, values, CRC-32
 
 ============  =====================  ====================================================
 ``HELLO``     ``minorloop 2 L H P``  protocol, version, limits of the input, patience in ms
-``SET u``     ``u``                  put an input on; ERR if it is beyond the limits
+``SET u``     ``u``                  apply an input; ERR if it is beyond the limits
 ``GET``       ``y``                  read the sensor
-``STEP u``    ``y``                  what the model in the firmware gives for an input
-``AIM y``     ``u``                  the input that the model asks for
+``STEP u``    ``y``                  output of the model in the firmware for an input
+``AIM y``     ``u``                  input of the model for a target
 ``SAFE``                             go to the safe input
 ============  =====================  ====================================================
 
-An answer counts only if its number is that of the question and its sum is right: one that comes
-late, doubled or damaged is thrown away.
+An answer counts only if its number is that of the question and its checksum is right. Late,
+doubled and damaged answers are discarded.
 
-The firmware goes to the safe input by itself when it has heard nothing for its patience, a second
-as it is exported. If an input was on, ``SET`` and ``GET`` are answered ``ERR safe`` from then on,
-and so they are after a loss of power, until ``HELLO`` or ``SAFE`` is said: what is read then is not
-of the input that was set. `Board.keep_alive` asks something often enough while an input is on.
+The firmware goes to the safe input by itself when it has received nothing for its patience, one
+second by default. If an input was on, it then answers ``ERR safe`` to ``SET`` and ``GET`` until it
+receives ``HELLO`` or ``SAFE``, because a reading would not belong to the input that was set. After
+a power cut it does the same. `Board.keep_alive` sends questions often enough while an input is on.
 """
 
 from __future__ import annotations
@@ -43,20 +43,21 @@ __all__ = ["Board", "parse", "write"]
 VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
 _PATIENCE = 8
+"""Wrong answers that are discarded before the question fails."""
 _MOST = 65_536
 _LONGEST = 3_600_000
 _OFTEN = 3
-"""Questions within the patience of a board while an input is on, at least."""
+"""Least questions within the patience of a board while an input is on."""
 
 
 def write(sequence: int, *words: str) -> str:
-    """A line with its number and its sum."""
+    """Return a line with its number and its checksum."""
     body = f"{sequence} {' '.join(words)} "
     return f"{body}*{zlib.crc32(body.encode('ascii')):08X}"
 
 
 def parse(line: str, sequence: int) -> tuple[bool, list[str]] | None:
-    """Whether an answer is OK, and its words; None if it is none to the question of this number."""
+    """Return whether an answer is OK, and its words; None if it answers another question."""
     found = _LINE.fullmatch(line) if line.isascii() else None
     if found is None or found[1] != str(sequence):
         return None
@@ -72,21 +73,21 @@ class Board:
     Parameters
     ----------
     link : Link
-        The line to the board.
+        The connection to the board.
 
     Attributes
     ----------
     low : float
-        Lower limit of the input that the firmware keeps, in its unit.
+        Lower limit of the input in the firmware, in its unit.
     high : float
         Upper limit.
     patience : float
-        Seconds without a question after which the board goes to its safe input.
+        Seconds without a question until the board goes to its safe input.
 
     Raises
     ------
     InstrumentError
-        If what answers is no such board.
+        If the answer is not that of such a board.
     """
 
     def __init__(self, link: Link) -> None:
@@ -95,40 +96,40 @@ class Board:
         words = self._ask("HELLO")
         if len(words) != 5 or words[:2] != ["minorloop", str(VERSION)]:
             raise InstrumentError(
-                f"{link.name} answers {' '.join(words)!r}; its firmware speaks another protocol "
+                f"{link.name} answers {' '.join(words)!r}; its firmware has another protocol "
                 f"than minorloop {VERSION}: export it again"
             )
         self.low, self.high, patience = (number(word, link.name) for word in words[2:])
         if not 1 <= patience <= _LONGEST:
             raise InstrumentError(
-                f"{link.name} says that its patience is {patience:g} ms; give it 1 to {_LONGEST}"
+                f"{link.name} has a patience of {patience:g} ms; set it to 1 to {_LONGEST}"
             )
         self.patience = 1e-3 * patience
 
     def set(self, value: float) -> None:
-        """Put an input on.
+        """Apply an input.
 
         Raises
         ------
         InstrumentError
-            If the board refuses it, has gone to its safe input by itself, or says that another
-            is on.
+            If the board refuses it, has gone to its safe input by itself, or answers another
+            input.
         """
         self._on = True
         found = self._number("SET", repr(float(value)))
         if abs(found - value) > 1e-6 * max(1.0, abs(value)):
-            raise InstrumentError(f"{self._link.name} was told {value:g} and has {found:g} on")
+            raise InstrumentError(f"{self._link.name} was set to {value:g} and answers {found:g}")
 
     def read(self) -> float:
-        """The sensor now."""
+        """Return the reading of the sensor."""
         return self._number("GET")
 
     def step(self, u: float) -> float:
-        """What the model in the firmware gives for an input, which it remembers."""
+        """Return the output of the model in the firmware for an input, and update its memory."""
         return self._number("STEP", repr(float(u)))
 
     def aim(self, y: float) -> float:
-        """The input that the model in the firmware asks for."""
+        """Return the input of the model in the firmware for a target."""
         return self._number("AIM", repr(float(y)))
 
     def safe(self) -> None:
@@ -137,28 +138,28 @@ class Board:
         Raises
         ------
         InstrumentError
-            If the board does not say that it did. Left alone, it goes there after its patience.
+            If the board does not confirm. Without questions it goes there after its patience.
         """
         self._on = False
         self._ask("SAFE")
 
     def keep_alive(self) -> None:
-        """Ask something in time while an input is on, as long as this program runs.
+        """Send questions while an input is on, as long as this program runs.
 
-        A hold is longer than the board is patient, and so may be what is done between two holds.
-        The board hears nothing from a program that is stopped, dead or cut off.
+        Holds, and the time between two holds, may be longer than the patience of the board. If the
+        program is stopped or ends, or the cable is pulled, the board receives nothing.
         """
         threading.Thread(target=_keep, args=(weakref.ref(self),), daemon=True).start()
 
     def _stay(self) -> float:
-        """Ask something if it is time to; gives how long it can wait for the next."""
+        """Send a question if it is due; return how long to wait for the next."""
         every = self.patience / _OFTEN
         if not self._on:
             return every
         left = self._asked + every - time.monotonic()
         if left > 0:
             return left
-        with suppress(InstrumentError):  # the next question of the program meets it again
+        with suppress(InstrumentError):  # the next question of the program has the same error
             self._ask("GET")
         return every
 
@@ -172,7 +173,7 @@ class Board:
         return value
 
     def _ask(self, *words: str) -> list[str]:
-        """The words of the answer to this question and no other."""
+        """Return the words of the answer to this question."""
         with Deferred(), self._turn:
             found = self._converse(*words)
             self._asked = time.monotonic()
@@ -181,14 +182,13 @@ class Board:
             return answer
         if answer == ["safe"]:
             raise InstrumentError(
-                f"{self._link.name} went to its safe input by itself: it had heard nothing in "
-                "time, or lost its power; what was on is lost, so begin again "
-                "from there"
+                f"{self._link.name} went to its safe input by itself: it received nothing in time, "
+                "or its power was cut; the input is off, so begin again from there"
             )
         raise InstrumentError(f"{self._link.name} refuses {' '.join(words)}: {' '.join(answer)}")
 
     def _converse(self, *words: str) -> tuple[bool, list[str]]:
-        """Whether the answer to this question is OK, and its words."""
+        """Return whether the answer to this question is OK, and its words."""
         self._sequence = (self._sequence + 1) % _MOST
         line = self._link.ask(write(self._sequence, *words))
         for _ in range(_PATIENCE):
@@ -197,13 +197,13 @@ class Board:
                 return found
             line = self._link.read()
         raise InstrumentError(
-            f"{self._link.name} gave no sound answer to {words[0]}, last {line[:60]!r}; check the "
+            f"{self._link.name} gave no valid answer to {words[0]}, last {line[:60]!r}; check the "
             "cable and the baud rate"
         )
 
 
 def _keep(kept: weakref.ref[Board]) -> None:
-    """Keep a board alive as long as somebody has it."""
+    """Keep a board alive as long as it is referenced."""
     while (board := kept()) is not None:
         wait = board._stay()
         del board

@@ -1,18 +1,19 @@
-"""A driver to copy: an amplifier that takes millivolts, and a laser that answers in words.
+"""A driver to copy: an amplifier that takes millivolts, and a laser with answers in words.
 
 To write one:
 
-1. Write what the instrument says and hears as a class with ``set`` and ``safe`` (a `Source`) or
-   ``read`` (a `Meter`). Take a `Link`, so that it can be tested without the instrument.
-2. Set exactly what is asked for, or refuse: the record says what was asked for.
-3. Let ``safe`` survive whatever failed before it: it is called after any error, again and again
-   for ten seconds, with the instrument in any state. Let it send all that makes safe, need no
-   answer to an earlier question, ask whether it is safe, and raise where nothing says so.
-4. Let every answer be checked: raise `InstrumentError` for what is not exactly what the manual
-   says. A number that only looks right is worse than an error.
-5. Write the conversation of the manual down as a `Script`, and test the driver against it, with
-   answers that are late, wrong or missing too; ``tests/lab/drivers/test_template.py`` does.
-6. Make an actuator of the two with `Bench`, which keeps limits and goes to safety on any error::
+1. Write a class with ``set`` and ``safe`` (a `Source`) or ``read`` (a `Meter`) that talks to the
+   instrument. Take a `Link`, so that it can be tested without the instrument.
+2. Set exactly the given input, or refuse it: the record contains the given input.
+3. ``safe`` must work after any failure: it is called after any error, again and again for ten
+   seconds, with the instrument in any state. It sends all commands that make it safe, needs no
+   answer to an earlier question, asks whether it is safe, and raises an error unless confirmed.
+4. Check every answer: raise `InstrumentError` unless it is exactly as in the manual. A number that
+   only looks right is worse than an error.
+5. Write the conversation of the manual as a `Script`, and test the driver against it, also with
+   late, wrong and missing answers; see ``tests/lab/drivers/test_template.py``.
+6. Make an actuator of the two with `Bench`, which checks limits and makes the source safe after any
+   error::
 
        laser = Laser(VisaLink("ASRL/dev/ttyUSB0::INSTR", baud=115200))
        amplifier = Amplifier(VisaLink("GPIB0::9::INSTR"))
@@ -35,49 +36,49 @@ _READING = re.compile(r"DIST=(\d+\.\d{3})mm STATUS=(\d)")
 
 
 class Amplifier:
-    """Takes an input in volts and sends whole millivolts; says ``OK`` to everything it took."""
+    """Sets an input in volts, sent as whole millivolts; the instrument answers ``OK``."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
 
     def set(self, value: float) -> None:
-        """Put a voltage on, in V.
+        """Apply a voltage, in V.
 
         Raises
         ------
         InstrumentError
-            If it is none that the amplifier can give: what is recorded has to be what is on.
+            If the amplifier cannot give exactly this voltage.
         """
         millivolts = round(1000 * value)
         if abs(1000 * value - millivolts) > 1e-6:
             raise InstrumentError(f"the amplifier takes whole millivolts, not {1000 * value:g}")
-        self._say(f"MV={millivolts}")
+        self._command(f"MV={millivolts}")
 
     def safe(self) -> None:
-        """No voltage, output open; the second is said whatever becomes of the first."""
+        """Set 0 V and open the output; the second command is sent even if the first fails."""
         try:
-            self._say("MV=0")
+            self._command("MV=0")
         finally:
-            self._say("OPEN")
+            self._command("OPEN")
 
-    def _say(self, line: str) -> None:
+    def _command(self, line: str) -> None:
         answer = self._link.ask(line)
         if answer != "OK":
             raise InstrumentError(f"the amplifier answers {answer[:60]!r} to {line!r}, not OK")
 
 
 class Laser:
-    """Gives a distance in metres, if it sees the target."""
+    """Measures a distance in metres, if it sees the target."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
 
     def read(self) -> float:
-        """The distance now, in m."""
+        """Return the distance now, in m."""
         answer = self._link.ask("MEASURE")
         found = _READING.fullmatch(answer)
         if found is None:
-            raise InstrumentError(f"the laser answers {answer[:60]!r}, which is no distance")
+            raise InstrumentError(f"the laser answers {answer[:60]!r}, which is not a distance")
         if found[2] != "0":
             raise InstrumentError(f"the laser does not see its target (status {found[2]})")
         return 1e-3 * float(found[1])

@@ -1,4 +1,4 @@
-"""An actuator from a file that describes a bench: ``visa:bench.json``.
+"""Open an actuator from a file that describes a bench: ``visa:bench.json``.
 
 ::
 
@@ -10,13 +10,13 @@
      "output": {"name": "displacement", "unit": "m", "low": 0, "high": 0.03},
      "rest": 0, "tick": 0.05, "timeout": 2, "safe_within": 10}
 
-After each input the source is asked for ``confirm`` and ``errors``, or, where neither is given,
-``done``, to which any answer will do. After ``safe`` it is asked the same, but that ``confirm`` has
-to say ``rest``; ``safe_query``, whose answer has to be ``safe_answer``, takes the place of
-``confirm`` then. ``"done": null`` is for one that answers nothing.
+After each input the source is asked ``confirm`` and ``errors``. If neither is given, it is asked
+``done``, to which any answer is right. After ``safe`` it is asked the same, but the answer to
+``confirm`` must be ``rest``. ``safe_query``, whose answer must be ``safe_answer``, then takes the
+place of ``confirm``. ``"done": null`` is for a source that answers nothing.
 
 Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyACM0::INSTR",
-"baud": 115200}``, a board that speaks `minorloop.lab.drivers.serial_line`.
+"baud": 115200}``, a board with the protocol of `minorloop.lab.drivers.serial_line`.
 """
 
 from __future__ import annotations
@@ -37,16 +37,17 @@ from minorloop.lab.drivers.serial_line import Board
 __all__ = ["open_bench"]
 
 LARGEST = 1_000_000
+"""Bytes of the largest file."""
 _UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
-"""What no reading depends on."""
+"""Keys on which no reading depends; they may change before a run is resumed."""
 _UNANSWERED = (
-    "{} answers nothing, so that nobody is told whether it was made safe; look after it at the end "
-    "of the run, or give confirm, errors, safe_query or done"
+    "{} answers nothing, so it cannot confirm that it is safe; check it at the end of the run, or "
+    "give confirm, errors, safe_query or done"
 )
 
 
 class _Section(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Part of the file; a key that is not known is refused."""
+    """Part of the file; unknown keys are refused."""
 
 
 class _Source(_Section):
@@ -105,14 +106,14 @@ class _Bench(_Section):
 
 
 def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
-    """The actuator that a file describes, made safe and read once to begin with.
+    """Return the actuator that a file describes; make it safe and read it first.
 
     Parameters
     ----------
     path : str or path
         The file.
     clock : Clock, optional
-        Another clock than that of the machine.
+        The clock of the machine if not given.
 
     Returns
     -------
@@ -125,7 +126,7 @@ def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
     MissingExtraError
         If PyVISA is not installed.
     InstrumentError
-        If an instrument does not answer; a `SafetyError` where the source does not say that it is
+        If an instrument does not answer; a `SafetyError` if the source does not confirm that it is
         safe.
     """
     described = _read(Path(path))
@@ -143,7 +144,7 @@ def open_bench(path: PathLike, *, clock: Clock | None = None) -> Bench:
 def _read(path: Path) -> _Bench:
     try:
         if path.stat().st_size > LARGEST:
-            raise ParameterError(f"{path} is larger than {LARGEST} bytes; that is no bench")
+            raise ParameterError(f"{path} is larger than {LARGEST} bytes; give a bench file")
         described = msgspec.json.decode(path.read_bytes(), type=_Bench)
     except MinorloopError:
         raise
@@ -160,7 +161,7 @@ def _read(path: Path) -> _Bench:
 
 def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clock | None) -> Bench:
     def link(part: Any) -> VisaLink:
-        if part.resource not in links:  # a source-meter is both
+        if part.resource not in links:  # a source-meter has both
             links[part.resource] = VisaLink(
                 part.resource,
                 library=_beside(described.library, path),
@@ -181,7 +182,7 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
         board = Board(link(described.board))
         if not board.low <= channel.low < channel.high <= board.high:
             raise ParameterError(
-                f"{path} allows [{channel.low:g}, {channel.high:g}] and the board keeps "
+                f"{path} allows [{channel.low:g}, {channel.high:g}] and the board "
                 f"[{board.low:g}, {board.high:g}]; give limits inside those of the board"
             )
         board.keep_alive()
@@ -208,7 +209,7 @@ def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clo
 
 
 def _description(described: msgspec.Struct) -> dict[str, Any]:
-    """All that a reading depends on: how long is waited is not."""
+    """Return all on which a reading depends; timeouts are not part of it."""
     return {
         field.name: _description(value) if isinstance(value, msgspec.Struct) else value
         for field in msgspec.structs.fields(described)
@@ -218,7 +219,7 @@ def _description(described: msgspec.Struct) -> dict[str, Any]:
 
 
 def _beside(library: str, path: Path) -> str:
-    """A simulation is named relative to the file that names it."""
+    """Return the library; the file of a simulation is relative to the file that names it."""
     name, at, kind = library.rpartition("@")
     if not name or Path(name).is_absolute():
         return library

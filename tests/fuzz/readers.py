@@ -1,4 +1,4 @@
-"""The doors: what is given to each, and an own opinion of what it may let in."""
+"""The readers under test, their damaged input, and an independent check of what they accept."""
 
 from __future__ import annotations
 
@@ -35,32 +35,32 @@ NUMBER = re.compile(r"[ \t]*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?[ \t]*", re.A
 
 
 class WrongAcceptance(Exception):
-    """Something was let in that should not have been, or as something else than it says."""
+    """A reader accepted invalid input, or read it as something else."""
 
 
 @dataclass(frozen=True)
-class Door:
-    """One way in.
+class Reader:
+    """A reader under test.
 
     Parameters
     ----------
     name : str
-        What it is called in the counts.
+        Its name in the counts.
     make : callable
-        Gives the case that a random source stands for.
-    enter : callable
-        Gives whether the case was let in; raises `WrongAcceptance` if it should not have been,
-        and what is no error of minorloop only where there is a defect.
+        Returns a case from a random source.
+    accepts : callable
+        Returns whether the case was accepted; raises `WrongAcceptance` if that is wrong. Any other
+        error is a defect.
     """
 
     name: str
     make: Callable[[Random], Any]
-    enter: Callable[[Any], bool]
+    accepts: Callable[[Any], bool]
 
 
-def doors(scratch: Path) -> list[Door]:
-    """All doors; files are written into a folder."""
-    from fuzz.texts import text_doors
+def readers(scratch: Path) -> list[Reader]:
+    """Return all readers; files are written into a folder."""
+    from fuzz.texts import text_readers
 
     models = _model_files(scratch)
     file = scratch / "case"
@@ -70,7 +70,7 @@ def doors(scratch: Path) -> list[Door]:
         return odd_json(random, data) if random.random() < 0.6 else damaged(random, data, models)
 
     def through(read: Callable[[Path, bytes], None]) -> Callable[[bytes], bool]:
-        def enter(data: bytes) -> bool:
+        def accepts(data: bytes) -> bool:
             file.write_bytes(data)
             try:
                 read(file, data)
@@ -78,16 +78,16 @@ def doors(scratch: Path) -> list[Door]:
                 return False
             return True
 
-        return enter
+        return accepts
 
     return [
-        Door("model files", make_model, through(_read_model)),
-        Door("records", _table_maker(RECORDS), through(_read_record)),
-        Door("plans", _table_maker(PLANS), through(_read_plan)),
-        Door("manifests", _table_maker(MANIFESTS), through(_read_manifest)),
-        Door("serial line", _make_lines, _converse),
-        Door("SCPI", _make_answers, _measure),
-        *text_doors(scratch),
+        Reader("model files", make_model, through(_read_model)),
+        Reader("records", _table_maker(RECORDS), through(_read_record)),
+        Reader("plans", _table_maker(PLANS), through(_read_plan)),
+        Reader("manifests", _table_maker(MANIFESTS), through(_read_manifest)),
+        Reader("serial line", _make_lines, _converse),
+        Reader("SCPI", _make_answers, _measure),
+        *text_readers(scratch),
     ]
 
 
@@ -339,13 +339,13 @@ class Wire:
     name = "wire"
 
     def __init__(self, answers: list[str]) -> None:
-        self._answers, self.told = list(answers), []
+        self._answers, self.sent = list(answers), []
 
-    def tell(self, text: str) -> None:
-        self.told.append(text)
+    def send(self, text: str) -> None:
+        self.sent.append(text)
 
     def ask(self, text: str) -> str:
-        self.tell(text)
+        self.send(text)
         return self.read()
 
     def read(self) -> str:
@@ -411,8 +411,8 @@ def _converse(lines: list[str]) -> bool:
         bench = _bench(board, board)
         y = bench.exchange(0.25)
     except (InstrumentError, LimitError):
-        if any(" SET " in line for line in wire.told):
-            _expect(" SAFE " in wire.told[-1], f"not made safe: {wire.told}")
+        if any(" SET " in line for line in wire.sent):
+            _expect(" SAFE " in wire.sent[-1], f"not made safe: {wire.sent}")
         return False
     first, rest = None, iter(lines)
     for sequence in (1, 2, 3):  # what comes before its question is not an answer to it
@@ -458,8 +458,8 @@ def _measure(answers: list[str]) -> bool:
     try:
         y = bench.exchange(0.25)
     except InstrumentError:
-        told = [line for line in wire.told if not line.endswith("?")]
-        _expect(told[-2:] == ["VOLT 0", "OUTP OFF"], f"not made safe: {wire.told}")
+        sent = [line for line in wire.sent if not line.endswith("?")]
+        _expect(sent[-2:] == ["VOLT 0", "OUTP OFF"], f"not made safe: {wire.sent}")
         return False
     for k in (0, 2):
         _expect(NUMBER.fullmatch(answers[k].strip()) is not None, f"{answers[k]!r} is no number")
@@ -489,4 +489,4 @@ def _expect(true: bool, what: str) -> None:
         raise WrongAcceptance(what)
 
 
-__all__ = ["Door", "RecordError", "WrongAcceptance", "cells_of", "doors"]
+__all__ = ["Reader", "RecordError", "WrongAcceptance", "cells_of", "readers"]

@@ -1,7 +1,7 @@
-"""The public modules of a room: ``.. room:: operators`` has a section for each.
+"""Public modules of packages: ``.. modules:: operators`` makes a section for each module.
 
-Modules that are listed below the directive come first, in that order; the others follow by name.
-A module that is added to a room is thus in the reference without being listed.
+Modules listed below the directive come first, in that order; the others follow by name. A new
+module of a package is thus in the reference without being listed.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 
-def public_modules(room: str) -> list[str]:
-    """Names of the modules of a room, or its own if it is a single module."""
-    found = importlib.import_module(f"minorloop.{room}")
+def public_modules(package: str) -> list[str]:
+    """Return the names of the public modules of a package, or its own if it is one module."""
+    found = importlib.import_module(f"minorloop.{package}")
     if not hasattr(found, "__path__"):
         return [found.__name__]
     inside = pkgutil.walk_packages(found.__path__, f"{found.__name__}.")
@@ -25,7 +25,7 @@ def public_modules(room: str) -> list[str]:
     return sorted(n for n in names if not any(part.startswith("_") for part in n.split(".")))
 
 
-class Rooms(SphinxDirective):
+class Modules(SphinxDirective):
     """A section with the docstrings of each public module."""
 
     optional_arguments: ClassVar[int] = 20
@@ -33,15 +33,15 @@ class Rooms(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         first = " ".join(self.content).split()
-        found = [(room, name) for room in self.arguments for name in public_modules(room)]
-        shown = {name: self.title(room, name) for room, name in found}
+        found = [(package, name) for package in self.arguments for name in public_modules(package)]
+        shown = {name: self.title(package, name) for package, name in found}
         order = [name for title in first for name in shown if shown[name] == title]
         order += [name for name in shown if name not in order]
         return [self.section(shown[name], name) for name in order]
 
-    def title(self, room: str, name: str) -> str:
+    def title(self, package: str, name: str) -> str:
         whole = name.removeprefix("minorloop.")
-        return whole.removeprefix(f"{room}.") if len(self.arguments) == 1 else whole
+        return whole.removeprefix(f"{package}.") if len(self.arguments) == 1 else whole
 
     def section(self, title: str, name: str) -> nodes.section:
         found = nodes.section(ids=[nodes.make_id(name)], names=[name])
@@ -51,5 +51,5 @@ class Rooms(SphinxDirective):
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    app.add_directive("room", Rooms)
+    app.add_directive("modules", Modules)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

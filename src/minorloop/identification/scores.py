@@ -1,0 +1,47 @@
+"""Scores of an identification, as numbers for files and as text for tables."""
+
+from __future__ import annotations
+
+from minorloop.identification.fitted import Fit
+
+
+def scores(found: Fit) -> dict[str, float | None]:
+    """Return the scores that a model file keeps, by name.
+
+    Parameters
+    ----------
+    found : Fit
+        The identification; ``nrmse_holdout`` is None where nothing was held out.
+    """
+    return {
+        "nrmse_train": found.nrmse,
+        "nrmse_holdout": found.holdout_nrmse,
+        "baseline_nrmse": found.baseline_nrmse,
+        "kkt": found.kkt,
+    }
+
+
+def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
+    """Return the scores as rows of a table, label and value.
+
+    Parameters
+    ----------
+    found : Fit
+        The identification.
+    rank : str
+        Text of the row ``rank``, which takes minutes to compute for large models; no row if empty.
+    """
+    held = int(found.held_out.sum())
+    share = found.holdout_nrmse
+    return [
+        ("error on fitted data", f"{found.nrmse:.3%} of range"),
+        ("error on held-out data", "-" if share is None else f"{share:.3%} of range"),
+        ("best delayed polynomial", f"{found.baseline_nrmse:.3%} of range"),
+        ("lag", f"{found.lag} samples"),
+        ("samples fitted", f"{found.samples}"),
+        *([("samples held out", f"{held}")] if held else []),
+        ("unknowns", f"{found.unknowns}"),
+        *([("rank", rank)] if rank else []),
+        ("cells excited", f"{found.excited_fraction:.0%}"),
+        ("optimality (KKT)", f"{found.kkt:.1e}{'' if found.converged else ', not converged'}"),
+    ]

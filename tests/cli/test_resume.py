@@ -1,0 +1,89 @@
+import csv
+import json
+import os
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from offspring import started
+
+KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
+PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
+RUN = "run --actuator twin:ipmc --plan plan.csv --noise 0.05 --specimen 3 --seed 4"
+
+
+@pytest.fixture(autouse=True)
+def _planned(_somewhere, run):
+    assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
+
+
+def _exported(name):
+    with open(name, newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_a_finished_run_is_not_repeated(run, answer):
+    run(f"{RUN} --store runs.sqlite")
+    before = Path("runs.sqlite").read_bytes()
+    assert "nothing was applied" in run("resume --store runs.sqlite")[1]
+    assert answer("resume --store runs.sqlite")["way"] == "finished"
+    assert Path("runs.sqlite").read_bytes() == before
+
+
+def _killed(line, points, delay):
+    """Kill a process a moment after its log has told of so many points; whether it was."""
+    with started(line) as (process, log):
+        for _ in range(points):
+            if not log.readline():
+                break
+        process.join(delay)
+        process.kill()
+        process.join()
+        return process.exitcode != 0
+
+
+def _killed_until_done(chance):
+    """Run the plan and kill it at random instants until it ends; how often it was so far."""
+    for kills in range(1, 41):
+        begun = Path("runs.sqlite").exists()
+        line = "resume --store runs.sqlite" if begun else f"{RUN} --store runs.sqlite"
+        points = chance.choice([0, 1, 1, 2, 3])
+        if not _killed(line, points, chance.uniform(0, 0.02 if points else 0.2)):
+            break
+        yield kills
+
+
+@pytest.mark.parametrize("number", range(KILLED_RUNS))
+def test_killed_again_and_again_it_ends_as_if_nothing_had_been(number, run):
+    """SIGKILL at random instants loses nothing, repeats nothing and changes nothing."""
+    chance = random.Random(number)
+    run(f"{RUN} --store whole.sqlite")
+    run("runs export --store whole.sqlite --save whole.csv")
+    kills = 0
+    while kills < 2:  # On a busy machine a run may end before it can be killed.
+        Path("runs.sqlite").unlink(missing_ok=True)
+        for kills in _killed_until_done(chance):  # noqa: B007
+            if Path("runs.sqlite").exists():
+                status, out, _ = run("runs export --store runs.sqlite --json")
+                assert status == 0
+                columns = json.loads(out)["columns"]
+                assert columns["index"] == list(range(len(columns["index"])))
+    run("resume --store runs.sqlite")
+    run("runs export --store runs.sqlite --save points.csv")
+    assert Path("points.csv").read_bytes() == Path("whole.csv").read_bytes()
+    voltages = [float(row[1]) for row in _exported("points.csv")[1:]]
+    np.testing.assert_array_equal(voltages, np.loadtxt("plan.csv", delimiter=",", skiprows=1)[:, 0])
+
+
+ADAPTIVE = "run --actuator twin:ipmc --plan adaptive --noise 0.05 --specimen 2 --hold 100"
+
+
+def test_an_adaptive_run_is_resumed_with_the_same_levels(run, answer):
+    run(f"{ADAPTIVE} --holds 5 --store whole.sqlite")
+    _killed(f"{ADAPTIVE} --holds 5 --store a.sqlite", 4, 0.0)
+    run("resume --store a.sqlite")
+    for key in ("columns", "finished"):
+        one, other = (answer(f"runs show --store {name}.sqlite")[key] for name in ("whole", "a"))
+        assert one == other

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.twins.ipmc import Ipmc
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"twin": "fibre"}, "has twin 'fibre' and this twin 'ipmc'"),
+        ({"specimen": 4}, "has specimen 4"),
+        ({"seed": 4}, "has seed 4"),
+        ({"state": [0.0]}, "damaged"),
+        ({"state": "x"}, "damaged"),
+        ({"state": [np.nan] * 6}, "damaged"),
+        ({"clock": -1.0}, "damaged"),
+        ({"held": None}, "damaged"),
+        ({"held": 5.0}, "damaged: held is 5"),
+        ({"samples": np.inf}, "damaged: samples is inf"),
+        ({"input": 10**400}, "damaged: input is not made of numbers"),
+        ({"input": 3.0}, "damaged: voltage is 3"),
+        ({"state": [2.4, 0, 0, 0, 0, 0]}, r"damaged: state \[0\] is 2\.4"),
+        ({"state": [0, 0, 0, -0.2, 0, 0]}, r"damaged: state \[3\] is -0\.2"),
+        ({"tick": 0.5}, r"has tick 0\.5 and this twin 0\.1"),
+        ({"substeps": 2}, "has substeps 2 and this twin 1"),
+    ],
+)
+def test_refuses_a_checkpoint_of_another_or_a_damaged_one(change, complaint):
+    twin = Ipmc()
+    with pytest.raises(ParameterError, match=complaint):
+        twin.restore(twin.checkpoint() | change)
+    with pytest.raises(ParameterError, match="twin None"):
+        twin.restore({})
+    for nothing in (None, [], 3):
+        with pytest.raises(ParameterError, match="give a dict from checkpoint"):
+            twin.restore(nothing)
+
+
+@given(st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=12), st.sampled_from([-0.5, 0.0, 3.0]))
+def test_whatever_is_done_to_a_strip_is_restored(voltages, drift):
+    twin = Ipmc(3, drift=drift)
+    for voltage in voltages:
+        twin.apply(voltage, 100.0, 100.0)
+        kept = twin.checkpoint()
+        twin.restore(kept)
+        assert twin.checkpoint() == kept

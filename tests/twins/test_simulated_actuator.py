@@ -1,0 +1,200 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import LimitError, ParameterError, SignalError
+from minorloop.lab.actuator import Actuator
+from minorloop.twins.ipmc import Ipmc
+
+HOLD = 200.0
+
+
+def settled(inputs, *, hold=HOLD, **options):
+    """Curvature at the end of each hold, from the state at rest."""
+    twin = Ipmc(**options)
+    return np.array([twin.apply(u, hold, hold).y[-1] for u in inputs])
+
+
+def test_a_hold_does_not_depend_on_how_it_is_sampled():
+    whole, fine, pieces = Ipmc(), Ipmc(), Ipmc()
+    expected = whole.apply(1.0, 200.0, 200.0).y[-1]
+    assert fine.apply(1.0, 200.0, 0.5).y[-1] == pytest.approx(expected, abs=2e-3)
+    for _ in range(20):
+        last = pieces.apply(1.0, 10.0, 10.0).y[-1]
+    assert last == pytest.approx(expected, abs=2e-3)
+    assert pieces.clock == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize(
+    ("duration", "interval", "times"),
+    [
+        (1.0, 0.25, [0.25, 0.5, 0.75, 1.0]),
+        (1.0, 0.4, [0.4, 0.8, 1.0]),
+        (0.3, 0.1, [0.1, 0.2, 0.3]),
+        (1.0, 5.0, [1.0]),
+    ],
+)
+def test_samples_come_at_each_interval_and_at_the_end(duration, interval, times):
+    twin = Ipmc()
+    record = twin.apply(0.5, duration, interval)
+    np.testing.assert_allclose(record.t, times, rtol=1e-12)
+    again = twin.apply(0.5, duration, interval)
+    np.testing.assert_allclose(again.t, duration + np.array(times), rtol=1e-12)
+    np.testing.assert_array_equal(record.u, 0.5)
+    assert (str(record.input), str(record.output)) == ("voltage [V]", "curvature [1/m]")
+
+
+def test_a_waveform_that_rests_is_a_hold():
+    twin, held = Ipmc(), Ipmc()
+    t = np.linspace(0, 20, 201)
+    wave = twin.drive(t + 5, np.full(t.size, 0.8))
+    hold = held.apply(0.8, 20.0, 0.1)
+    np.testing.assert_allclose(wave.t, t)
+    assert wave.y[0] == pytest.approx(0.35)
+    np.testing.assert_allclose(wave.y[1:], hold.y, atol=0.15)
+
+
+def test_exchange_is_a_hold_of_one_tick():
+    loop, bench = Ipmc(tick=0.5), Ipmc()
+    y = [loop.exchange(u) for u in (0.3, 0.6, -0.2)]
+    expected = [bench.apply(u, 0.5, 0.5).y[0] for u in (0.3, 0.6, -0.2)]
+    np.testing.assert_array_equal(y, expected)
+    assert isinstance(y[0], float)
+    assert isinstance(loop, Actuator)
+
+
+@given(st.integers(0, 30), st.integers(1, 30), st.integers(0, 5))
+def test_a_restored_twin_repeats_exactly(before, after, seed):
+    twin = Ipmc(specimen=2, noise=0.1, seed=seed, drift=0.2)
+    for k in range(before):
+        twin.exchange(np.sin(k))
+    kept = json.loads(json.dumps(twin.checkpoint()))
+    first = [twin.exchange(np.cos(k)) for k in range(after)]
+    other = Ipmc(specimen=2, noise=0.1, seed=seed, drift=0.2)
+    for again in (twin, other):
+        again.restore(kept)
+        assert [again.exchange(np.cos(k)) for k in range(after)] == first
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=6))
+def test_noise_depends_on_the_seed_and_the_sample_number_alone(pieces):
+    clean = Ipmc()
+    noisy, whole = Ipmc(noise=0.2, seed=7), Ipmc(noise=0.2, seed=7)
+    parts = [noisy.apply(0.5, float(n), 1.0).y - clean.apply(0.5, float(n), 1.0).y for n in pieces]
+    total = float(sum(pieces))
+    at_once = whole.apply(-1.0, total, 1.0).y - Ipmc().apply(-1.0, total, 1.0).y
+    np.testing.assert_allclose(np.concatenate(parts), at_once, atol=1e-12)
+
+
+def test_noise_is_gaussian_and_independent():
+    options = {"noise": 0.3, "seed": 3}
+    noise = Ipmc(**options).apply(0.0, 20_000.0, 1.0).y - Ipmc().apply(0.0, 20_000.0, 1.0).y
+    assert np.std(noise) == pytest.approx(0.3, rel=0.03)
+    assert abs(np.mean(noise)) < 0.01
+    assert np.mean(np.abs(noise) < 0.3) == pytest.approx(0.6827, abs=0.015)
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.03
+
+
+def test_reset_goes_back_to_the_start():
+    twin = Ipmc(noise=0.1)
+    first = twin.apply(1.0, 10.0, 1.0)
+    twin.reset()
+    again = twin.apply(1.0, 10.0, 1.0)
+    np.testing.assert_array_equal(again.y, first.y)
+    np.testing.assert_array_equal(again.t, first.t)
+
+
+def test_specimens_differ_by_up_to_a_tenth_and_repeat():
+    nominal = Ipmc()._parameters
+    for specimen in range(20):
+        drawn = Ipmc(specimen)._parameters
+        ratios = np.array([drawn[name] / nominal[name] for name in nominal])
+        assert np.all(np.abs(ratios - 1) <= 0.1)
+        assert np.unique(ratios).size == len(nominal)
+        assert drawn == Ipmc(specimen)._parameters
+    assert settled([1.2], specimen=1)[0] != settled([1.2], specimen=2)[0]
+
+
+def test_a_waveform_begins_at_the_output_of_now():
+    twin = Ipmc(specimen=1, drift=0.5)
+    now = twin.apply(1.0, 1000.0, 1000.0).y[-1]
+    assert twin.drive([0.0, 1.0], [-1.0, -1.0]).y[0] == pytest.approx(now, rel=1e-12)
+
+
+def test_drift_changes_the_gain_by_so_much_an_hour():
+    steady, drifting = (
+        settled([0.9] * 19, drift=drift) - Ipmc()._parameters["set"] for drift in (0.0, -0.05)
+    )
+    ratio = drifting[-1] / steady[-1]
+    assert ratio == pytest.approx(0.95 ** (19 * HOLD / 3600), abs=0.003)
+
+
+@pytest.mark.parametrize("u", [1.3, -1.2001, np.nan, np.inf])
+def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(u):
+    twin = Ipmc()
+    twin.exchange(0.5)
+    before = twin.checkpoint()
+    for attempt in (
+        lambda: twin.apply(u, 1.0, 1.0),
+        lambda: twin.exchange(u),
+    ):
+        with pytest.raises(LimitError, match="beyond the limits"):
+            attempt()
+    with pytest.raises((LimitError, SignalError)):
+        twin.drive([0.0, 1.0, 2.0], [0.0, u, 0.0])
+    assert twin.checkpoint() == before
+
+
+@pytest.mark.parametrize(
+    ("duration", "interval", "complaint"),
+    [
+        (0.0, 1.0, "duration is 0.0; give a positive"),
+        (-1.0, 1.0, "duration is -1.0"),
+        (np.inf, 1.0, "duration is inf"),
+        (1.0, 0.0, "sample_interval is 0.0"),
+        (1.0, np.nan, "sample_interval is nan"),
+        (1.0, 1e-12, "samples, more than"),
+        (1e15, 1e15, "steps, more than"),
+    ],
+)
+def test_refuses_times_that_are_none(duration, interval, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        Ipmc().apply(0.0, duration, interval)
+
+
+@pytest.mark.parametrize(
+    ("t", "u", "complaint"),
+    [
+        ([0, 1], [0.0], r"t has shape \(2,\) and u \(1,\)"),
+        ([0], [0.0], "T at least 2"),
+        ([0, 1, 1], [0.0, 0, 0], "does not increase at index 2"),
+        ([0, np.nan], [0.0, 0.0], "t is nan"),
+    ],
+)
+def test_refuses_waveforms_that_are_none(t, u, complaint):
+    with pytest.raises(SignalError, match=complaint):
+        Ipmc().drive(t, u)
+    with pytest.raises(SignalError, match=complaint):
+        Ipmc().sense(t, u)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"specimen": -1},
+        {"specimen": 1.5},
+        {"seed": True},
+        {"seed": 2**64},
+        {"noise": -0.1},
+        {"noise": np.nan},
+        {"tick": 0.0},
+        {"drift": -1.0},
+        {"substeps": 0},
+    ],
+)
+def test_refuses_options_out_of_range(options):
+    with pytest.raises(ParameterError, match=next(iter(options))):
+        Ipmc(**options)
