@@ -102,7 +102,7 @@ def _struct(of: type[Any], **options: Any) -> type[msgspec.Struct]:
     hints, fields = get_type_hints(of), []
     for name in (field.name for field in dataclasses.fields(of)):
         json_type: Any = hints[name]
-        if dataclasses.is_dataclass(json_type):
+        if isinstance(json_type, type) and dataclasses.is_dataclass(json_type):
             json_type = _struct(json_type)
         elif json_type == FloatArray:
             triangle = of in _TRIANGLES and name == "weights"

@@ -227,10 +227,13 @@ def _refined(stretches: Sequence[Stretch], found: Coefficients) -> Coefficients:
             return np.full(samples, np.inf)  # then the solver takes a shorter step
         return np.concatenate(residuals(stretches, at(x)))
 
+    def slopes(x: FloatArray) -> FloatArray:
+        return -jacobian(stretches, at(x))
+
     answer = least_squares(
         errors,
         np.concatenate([found.a, found.b]),
-        jac=lambda x: -jacobian(stretches, at(x)),
+        jac=slopes,
         x_scale="jac",
         ftol=_SMALLEST_GAIN,
         xtol=_SMALLEST_STEP,
