@@ -204,7 +204,7 @@ def test_wrong_shapes_are_refused():
     ):
         with pytest.raises(ParameterError, match=said):
             function(wrong, u)
-    with pytest.raises(ParameterError, match="a list is no function"):
+    with pytest.raises(ParameterError, match="a list cannot be exported"):
         as_function([])
 
 

@@ -227,5 +227,5 @@ def test_folders_that_hold_something_else(six, tmp_path):
     with pytest.raises(OutputError, match="not empty"):
         identify_fleet(six, tmp_path)
     (tmp_path / "fleet.json").write_text("[]")
-    with pytest.raises(OutputError, match="not of a fleet"):
+    with pytest.raises(OutputError, match="does not belong to a fleet"):
         identify_fleet(six, tmp_path)

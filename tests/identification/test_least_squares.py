@@ -5,7 +5,7 @@ from scipy.optimize import lsq_linear, nnls
 
 from minorloop import identify
 from minorloop.errors import ParameterError
-from minorloop.identification import active_set, least_squares, refinement
+from minorloop.identification import active_set, least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, unpack
 from minorloop.identification.least_squares import Problem, neighbour_penalty
 
@@ -193,17 +193,3 @@ def test_the_optimality_is_worked_out_from_the_rows(monkeypatch):
     fit = a_problem().fit(1e-4)
     assert fit.kkt > active_set.ACCEPTABLE
     assert not fit.converged
-
-
-def test_refinement_that_runs_out_of_rounds_is_not_settled(monkeypatch):
-    monkeypatch.setattr(refinement, "_ROUNDS", 1)
-    monkeypatch.setattr(refinement, "_STEPS", 2)
-    values = np.geomspace(1, 1e-3, 20)
-    rows = refinement.Rows(lambda z: values * z, lambda r: values * r, np.ones(20))
-    scaling = refinement.Preconditioner(np.arange(20), np.ones(20))
-    z, settled = refinement.refine(rows, np.zeros(20), scaling)
-    assert not settled
-    monkeypatch.undo()
-    z, settled = refinement.refine(rows, z, scaling)
-    assert settled
-    np.testing.assert_allclose(values * z, 1.0, atol=1e-12)

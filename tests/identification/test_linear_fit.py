@@ -53,7 +53,7 @@ def test_what_it_says(fit):
 
 def test_advice():
     alone = arx(*record())
-    assert any("give a second one to judge by" in text for text in alone.advice)
+    assert any("give a second one to choose by" in text for text in alone.advice)
     short = arx(*record(noise=0.0, hold=30))
     assert any("hold three times as long" in text for text in short.advice)
     wrong = replace(alone, candidate=replace(alone.candidate, nrmse=0.1))

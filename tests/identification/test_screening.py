@@ -1,44 +1,10 @@
-"""Records of a bent Prandtl-Ishlinskii plant, sound and with one defect each."""
-
 import numpy as np
 import pytest
 
+from fault_records import INPUTS, kinds, plant, record
 from minorloop.errors import SignalError
-from minorloop.identification import excitation, identify
+from minorloop.identification import identify
 from minorloop.identification.screening import codes, record_faults
-
-RADII = np.linspace(0, 0.3, 10)
-SIZE = 400
-
-
-def plant(u):
-    places, y = u[0] + RADII, np.empty(u.size)
-    for k, value in enumerate(u):
-        places = np.clip(places, value - RADII, value + RADII)
-        y[k] = np.tanh(2.0 * (places.mean() - 0.4)) + 0.3 * value
-    return y
-
-
-def sine():
-    s = np.linspace(0, 1, SIZE)
-    return 0.5 - (0.3 + 0.2 * np.cos(2 * np.pi * s)) * np.cos(2 * np.pi * 9 * s)
-
-
-INPUTS = {
-    "sine": sine(),
-    "staircase": excitation.decaying_staircase(np.linspace(0, 1, 11)),
-    "levels": np.r_[0, 1, np.random.default_rng(0).uniform(size=250)],
-}
-
-
-def record(shape="sine", unit=1.0, noise=0.003):
-    u = INPUTS[shape]
-    y = plant(u)
-    return u, unit * (y + noise * np.ptp(y) * np.random.default_rng(1).normal(size=u.size))
-
-
-def kinds(u, y, lag=0, **options):
-    return [finding.kind for finding in record_faults(u, y, "negative", lag, **options)]
 
 
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
@@ -76,56 +42,6 @@ def test_an_output_that_follows_its_input_far_out_is_no_outlier():
     assert "outlier" not in kinds(u, plant(u))
 
 
-@pytest.mark.parametrize("shape", INPUTS)
-def test_a_stuck_output_is_named_with_its_stretch(shape):
-    u, y = record(shape)
-    first, count = u.size // 3, u.size // 5
-    y[first : first + count] = y[first]
-    (finding,) = record_faults(u, y, "negative", 0)
-    assert finding.kind == "stuck"
-    assert finding.samples == tuple(range(first, first + count))
-
-
-def test_so_is_one_that_is_stuck_under_noise():
-    u, y = record(noise=0.0)
-    y[130:210] = y[130]
-    y += 0.005 * np.ptp(y) * np.random.default_rng(0).normal(size=y.size)
-    (finding,) = record_faults(u, y, "negative", 0)
-    assert finding.kind == "stuck"
-    assert set(finding.samples) > set(range(145, 195))
-
-
-@pytest.mark.parametrize("shape", INPUTS)
-@pytest.mark.parametrize("side", ["highest", "lowest"])
-def test_a_clipped_output_is_named(shape, side):
-    u, y = record(shape)
-    cut = 0.25 * np.ptp(y)
-    clipped = np.minimum(y, y.max() - cut) if side == "highest" else np.maximum(y, y.min() + cut)
-    found = record_faults(u, clipped, "negative", 0)
-    assert "clipped" in [finding.kind for finding in found]
-    assert f"equal the {side}" in found[0].text
-
-
-def test_so_is_one_that_is_clipped_most_of_the_time():
-    u, y = record("levels")
-    assert "clipped" in kinds(u, np.minimum(y, np.median(y)))
-
-
-@pytest.mark.parametrize("lag", [-4, 2, 5])
-@pytest.mark.parametrize("shape", ["sine", "levels"])
-def test_a_lag_is_named_until_the_model_has_it(shape, lag):
-    u, y = record(shape)
-    shifted = (
-        np.r_[np.full(lag, y[0]), y[:-lag]] if lag > 0 else np.r_[y[-lag:], np.full(-lag, np.nan)]
-    )
-    (finding,) = record_faults(u, shifted, "negative", 0)
-    assert finding.kind == "lag"
-    assert ("--lag auto" in finding.text) == (lag > 0)
-    assert kinds(u, shifted, sought=True) == []
-    if lag > 0:
-        assert kinds(u, shifted, lag) == []
-
-
 @pytest.mark.parametrize("code", [9.9e37, -9.9e37, 9.91e37, 3.4e38, -9999.0, 999.99, 32767.0])
 def test_codes_are_left_out_and_named(code):
     u, y = record()
@@ -156,44 +72,5 @@ def test_an_overload_code_is_no_input():
         identify(u, y, levels=8)
 
 
-def test_a_lag_as_long_as_the_record_leaves_nothing_to_screen():
-    u = np.r_[np.zeros(60), 1.0]
-    assert kinds(u, np.arange(61.0), 45) == []
-
-
 def test_a_record_of_little_is_not_screened():
     assert kinds(np.arange(8.0), np.arange(8.0) ** 9) == []
-
-
-def test_warnings_come_first_and_go_with_every_inverse():
-    u, y = record()
-    y[40:120] = y[40]
-    found = identify(u, y, levels=8, holdout=0.3)
-    assert "the output is stuck" in found.warnings[0]
-    assert found.advice[: len(found.warnings)] == found.warnings
-    inverse = found.invert([0.0])
-    assert inverse.warnings == found.warnings
-    assert f"warning: {found.warnings[0]}" in str(inverse)
-    assert "warning" not in str(found.model.invert([0.0]))
-
-
-def test_a_large_error_on_held_out_data_is_a_warning():
-    u, y = record()
-    found = identify(u, np.where(np.arange(y.size) > 300, y - 0.5, y), levels=8, holdout=0.3)
-    assert "the error on held-out data" in " ".join(found.warnings)
-
-
-def test_an_outlier_held_out_does_not_condemn_the_model():
-    u, y = record()
-    y[350] += 30 * np.ptp(y)
-    found = identify(u, y, levels=8, holdout=0.3)
-    (warning,) = found.warnings
-    assert "1 outlier: sample 350" in warning
-
-
-def test_the_option_for_a_lag_is_not_recommended_where_it_was_given():
-    u = INPUTS["levels"]
-    for lag, said in ((0, True), ("auto", False)):
-        found = identify(u, u**3, levels=3, lag=lag, holdout=0.3)
-        worse = next(text for text in found.warnings if "polynomial" in text)
-        assert ("--lag auto" in worse) == said

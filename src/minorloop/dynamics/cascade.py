@@ -24,6 +24,8 @@ First: TypeAlias = Literal["operator", "linear"]
 
 _FILTER_SHARE = 0.2
 _INTERVALS = 5.0
+"""Default time constant of the filter of an inverse: this share of the fastest time constant, at
+least this many sampling intervals."""
 
 
 @dataclass(frozen=True, eq=False)

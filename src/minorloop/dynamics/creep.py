@@ -14,6 +14,7 @@ from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import figure_of
 
 PER_DECADE = 2
+"""Default number of time constants a decade."""
 
 
 @dataclass(frozen=True, eq=False)

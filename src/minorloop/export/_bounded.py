@@ -9,7 +9,7 @@ from minorloop.operators.preisach import Preisach
 
 
 def bounded(model: Preisach, memory: Memory, room: int) -> Memory:
-    """The memory with its smallest loops dropped until it has fewer than ``room`` past extrema.
+    """Drop the smallest loops of a memory until it has fewer than ``room`` past extrema.
 
     Parameters
     ----------

@@ -29,8 +29,8 @@ def everett_rates(nodes, bow, i, s, j, f):
 def pull_inputs(plane, u, parent, samples, out):
     """Gradient in the inputs, added to ``out``.
 
-    ``samples[t]`` is the sum of the cotangents of sample t and of all that descends from it, as
-    the transpose of the tree leaves it behind.
+    ``samples[t]`` is the sum of the cotangents of sample t and its descendants, which the transpose
+    of the tree computes.
     """
     levels, per_band, buckets, per_unit, nodes, bow, _, _ = plane
     lowest, highest = levels[0], levels[-1]
@@ -57,8 +57,8 @@ def pull_inputs(plane, u, parent, samples, out):
 def pull_plays(u, radii, weights, positions, cotangents, for_weights, for_inputs, movers):
     """Gradients of weighted plays in weights and inputs, added to the two arrays.
 
-    ``movers`` (n,) holds the sample that moved each play last, -1 for none. A play that an
-    input carries along moves as the input does, and one left behind stays where it was put.
+    ``movers`` (n,) holds the sample that moved each play last, -1 for none. A play that the input
+    moves follows the input; otherwise it keeps its position.
     """
     for t in range(u.size):
         for k in range(radii.size):

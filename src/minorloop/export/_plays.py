@@ -1,4 +1,4 @@
-"""What the templates need to know of a Prandtl-Ishlinskii operator, bent or not."""
+"""Template context of a Prandtl-Ishlinskii operator, with or without dead zones."""
 
 from __future__ import annotations
 

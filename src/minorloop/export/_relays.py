@@ -1,4 +1,4 @@
-"""What the templates need to know of a relay-by-relay model."""
+"""Template context of a relay-by-relay model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The generated self-test: inputs, what Python makes of them, and how near the C has to come."""
+"""The generated self-test: inputs, their outputs in Python, and the tolerance for the C."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from minorloop.operators.preisach import Preisach
 
 _VECTORS = 200
 _COARSEST = 0.01
-"""Share of the range by which a self-test may let the output be off."""
+"""Largest tolerance of a self-test, as a share of the range."""
 _NEAR, _STEEPEST = 1e-4, 10.0
 """Shares of both ranges: the output changes by at least a tenth of the input, this near."""
 _DIGITS, _DIGITS_LINEAR = 8, 32
@@ -57,7 +57,7 @@ def examples(
 
 
 def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
-    """Refuse thresholds whose range is in the last digits of their numbers.
+    """Refuse thresholds that differ in the last digits of their type only.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
 
 
 def output_error(numbers: Numbers, y: FloatArray, width: float, linear: bool = False) -> float:
-    """Share of the range by which rounding of outputs to the type may put them off.
+    """Rounding error of outputs in the type, as a share of the range.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> As
 
 
 def _inputs(model: Preisach, memory: int) -> FloatArray:
-    """Inputs over the whole plane whose histories a bounded memory holds."""
+    """Inputs over the whole plane whose histories fit into a bounded memory."""
     low, high = map(float, model.levels[[0, -1]])
     rng, tracker, chosen = np.random.default_rng(0), model.track(), []
     for share in rng.beta(0.7, 0.7, _VECTORS):
@@ -225,6 +225,6 @@ def _stepped(cascade: Cascade, u: FloatArray) -> FloatArray:
 
 
 def _begun(cascade: Cascade) -> CascadeState:
-    """A cascade in negative saturation, all settled."""
+    """A settled cascade in negative saturation."""
     low = float(cascade.operator.levels[0])  # type: ignore[attr-defined]
     return cascade.begin(low if cascade.first == "operator" else low / cascade.linear.dc_gain)

@@ -19,7 +19,7 @@ _COLUMNS = 100
 
 @dataclass(frozen=True)
 class Numbers:
-    """How C writes numbers of one type.
+    """Format of numbers of one type in C.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Numbers:
 
     @property
     def type(self) -> str:
-        """The word for the type in C."""
+        """Name of the type in C."""
         return "float" if self.single else "double"
 
     @property
@@ -55,7 +55,7 @@ class Numbers:
         return wide.astype(np.float32 if self.single else np.float64)
 
     def one(self, value: float) -> str:
-        """A literal that gives back the same number; in brackets if it is negative."""
+        """Literal that is read as the same number; in brackets if it is negative."""
         number = self.array(value)
         text = f"{float(number):.9g}" if self.single else repr(float(number))
         if not set(text) & {".", "e"}:
@@ -64,13 +64,13 @@ class Numbers:
         return f"({text})" if text.startswith("-") else text
 
     def table(self, values: Iterable[float]) -> str:
-        """The inside of an initialiser."""
+        """Content of an initialiser."""
         return wrapped(self.one(value).strip("()") for value in values)
 
 
 @dataclass(frozen=True)
 class Parts:
-    """C of a model whose memory is of one size: what its templates need, and its self-test."""
+    """Template context and self-test of a model whose memory has a fixed size."""
 
     context: dict[str, Any]
     table_bytes: int
@@ -94,7 +94,7 @@ def wrapped(words: Iterable[str]) -> str:
 
 
 def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], int]:
-    """What the templates need to know of an operator, and the bytes of its tables.
+    """Template context of an operator, and the bytes of its tables.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], 
 
 
 def text_only(words: Mapping[str, str]) -> dict[str, str]:
-    """Texts that cannot end a comment in C."""
+    """Texts made safe for a comment in C."""
     return {
         name: " ".join("".join(c if c.isprintable() else " " for c in text).split())
         .replace("*/", "* /")

@@ -1,4 +1,4 @@
-"""A model as portable C: one header, one source file, fixed memory, no allocation."""
+"""Export of a model as portable C: one header, one source file, fixed memory, no allocation."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def _other_source(
     largest: int | None,
     words: Mapping[str, str],
 ) -> CSource:
-    """C of plays, bent or not, and of relays: their memory never overflows."""
+    """C of plays, with or without dead zones, and of relays; their memory has a fixed size."""
     make: Any = relay_parts if isinstance(model, RelayModel) else plays_parts
     parts: Parts = make(model, numbers, inverse)
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
@@ -241,7 +241,7 @@ def _other_source(
 
 
 def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]) -> dict[str, Any]:
-    """What every template needs to know."""
+    """Context for all templates."""
     return {
         "guard": words["name"].upper(),
         "real": numbers.type,
@@ -336,7 +336,7 @@ def _linear_context(
 
 
 def about(model: Preisach, linear: Linear | None, first: First) -> str:
-    """Say in a comment what the model is."""
+    """Comment that describes the model."""
     parts = f"{model.bands} bands, {model.relay} relays, {model.diagonal} diagonal"
     if linear is None:
         return f"{parts}."

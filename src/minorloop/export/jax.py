@@ -1,16 +1,15 @@
 """A model as a differentiable function in JAX, to sit inside a larger learned model.
 
-The compiled loops of the operator do the work, called back from JAX, and gradients are loops
-too: their exact transpose. Nothing is smoothed. The output is linear in the weights, so that
-gradient is exact; in the input it is exact wherever there is one, which is almost everywhere.
-Where inputs repeat, meet a remembered extremum or lie on a threshold, it is one of those beside
-it; beyond the levels the relays give none.
+JAX calls the compiled loops of the operator; gradients are compiled loops too, their exact
+transpose. Nothing is smoothed. The output is linear in the weights; their gradient is exact.
+The gradient in the input is exact where it exists, which is almost everywhere. Where inputs repeat,
+meet a remembered extremum or lie on a threshold, it is one of the one-sided gradients; beyond the
+levels the gradient of the relays is zero.
 
-What goes in and comes out has the type of the arrays, float32 unless ``jax_enable_x64`` is set;
-inside, everything is float64. Only reverse mode is there: `jax.grad` and `jax.vjp`, under
-`jax.jit` and `jax.vmap` too, but no `jax.jvp`, no `jax.jacfwd`, and no derivative of a gradient, so
-no `jax.hessian` either. If an argument is not finite, the
-output is NaN throughout, and so are its gradients.
+Arguments and results have the type of the given arrays, float32 unless ``jax_enable_x64`` is set;
+inside, everything is float64. Only reverse mode is supported: `jax.grad` and `jax.vjp`, also under
+`jax.jit` and `jax.vmap`, but not `jax.jvp`, `jax.jacfwd`, or derivatives of a gradient such as
+`jax.hessian`. If an argument is not finite, the whole output is NaN, and so are its gradients.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ except ImportError:
 __all__ = ["Parameters", "as_function", "as_model"]
 
 Parameters: TypeAlias = dict[str, Any]
-"""Arrays of JAX by name: what a model learns."""
+"""Arrays of JAX by name: the parameters of a model."""
 
 
 class _Loops(Protocol):
@@ -61,12 +60,12 @@ class _Loops(Protocol):
 def as_function(
     model: Preisach | PrandtlIshlinskii, start: Start | PlayStart = "negative"
 ) -> tuple[Callable[[Parameters, Any], Any], Parameters]:
-    """A model as a function of its parameters and its input.
+    """Convert a model to a function of its parameters and its input.
 
     Parameters
     ----------
     model : Preisach or PrandtlIshlinskii
-        Says which levels, or radii, and where learning begins.
+        Levels or radii, and the initial parameters.
     start : start state of the operator
         Memory before the first sample; a constant.
 
@@ -77,8 +76,8 @@ def as_function(
         at once, ``jax.vmap(function, in_axes=(None, 0))``. For reverse mode only; where an
         argument is not finite the whole output is NaN.
     parameters : dict of str to array
-        ``weights`` and ``offset``, and ``slope`` of a Preisach operator, of the model. Weights
-        above the diagonal are not looked at.
+        ``weights`` and ``offset`` of the model, and ``slope`` of a Preisach operator. Weights above
+        the diagonal are ignored.
 
     Raises
     ------
@@ -102,14 +101,14 @@ def as_function(
 def as_model(
     model: Preisach | PrandtlIshlinskii, parameters: Mapping[str, Any]
 ) -> Preisach | PrandtlIshlinskii:
-    """The model that parameters stand for, for everything else that can be done with one.
+    """Convert parameters back to a model.
 
     Parameters
     ----------
     model : Preisach or PrandtlIshlinskii
-        The one that `as_function` was given.
+        The model given to `as_function`.
     parameters : dict of str to array
-        As they were learned.
+        Learned parameters.
 
     Returns
     -------
@@ -222,7 +221,8 @@ def _operator(model: Any, start: Any) -> _Loops:
     if isinstance(model, PrandtlIshlinskii):
         return _PlaysLoops(model, start)
     raise ParameterError(
-        f"a {type(model).__name__} is no function here; give a Preisach or a PrandtlIshlinskii"
+        f"a {type(model).__name__} cannot be exported to JAX; give a Preisach or a "
+        "PrandtlIshlinskii"
     )
 
 
@@ -257,7 +257,7 @@ def _floating(value: Any) -> Any:
 
 
 def _differentiable(operator: _Loops) -> Callable[..., Any]:
-    """The operator as JAX sees it: a primitive, and another for its gradient."""
+    """Primitive of JAX for the operator, with another one for its gradient."""
     cores = [len(shape) for shape in operator.shapes] + [1]
     loop = _primitive("hysteresis", operator.forward, cores, lambda *given: given[-1:])
     back = _primitive("hysteresis_gradient", operator.backward, [*cores, 1], lambda *g: g[:-1])
@@ -280,21 +280,21 @@ def _differentiable(operator: _Loops) -> Callable[..., Any]:
 def _primitive(
     name: str, function: Callable[..., Any], cores: Sequence[int], like: Callable[..., Any]
 ) -> Any:
-    """A loop on numpy arrays as a primitive of JAX, with its rules for jit and vmap.
+    """Convert a loop on numpy arrays to a primitive of JAX, with its rules for jit and vmap.
 
-    `jax.pure_callback` would do, but it hands the callback arrays that are copied by the very
-    pool of threads in which the callback runs: on one core that never ends.
+    `jax.pure_callback` is no alternative: its arrays are copied by the thread pool in which the
+    callback runs, which is a deadlock on one core.
 
     Parameters
     ----------
     name : str
-        What JAX calls it.
+        Name in JAX.
     function : callable
         Gives one array, or several, for arrays without axes of `jax.vmap`.
     cores : sequence of int
-        Axes of each argument; whatever axes stand before them are those of `jax.vmap`.
+        Number of axes of each argument; axes before them are those of `jax.vmap`.
     like : callable
-        Which of the arguments the results are like.
+        Selects the arguments whose shapes and types the results have.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True
@@ -307,8 +307,8 @@ def _primitive(
         ]
 
     def run(*given: Any) -> tuple[Any, ...]:
-        answers = [(x.shape, x.dtype) for x in abstract(*given)]
-        return _each(function, cores, answers, *given)
+        wanted = [(x.shape, x.dtype) for x in abstract(*given)]
+        return _each(function, cores, wanted, *given)
 
     def batched(given: Sequence[Any], axes: Sequence[Any]) -> tuple[Any, list[int]]:
         moved = [
@@ -331,23 +331,23 @@ def _primitive(
 
 
 def _lead(given: Sequence[Any], cores: Sequence[int]) -> tuple[int, ...]:
-    """Axes of `jax.vmap`, which stand in front."""
+    """Leading axes, those of `jax.vmap`."""
     return np.broadcast_shapes(
         *(x.shape[: x.ndim - core] for x, core in zip(given, cores, strict=True))
     )
 
 
 def _each(
-    function: Callable[..., Any], cores: Sequence[int], answers: Sequence[Any], *given: Any
+    function: Callable[..., Any], cores: Sequence[int], wanted: Sequence[Any], *given: Any
 ) -> tuple[Any, ...]:
-    """Apply a loop over the axes that `jax.vmap` put in front, in parallel."""
+    """Apply a loop over the leading axes of `jax.vmap`, in parallel."""
     lead = _lead(given, cores)
     rows = []
     for one, core in zip(given, cores, strict=True):
         array = np.asarray(one, dtype=np.float64)
         own = array.shape[array.ndim - core :]
         rows.append(np.broadcast_to(array, lead + own).reshape(-1, *own))
-    found = [np.full((len(rows[0]), *shape[len(lead) :]), np.nan) for shape, _ in answers]
+    found = [np.full((len(rows[0]), *shape[len(lead) :]), np.nan) for shape, _ in wanted]
 
     def fill(row: int) -> None:
         mine = [np.array(array[row]) for array in rows]
@@ -358,5 +358,5 @@ def _each(
 
     in_parallel(fill, len(rows[0]))
     return tuple(
-        out.reshape(shape).astype(kind) for out, (shape, kind) in zip(found, answers, strict=True)
+        out.reshape(shape).astype(kind) for out, (shape, kind) in zip(found, wanted, strict=True)
     )

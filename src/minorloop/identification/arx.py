@@ -25,6 +25,7 @@ from minorloop.threads import one_thread
 HIGHEST_ORDER = 4
 _NEARLY = 1.05
 _UNFELT = 1e-5
+"""Ratio and difference of simulation errors, over the range, up to which they count as equal."""
 _PRECISE = 1e-7
 _REAL = 1e-6
 _SAMPLES_EACH = 3
@@ -44,11 +45,11 @@ def arx(
 
     Difference equations A(q) y = B(q) u with up to ``highest_order`` coefficients in A, no
     more in B, and each dead time are fitted by least squares, then refined so that their
-    simulated output comes nearest to the measured one: least squares alone takes noise for
-    dynamics. Of those within 5 % of the least simulation error on the second record, the one of
-    the least Bayesian information criterion is taken; without a second record, the least
-    criterion decides. Unstable equations are out; those with poles on the negative real axis
-    or off the real axis must simulate better by 5 % than all others.
+    simulated output comes nearest to the measured one, because least squares alone is biased by
+    noise. Of the equations within 5 % of the least simulation error on the second record, that
+    with the least Bayesian information criterion is chosen; without a second record, the least
+    criterion decides. Unstable equations are excluded. Those with negative or complex poles must
+    simulate better by 5 % than all others.
 
     Parameters
     ----------
@@ -57,14 +58,14 @@ def arx(
     u, y : (T,) array_like
         Input and output. The record begins with a hold at whose end the plant is at rest.
     second : tuple of t, u, y, optional
-        Another record, to choose by. Its gain is fitted anew: with hysteresis it is another.
+        Another record to choose by. Its gain is fitted again, because hysteresis changes it.
     highest_order : int
-        Poles at most, 1 to 4.
+        Largest number of poles, 1 to 4.
     longest_dead_time : int
         In samples.
     reading : {"end", "begin"}
-        Whether y[k] was read when u[k] had been on for one interval, as an `Actuator` records
-        it, or in the moment in which u[k] was set.
+        Whether y[k] was read at the end of the interval with input u[k], as an `Actuator`
+        records it, or when u[k] was set.
 
     Returns
     -------
@@ -186,7 +187,7 @@ def _identified(
 
 
 def chosen(candidates: Sequence[TriedEquation]) -> TriedEquation:
-    """The candidate that predicts best, with no more coefficients than that needs.
+    """Choose the candidate that predicts best with the fewest coefficients.
 
     Parameters
     ----------
@@ -206,7 +207,7 @@ def chosen(candidates: Sequence[TriedEquation]) -> TriedEquation:
 
 
 def free_run_error(stretches: Sequence[Stretch], found: Coefficients) -> float:
-    """Root-mean-square error of the simulated output over the range, each gain its own."""
+    """Root-mean-square error of the simulated output over the range; each record has its gain."""
     errors, span = [], 0.0
     for one in stretches:
         simulated = found.simulate(one.u)

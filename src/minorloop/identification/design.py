@@ -1,8 +1,8 @@
-"""Which input to measure next, so that the fewest holds tell the most.
+"""Optimal design: which input to measure next.
 
-The best next input is the one that takes most off the variance of the outputs for inputs that
-may come, represented by random sequences. How much that is follows from the prior and from
-where was measured, not from what was measured; only the hyperparameters are learnt.
+The best next input reduces the variance of the outputs for future inputs most; random sequences
+represent these. The reduction depends on the prior and the measured inputs, but not on the measured
+outputs, except through the hyperparameters.
 
 References
 ----------
@@ -33,24 +33,25 @@ if TYPE_CHECKING:
     from minorloop.identification.result import Identification
 
 CANDIDATES = 21
-"""Inputs to choose from, evenly over the allowed range."""
+"""Candidates for the next input, evenly over the allowed range."""
 SEQUENCES, LENGTH = 40, 8
-"""Random sequences, and inputs of each, whose outputs should become sure."""
+"""Random sequences that represent future inputs, and the inputs of each."""
 BEAM = 6
-"""First moves that are looked beyond."""
+"""First inputs for which the second one is optimised too."""
 MOST_HOLDS = 1000
+"""Largest budget; each hold takes the time of a fit."""
 
 
 @dataclass(frozen=True)
 class NextInput:
-    """The input to measure next, and what it is expected to bring.
+    """The input to measure next, and the expected reduction of the standard deviation.
 
     Parameters
     ----------
     u : float
         The input.
     sd : float
-        Standard deviation of outputs that may come, on average, as things stand.
+        Mean standard deviation of future outputs now.
     sd_after : float
         The same after this hold.
     """
@@ -61,7 +62,7 @@ class NextInput:
 
     @property
     def gain(self) -> float:
-        """Share of the standard deviation that this hold is expected to take off."""
+        """Expected relative reduction of the standard deviation by this hold."""
         return 1 - self.sd_after / self.sd
 
 
@@ -73,18 +74,18 @@ def next_input(
     high: float | None = None,
     step: float = np.inf,
 ) -> NextInput:
-    """The next best input to measure.
+    """Find the best input to measure next.
 
     Parameters
     ----------
     identification : Identification
-        Of what was measured so far, with the prior.
+        Identification of the measurements so far, with the prior.
     memory : Memory
-        What the actuator remembers now; its last entry is the present input.
+        Memory of the actuator now; its last entry is the present input.
     low, high : float, optional
         Range allowed; that of the levels if not given.
     step : float
-        Largest change from the present input that is allowed.
+        Largest allowed change from the present input.
 
     Returns
     -------
@@ -124,27 +125,27 @@ def design(
     diagonal: Diagonal = "reversible",
     hyperparameters: Hyperparameters | None = None,
 ) -> FloatArray:
-    """Inputs to measure when nothing is known yet, the most telling ones first.
+    """Design inputs before anything is measured, the most informative first.
 
     Parameters
     ----------
     levels : (L + 1,) array_like
         Thresholds of the model that will be identified.
     holds : int, optional
-        How many; give this or ``hours``.
+        Number of inputs; give this or ``hours``.
     hours : float, optional
         Time to spend.
     hold : float
         Seconds for each, with ``hours``.
     low, high, step
-        As in `next_input`; the first input is ``low``, from where all is known.
+        As in `next_input`; the first input is ``low``.
     least_gain : float
-        Stop when the next hold is expected to take less than this share off the standard
-        deviation.
+        Stop when the next hold is expected to reduce the standard deviation by less than this
+        share.
     diagonal : {"uniform", "reversible"}
         As in `Preisach`.
     hyperparameters : Hyperparameters, optional
-        What is expected of the actuator.
+        Expected properties of the actuator.
 
     Returns
     -------
@@ -220,7 +221,7 @@ def _allowed(
     high: float | None,
     step: float,
 ) -> FloatArray:
-    """Inputs to choose from."""
+    """Candidates for the next input."""
     spec = of if isinstance(of, PlaneSpec) else of.matrix.spec
     bottom, top = float(spec.levels[0]), float(spec.levels[-1])
     least = bottom if low is None else max(as_finite("low", low), bottom)
@@ -237,10 +238,10 @@ def _allowed(
 
 
 def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextInput:
-    """The first of the two moves that take most off the variance, by a beam."""
+    """First of the two inputs that reduce the variance most, by beam search."""
     h, unit = posterior.hyperparameters, posterior.unit
     own = (h.discrepancy**2 + h.noise**2) * unit**2
-    aim = _targets(posterior)
+    aim = _future_rows(posterior)
     total = float(np.sum(aim**2))
     first = _rows(posterior, memory, candidates) @ posterior.factor
     gains = _gains(aim, first, own)
@@ -253,7 +254,7 @@ def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextI
             high=float(posterior.spec.levels[-1]),
         )
         second = _rows(posterior, after, candidates) @ posterior.factor
-        # What the first measurement takes off the covariance of everything else.
+        # Reduction of all covariances by the first measurement.
         left = aim - np.outer(aim @ spent, spent)
         rest = second - np.outer(second @ spent, spent)
         both = gains[k] + float(_gains(left, rest, own).max())
@@ -267,14 +268,14 @@ def _best(posterior: Posterior, memory: Memory, candidates: FloatArray) -> NextI
     )
 
 
-def _gains(aim: FloatArray, moves: FloatArray, own: float) -> FloatArray:
-    """Sum of variances that measuring each move takes off the aims."""
-    shared = np.einsum("sm,sm->m", *[aim @ moves.T] * 2)
-    return np.asarray(shared / (np.einsum("mk,mk->m", moves, moves) + own))
+def _gains(aim: FloatArray, candidates: FloatArray, own: float) -> FloatArray:
+    """Reduction of the summed variance of the aims by measuring each candidate."""
+    shared = np.einsum("sm,sm->m", *[aim @ candidates.T] * 2)
+    return np.asarray(shared / (np.einsum("mk,mk->m", candidates, candidates) + own))
 
 
-def _targets(posterior: Posterior) -> FloatArray:
-    """Regressors of what may come, times the factor of the covariance; always the same."""
+def _future_rows(posterior: Posterior) -> FloatArray:
+    """Regressors of the random future sequences, always the same, times the posterior factor."""
     spec = posterior.spec
     rng = np.random.default_rng(0)
     rows = []

@@ -27,11 +27,15 @@ Drive: TypeAlias = "Callable[[FloatArray, FloatArray], Record]"
 """Drives a plant with inputs u at times t, straight in between, and records it."""
 
 SAMPLES = 240
+"""Samples a period, so that the tenth harmonic has 24."""
 PERIODS = 2
 FEWEST_PERIODS = 3
+"""Least number of periods before the measured ones."""
 HARMONICS = 10
 _SWITCH = 1e-3
+"""Seconds of a change of the input in the preamble."""
 _UNSETTLED = 0.01
+"""Relative change of the fundamental from period to period above which it is not settled."""
 
 
 @dataclass(frozen=True)

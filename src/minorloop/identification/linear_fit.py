@@ -1,4 +1,4 @@
-"""What the identification of linear dynamics gives."""
+"""Results of the identification of linear dynamics."""
 
 from __future__ import annotations
 
@@ -20,12 +20,14 @@ Kind: TypeAlias = Literal["plain", "oscillatory", "alternating"]
 
 _SHOWN = 6
 _COARSE = 0.02
+"""Simulation error over the range above which the plant is not linear."""
 _NOT_AT_REST = 0.05
+"""Remainder of the slowest mode after the longest hold above which holds are too short."""
 
 
 @dataclass(frozen=True, eq=False)
 class TriedEquation:
-    """One difference equation that was tried.
+    """A difference equation that was fitted as a candidate.
 
     Parameters
     ----------
@@ -155,7 +157,9 @@ class LinearFit:
         if self.continuous is None:
             texts.append("a pole has no continuous counterpart; sample faster")
         if self.free_run_nrmse is None:
-            texts.append("the order was chosen on the record itself; give a second one to judge by")
+            texts.append(
+                "the order was chosen on the record itself; give a second one to choose by"
+            )
         slowest = float(self.model.time_constants[0])
         longest = max(np.count_nonzero(one.u) for one in self.stretches) * self._interval
         if np.exp(-longest / slowest) > _NOT_AT_REST:

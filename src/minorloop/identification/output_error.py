@@ -2,8 +2,8 @@
 
 A difference equation A(q) y = B(q) u, with a = (a_1, ..., a_na) after the leading 1 of A and
 b = (b_1, ..., b_nb) from the ``delay``-th sample on, is fitted to records that begin at rest.
-Least squares on the equation itself (ARX) is one linear solve, but takes noise on the output
-for dynamics; the error of the simulated output has no such bias, and is minimised from there.
+Least squares on the equation (ARX) is one linear solve, but noise on the output biases it. The
+error of the simulated output has no such bias; it is minimised from there.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ import numpy as np
 from minorloop.arrays import FloatArray
 
 _PREFILTERED = 8
+"""Steps of Steiglitz and McBride."""
 _EVALUATIONS = 100
 _SMALLEST_GAIN, _SMALLEST_STEP = 1e-10, 1e-13
 _EDGE = 1 - 1e-7
+"""Largest magnitude of a stable pole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Structure:
-    """How many coefficients there are, and how many samples pass until the input is felt."""
+    """Numbers of coefficients, and delay of the input in samples."""
 
     na: int
     nb: int
@@ -140,10 +142,10 @@ def equation_error(
 
 
 def output_error(stretches: Sequence[Stretch], structure: Structure) -> Coefficients | None:
-    """The stable coefficients whose simulated output comes nearest to the measured one.
+    """Find the stable coefficients whose simulated output comes nearest to the measured one.
 
-    A constant is fitted to each stretch along with them, so that an error of its rest does no
-    harm. None where no stable ones were met.
+    A constant is fitted to each stretch too, so that an error of its rest has no effect. None if no
+    stable coefficients were found.
 
     References
     ----------
@@ -181,8 +183,8 @@ def jacobian(stretches: Sequence[Stretch], found: Coefficients) -> FloatArray:
 def covariance(stretches: Sequence[Stretch], found: Coefficients) -> FloatArray:
     """(na + nb, na + nb) covariance of the coefficients.
 
-    Neighbouring errors of a model that is too simple resemble each other; the variance is
-    multiplied by their correlation time, so that they do not count as independent.
+    Errors of a model that is too simple are correlated; the variance is multiplied by their
+    correlation time.
     """
     columns = jacobian(stretches, found)
     errors = residuals(stretches, found)
@@ -197,9 +199,9 @@ def covariance(stretches: Sequence[Stretch], found: Coefficients) -> FloatArray:
 
 
 def correlation_time(errors: Sequence[FloatArray]) -> float:
-    """Samples that one independent error is worth: 1 + 2 times the sum of autocorrelations.
+    """Samples for each independent error: 1 + 2 times the sum of autocorrelations.
 
-    The sum ends where they first turn negative (Sokal, Monte Carlo methods, 1997, section 3).
+    The sum ends at the first negative one (Sokal, Monte Carlo methods, 1997, section 3).
     """
     power = sum(float(error @ error) for error in errors)
     total = 1.0
@@ -249,7 +251,7 @@ def _solve(rows: FloatArray, wanted: FloatArray) -> FloatArray:
 
 
 def _reflected(found: Coefficients) -> Coefficients:
-    """The same with poles outside the unit circle, or on it, mirrored to its inside."""
+    """Mirror poles outside or on the unit circle to its inside."""
     poles = found.poles
     outside = np.abs(poles) >= _EDGE
     mirrored = np.where(outside, _EDGE / np.conj(np.where(outside, poles, 1.0)), poles)
@@ -258,7 +260,7 @@ def _reflected(found: Coefficients) -> Coefficients:
 
 
 def _shifted(x: FloatArray, samples: int) -> FloatArray:
-    """The signal that many samples later, from rest."""
+    """Delay a signal by that many samples, from rest."""
     if samples == 0:
         return x
     return np.concatenate([np.zeros(min(samples, x.size)), x[:-samples]])

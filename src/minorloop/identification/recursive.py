@@ -1,10 +1,10 @@
 """Recursive identification: one settled sample at a time, for actuators that drift.
 
-Least squares with forgetting, in information form: the normal matrix R and vector b are kept
-instead of a covariance, a leak towards the present weights keeps R invertible where the input
-does not excite, and the weights move by coordinate descent that stops at zero. Clipping the
-weights of a covariance recursion instead is no projection in its metric, and diverges on inputs
-that do not excite everything.
+Least squares with forgetting, in information form: the state is the normal matrix R and vector b
+instead of a covariance. A leak towards the present weights keeps R invertible where the input does
+not excite the plane. The weights are updated by coordinate descent with bounds at zero. Clipping
+the weights of a covariance recursion is no projection in its metric, and diverges on inputs that do
+not excite all weights.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from minorloop.operators.preisach import Diagonal, Preisach
 
 @dataclass(frozen=True, eq=False)
 class RecursiveState:
-    """What a recursion knows.
+    """State of the recursion.
 
     Parameters
     ----------
     memory : Memory
-        Of the relays, after every input that was applied.
+        Memory of the relays after the last input.
     theta : (n,) array
         Packed weights and offset, in the unit of the output.
     information : (n, n) array
@@ -39,9 +39,9 @@ class RecursiveState:
     vector : (n,) array
         Weighted sum of regressors times outputs, leak included.
     updates : int
-        Samples that were learnt from.
+        Number of samples used.
     frozen : str
-        Why the last sample was not learnt from; empty if it was.
+        Why the last sample was not used; empty if it was.
     """
 
     memory: Memory
@@ -61,7 +61,8 @@ class Recursive:
     levels : (L + 1,) array_like
         Thresholds.
     forgetting : float
-        Weight that a sample keeps per update, above 0 and up to 1: 0.995 remembers some 200.
+        Factor on the weight of a sample per update, above 0 and up to 1; 0.995 keeps about 200
+        samples.
     prior : float
         Strength of the leak towards the present weights, in samples; positive.
     sweeps : int
@@ -100,18 +101,18 @@ class Recursive:
 
     @property
     def spec(self) -> PlaneSpec:
-        """What is unknown: all weights, and the offset."""
+        """Unknowns: all weights and the offset."""
         return PlaneSpec(self.levels, self.relay, self.diagonal)
 
     def begin(self, start: Start = "negative", model: Preisach | None = None) -> RecursiveState:
-        """State before the first sample.
+        """Return the state before the first sample.
 
         Parameters
         ----------
         start : {"negative", "positive", "demagnetised"} or Memory
             Memory of the actuator.
         model : Preisach, optional
-            What is believed so far, on the same levels; nothing at all without it.
+            Initial model on the same levels; all weights are zero if not given.
 
         Raises
         ------
@@ -128,7 +129,7 @@ class Recursive:
             if not same:
                 raise ParameterError(
                     f"{model!r} has other levels, relays or diagonal than this recursion, or a "
-                    "slope; give one of the same form"
+                    "slope; give one with the same"
                 )
             theta[:-1], theta[-1] = pack(model.weights), model.offset
         blank = self.model(RecursiveState(Memory.negative(0.0), theta, theta, theta))
@@ -138,11 +139,10 @@ class Recursive:
     def update(
         self, state: RecursiveState, u: float, y: float, *, settled: bool = True
     ) -> RecursiveState:
-        """Learn from one sample; a new state, the old one is left as it was.
+        """Return the state after one sample; the old state does not change.
 
-        Nothing is learnt, though the memory follows the input, where the output has not settled
-        or was not measured (NaN), where the input is beyond the levels, and where the relays
-        are as they were.
+        Only the memory is updated if the output has not settled or was not measured (NaN), if the
+        input is beyond the levels, or if no relay switched.
 
         Parameters
         ----------
@@ -182,12 +182,12 @@ class Recursive:
         return RecursiveState(memory, theta, information, vector, state.updates + 1)
 
     def run(self, state: RecursiveState, u: npt.ArrayLike, y: npt.ArrayLike) -> RecursiveState:
-        """Learn from a sequence of settled samples.
+        """Return the state after a sequence of settled samples.
 
         Parameters
         ----------
         state : RecursiveState
-            What is known before.
+            State before the sequence.
         u : (n,) array_like
             Inputs.
         y : (n,) array_like
@@ -198,25 +198,25 @@ class Recursive:
         return state
 
     def model(self, state: RecursiveState) -> Preisach:
-        """The operator as it is believed to be now.
+        """Return the present estimate of the operator.
 
         Parameters
         ----------
         state : RecursiveState
-            What is known.
+            State of the recursion.
         """
         return self.spec.model(state.theta)
 
     def excitation(self, state: RecursiveState) -> float:
-        """Least eigenvalue of the remembered information, over the number remembered.
+        """Least eigenvalue of the information, over the effective number of samples.
 
-        Zero where some combination of the weights has not been excited within memory; that of
-        a decaying staircase of 10 bands is about 0.005. The leak does not count.
+        Zero if some combination of the weights has not been excited recently; about 0.005 for a
+        decaying staircase of 10 bands. The leak is not included.
 
         Parameters
         ----------
         state : RecursiveState
-            What is known.
+            State of the recursion.
         """
         leak = self.prior * np.eye(state.theta.size)
         remembered = (1 - self.forgetting**state.updates) / (1 - self.forgetting or np.inf)

@@ -14,13 +14,15 @@ from minorloop.errors import SignalError
 from minorloop.identification.output_error import Stretch
 
 Reading: TypeAlias = Literal["end", "begin"]
-"""Whether an output was read when its input had been on for one interval, as an `Actuator`
-records it, or in the moment in which its input was set."""
+"""Whether an output was read at the end of the interval with its input, as an `Actuator` records
+it, or when its input was set."""
 Arrays: TypeAlias = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
 """t, u and y, (T,) each."""
 
 _TAIL = 0.1
+"""Share of a hold, at its end, whose mean is the settled output."""
 _UNEVEN = 1e-3
+"""Largest relative deviation of a sampling interval from the median."""
 _UNMOVED = 1e-9
 
 
@@ -55,7 +57,7 @@ class Step:
 
 
 def as_sampled(record: Arrays, reading: Reading) -> Sampled:
-    """Check a record and bring it to one convention.
+    """Check a record and convert it to the convention of `Sampled`.
 
     Raises
     ------
@@ -70,21 +72,21 @@ def as_sampled(record: Arrays, reading: Reading) -> Sampled:
     if np.abs(steps - interval).max() > _UNEVEN * interval:
         worst = int(np.argmax(np.abs(steps - interval)))
         raise SignalError(
-            f"t goes on by {steps[worst]:g} s at index {worst + 1} and by {interval:g} s "
+            f"t increases by {steps[worst]:g} s at index {worst + 1} and by {interval:g} s "
             "elsewhere; sample evenly, or interpolate"
         )
     if reading == "end":
         u = np.append(u[1:], u[-1])
     if np.ptp(u) == 0:
         raise SignalError(
-            f"the input is {u[0]:g} throughout; include the hold before the step, a step without "
-            "its rest says nothing"
+            f"the input is {u[0]:g} throughout; include the hold before the step, which shows the "
+            "output at rest"
         )
     return Sampled(interval, u, y)
 
 
 def whole(record: Sampled) -> Stretch:
-    """The record from the tail of its first hold on, less what it was at rest there."""
+    """The record from the end of its first hold on, less its values at rest there."""
     first = int(record.changes[0])
     begin = first + 1 - _tail(first + 1)
     rest = float(record.y[begin : first + 1].mean())
@@ -92,9 +94,9 @@ def whole(record: Sampled) -> Stretch:
 
 
 def steps_in(record: Sampled) -> list[Step]:
-    """Every step of a record of holds, with the tail of the hold before it.
+    """Every step of a record of holds, with the end of the hold before it.
 
-    Steps after which the output is where it was are left out: they have no response to scale.
+    Steps that do not change the output are left out: they have no response to scale.
     """
     found = []
     edges = np.concatenate([[0], record.changes, [record.y.size - 1]])

@@ -23,7 +23,7 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop.operators._memory_kernels import wipes_out
 
 VALUE, OUTPUT, BAND, FRACTION = 0, 1, 2, 3
-CROWDED = 8  # more thresholds than this in one bucket are bisected
+CROWDED = 8  # more thresholds than this in one bucket are searched by bisection
 
 
 class Plane(NamedTuple):
@@ -79,7 +79,7 @@ def everett_inside(nodes, bow, i, s, j, f):
 
 @njit(cache=True, nogil=True)
 def saturate(plane, stack):
-    """Negative saturation; gives the rows in use."""
+    """Set negative saturation; returns the rows in use."""
     stack[0, VALUE] = plane.levels[0]
     stack[0, OUTPUT] = plane.saturation
     stack[0, BAND] = 0.0
@@ -89,7 +89,7 @@ def saturate(plane, stack):
 
 @njit(cache=True, nogil=True)
 def simulate(plane, stack, n, u, y):
-    """Outputs for a whole input, into y; gives the rows in use at the end.
+    """Fill y with the outputs for a whole input; returns the rows in use at the end.
 
     Reduced memory sequence: Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1.
 
@@ -191,7 +191,7 @@ def branch_input(levels, nodes, bow, slope, pivot, rising, band, target):
     y0 = sign * (along(levels, nodes, bow, slope, pivot, rising, band, start) - target)
     yh = sign * (along(levels, nodes, bow, slope, pivot, rising, band, middle) - target)
     y1 = sign * (along(levels, nodes, bow, slope, pivot, rising, band, end) - target)
-    if y1 < 0.0:  # beyond the far end, and perhaps so far that the sums below overflow
+    if y1 < 0.0:  # beyond the far end; the sums below may overflow
         return levels[band + 1] if rising else levels[band]
     x = smallest_root(y0, -3.0 * y0 + 4.0 * yh - y1, 2.0 * (y0 + y1 - 2.0 * yh))
     fraction = start + x * (end - start)
@@ -226,9 +226,9 @@ def branch_band(levels, nodes, bow, slope, pivot, rising, near, stop, target):
 def aim(plane, stack, n, target):
     """Nearest input that brings the output to the target; the stack stays as it is.
 
-    Tan, Venkataraman and Krishnaprasad, Proc. IEEE CDC 2001: march to the breakpoint past
-    which the target lies, then solve the piece. Breakpoints are the thresholds and the
-    remembered extrema; passing an extremum wipes it out, and its output is on the stack.
+    Tan, Venkataraman and Krishnaprasad, Proc. IEEE CDC 2001: go from breakpoint to breakpoint until
+    the target lies before the next one, then solve the piece. Breakpoints are the thresholds and
+    the remembered extrema; passing an extremum wipes it out, and its output is on the stack.
     """
     levels, _, _, _, nodes, bow, _, slope = plane
     value = stack[n - 1, VALUE]

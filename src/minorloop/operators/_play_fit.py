@@ -18,6 +18,7 @@ LEAST_SLOPE = 1e-4
 """Of plays, in output swing over input swing: what keeps a fitted operator invertible."""
 
 _FLATTEST, _STEEPEST = 1e-3, 1e2
+"""Bounds of the slopes of the dead zones."""
 _STILL = 1e-9
 
 

@@ -12,7 +12,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def move(levels, on, level, u):
-    """Take the marker to u, one level at a time; gives the level it ends at."""
+    """Move the marker to u, one level at a time; returns its last level."""
     while level + 1 < levels.size and u >= levels[level + 1]:
         level += 1
         on[level, : level + 1] = 1.0
@@ -42,7 +42,7 @@ def simulate(levels, weights, on, level, u, y):
 
 @njit(cache=True, nogil=True)
 def stepping_inverse(levels, weights, on, level, targets, u, y, reachable):
-    """Step level by level until each target is passed; inputs, outputs, success."""
+    """Step level by level until each target is passed; fills inputs, outputs and success."""
     for t in range(targets.size):
         now = total(weights, on)
         way = 1 if targets[t] > now else -1

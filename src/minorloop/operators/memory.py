@@ -1,8 +1,8 @@
-"""The reduced memory sequence: all that the past left behind.
+"""The reduced memory sequence: the state of a Preisach operator.
 
-A Preisach operator remembers alternating minima and maxima, each inside the one before it;
-whatever else happened was wiped out. The first entry is the minimum of negative saturation
-and the last the present input.
+The operator remembers alternating minima and maxima, each pair inside the one before it; all other
+inputs have been wiped out. The first entry is the minimum of negative saturation, the last one the
+present input.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ Saturation: TypeAlias = Literal["negative", "positive", "demagnetised"]
 Start: TypeAlias = "Memory | Saturation"
 
 DEMAGNETISING_TURNS = 512
+"""Turns of the oscillation: the middle output is reached to about 1/512 of the range."""
 ROOM = 32
-"""Extrema that a memory of bounded length has room for where nothing else is asked for."""
+"""Default number of extrema that a memory of bounded length holds."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Memory:
 
     @classmethod
     def after(cls, inputs: Iterable[float], *, low: float, high: float) -> Memory:
-        """Memory that a sequence of inputs leaves behind, from negative saturation.
+        """Memory after a sequence of inputs from negative saturation.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """The relay-by-relay model: dots on level pairs, switched by a moving marker.
 
-This is how many papers draw and program the Preisach model. It is kept for comparison: each
-relay is a dot at (alpha, beta) = (levels[a], levels[b]), inputs act only as they cross levels,
-and its stepping inverse is as coarse as the levels are.
+Many papers draw and program the Preisach model in this way. It is here for comparison: each relay
+is a dot at (alpha, beta) = (levels[a], levels[b]), inputs act only when they cross levels, and the
+resolution of the stepping inverse is that of the levels.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class RelayModel:
     """Weighted relays on level pairs.
 
     A relay at (alpha, beta) switches on when the input reaches alpha and off when it falls
-    below beta; in between it stays as it was. In the picture of the marker: moving up to level
+    below beta; in between it keeps its state. In terms of the marker, moving up to level
     k switches on the row alpha = levels[k], moving down from level k switches off the column
     beta = levels[k].
 
@@ -86,16 +86,16 @@ class RelayModel:
 
     @classmethod
     def from_preisach(cls, model: Preisach) -> RelayModel:
-        """The dots that act as a plane does, for inputs that take level values only.
+        """Relays that are equivalent to a plane for inputs on the levels.
 
         The weight of cell (i, j) goes to the dot (i + 1, j + 1): it is on when the input has
         reached the upper end of band i, off when it has fallen to the lower end of band j. The
-        column at the lowest level stays empty, for it would never switch off again.
+        column at the lowest level is empty, because it would never switch off.
 
         Parameters
         ----------
         model : Preisach
-            With levels that become the dots' values.
+            Its levels become those of the relays.
 
         Raises
         ------
@@ -103,7 +103,9 @@ class RelayModel:
             If the model has a slope, which relays cannot give.
         """
         if model.slope:
-            raise ParameterError(f"slope {model.slope:g} has no relays; give a model without one")
+            raise ParameterError(
+                f"slope is {model.slope:g}, which relays cannot give; give a model without slope"
+            )
         weights = np.zeros((model.levels.size, model.levels.size))
         weights[1:, 1:] = model.weights
         return cls(model.levels, weights, model.offset, model.relay)
@@ -156,11 +158,10 @@ class RelayModel:
     def stepping_inverse(
         self, targets: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
     ) -> Inversion:
-        """Inputs found by trying one level after another until the output passes the target.
+        """Find inputs level by level until the output passes each target.
 
-        The search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6, made safe: steps are tried on
-        a copy of the relays, and the search stops at the last level. It overshoots by up to one
-        level; `Preisach.invert` is exact.
+        The search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6, on a copy of the relays; it stops
+        at the last level. It overshoots by up to one level; `Preisach.invert` is exact.
 
         Parameters
         ----------
@@ -186,7 +187,7 @@ class RelayModel:
         return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
 
     def _start(self, start: str) -> tuple[FloatArray, int]:
-        """Relays, and the level that the marker is at (-1: below the lowest)."""
+        """Relays, and the level of the marker (-1: below the lowest)."""
         check_option("start", start, ("negative", "positive"))
         if start == "negative":
             return np.zeros(self.weights.shape), -1

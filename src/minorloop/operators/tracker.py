@@ -53,7 +53,7 @@ class Tracker(Generic[Model]):
 
     @property
     def memory(self) -> Memory:
-        """What is remembered now."""
+        """Present memory."""
         return Memory(self._stack[: self._rows, _kernels.VALUE].tolist())
 
     def push(self, u: float) -> float:

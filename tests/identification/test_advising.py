@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+
+from fault_records import INPUTS, record
+from minorloop.identification import excitation, identify
+from minorloop.lab.columns import read_columns
+from minorloop.operators.preisach import Preisach
+from plane_records import LEVELS, a_plane, a_record
+
+
+def test_warnings_come_first_and_go_with_every_inverse():
+    u, y = record()
+    y[40:120] = y[40]
+    found = identify(u, y, levels=8, holdout=0.3)
+    assert "the output is stuck" in found.warnings[0]
+    assert found.advice[: len(found.warnings)] == found.warnings
+    inverse = found.invert([0.0])
+    assert inverse.warnings == found.warnings
+    assert f"warning: {found.warnings[0]}" in str(inverse)
+    assert "warning" not in str(found.model.invert([0.0]))
+
+
+def test_a_large_error_on_held_out_data_is_a_warning():
+    u, y = record()
+    found = identify(u, np.where(np.arange(y.size) > 300, y - 0.5, y), levels=8, holdout=0.3)
+    assert "the error on held-out data" in " ".join(found.warnings)
+
+
+def test_an_outlier_held_out_does_not_condemn_the_model():
+    u, y = record()
+    y[350] += 30 * np.ptp(y)
+    found = identify(u, y, levels=8, holdout=0.3)
+    (warning,) = found.warnings
+    assert "1 outlier: sample 350" in warning
+
+
+def test_the_option_for_a_lag_is_not_recommended_where_it_was_given():
+    u = INPUTS["levels"]
+    for lag, said in ((0, True), ("auto", False)):
+        found = identify(u, u**3, levels=3, lag=lag, holdout=0.3)
+        worse = next(text for text in found.warnings if "polynomial" in text)
+        assert ("--lag auto" in worse) == said
+
+
+@pytest.mark.parametrize(
+    ("u", "y", "says"),
+    [
+        (excitation.major_loop(LEVELS), None, "one major loop"),
+        (LEVELS[[0, 10, 1, 9, 2, 8, 3, 7, 4, 6, 5]], None, "reversal points only"),
+        (a_record(30)[0], None, "30 samples for 56 unknowns"),
+    ],
+)
+def test_a_poor_input_is_said_to_be_one(u, y, says):
+    advice = " ".join(identify(u, a_plane().simulate(u), levels=LEVELS).advice)
+    assert says in advice
+    assert "no data were held out" in advice
+
+
+def test_other_advice():
+    u, y = a_record()
+    assert "widen the levels" in " ".join(identify(1.1 * u, y, levels=LEVELS).advice)
+    polynomial = identify(u, u**3, levels=3, holdout=0.3)
+    assert "polynomial of the delayed input is better" in " ".join(polynomial.advice)
+    changed = np.where(np.arange(y.size) > 1000, y + 10, y)
+    assert "more than twice" in " ".join(identify(u, changed, levels=10, holdout=0.3).advice)
+    assert identify(u, y, levels=LEVELS, holdout=0.3).advice == ()
+
+
+def test_noise_alone_is_not_taken_for_hysteresis():
+    rng = np.random.default_rng(0)
+    u, y = rng.normal(size=(2, 800))
+    advice = " ".join(identify(u, y, levels=8, holdout=0.3).advice)
+    assert "is nearly as good" in advice or "is better" in advice
+
+
+def test_an_output_that_falls_is_said_to():
+    u, y = a_record(400)
+    assert "reverse the sign of the output" in " ".join(identify(u, -y, levels=10).advice)
+    assert "reverse the sign" not in " ".join(identify(u, y, levels=10).advice)
+
+
+def test_a_smaller_range_at_the_end_is_no_overfitting():
+    """The same noise over a smaller range is a larger share of it, and no worse."""
+    rng = np.random.default_rng(1)
+    t = np.arange(3000)
+    u = np.where(t < 2100, 5.0, 0.25) * np.sin(t / 20)
+    model = Preisach(np.linspace(-5, 5, 21), np.tril(np.ones((20, 20))))
+    y = model.simulate(u) + rng.normal(0, 0.5, t.size)
+    found = identify(u, y, levels=20, holdout=0.3)
+    assert found.holdout_nrmse > 2 * found.nrmse
+    assert "more than twice" not in " ".join(found.advice)
+
+
+def test_one_real_major_loop_is_said_to_be_one(shared_data):
+    columns = read_columns(
+        shared_data / "piezo_micromanipulator_model.csv", ["input_V", "displacement_um"]
+    )
+    u, y = (column[200:] for column in columns.values())
+    assert "one major loop" in " ".join(identify(u, y, levels=25, lag=3, holdout=0.3).advice)
