@@ -225,17 +225,17 @@ class ReachWatch(Loop):
         """Return a verdict once it is certain, and its reason is clear or the time is over."""
         if trial.full < self.wire.lag or reference - angle <= self.tolerance:
             return None
-        stands = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
+        stopped = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
         weight = self._hypotheses.weights(trial.bank)
         final = self._hypotheses.final(trial.bank, angle, self.highest)
         # The predicted motion has an error proportional to it.
         short = final + _UNSURE * np.maximum(final - angle, 0.0) < reference - self.tolerance
-        if not stands and float(weight[short].sum()) < self.certainty:
+        if not stopped and float(weight[short].sum()) < self.certainty:
             return None
         reason, clear = self._reason(trial, np.where(short, weight, 0.0), angle)
-        if not (stands or clear or trial.seconds > _DEADLINE):
+        if not (stopped or clear or trial.seconds > _DEADLINE):
             return None
-        reach = angle if stands else max(float(weight @ final), angle)
+        reach = angle if stopped else max(float(weight @ final), angle)
         return Unreachable(reason, reference, reach, trial.seconds)
 
     def _reason(self, trial: Trial, weight: FloatArray, angle: float) -> tuple[Reason, bool]:
