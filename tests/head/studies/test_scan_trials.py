@@ -109,8 +109,10 @@ def test_the_image_of_a_trial_has_a_dark_mouth():
 
 def test_the_scan_is_that_of_mission_and_console():
     place = draw_sounding(3, kind="dry")
-    bursts = scan(place)
-    targets = raster(place.ear, place.centre, points=RasterScan.points)
+    probe, bursts = scan(place)
+    targets = raster(probe, place.centre, points=RasterScan.points)
+    assert probe.mount.advance == pytest.approx(place.centre[1], abs=0.06e-3)
+    assert probe.mount.roll == pytest.approx(place.centre[0], abs=6e-3)
     assert [burst.verdict for burst in bursts] == [NO_COUPLING] + [""] * (len(targets) - 1)
     assert {burst.fired for burst in bursts} == {RasterScan.shots}
     off = np.degrees([burst.angles for burst in bursts] - targets)
@@ -121,3 +123,9 @@ def test_the_scan_is_that_of_mission_and_console():
 
 def test_the_first_burst_detects_a_dry_pipe():
     assert sound(draw_sounding(3, kind="dry")).modality == "camera"
+
+
+def test_a_place_beside_the_catheter_is_scanned_too():
+    probe, bursts = scan(draw_sounding(70_005, kind="dry"))
+    assert len(bursts) == RasterScan.points**2
+    assert np.isfinite(probe.mount.roll)

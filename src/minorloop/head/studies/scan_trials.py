@@ -18,8 +18,8 @@ from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.measure import NO_COUPLING, wall_about
-from minorloop.head.procedures.scan import RasterScan, ScanState
-from minorloop.head.procedures.values import NOTHING, Reading, Request
+from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.values import NOTHING, Reading
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.studies import scoring
 from minorloop.head.twins.camera import LENS
@@ -196,21 +196,31 @@ def draw_sounding(
     return ScanTrial(*about, sonar=sonar, pipe=pipe, mount=true, probe=settings, rng=rng)
 
 
-def scan(trial: ScanTrial) -> tuple[Burst, ...]:
+def scan(trial: ScanTrial) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
     """Scan a raster by the procedure of mission and console, while flow sways the head.
 
-    The joints follow at once; joints and base are measured with noise.
+    Joints and catheter follow at once; joints and base are measured with noise.
+
+    Returns
+    -------
+    probe : CalibratedProbe
+        At the place of the scan.
+    bursts : tuple of Burst
     """
     scanning = RasterScan(calibration=_calibration(trial.ear))
-    place = (trial.ear.mount.advance, trial.ear.mount.roll)
-    targets = scanning.targets(trial.centre, place)
-    state: ScanState = ScanState(centre=trial.centre, stage="points", targets=targets)
-    begin, request = float(trial.rng.uniform(0.0, _PHASES)), NOTHING
+    state, request = scanning.begin(trial.centre), NOTHING
+    place = start = np.array([trial.ear.mount.advance, trial.ear.mount.roll])
+    joints, begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
     while not state.done:
-        reading = _reading(trial, request, place, begin)
+        joints = joints if request.angles is None else request.angles
+        place = place + _TICK * request.rates
+        advance, roll = (place - start).tolist()
+        true = trial.mount
+        trial.sonar.move(replace(true, advance=true.advance + advance, roll=true.roll + roll))
+        reading = _reading(trial, request.shots, joints, place, begin)
         state, request = scanning.step(state, reading)
         trial.sonar.wait(_TICK)
-    return state.bursts
+    return scanning.calibration.probe_at(place), state.bursts
 
 
 def _calibration(ear: CalibratedProbe) -> HeadCalibration:
@@ -228,13 +238,12 @@ def _calibration(ear: CalibratedProbe) -> HeadCalibration:
 
 
 def _reading(
-    trial: ScanTrial, request: Request, place: tuple[float, float], begin: float
+    trial: ScanTrial, count: int, joints: FloatArray, place: FloatArray, begin: float
 ) -> Reading:
-    """Fire the requested burst, and read joints and gyroscope."""
+    """Fire a burst, and read joints, catheter and gyroscope."""
     t, sonar, rng = trial.sonar.clock, trial.sonar, trial.rng
-    joints = np.zeros(2) if request.angles is None else request.angles
     shots = []
-    for _ in range(request.shots):
+    for _ in range(count):
         pan, tilt = joints + np.radians(_SWAY.at(begin + sonar.clock))
         sonar.look(float(pan), float(tilt))
         shots.append(sonar.shot())
@@ -242,10 +251,10 @@ def _reading(
     return Reading(
         t=t,
         angles=joints + _JOINT_NOISE * rng.standard_normal(2),
-        place=np.array(place),
+        place=place,
         base=np.radians(base),
         shots=tuple(shots),
-        fired=bool(shots),
+        fired=count > 0,
     )
 
 
@@ -276,9 +285,9 @@ class ScoredScan:
 
 def sound(trial: ScanTrial) -> ScoredScan:
     """Scan, measure and fuse one place."""
-    bursts = scan(trial)
+    probe, bursts = scan(trial)
     coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
-    return examined(trial, bursts, "sonar" if coupled else "camera")
+    return examined(replace(trial, ear=probe), bursts, "sonar" if coupled else "camera")
 
 
 def examined(sounding: ScanTrial, bursts: Sequence[Burst], modality: str = "sonar") -> ScoredScan:
