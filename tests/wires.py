@@ -1,4 +1,4 @@
-"""Heated wires for tests: one made up, one identified on its twin, and loops around twins."""
+"""Heated wires for tests: a made-up one, one identified on its twin, and a loop around a twin."""
 
 from functools import cache
 
@@ -58,7 +58,7 @@ def identified(bands=16, noise=0.05):
 
 
 class Run:
-    """A guarded loop around a twin of a head: what was wanted, measured, applied and true."""
+    """A guarded loop around a twin of a head, with targets, currents, estimates and truth."""
 
     def __init__(self, control, reference, seconds, **options):
         options = {"noise": 0.05, "delay": TICK, "seed": 3, **options}

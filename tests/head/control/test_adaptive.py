@@ -22,7 +22,7 @@ def aged():
 
 
 def work(law, plant, targets, *, hold=12.0, state=None):
-    """Go through targets; gives the last state, and all models that were believed."""
+    """Go through targets; return the last state and all models."""
     state = law.begin() if state is None else state
     seen, models = angle(plant), [law.control.wire.operator]
     for target in targets:
@@ -60,7 +60,7 @@ def test_every_update_is_bounded_and_leaves_a_model_that_can_be_inverted():
         assert after.monotone
 
 
-def test_nothing_is_learnt_while_the_wire_moves_or_nothing_is_read():
+def test_nothing_is_learnt_in_motion_or_without_readings():
     law = adaptive()
     state = law.begin()
     for k in range(500):
@@ -68,7 +68,7 @@ def test_nothing_is_learnt_while_the_wire_moves_or_nothing_is_read():
     assert state.belief.updates == 0
 
 
-def test_what_makes_predictions_worse_is_given_up():
+def test_an_update_that_makes_predictions_worse_is_undone():
     law = adaptive(tolerance=0.3)
     plant = Wire(noise=0.02, seed=1)
     state, _ = work(law, plant, TARGETS[:4])
@@ -77,7 +77,7 @@ def test_what_makes_predictions_worse_is_given_up():
     assert state.belief.rollbacks >= 1
 
 
-def test_the_current_that_was_applied_goes_into_the_observer():
+def test_the_observer_uses_the_applied_current():
     law = adaptive()
     _, state = law.step(law.begin(), 40.0, 0.0)
     cut = law.step(replace(state, applied=0.0), 40.0, 0.0)[1]

@@ -34,7 +34,7 @@ def test_every_controller_brings_the_wire_to_the_target(name, reference):
 
 
 @NAMES
-def test_what_reads_the_sensor_compensates_a_warmer_ambient(name):
+def test_every_closed_loop_compensates_a_warmer_ambient(name):
     if name == "feedforward":
         pytest.skip("open loop reads no sensor")
     warm = Wire(noise=0.05, seed=1, surroundings=Surroundings(ambient=27.0))
@@ -71,7 +71,7 @@ def test_taking_over_a_settled_wire_does_not_disturb_it(name, holds):
     reference=st.floats(-20, 90),
 )
 @settings(max_examples=25)
-def test_no_controller_asks_for_more_than_its_limits(name, readings, reference):
+def test_no_controller_requests_more_than_its_limits(name, readings, reference):
     law = controller(name, made_up())
     state = law.begin()
     for reading in readings:

@@ -23,7 +23,7 @@ def test_the_sensor_is_not_read():
     assert law.step(state, 20.0, 50.0)[0] == law.step(state, 20.0, math.nan)[0]
 
 
-def test_the_model_follows_the_current_that_was_achieved():
+def test_the_model_follows_the_applied_current():
     wire = made_up()
     law = Feedforward(wire=wire)
     _, state = law.step(law.begin(), 40.0, math.nan)

@@ -36,7 +36,7 @@ def causes(state):
 
 
 def loop(guard, reference, seconds, *, spoil=lambda t, y: y, state=None, plant=None):
-    """Run a guard on the twin that its model was identified on; gives currents, state and plant."""
+    """Run a guard on the twin of its model; return currents, state and plant."""
     state = guard.begin() if state is None else state
     plant = Wire(noise=0.05, seed=1) if plant is None else plant
     currents, seen = [], angle(plant)
@@ -53,7 +53,7 @@ def loop(guard, reference, seconds, *, spoil=lambda t, y: y, state=None, plant=N
     hottest=st.sampled_from([150.0, 90.0, 40.0]),
 )
 @settings(max_examples=25)
-def test_whatever_is_read_and_asked_for_the_limits_are_kept(name, ticks, hottest):
+def test_the_limits_are_kept_for_any_readings_and_targets(name, ticks, hottest):
     guard = guarded(name, limits=WireLimits(hottest=hottest))
     state, t = guard.begin(), 0.0
     for reading, reference, gap in ticks:
@@ -95,7 +95,7 @@ def test_a_sensor_at_fault_ends_in_cooling(name, fault, lasts):
     assert causes(state).count("sensor") == 1
 
 
-def test_a_sensor_that_comes_back_is_believed_after_a_second():
+def test_a_sensor_that_works_again_is_trusted_after_a_second():
     guard = guarded()
     _, state, plant = loop(guard, 40.0, 40.0, spoil=lambda t, y: math.nan if 8.0 < t < 10.0 else y)
     assert causes(state)[-1] != "sensor"
@@ -103,7 +103,7 @@ def test_a_sensor_that_comes_back_is_believed_after_a_second():
     assert angle(plant) == pytest.approx(40.0, abs=0.5)
 
 
-def test_a_target_that_is_no_number_leaves_the_last_one():
+def test_an_invalid_target_keeps_the_last_one():
     guard = guarded()
     _, state, plant = loop(guard, 30.0, 20.0)
     _, state, plant = loop(guard, math.nan, 5.0, state=state, plant=plant)
@@ -113,14 +113,14 @@ def test_a_target_that_is_no_number_leaves_the_last_one():
 
 
 @pytest.mark.parametrize("nonsense", [None, "up", [1.0], math.inf])
-def test_nonsense_for_a_target_or_a_reading_raises_nothing(nonsense):
+def test_invalid_targets_and_readings_raise_nothing(nonsense):
     guard = guarded()
     current, state = guard.step(guard.begin(), nonsense, nonsense)
     assert current == 0.0
     assert "reference" in causes(state)
 
 
-def test_a_clock_that_goes_backwards_is_noted_and_its_reading_left_out():
+def test_a_time_that_goes_back_is_logged_and_its_reading_is_not_used():
     guard = guarded()
     _, state = guard.step(guard.begin(), 20.0, 0.01, t=1.0)
     _, state = guard.step(state, 20.0, 50.0, t=0.5)
@@ -141,7 +141,7 @@ def test_after_a_gap_the_wire_is_as_warm_as_its_current_made_it():
     assert "clock" in causes(state)
 
 
-def test_a_target_that_is_too_fast_is_noted():
+def test_a_target_that_is_too_fast_is_logged():
     guard, plant = guarded(), Wire(noise=0.05, seed=1)
     state, seen = guard.begin(), 0.0
     for k in range(1500):
@@ -152,14 +152,14 @@ def test_a_target_that_is_too_fast_is_noted():
     assert state.unreachable is None
 
 
-def test_stress_beyond_the_advice_of_the_maker_is_noted():
+def test_stress_above_the_advice_of_the_maker_is_logged():
     _, state, _ = loop(guarded(), 15.0, 10.0)
     assert "stress" not in causes(state)
     _, state, _ = loop(guarded(), 50.0, 15.0)
     assert causes(state).count("stress") == 1
 
 
-def test_a_persisting_cause_is_noted_once():
+def test_a_persistent_cause_is_logged_once():
     _, state, _ = loop(guarded(), 90.0, 20.0)
     assert causes(state).count("unreachable") == 1
 
@@ -176,7 +176,7 @@ def test_a_target_beyond_the_stroke_is_held_near_the_end():
 
 @given(angle=st.floats(0, 60), current=st.floats(-1, 2) | st.just(math.nan))
 @settings(max_examples=20)
-def test_it_begins_wherever_the_wire_is_found(angle, current):
+def test_it_begins_at_any_angle_and_current(angle, current):
     guard = guarded()
     state = guard.begin(angle, current)
     assert 0.0 <= state.applied <= 0.4
@@ -194,7 +194,7 @@ def test_two_clocks_are_refused():
 
 
 @pytest.mark.parametrize("jump", [1e4, -3600.0, 3600.0])
-def test_a_clock_that_was_set_is_believed_again_after_three_steps(jump):
+def test_a_clock_that_was_set_is_accepted_after_three_steps(jump):
     guard = guarded()
     state = guard.begin()
     for k in range(60):
@@ -205,7 +205,7 @@ def test_a_clock_that_was_set_is_believed_again_after_three_steps(jump):
     assert state.fault == ""
 
 
-def test_one_wrong_time_does_no_harm():
+def test_one_wrong_time_has_no_effect():
     guard = guarded()
     state = guard.begin()
     for k in range(60):
@@ -214,7 +214,7 @@ def test_one_wrong_time_does_no_harm():
     assert state.fault == ""
 
 
-def test_a_cause_that_comes_and_goes_does_not_push_out_others():
+def test_a_frequent_cause_does_not_displace_others_in_the_log():
     guard = guarded()
     state = guard.begin()
     for k in range(400):

@@ -21,7 +21,7 @@ def control(name="observer", **options):
 
 
 @pytest.mark.parametrize("target", [20.0, 30.0, 40.0])
-def test_the_default_settles_in_eight_seconds_with_hardly_an_overshoot(target):
+def test_the_default_settles_in_eight_seconds_with_little_overshoot(target):
     run = Run(control(), (target, target), 25.0)
     assert run.settling <= 8.0
     assert run.overshoot <= 3.0
@@ -32,14 +32,14 @@ def test_the_default_settles_in_eight_seconds_with_hardly_an_overshoot(target):
 @pytest.mark.parametrize(
     "surroundings", [{"ambient": 10}, {"ambient": 30}, {"convection": 65}, {"convection": 90}]
 )
-def test_other_surroundings_make_it_slower_and_no_more(surroundings):
+def test_other_surroundings_only_make_it_slower(surroundings):
     run = Run(control(), (40.0, 20.0), 25.0, surroundings=Surroundings(**surroundings))
     assert run.settling <= 14.0
     assert run.overshoot <= 6.0
     assert run.unreachable == []
 
 
-def test_a_ramp_of_the_ambient_is_made_up_for():
+def test_a_ramp_of_the_ambient_is_compensated():
     ramp = Surroundings(ambient=Course(20.0, 30.0, at=20.0, duration=10.0))
     run = Run(control(), (30.0, 30.0), 45.0, surroundings=ramp)
     assert np.abs(run.error(after=19.0)).max() <= 1.2
@@ -70,7 +70,7 @@ def test_no_fault_in_hot_surroundings_makes_a_wire_too_hot(name, kind):
     assert run.state.axes[1].fault == ""
 
 
-def test_the_wire_is_never_hotter_than_the_controller_holds_possible():
+def test_the_wire_is_never_hotter_than_its_estimate():
     for specimen in (1, 4):
         run = Run(control(), (55.0, 20.0), 20.0, specimen=specimen)
         assert run.hottest.max() <= run.believed.max()
@@ -89,7 +89,7 @@ def test_a_flooded_head_is_diagnosed_and_no_longer_heated(name):
     assert [event.cause for axis, event in run.state.log if axis == 0].count("unreachable") == 1
 
 
-def test_a_head_that_is_too_cold_is_diagnosed_and_holds_what_it_can():
+def test_a_head_that_is_too_cold_is_diagnosed_and_held_near_its_reach():
     run = Run(control(), (55.0, 0.0), 50.0, surroundings=Surroundings(ambient=-10.0))
     at, _, verdict = run.unreachable[0]
     assert at <= 10.0
@@ -99,7 +99,7 @@ def test_a_head_that_is_too_cold_is_diagnosed_and_holds_what_it_can():
     assert run.true[-1, 0] == pytest.approx(0.9 * verdict.reach, abs=1.0)
 
 
-def test_undoing_the_coupling_keeps_one_axis_still_while_the_other_moves():
+def test_one_axis_stays_still_while_the_other_moves():
     still = [
         np.abs(
             Run(
@@ -119,7 +119,7 @@ def test_undoing_the_coupling_keeps_one_axis_still_while_the_other_moves():
     )
 )
 @settings(max_examples=30)
-def test_whatever_the_sensors_say_nothing_is_raised(readings):
+def test_no_reading_raises_an_error(readings):
     head = head_control("observer", (made_up(),) * 2, coupling=COUPLING)
     state = head.begin()
     for reading in readings:
@@ -128,13 +128,13 @@ def test_whatever_the_sensors_say_nothing_is_raised(readings):
 
 
 @pytest.mark.parametrize("nonsense", [None, "left", [1.0], [1.0, 2.0, 3.0], ["a", "b"]])
-def test_nonsense_raises_nothing(nonsense):
+def test_invalid_values_raise_nothing(nonsense):
     head = head_control("observer", (made_up(),) * 2)
     current, _ = head.step(head.begin(), nonsense, nonsense)
     np.testing.assert_array_equal(current, 0.0)
 
 
-def test_it_begins_where_the_head_is_found():
+def test_it_begins_at_the_angles_of_the_head():
     wire = made_up()
     head = head_control("observer", (wire, wire), coupling=COUPLING)
     own = np.array([wire.begin(0.1).angle, wire.begin(0.12).angle])
@@ -148,14 +148,14 @@ def test_bad_couplings_are_refused():
     axes = head_control("pi", (made_up(),) * 2).axes
     with pytest.raises(ParameterError, match=r"shape \(3, 3\)"):
         HeadControl(axes, np.eye(3))
-    with pytest.raises(ParameterError, match="cannot be told apart"):
+    with pytest.raises(ParameterError, match="cannot be separated"):
         HeadControl(axes, np.array([[1.0, 0.9], [0.9, 1.0]]))
     with pytest.raises(ParameterError, match="shape"):
         HeadControl((), None)
 
 
-def test_a_wire_at_the_end_of_its_stroke_is_made_up_for_by_the_other():
-    """Tilt cannot go below cold to undo what it sees of pan; pan must not count on it."""
+def test_the_other_axis_compensates_a_wire_at_the_end_of_its_stroke():
+    """Tilt cannot go below cold to compensate its coupling; pan must not rely on it."""
     law = control("pi")
     _, state = law.step(law.begin(), (40.0, 0.0), np.zeros(2))
     assert state.axes[0].reference == pytest.approx(40.0, abs=0.01)
@@ -170,12 +170,12 @@ def test_a_wire_at_the_end_of_its_stroke_is_made_up_for_by_the_other():
     [{"convection": 20}, {"convection": 30, "ambient": 30}, {"ambient": 60}, {"ambient": 90}],
 )
 def test_no_surroundings_and_no_controller_make_a_wire_too_hot(name, surroundings):
-    """At the end of its stroke the angle does not tell how hot a wire is."""
+    """At the end of its stroke the angle does not depend on the temperature."""
     run = Run(control(name), (59.0, 59.0), 25.0, surroundings=Surroundings(**surroundings))
     assert run.hottest.max() <= 150.0
 
 
-def test_readings_that_are_missing_mostly_count_as_lost():
+def test_a_sensor_that_misses_most_readings_is_lost():
     law = control()
     state, causes = law.begin(), []
     for k in range(100):
@@ -187,7 +187,7 @@ def test_readings_that_are_missing_mostly_count_as_lost():
 
 
 @pytest.mark.parametrize("quantum", [0.0, 0.1, 1.0])
-def test_a_sensor_without_noise_is_not_taken_to_be_stuck(quantum):
+def test_a_sensor_without_noise_is_not_stuck(quantum):
     head, law = Head(tick=0.04), control()
     state, read = law.begin(), np.zeros(2)
     for k in range(400):
@@ -199,7 +199,7 @@ def test_a_sensor_without_noise_is_not_taken_to_be_stuck(quantum):
 
 
 @pytest.mark.parametrize("odd", [10**400, "x", None, 1j, [1.0, 2.0], object()])
-def test_nothing_odd_gets_out_of_a_step(odd):
+def test_every_step_returns_currents_within_the_limits(odd):
     law = control()
     _, state = law.step(law.begin(), (30.0, 20.0), (0.0, 0.0), t=0.0)
     for arguments in [((odd, 20.0), (0.0, 0.0)), ((30.0, 20.0), (odd, 0.1)), (odd, odd)]:
@@ -208,7 +208,7 @@ def test_nothing_odd_gets_out_of_a_step(odd):
     law.begin((odd, 0.0), (0.0, odd))
 
 
-def test_one_axis_with_an_odd_reading_leaves_the_other_alone():
+def test_an_invalid_reading_of_one_axis_does_not_affect_the_other():
     run = Run(control(), (30.0, 30.0), 5.0)
     state, law = run.state, control()
     for k in range(20):
@@ -218,17 +218,17 @@ def test_one_axis_with_an_odd_reading_leaves_the_other_alone():
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_a_target_of_nothing_heats_nothing(name):
+def test_a_target_of_zero_does_not_heat(name):
     run = Run(control(name), (0.0, 0.0), 6.0)
     assert run.current.max() == 0.0
 
 
-def test_a_room_too_warm_for_a_low_target_is_said_to_be():
+def test_a_room_too_warm_for_a_low_target_is_logged():
     run = Run(control(), (10.0, 10.0), 30.0, surroundings=Surroundings(ambient=80.0))
     assert "warm" in [event.cause for _, event in run.state.log]
 
 
-def test_what_is_no_watch_or_limit_is_refused():
+def test_other_objects_than_a_watch_or_limits_are_refused():
     for option in ({"limits": 3}, {"sensor": 3}):
         with pytest.raises(ParameterError, match="give a"):
             control("observer", **option)

@@ -42,21 +42,21 @@ def test_a_step_solves_the_heat_balance(seconds):
     assert held(wire, 0.16, seconds).angle == pytest.approx(finely(wire, 0.16, seconds), abs=0.5)
 
 
-def test_latent_heat_makes_the_motion_later():
+def test_latent_heat_delays_the_motion():
     dry, wet = made_up(latent=0.0), made_up(latent=4e-3)
     assert held(wet, 0.16, 5.0).angle < held(dry, 0.16, 5.0).angle - 5.0
 
 
 @given(power=powers, ambient=st.floats(-0.05, 0.05), cooling=st.floats(0.5, 5.0))
 @settings(max_examples=20)
-def test_the_effective_power_settles_where_the_surroundings_put_it(power, ambient, cooling):
+def test_the_effective_power_settles_at_the_balance_with_the_surroundings(power, ambient, cooling):
     wire = made_up()
     state = held(wire, power, 90.0, ambient=ambient, cooling=cooling)
     assert state.power == pytest.approx(power / cooling + ambient, abs=1e-4)
 
 
 @given(power=powers, steps=st.lists(powers, min_size=1, max_size=4))
-def test_a_step_leaves_the_state_before_it_as_it_was(power, steps):
+def test_a_step_does_not_change_the_state_before_it(power, steps):
     wire = made_up()
     state = wire.begin(power)
     was = state.tracker.memory, state.power, state.angle
@@ -71,7 +71,7 @@ def test_a_step_leaves_the_state_before_it_as_it_was(power, steps):
 
 
 @given(peak=powers, share=st.floats(0.0, 1.0))
-def test_a_wire_that_is_found_after_a_rise_and_a_return_is_recognised(peak, share):
+def test_the_state_after_a_rise_and_a_return_is_recovered(peak, share):
     wire = made_up()
     power = share * peak
     angle = wire.moved(wire.begin(peak), power).angle
@@ -80,7 +80,7 @@ def test_a_wire_that_is_found_after_a_rise_and_a_return_is_recognised(peak, shar
     assert found.power == power
 
 
-def test_a_wire_that_is_found_where_its_power_does_not_lead_is_warmer_or_colder():
+def test_an_angle_that_the_power_does_not_explain_means_a_warmer_or_colder_wire():
     wire = made_up()
     found = wire.found(0.0, 30.0)
     assert found.angle == pytest.approx(30.0)
@@ -114,7 +114,7 @@ def test_the_twin_is_identified_to_within_a_degree_and_a_half():
     assert "advice: no data were held out" in str(found)
 
 
-def test_levels_crowd_where_the_wire_moves():
+def test_levels_are_dense_where_the_wire_moves():
     loop = 0.4 * np.concatenate([np.linspace(0, 1, 25), np.linspace(1, 0, 25)[1:]])
     levels = moving_levels(loop, settled(Wire(), loop), 16)
     moving = (levels > 0.19) & (levels < 0.38)
@@ -148,7 +148,7 @@ def test_bad_input_is_refused():
 
 
 def records(**changes):
-    """Holds of a wire that was made up, with a step up and down, and what is changed in them."""
+    """Holds of a made-up wire with a step up and down, with changes."""
     wire = made_up()
     holds = np.random.default_rng(0).uniform(0, 0.4, 200)
     t = np.arange(0.0, 30.0, 0.2)
@@ -216,12 +216,12 @@ def every(stride):
         ({"angle": np.negative}, "do not rise with the current"),
     ],
 )
-def test_records_that_tell_nothing_are_refused(changes, complaint):
+def test_records_without_information_are_refused(changes, complaint):
     with pytest.raises(SignalError, match=complaint):
         identified_from(records(**changes))
 
 
-def test_a_lag_at_the_end_of_what_is_looked_for_is_refused():
+def test_a_lag_at_the_end_of_its_range_is_refused():
     t = np.arange(0.0, 600.0, 4.0)
     step = Transient(t, np.full_like(t, 0.4), 60 * (1 - np.exp(-t / 80.0)))
     check_lag(step, 55.0, 1.0)
@@ -231,20 +231,20 @@ def test_a_lag_at_the_end_of_what_is_looked_for_is_refused():
 
 
 @pytest.mark.parametrize("step", [None, 3, (np.arange(3.0), np.zeros(3)), []])
-def test_what_is_no_step_is_refused(step):
+def test_records_that_are_no_step_are_refused(step):
     good = records()
     with pytest.raises(SignalError, match=r"give \(t, current, angle\)"):
         identify_heating(good["current"], good["angle"], step=step, levels=good["levels"])
 
 
-def test_a_step_that_is_followed_roughly_is_advised_on():
+def test_a_poor_fit_of_the_step_gives_advice():
     rough = identified_from(records(step_angle=lambda y: y + at_random(25.0)(y) - 12.5))
     assert "followed to" in rough.advice[-1]
     assert f"advice: {rough.advice[-1]}" in str(rough)
     assert not any("followed to" in text for text in identified_from(records()).advice)
 
 
-def test_holds_can_be_kept_from_the_fit():
+def test_holds_can_be_held_out():
     good = records()
     step = good["t"], good["step_current"], good["step_angle"]
     found = identify_heating(
@@ -255,7 +255,7 @@ def test_holds_can_be_kept_from_the_fit():
 
 
 @pytest.mark.parametrize("bands", [-1, 0, 2.5, "x", None, np.nan, True])
-def test_levels_of_no_number_of_bands_are_refused(bands):
+def test_invalid_numbers_of_bands_are_refused(bands):
     with pytest.raises(ParameterError, match="bands is"):
         moving_levels([0.0, 0.2, 0.4], [0.0, 5.0, 60.0], bands)
 
@@ -270,6 +270,6 @@ def test_levels_of_no_number_of_bands_are_refused(bands):
         ([0.0, -0.2], [0.0, 1.0], "a current is negative"),
     ],
 )
-def test_levels_of_holds_that_are_none_are_refused(current, angle, complaint):
+def test_invalid_holds_are_refused(current, angle, complaint):
     with pytest.raises(SignalError, match=complaint):
         moving_levels(current, angle, 3)

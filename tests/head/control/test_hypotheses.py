@@ -14,7 +14,7 @@ def bank_of(ratio=1.0):
 
 
 def followed(ambient, cooling, seconds=10.0):
-    """A bank that watched a cold wire being heated fully in some surroundings."""
+    """A bank after the full heating of a cold wire in some surroundings."""
     wire, hypotheses = bank_of()
     estimate = PowerObserver(wire=wire).found()
     bank = hypotheses.begin(0.0, estimate, moving=False)
@@ -37,7 +37,7 @@ def test_each_hypothesis_is_the_wire_in_its_surroundings():
 
 
 @pytest.mark.parametrize(("ambient", "cooling"), [(0, 1), (-25, 1), (0, 1.5), (15, 1), (-10, 1.3)])
-def test_the_end_of_a_heating_is_foretold(ambient, cooling):
+def test_the_final_angle_is_predicted(ambient, cooling):
     hypotheses, bank, plant = followed(ambient, cooling)
     weight = hypotheses.weights(bank)
     assert weight.sum() == pytest.approx(1.0)
@@ -48,13 +48,13 @@ def test_the_end_of_a_heating_is_foretold(ambient, cooling):
     assert foretold == pytest.approx(end.angle, abs=2.0)
 
 
-def test_a_missing_reading_says_nothing():
+def test_a_missing_reading_changes_no_cost():
     hypotheses, bank, _ = followed(0.0, 1.0, seconds=4.0)
     after = hypotheses.step(bank, 0.4, float("nan"), 0.04)
     np.testing.assert_array_equal(after.cost, bank.cost)
 
 
-def test_a_bank_that_begins_in_motion_goes_on_from_there():
+def test_a_bank_that_begins_in_motion_continues_from_there():
     wire, hypotheses = bank_of(ratio=0.8)
     warm = wire.begin(0.12)
     estimate = PowerObserver(wire=wire).found(warm.angle, np.sqrt(0.12))

@@ -13,7 +13,7 @@ def test_the_lag_of_the_model_is_that_of_the_wire_with_its_latent_heat():
 
 
 @pytest.mark.parametrize("seconds", [5.0, 120.0])
-def test_the_model_sees_saturated_values_so_that_nothing_winds_up(seconds):
+def test_the_model_uses_saturated_values_so_that_nothing_winds_up(seconds):
     wire = made_up()
     law = InternalModel(wire=wire)
     state = law.begin()
@@ -27,7 +27,7 @@ def test_the_model_sees_saturated_values_so_that_nothing_winds_up(seconds):
     assert current < 0.5 * law.highest
 
 
-def test_a_model_that_is_right_leaves_nothing_to_feed_back():
+def test_an_exact_model_leaves_nothing_to_feed_back():
     wire = made_up(latent=0.0)
     law = InternalModel(wire=wire)
     state, past = law.begin(), [0.0]
@@ -38,7 +38,7 @@ def test_a_model_that_is_right_leaves_nothing_to_feed_back():
     assert state.lag == pytest.approx(30.0, abs=0.1)
 
 
-def test_a_missing_reading_leaves_what_was_missing_before():
+def test_a_missing_reading_keeps_the_last_difference():
     law = InternalModel(wire=made_up())
     _, state = law.step(law.begin(), 20.0, 3.0)
     _, after = law.step(state, 20.0, math.nan)

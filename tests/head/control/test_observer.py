@@ -11,7 +11,7 @@ from wires import angle, identified, made_up
 
 
 def follow(observer, plant_bias, seconds, *, power=0.125, noise=0.0, delay=1):
-    """What is believed of a wire that is heated by a power, in surroundings with a bias."""
+    """Estimate of a wire that is heated by a power, in surroundings with a bias."""
     wire = observer.wire
     plant, estimate = wire.begin(), observer.found()
     seen, rng = [plant.angle] * (delay + 1), np.random.default_rng(0)
@@ -32,13 +32,13 @@ def test_the_bias_of_the_surroundings_is_learnt(bias, delay):
     assert estimate.ambient == pytest.approx(bias, abs=2e-3)
 
 
-def test_noise_alone_is_not_taken_for_a_bias():
+def test_noise_alone_gives_no_bias():
     observer = PowerObserver(wire=made_up())
     _, estimate = follow(observer, 0.0, 60.0, noise=0.05)
     assert abs(estimate.ambient) < 2e-3
 
 
-def test_a_missing_reading_lets_the_model_go_on_alone():
+def test_without_readings_the_model_continues_alone():
     wire = made_up()
     observer = PowerObserver(wire=wire)
     estimate, state = observer.found(), wire.begin()
@@ -49,7 +49,7 @@ def test_a_missing_reading_lets_the_model_go_on_alone():
     assert estimate.ambient == 0.0
 
 
-def test_the_bias_stays_within_bounds_however_wrong_the_readings():
+def test_the_bias_stays_within_bounds_for_wrong_readings():
     observer = PowerObserver(wire=made_up())
     for reading in (-45.0, 130.0):
         estimate = observer.found()
@@ -59,7 +59,7 @@ def test_the_bias_stays_within_bounds_however_wrong_the_readings():
         assert math.isfinite(estimate.wire.power)
 
 
-def test_full_current_is_used_until_the_target_is_near_and_no_longer():
+def test_full_current_is_used_until_the_target_is_near():
     law, plant = ObserverControl(wire=identified().model), Wire(noise=0.05, seed=1)
     state, seen = law.begin(), 0.0
     full = []
@@ -72,7 +72,7 @@ def test_full_current_is_used_until_the_target_is_near_and_no_longer():
     assert angle(plant) == pytest.approx(40.0, abs=0.3)
 
 
-def test_the_angle_of_a_wire_in_a_warmer_ambient_is_believed():
+def test_angle_and_bias_are_estimated_in_a_warmer_ambient():
     observer = PowerObserver(wire=identified().model)
     plant = Wire(noise=0.05, seed=1, surroundings=Surroundings(ambient=27.0))
     estimate, seen = observer.found(), 0.0

@@ -8,7 +8,7 @@ from minorloop.head.control.pi import ProportionalIntegral
 
 
 @given(seconds=st.floats(1.0, 600.0))
-def test_the_integral_does_not_wind_up_however_long_a_target_is_missed(seconds):
+def test_the_integral_does_not_wind_up(seconds):
     law = ProportionalIntegral()
     state = law.begin()
     for _ in range(round(min(seconds, 60.0) / law.interval)):
@@ -21,7 +21,7 @@ def test_the_integral_does_not_wind_up_however_long_a_target_is_missed(seconds):
     assert current < law.highest
 
 
-def test_what_was_achieved_and_not_what_was_wanted_counts():
+def test_the_applied_current_counts_and_not_the_requested_one():
     law = ProportionalIntegral()
     wanted, state = law.step(law.begin(), 20.0, 0.0)
     cut = type(state)(state.integral, state.wanted, 0.1)

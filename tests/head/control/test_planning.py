@@ -15,7 +15,7 @@ targets = st.lists(st.floats(-5, 70), min_size=1, max_size=16)
 @given(
     power=st.lists(st.floats(0.0, 0.16), min_size=1, max_size=20), latent=st.sampled_from([0, 2e-3])
 )
-def test_plans_are_simulated_as_the_wire_steps(power, latent):
+def test_plans_and_steps_of_the_wire_agree(power, latent):
     planner = Planner(wire=made_up(latent=latent), interval=0.4, parts=3)
     state = planner.wire.begin(0.05)
     found = planner._angles(np.array([power, power[::-1]]), state)
@@ -57,7 +57,7 @@ def test_where_cooling_is_the_bottleneck_a_plan_begins_it_early(wanted):
     assert early < 0.5 * planner.feedforward(wanted, warm).power[first - 2 : first].mean()
 
 
-def test_targets_that_can_be_followed_are():
+def test_reachable_targets_are_followed():
     planner = Planner(wire=made_up())
     warm = planner.wire.begin(0.1)
     wanted = warm.angle + np.linspace(0.2, 5.0, 24)
@@ -77,7 +77,7 @@ def test_a_plan_is_no_worse_than_the_best_of_all_sequences_on_the_levels(wanted)
     assert plan.cost <= (errors**2).sum(axis=1).min()
 
 
-def test_effort_makes_the_power_calmer():
+def test_effort_reduces_changes_of_the_power():
     wanted = np.repeat([30.0, 15.0, 30.0, 5.0], 8)
     rough, calm = (Planner(wire=made_up(), effort=each).plan(wanted) for each in (0.0, 300.0))
     assert np.abs(np.diff(calm.power)).sum() < np.abs(np.diff(rough.power)).sum()

@@ -30,7 +30,7 @@ def watched(reference, *, ambient=20.0, cooling=1.0, seconds=15.0, stuck=False):
     return None, math.inf
 
 
-def test_a_flooded_wire_is_told_within_ten_seconds():
+def test_a_flooded_wire_is_diagnosed_within_ten_seconds():
     for cooling in (13.0, 30.0):
         verdict, after = watched(40.0, cooling=cooling)
         assert verdict.reason == "convection too high"
@@ -38,7 +38,7 @@ def test_a_flooded_wire_is_told_within_ten_seconds():
         assert after <= 10.0
 
 
-def test_an_ambient_that_is_too_cold_is_told_within_ten_seconds():
+def test_an_ambient_that_is_too_cold_is_diagnosed_within_ten_seconds():
     verdict, after = watched(55.0, ambient=-20.0)
     assert verdict.reason == "ambient too cold"
     assert after <= 10.0
@@ -49,17 +49,17 @@ def test_an_ambient_that_is_too_cold_is_told_within_ten_seconds():
 @pytest.mark.parametrize(
     "surroundings", [{}, {"ambient": 10}, {"ambient": 40}, {"cooling": 1.2}, {"cooling": 0.8}]
 )
-def test_a_wire_that_is_merely_slow_is_never_given_up(reference, surroundings):
+def test_a_slow_wire_is_never_given_up(reference, surroundings):
     assert watched(reference, seconds=40.0, **surroundings)[0] is None
 
 
-def test_a_target_beyond_the_stroke_is_told_at_once():
+def test_a_target_beyond_the_stroke_is_reported_at_once():
     verdict, after = watched(80.0)
     assert verdict.reason == "beyond the stroke"
     assert after == pytest.approx(0.04)
 
 
-def test_a_wire_that_should_move_and_does_not_is_told():
+def test_a_wire_that_does_not_move_is_diagnosed():
     verdict, after = watched(40.0, stuck=True)
     assert verdict.reason in ("no motion", "convection too high")
     assert after <= 10.5

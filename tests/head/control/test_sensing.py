@@ -24,7 +24,7 @@ def wiggling(count, around=20.0):
 
 
 @given(readings=st.lists(anything, max_size=60))
-def test_a_value_that_is_passed_on_is_a_plausible_number(readings):
+def test_every_usable_value_is_plausible(readings):
     watch, state = SensorWatch(), Sensed()
     for reading in readings:
         state = watch.step(state, reading)
@@ -48,7 +48,7 @@ def test_a_sensor_without_noise_may_repeat_itself():
     assert after(SensorWatch(noise=0.0), [20.0] * 500).fault == ""
 
 
-def test_one_outlier_is_dropped_and_a_lasting_one_is_a_fault():
+def test_one_outlier_is_dropped_and_repeated_ones_are_a_fault():
     readings = wiggling(30)
     once = after(SensorWatch(), [*readings, 70.0])
     assert math.isnan(once.value)
@@ -56,14 +56,14 @@ def test_one_outlier_is_dropped_and_a_lasting_one_is_a_fault():
     assert after(SensorWatch(), [*readings, *[500.0] * 5]).fault == "implausible"
 
 
-def test_a_jump_that_stays_is_believed_after_a_while():
+def test_a_permanent_jump_is_accepted_after_a_while():
     state = after(SensorWatch(), [*wiggling(30), *wiggling(40, around=60.0)])
     assert state.fault == ""
     assert state.value == pytest.approx(60.0, abs=0.1)
 
 
 @pytest.mark.parametrize("bad", [[math.nan] * 10, [20.0] * 40, [1e9] * 10])
-def test_trust_comes_back_after_a_second_of_good_readings(bad):
+def test_the_sensor_is_trusted_again_after_a_second_of_good_readings(bad):
     readings = [*wiggling(30), *bad]
     assert after(SensorWatch(), [*readings, *wiggling(20)]).fault != ""
     assert after(SensorWatch(), [*readings, *wiggling(40)]).fault == ""

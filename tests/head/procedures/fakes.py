@@ -1,4 +1,4 @@
-"""A plant and a tip of a few lines, and a loop that keeps what is asked."""
+"""A minimal plant and tip, and a loop that records requests."""
 
 import numpy as np
 
@@ -18,9 +18,9 @@ CALIBRATION = HeadCalibration(
 
 
 class Loop:
-    """A head that goes a share of the way to its angles in a tick, and a catheter that obeys.
+    """A head that moves by a share of its error in a tick, and an ideal catheter.
 
-    ``stuck`` holds the catheter where it is. What is asked for is kept in ``asked``.
+    ``stuck`` holds the catheter where it is. Requests are kept in ``asked``.
     """
 
     def __init__(self, angles=(0.0, 0.0), place=(0.0, 0.0), *, share=0.3, stuck=False, sees=False):
@@ -51,7 +51,7 @@ class Loop:
             self.place += TICK * request.rates
 
     def run(self, procedure, state, ticks=3000):
-        """Drive to the end."""
+        """Run to the end."""
         request = Request()
         for _ in range(ticks):
             state, request = procedure.step(state, self.reading(request))

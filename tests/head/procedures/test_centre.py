@@ -22,7 +22,7 @@ def test_a_point_is_brought_to_the_middle_and_held_there():
     assert all(np.hypot(*each) <= CONE.half + 1e-9 for each in wanted)
 
 
-def test_what_the_first_frame_does_not_show_whole_is_not_followed():
+def test_a_point_that_the_first_frame_does_not_show_whole_is_not_tracked():
     loop = Loop((0.0, 0.0), (1e-3, 0.0), sees=True)
     centring = Centring(calibration=CALIBRATION)
     state = loop.run(centring, centring.begin((0.5, 1e-3)))
@@ -30,7 +30,7 @@ def test_what_the_first_frame_does_not_show_whole_is_not_followed():
     assert all(request.angles is None for request in loop.asked)
 
 
-def test_without_sensors_the_image_tells_the_angles():
+def test_without_sensors_the_angles_follow_from_the_image():
     true = AIM + np.array([0.02, 0.0])
     loop = Loop(true, (1e-3, 0.0), share=0.0, sees=True)
     centring = Centring(calibration=CALIBRATION, by_image=True, patience=0.4)

@@ -21,7 +21,7 @@ def test_each_frame_is_under_its_lights_and_all_are_on_afterwards():
     assert {request.exposure[1] for request in asked} == {3.0}
 
 
-def test_the_nearest_hole_is_the_same_one_unless_it_is_too_far():
+def test_the_nearest_hole_is_chosen_unless_it_is_too_far():
     holes = [hole(20e-3, 9.0), hole(21e-3, 1.0)]
     assert nearest(holes, (0.5, 20.9e-3), 10e-3) is holes[1]
     assert nearest(holes, (0.5 + 2 * np.pi, 20e-3), 10e-3) is holes[0]

@@ -17,7 +17,7 @@ MIDDLE = (319.5, 239.5)
 
 
 def autofocus(lens, camera, pixel, guess, wait=0.0, travel=0.0, **options):
-    """A sweep, driven to its end."""
+    """Run a sweep to its end."""
     focusing = Focusing(lens=camera.lens, wait=wait, travel=travel, **options)
     state, image = focusing.begin(pixel, guess), None
     for tick in range(200):
@@ -32,7 +32,7 @@ def autofocus(lens, camera, pixel, guess, wait=0.0, travel=0.0, **options):
 
 
 class Lens:
-    """A camera whose blur grows as it is out of focus, and which may be broken."""
+    """A camera whose blur grows with the error of its focus, and whose frames may be spoiled."""
 
     def __init__(self, best, spoil=lambda image: image):
         self.best, self.spoil, self.now, self.count = best, spoil, 10e-3, 0
@@ -60,7 +60,7 @@ def test_the_sharpest_distance_is_found_from_a_poor_guess(best, guess):
     assert (np.diff(found.curve[:, 0]) > 0).all()
 
 
-def test_what_is_nearer_than_the_lens_can_go_is_said_to_be_at_the_end():
+def test_a_wall_nearer_than_the_focus_is_reported():
     found = autofocus(Lens(3e-3), CAMERA, MIDDLE, 5e-3)
     assert found.verdict == "at the end"
     assert found.distance == pytest.approx(4e-3, rel=0.05)

@@ -13,7 +13,7 @@ ANGLES = st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
 
 @settings(max_examples=30, deadline=None)
 @given(PLACES, PLACES, ANGLES)
-def test_it_reaches_what_is_wanted_and_never_asks_for_a_faster_rate(start, place, angles):
+def test_it_reaches_place_and_angles_within_the_rate_limits(start, place, angles):
     go, loop = Go(), Loop(place=start)
     state = loop.run(go, go.begin(place=place, angles=angles))
     assert state.reached
@@ -31,7 +31,7 @@ def test_a_catheter_that_is_stuck_is_left_where_it_is():
     assert not loop.asked[-1].rates.any()
 
 
-def test_a_head_that_does_not_come_near_is_left_where_it_is():
+def test_a_head_that_does_not_reach_its_angles_is_left_where_it_is():
     go, loop = Go(), Loop(share=0.0)
     state = loop.run(go, go.begin(angles=(0.2, 0.0)))
     assert not state.reached
@@ -47,7 +47,7 @@ def test_a_head_is_turned_while_the_catheter_travels_and_stays_where_no_turn_is_
     assert all(request.angles is None for request in loop.asked)
 
 
-def test_a_place_that_is_not_known_stops_the_catheter():
+def test_an_unknown_place_stops_the_catheter():
     go, loop = Go(), Loop(place=(np.nan, 0.0))
     state, request = go.step(go.begin(place=(0.02, 0.1)), loop.reading())
     assert request.rates[0] == 0.0

@@ -14,7 +14,7 @@ def silent(count=4):
     return [Shot(1e-3 * k, 1e-3 * rng.standard_normal(2000), 1e-8) for k in range(count)]
 
 
-def test_the_first_burst_says_that_nothing_answers_and_later_ones_are_kept():
+def test_the_first_burst_reports_no_coupling_and_later_ones_are_kept():
     first = burst_of(silent(), AIM, AIM, EAR, first=True)
     later = burst_of(silent(), AIM, AIM, EAR, first=False)
     assert (first.verdict, first.used, first.trace.size) == (NO_COUPLING, 0, 0)

@@ -10,7 +10,7 @@ METERING = Metering(calibration=CALIBRATION)
 
 
 def metered(light, seconds=1.0, gain=1.0):
-    """What is asked of a camera whose grey is light times gain."""
+    """Requests to a camera whose grey is light times gain."""
     from dataclasses import replace
 
     metering = replace(METERING, seconds=seconds)

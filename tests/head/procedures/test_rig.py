@@ -13,7 +13,7 @@ from .fakes import CALIBRATION
 
 
 class Plant:
-    """Angles are currents times 100, and a catheter obeys; ``lost`` channels are not read."""
+    """Angles are currents times 100, with an ideal catheter; ``lost`` channels give NaN."""
 
     tick = 0.04
 
@@ -46,7 +46,7 @@ class Tip:
 
 
 class Control:
-    """The current that gives the angle at once; keeps the readings that it was given."""
+    """Control that reaches an angle at once, and records its readings."""
 
     def __init__(self):
         self.read = []
@@ -77,7 +77,7 @@ def test_a_procedure_is_driven_to_its_end_in_the_units_of_the_plant():
     assert len(it.plant.inputs) == len(ticks)
 
 
-def test_frames_and_shots_are_taken_only_where_they_are_asked_for():
+def test_frames_and_shots_are_taken_only_on_request():
     it = rig()
     plain, full = it.reading(), it.reading(Request(frame=True, shots=3, focus=0.01))
     assert (plain.image, plain.shots, plain.fired) == (None, (), False)
@@ -86,7 +86,7 @@ def test_frames_and_shots_are_taken_only_where_they_are_asked_for():
     assert ("focus_at", 0.01) in it.tip.told
 
 
-def test_a_reading_that_is_lost_stays_as_it_was_and_control_is_told():
+def test_a_lost_reading_keeps_its_value_and_control_gets_nan():
     it, go = rig(), Go()
     it.run(go, go.begin(angles=(0.1, 0.1)))
     it.plant.lost = [0, 3]
@@ -96,7 +96,7 @@ def test_a_reading_that_is_lost_stays_as_it_was_and_control_is_told():
     assert not np.isnan(it.control.read[-1][1])
 
 
-def test_without_sensors_no_reading_is_used_but_what_was_sighted():
+def test_without_sensors_control_gets_the_angles_from_the_image():
     it = rig(sensors=False)
     assert it.angles == pytest.approx(np.radians([12.0, 12.0]) - STRAIGHT)
 
@@ -117,7 +117,7 @@ def test_a_gyroscope_is_added_to_the_joints():
     assert reading.line_of_sight - reading.angles == pytest.approx([0.01, 0.0])
 
 
-def test_a_log_tells_when_and_what():
+def test_the_log_has_times_and_actions():
     it = rig()
     it.run(Go(), Go().begin(angles=(-STRAIGHT, -STRAIGHT)))
     it.say("turn", "done")

@@ -10,7 +10,7 @@ SCAN = RasterScan(calibration=CALIBRATION)
 
 
 def shot_at(loop):
-    """Pan and tilt of the points at which a burst was asked for."""
+    """Pan and tilt of the requested bursts."""
     return [tuple(request.angles) for request in loop.asked if request.shots]
 
 
@@ -38,7 +38,7 @@ def test_a_burst_is_where_the_head_is(scanned):
     assert max(known, default=0.0) < SCAN.aimed
 
 
-def test_water_is_let_in_once_the_probe_is_over_the_place(scanned):
+def test_the_pipe_is_flooded_once_the_probe_is_over_the_place(scanned):
     loop, _ = scanned
     wet = [k for k, request in enumerate(loop.asked) if request.water]
     first = next(k for k, request in enumerate(loop.asked) if request.shots)
@@ -55,7 +55,7 @@ def test_a_scan_goes_home_where_there_is_one(scanned):
     assert loop.place[0] == pytest.approx(CENTRE[1], abs=1e-4)
 
 
-def test_the_raster_is_moved_by_a_share_of_its_pitch():
+def test_the_raster_is_displaced_by_a_share_of_its_pitch():
     place = (CENTRE[1], CENTRE[0] - 0.3)
     spots = [
         CALIBRATION.probe_at(place).spots(SCAN.targets(CENTRE, place, shift))
@@ -65,7 +65,7 @@ def test_the_raster_is_moved_by_a_share_of_its_pitch():
     assert moved == pytest.approx(0.5 * SCAN.pitch)
 
 
-def test_a_place_that_the_probe_cannot_be_aimed_at_is_not_shot_at():
+def test_a_place_out_of_reach_is_not_scanned():
     loop = Loop(place=(0.0, -2.0), stuck=True)
     state = loop.run(SCAN, SCAN.begin(CENTRE, home=((0.0, -2.0), (0.0, 0.0))))
     assert shot_at(loop) == []
@@ -78,7 +78,7 @@ def test_the_shorter_way_round_is_taken():
     assert loop.place[1] == pytest.approx(2 * np.pi - 2.8, abs=0.01)
 
 
-def test_a_burst_that_is_never_fired_is_given_up():
+def test_a_burst_that_is_never_fired_is_skipped():
     loop = Loop()
     loop.reading = lambda request=None: Loop.reading(loop)  # shots never come
     state = loop.run(SCAN, SCAN.begin(CENTRE))

@@ -12,14 +12,14 @@ def line(z, length=4e-3, widths=None):
     return TracedCrack(course, np.full(41, 0.2e-3) if widths is None else widths, length, 0.5)
 
 
-def test_the_farther_look_gives_the_course_only_where_it_shows_much_more():
+def test_the_far_view_gives_the_course_only_if_it_shows_much_more():
     near = line(0.02)
     assert whole_course(near, line(0.02, 4.2e-3)) is near
     longer = line(0.02, 6e-3)
     assert whole_course(near, longer) is longer
 
 
-def test_a_crack_is_widest_where_it_is_so_over_half_a_millimetre():
+def test_the_width_of_a_crack_is_averaged_over_half_a_millimetre():
     widths = np.full(41, 0.1e-3)
     widths[5], widths[25:36] = 0.5e-3, 0.3e-3
     place, width = widest(line(0.02, widths=widths))

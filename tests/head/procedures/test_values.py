@@ -29,7 +29,7 @@ EVERY = {
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_a_procedure_that_was_interrupted_asks_for_nothing(name):
+def test_a_procedure_that_has_ended_requests_nothing(name):
     procedure, state = EVERY[name]
     loop = Loop()
     asked = []
@@ -54,7 +54,7 @@ def test_a_step_changes_neither_state_nor_configuration(name):
     np.testing.assert_array_equal(first.rates, again.rates)
 
 
-def test_a_tip_is_told_only_what_a_request_names():
+def test_only_what_a_request_names_is_set():
     told = []
 
     class Tip:

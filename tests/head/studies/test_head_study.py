@@ -11,7 +11,7 @@ from minorloop.studies.claims import claim_table
 
 @pytest.fixture(scope="module")
 def study():
-    """All of the study on one specimen, its longest runs with fewer targets each."""
+    """The study on one specimen, with fewer targets in its longest runs."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(head, "OPEN_TARGETS", 5)
         patch.setattr(head, "OLD_TARGETS", 8)
@@ -26,7 +26,7 @@ def figures(study):
     return head.gather([study.figures()])
 
 
-def test_one_specimen_does_what_is_asked_of_the_median(figures):
+def test_one_specimen_meets_the_claims(figures):
     rows = claim_table(head.CLAIMS, figures).rows
     assert [row for row in rows if row[-1] == "short" and "[ms]" not in row[0]] == []
 
@@ -39,7 +39,7 @@ def test_no_limit_was_exceeded_and_no_alarm_was_false(figures):
     assert figures["unreachable"]["detected"] is True
 
 
-def test_the_inverse_operator_earns_its_place(figures):
+def test_the_inverse_operator_makes_control_better(figures):
     assert figures["steps"]["settle_s"] < 0.6 * figures["pi"]["settle_s"]
     assert figures["open_loop_plus_10K"]["rms_deg"] > 3 * figures["open_loop"]["rms_deg"]
 

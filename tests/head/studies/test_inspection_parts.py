@@ -1,4 +1,4 @@
-"""The parts of the inspection study on one seed each; the whole is a make target."""
+"""Parts of the inspection study on one seed each; the whole is a make target."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ from minorloop.studies.claims import claim_table, figure
 def mission():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("minorloop.head.studies.ultrasonic_scan.TURNS", 16)
-        patch.setattr("minorloop.head.studies.mission.ADVANCES", (4.0,))
+        patch.setattr("minorloop.head.studies.mission.ADVANCES", (4e-3,))
         patch.setattr("minorloop.head.studies.mission.LOOKS", 4)
         return run_mission(1)
 
@@ -110,7 +110,7 @@ def test_the_outline_of_a_plain_hole_is_its_edge():
     assert np.quantile(plain_edges(3_000_001), 0.9) < 1.0
 
 
-def test_more_holes_are_found_as_less_evidence_is_asked_for():
+def test_less_evidence_finds_more_holes():
     outcomes = [
         SceneOutcome("switched", True, True, 0.0, 0.0, 0, evidence=2.0, alarms=(1.0,)),
         SceneOutcome("switched", True, False, 0.0, 0.0, 0),
@@ -165,14 +165,14 @@ def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
 def test_every_hole_is_nine_pixels_across_in_two_looks():
     eye = CalibratedCamera(LENS, Mount(), led_positions())
     turns = 2 * np.pi * np.arange(missions.LOOKS) / missions.LOOKS
-    aims = np.radians(missions.RING) * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    aims = missions.RING * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     rim = np.linspace(0, 2 * np.pi, 24)
     for phi in np.linspace(-np.pi, np.pi, 9):
         for z in np.arange(18e-3, 31e-3, 1e-3):
             hole = np.stack([phi + 42.5e-3 * np.cos(rim), z + 0.425e-3 * np.sin(rim)], axis=1)
             across = []
             for advance in missions.ADVANCES:
-                there = hole - [0.0, 1e-3 * advance]
+                there = hole - [0.0, advance]
                 for aim in aims:
                     seen = eye.pixel(there, *aim)
                     inside = (seen > 4).all() and (seen < [636, 476]).all()
@@ -182,7 +182,7 @@ def test_every_hole_is_nine_pixels_across_in_two_looks():
 
 
 def searched(monkeypatch, looks, verdicts):
-    """A mission with what it sees and what the echoes say given; the picks in their order."""
+    """A mission with given views and echoes; return the picks in their order."""
     picked = []
     echoes = {place: PitDepth(verdict, 0.0, place, depth=1e-3) for place, verdict in verdicts}
 
@@ -190,12 +190,12 @@ def searched(monkeypatch, looks, verdicts):
         picked.append(float(hole.place[1]))
         return replace(mission, found=hole), hole.evidence > 0, None
 
-    def sounded(rig, truth, one, view):
+    def measured(rig, truth, one, view):
         return replace(one, pit=echoes[float(one.found.place[1])])
 
     monkeypatch.setattr(missions, "_look_around", lambda rig, at, seen: looks.get(at, []))
     monkeypatch.setattr(missions, "_approached", approached)
-    monkeypatch.setattr(missions, "_sounded", sounded)
+    monkeypatch.setattr(missions, "_measured", measured)
     empty = missions.Mission(0, None, None, 0.0)
     return missions._examined(None, None, empty, missions.Overview()), picked
 
@@ -204,23 +204,23 @@ def thing(z, evidence=1.0):
     return Hole(np.array([0.0, z]), 1e-3, evidence, "dark", np.zeros((1, 2)))
 
 
-def test_a_mission_goes_on_after_a_false_thing_and_to_further_places(monkeypatch):
-    looks = {0.0: [thing(0.01), thing(0.02)], 9.0: [thing(0.02), thing(0.03)]}
+def test_a_mission_continues_after_a_false_candidate_and_at_further_places(monkeypatch):
+    looks = {0.0: [thing(0.01), thing(0.02)], 9e-3: [thing(0.02), thing(0.03)]}
     verdicts = [(0.01, "no pit"), (0.02, "disturbed"), (0.03, "measured")]
     mission, picked = searched(monkeypatch, looks, verdicts)
     assert picked == [0.01, 0.02, 0.03]
     assert mission.pit.measured
 
 
-def test_what_is_not_seen_again_waits_until_all_else_was_tried(monkeypatch):
-    looks = {0.0: [thing(0.01, -1.0)], 3.0: [thing(0.02)]}
+def test_candidates_that_are_not_seen_again_come_last(monkeypatch):
+    looks = {0.0: [thing(0.01, -1.0)], 3e-3: [thing(0.02)]}
     verdicts = [(0.01, "measured"), (0.02, "no pit")]
     mission, picked = searched(monkeypatch, looks, verdicts)
     assert picked == [0.01, 0.02, 0.01]
     assert mission.pit.measured
 
 
-def test_a_mission_that_finds_nothing_says_so(monkeypatch):
+def test_a_mission_that_finds_nothing_reports_it(monkeypatch):
     mission, picked = searched(monkeypatch, {}, [])
     assert picked == []
     assert "nothing round was seen" in inspection_report.nothing_found(mission)
@@ -234,15 +234,15 @@ def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):
         shifts.append(shift)
         return None, []
 
-    def heard(bursts, ear, place, diameter):
+    def measure(bursts, probe, place, diameter):
         return PitDepth(verdicts.pop(0), *place)
 
     monkeypatch.setattr(missions, "touch", lambda rig, hole: None)
     monkeypatch.setattr(missions, "scan", scan)
-    monkeypatch.setattr(missions, "measure_pit", heard)
+    monkeypatch.setattr(missions, "measure_pit", measure)
     rig, truth = draw_mission(1)
     mission = missions.Mission(1, truth.bore, truth.crack, 0.0, found=thing(0.02))
-    after = missions._sounded(rig, truth, mission, None)
+    after = missions._measured(rig, truth, mission, None)
     assert shifts == [0.0, 0.5]
     assert after.pit.measured
     assert [step.what for step in rig.log] == ["measure", "measure again"]
@@ -253,7 +253,7 @@ def line(z, *, phi=0.0, length=4e-3, contrast=0.5):
     return TracedCrack(course, np.full(40, 0.2e-3), length, contrast)
 
 
-def test_lines_of_one_course_are_one_and_what_was_tried_is_not_tried_again():
+def test_lines_of_one_course_are_one_and_are_visited_once():
     seen = [line(0.02), line(0.0202), line(0.025, length=6e-3), line(0.02, phi=2.0)]
     found = likely(seen, [line(0.02, phi=2.01)], 10e-3)
     assert [(trace.places[0, 1], looks) for trace, looks in found] == [(0.02, 2), (0.025, 1)]
@@ -288,7 +288,7 @@ def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
         assert off > mission_scene.CLEAR
 
 
-def test_the_probe_is_told_of_wall_and_water_a_little_off(scene):
+def test_wall_and_water_are_known_with_errors(scene):
     rig, truth = draw_mission(1)
     ear = rig.calibration.probe_at(rig.place)
     assert ear.thickness != truth.wet.thickness
@@ -300,7 +300,7 @@ def test_the_probe_is_told_of_wall_and_water_a_little_off(scene):
 def test_settling_and_losses_of_a_run():
     off = np.array([9.0, 5.0, 1.0, 3.0, 1.0, 1.0])
     verdicts = ("tracked", "lost", "lost", "tracked", "tracked", "tracked")
-    run = ServoRun("x", 0.04 * np.arange(1.0, 7.0), off, verdicts, np.zeros((6, 2)))
+    run = ServoRun("x", 0.04 * np.arange(1.0, 7.0), off, verdicts)
     assert run.settle == pytest.approx(0.16)
     assert run.lost == pytest.approx(1 / 3)
     assert run.reacquire == pytest.approx(0.08)
@@ -314,7 +314,7 @@ def test_everything_is_gathered_and_reported(mission):
     kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), (scored,)) | {
         "dry": (dry,)
     }
-    run = ServoRun("x", np.array([13.0, 14.0]), np.ones(2), ("tracked",) * 2, np.zeros((2, 2)))
+    run = ServoRun("x", np.array([13.0, 14.0]), np.ones(2), ("tracked",) * 2)
     outcomes = [
         SceneOutcome(mode, hole, hole, 1e-5, 0.0, 0)
         for mode in ("switched", "single", "dither")

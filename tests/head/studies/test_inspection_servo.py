@@ -1,4 +1,4 @@
-"""What a scene asks of its head."""
+"""Scenes of the servo study."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from minorloop.head.studies.inspection_servo import STROKE_SHARE, Scene
 from minorloop.head.twins.rig import STRAIGHT
 
 
-def test_no_hole_is_where_a_wire_does_not_get() -> None:
-    """The tilt of this head comes to 49 degrees; its scene was drawn at 54 and never settled."""
+def test_every_hole_is_within_reach_of_the_wires() -> None:
+    """The tilt of this head reaches 49 degrees; a hole at 54 could not be centred."""
     scene = Scene(101)
     own = np.linalg.solve(scene.control.coupling, np.degrees(scene.aim) + STRAIGHT)
     top = np.array([axis.observer.wire.operator.range[1] for axis in scene.control.axes])

@@ -1,4 +1,4 @@
-"""What is drawn of the wall about a finding."""
+"""Figures of the wall about a finding."""
 
 from io import BytesIO
 
@@ -19,7 +19,7 @@ def cracked():
 
 
 def pitted(rim):
-    """A pit, and a rim that is as much above the wall as is not known there."""
+    """A pit, and a rim above the wall by its uncertainty."""
     off = np.linalg.norm(SQUARE.off(0.3, 20e-3), axis=-1)
     edge = np.abs(off - 0.5e-3) < 0.1e-3
     depth = np.where(edge, -rim, np.where(off < 0.5e-3, 0.6e-3, 0.0))
@@ -35,7 +35,7 @@ def colour_bars(figure):
     return [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
 
 
-def test_a_map_of_one_value_is_said_in_words():
+def test_a_map_of_one_value_is_described_in_words():
     figure = draw_finding(cracked())
     depth, band, *_ = figure.axes
     assert words(depth) == ["0 mm\nwherever known\n(blank: unknown)"]
@@ -44,7 +44,7 @@ def test_a_map_of_one_value_is_said_in_words():
     assert len(depth.get_xticks()) == 2
 
 
-def test_a_map_of_which_nothing_is_known_says_so():
+def test_a_map_without_values_is_described_in_words():
     figure = draw_finding(unseen_map(SQUARE))
     assert words(figure.axes[0]) == words(figure.axes[1]) == ["nowhere known"]
     figure.savefig(BytesIO(), format="png")

@@ -1,4 +1,4 @@
-"""Figures from findings that are made up; one scan on the twin is in tests/inspection."""
+"""Figures from made-up findings, and one scan of a dry pipe."""
 
 import pickle
 from dataclasses import replace
@@ -8,6 +8,8 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.head.geometry import Mount, Probe
+from minorloop.head.procedures.measure import NO_COUPLING
+from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.reconstruction.fusion import fuse
 from minorloop.head.studies.scan_trials import (
@@ -19,10 +21,12 @@ from minorloop.head.studies.scan_trials import (
     draw_sounding,
     fusion_figures,
     modality_wrong,
+    scan,
+    sound,
 )
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.pits import PitDepth
+from minorloop.head.ultrasound.pits import PitDepth, raster
 
 TRUTH = Bore(0.0, 20e-3, 1e-3, depth=0.5e-3)
 FOUND = PitDepth("measured", 0.0, 20e-3, 1e-3, 0.5e-3, 20e-6, 30e-6, 5e-6, gain=1.0, dish=0.0)
@@ -74,7 +78,7 @@ def test_a_depth_in_air_or_in_a_hole_is_wrong():
     assert modality_wrong([run(silent, dry=True, modality="sonar")]) == 1
 
 
-def test_what_is_drawn_depends_on_the_seed_alone():
+def test_scenes_depend_on_the_seed_alone():
     first, again, other = (draw_sounding(seed, kind="hole") for seed in (1, 1, 2))
     assert first.truth == again.truth
     assert first.truth != other.truth
@@ -94,10 +98,34 @@ def test_the_mount_and_the_camera_are_off_together_and_the_place_is_small():
     assert len(pickle.dumps(place.site)) < 10_000
 
 
-def test_the_map_is_guided_by_a_picture():
+def test_the_image_of_a_trial_has_a_dark_mouth():
     place = draw_sounding(3)
     patch = Patch.around(*place.centre, size=2.4e-3)
     off = np.linalg.norm(patch.off(*place.centre), axis=-1)
     shade = place.picture(patch)
     assert shade[off < 0.3 * place.diameter].mean() < -1
     assert abs(shade[off > 0.8 * place.diameter].mean()) < 0.05
+
+
+def test_the_scan_is_that_of_mission_and_console():
+    place = draw_sounding(3, kind="dry")
+    probe, bursts = scan(place)
+    targets = raster(probe, place.centre, points=RasterScan.points)
+    assert probe.mount.advance == pytest.approx(place.centre[1], abs=0.06e-3)
+    assert probe.mount.roll == pytest.approx(place.centre[0], abs=6e-3)
+    assert [burst.verdict for burst in bursts] == [NO_COUPLING] + [""] * (len(targets) - 1)
+    assert {burst.fired for burst in bursts} == {RasterScan.shots}
+    off = np.degrees([burst.angles for burst in bursts] - targets)
+    np.testing.assert_array_less(np.abs(off), 1.4)  # a sway of 1 degree, and noise
+    assert (off.std(axis=0) > 0.4).all()
+    assert place.sonar.clock >= (len(targets) - 1) * RasterScan.dwell
+
+
+def test_the_first_burst_detects_a_dry_pipe():
+    assert sound(draw_sounding(3, kind="dry")).modality == "camera"
+
+
+def test_a_place_beside_the_catheter_is_scanned_too():
+    probe, bursts = scan(draw_sounding(70_005, kind="dry"))
+    assert len(bursts) == RasterScan.points**2
+    assert np.isfinite(probe.mount.roll)

@@ -1,4 +1,4 @@
-"""What is true of a twin is read in one module only."""
+"""Only one module reads the truth of twins."""
 
 import ast
 from pathlib import Path
@@ -19,7 +19,7 @@ MODULES = sorted(
 
 
 def private_reads(path):
-    """Private names that a module reads of anything but self."""
+    """Private names that a module reads from other objects than self."""
     nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
     return [
         node.attr
@@ -31,7 +31,7 @@ def private_reads(path):
     ]
 
 
-def test_only_scoring_reads_what_a_twin_keeps_to_itself():
+def test_only_scoring_reads_private_members_of_twins():
     readers = [path.stem for path in MODULES if private_reads(path)]
     assert readers == ["scoring"]
 

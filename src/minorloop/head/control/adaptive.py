@@ -1,8 +1,8 @@
-"""Certainty equivalence: control with the model as it is believed to be now.
+"""Certainty equivalence: control with the newest estimate of the model.
 
-Ambient and convection are the business of the observer's bias, which is quick. What a bias does
-not explain, because it differs from target to target, is learnt into the weights of the
-operator, from settled samples alone, a little at a time, and undone if it does not help.
+The observer's bias, which is fast, compensates ambient and convection. What a bias does not
+explain, because it differs between targets, changes the weights of the operator: from settled
+samples only, in small steps, undone if predictions become worse.
 """
 
 from __future__ import annotations
@@ -18,34 +18,35 @@ from minorloop.head.control.observer import Estimate, ObserverControl, ObserverS
 from minorloop.identification.recursive import Recursive, RecursiveState
 from minorloop.operators.preisach import Preisach
 
-_STILL_DEGREES = 0.4
-_STILL_POWER = 0.01
+_STILL_DEGREES, _STILL_POWER = 0.4, 0.01
+"""A wire is settled within so many degrees of its target and this share of the range of power."""
 _MOVED = 0.02
-_BIAS_SHARE = 0.2
-_SCORE_SHARE = 0.1
+"""Share of the range of power between samples that are learnt: nearer ones tell nothing new."""
+_BIAS_SHARE, _SCORE_SHARE = 0.2, 0.1
+"""Share of a new sample in the slow bias and in the smoothed errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveEstimate:
-    """What has been learnt.
+    """Estimate of the model.
 
     Parameters
     ----------
     control : ObserverControl
-        The law with the operator as it is believed to be now.
+        The law with the estimated operator.
     recursion : RecursiveState
         Of its weights.
     free : HeatedState
-        The believed wire, run on the current and the slow bias alone.
+        The estimated wire, simulated with the current and the slow bias.
     identified : HeatedState
-        The wire as it was identified, run likewise.
+        The identified wire, simulated likewise.
     ambient : float
-        Slow bias in A^2: what the settled samples have in common.
+        Slow bias in A^2: the common part of settled samples.
     score, identified_score : float
-        Smoothed size of the errors at settled samples, of the wire as it is believed to be and
-        as it was identified, in degrees.
+        Smoothed absolute errors at settled samples of the estimated and of the identified wire,
+        in degrees.
     updates, rollbacks : int
-        How often weights were learnt, and given up again.
+        How often weights were changed, and reset.
     """
 
     control: ObserverControl
@@ -61,7 +62,7 @@ class AdaptiveEstimate:
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveState:
-    """What the loop remembers.
+    """State of the loop.
 
     Parameters
     ----------
@@ -70,13 +71,13 @@ class AdaptiveState:
     belief : AdaptiveEstimate
         Of the model.
     still : float
-        For how long the wire has been settled at its target, in seconds.
+        Seconds for which the wire has been settled at its target.
     anchor : float
-        Effective power when it began to be, in A^2.
+        Effective power at the beginning of that time, in A^2.
     learnt : float
-        Effective power of the last sample that was learnt from, in A^2.
+        Effective power of the last sample that was used, in A^2.
     applied : float
-        Current in A that is on.
+        Present current in A.
     """
 
     observer: ObserverState
@@ -88,30 +89,29 @@ class AdaptiveState:
 
     @property
     def estimate(self) -> Estimate:
-        """What the observer believes."""
+        """Estimate of the observer."""
         return self.observer.estimate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AdaptiveControl:
-    """Observer control whose operator is learnt while it works.
+    """Observer control that updates its operator while it runs.
 
     Parameters
     ----------
     control : ObserverControl
-        The law, with the wire as it was identified.
+        The law, with the identified wire.
     settling : float
-        For how many seconds the wire must have been still at its target before it is learnt
-        from.
+        Seconds for which the wire must be settled at its target before a sample is used.
     forgetting : float
         Weight that a sample keeps per update.
     prior : float
-        Strength of the leak towards the present weights, in samples.
+        Strength of the prior at the present weights, in samples.
     largest_update : float
-        Most that one update may change the weights in sum, as a share of the range.
+        Largest sum of changes of the weights in one update, as a share of the range.
     tolerance : float
-        By how many degrees the believed wire may predict worse than the identified one before
-        what was learnt is given up.
+        Degrees by which the estimated wire may predict worse than the identified one before the
+        weights are reset.
 
     Raises
     ------
@@ -151,7 +151,7 @@ class AdaptiveControl:
         return self.control.interval
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> AdaptiveState:
-        """State of a wire that is found settled at an angle under a current."""
+        """Return the state of a wire that has settled at an angle under a current."""
         observer = self.control.begin(measurement, current)
         wire = observer.estimate.wire
         belief = AdaptiveEstimate(
@@ -166,7 +166,7 @@ class AdaptiveControl:
     def step(
         self, state: AdaptiveState, reference: float, measurement: float
     ) -> tuple[float, AdaptiveState]:
-        """Current for the next interval, and the state after it."""
+        """Return the current for the next interval and the next state."""
         belief = self._followed(state.belief, state.applied)
         before = replace(state.observer, applied=state.applied)
         current, observer = belief.control.step(before, reference, measurement)
@@ -182,7 +182,7 @@ class AdaptiveControl:
         return current, self._learnt(new, reference)
 
     def _followed(self, belief: AdaptiveEstimate, current: float) -> AdaptiveEstimate:
-        """The two free wires after an interval."""
+        """Simulate the two free wires for an interval."""
         options = {"ambient": belief.ambient}
         power = current**2
         return replace(
@@ -192,7 +192,7 @@ class AdaptiveControl:
         )
 
     def _learnt(self, state: AdaptiveState, angle: float) -> AdaptiveState:
-        """The state after a settled sample at an angle."""
+        """Return the state after a settled sample at an angle."""
         belief, estimate = state.belief, state.observer.estimate
         ambient = belief.ambient + _BIAS_SHARE * (estimate.ambient - belief.ambient)
         belief = self._scored(replace(belief, ambient=ambient), angle)
@@ -209,7 +209,7 @@ class AdaptiveControl:
         return replace(state, observer=observer, belief=belief, learnt=estimate.wire.power)
 
     def _scored(self, belief: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
-        """Smoothed errors of the two free wires, before anything is learnt from the sample."""
+        """Update the smoothed errors of the two free wires, before the sample is used."""
         own, first = abs(belief.free.angle - angle), abs(belief.identified.angle - angle)
         return replace(
             belief,
@@ -219,7 +219,7 @@ class AdaptiveControl:
         )
 
     def _updated(self, belief: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
-        """Weights that explain the sample better, as far as one update may go."""
+        """Change the weights to explain the sample, within the limit of one update."""
         memory = belief.free.tracker.memory
         before = replace(belief.recursion, memory=memory, updates=0)
         after = self._recursive.update(before, memory.u, angle)
@@ -234,7 +234,7 @@ class AdaptiveControl:
         return self._with(learnt, self._recursive.model(recursion))
 
     def _with(self, belief: AdaptiveEstimate, operator: Preisach) -> AdaptiveEstimate:
-        """The belief with another operator, its free wire at the same effective power."""
+        """Return the estimate with another operator, its free wire at the same effective power."""
         wire = replace(self.control.wire, operator=operator)
         control = replace(belief.control, wire=wire)
         return replace(belief, control=control, free=_moved_to(belief.free, wire))
@@ -246,10 +246,10 @@ class AdaptiveControl:
 
 
 def _moved_to(state: HeatedState, wire: HeatedWire) -> HeatedState:
-    """A state with the same memory and effective power in another operator."""
+    """Return a state with the same memory and effective power in another operator."""
     return wire.moved(wire.begin(state.power, state.tracker.memory), state.power)
 
 
 def _carried(estimate: Estimate, wire: HeatedWire) -> Estimate:
-    """An estimate carried to another operator: same power, same angles of the past."""
+    """Return an estimate with another operator: same power, same past angles."""
     return replace(estimate, wire=_moved_to(estimate.wire, wire))

@@ -1,8 +1,8 @@
-"""What every controller of a heated wire looks like, and what all of them share.
+"""Interface of every controller of a heated wire, and what all of them share.
 
-A controller is frozen configuration. Its state is a value that goes in and comes out of
-``step``; the state says which current it asked for in ``applied``, and whoever had to apply
-another puts that there before the next step, so that models follow what was achieved.
+A controller is frozen configuration; ``step`` takes a state and returns the next one. ``applied``
+of the state is the current that the controller requested. If another current was applied, the
+caller puts it there before the next step, so that models follow the applied current.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from minorloop.head.control.heating import SMALLEST_CHANGE, HeatedState, HeatedW
 INTERVAL = 0.04
 """Time between two steps in seconds, 25 Hz."""
 HIGHEST_CURRENT = 0.4
-"""In A: what the wires of the head may have."""
+"""Largest current of the wires of the head, in A."""
 MOST_DELAY = 250
-"""Longest delay of the sensor, in steps."""
+"""Longest delay of the sensor, in steps: 10 s at 25 Hz, more than the lag of a wire."""
 
 
 class Controller(Protocol):
-    """A control law for one wire: from a wish and a reading to a current."""
+    """A control law for one wire: from a target and a reading to a current."""
 
     @property
     def interval(self) -> float:
         """Time between two steps in seconds."""
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> Any:
-        """State before the first step.
+        """Return the state before the first step.
 
         Parameters
         ----------
         measurement : float
-            Angle at which the wire is found, in degrees.
+            Angle at which the wire has settled, in degrees.
         current : float
-            Under which it has settled there, in A.
+            Current under which it has settled, in A.
         """
 
     def step(self, state: Any, reference: float, measurement: float) -> tuple[float, Any]:
-        """Current for the next interval, and the state after it; nothing is changed in place.
+        """Return the current for the next interval and the next state; nothing changes in place.
 
         Parameters
         ----------
-        state : as ``begin`` gives it
+        state : as returned by ``begin``
         reference : float
-            Angle wanted, in degrees.
+            Wanted angle, in degrees.
         measurement : float
             Newest reading in degrees; NaN where there is none.
 
@@ -69,7 +69,7 @@ class Loop:
     interval : float
         Time between two steps in seconds, above 0 and up to 1.
     delay : int
-        By how many intervals a reading is old when it is given, 0 to 250.
+        Age of a reading in intervals, 0 to 250.
     highest : float
         Largest current in A, above 0 and up to 0.4.
 
@@ -91,12 +91,12 @@ class Loop:
             raise ParameterError(f"delay is {self.delay!r}; give 0 to {MOST_DELAY} intervals")
 
     def current(self, power: float) -> float:
-        """Current that gives a power as far as the limits allow, in A."""
+        """Return the current in A for a power, within the limits."""
         return min(math.sqrt(max(power, 0.0)), self.highest)
 
 
 def within(name: str, value: float, low: float, high: float, unit: str = "") -> float:
-    """Give a parameter of a controller as a float, refused outside its range.
+    """Return a parameter as a float, checked against its range.
 
     Raises
     ------
@@ -111,12 +111,12 @@ def within(name: str, value: float, low: float, high: float, unit: str = "") -> 
 
 
 def width(wire: HeatedWire) -> float:
-    """Range of the power of a wire, in A^2."""
+    """Return the range of the power of a wire, in A^2."""
     return float(wire.operator.levels[-1] - wire.operator.levels[0])
 
 
 def mean_slope(wire: HeatedWire) -> float:
-    """Range of the angle over that of the power, in degrees per A^2."""
+    """Return the range of the angle over that of the power, in degrees per A^2."""
     low, high = wire.operator.range
     return (high - low) / width(wire)
 
@@ -130,25 +130,25 @@ def heating(
     ambient: float = 0.0,
     steepest: float = math.inf,
 ) -> float:
-    """Power that takes a wire to an angle as if it had a lag of ``response`` alone, in A^2.
+    """Return the power in A^2 that drives a wire to an angle with a lag of ``response``.
 
-    The inverse of the operator says which effective power is needed, the inverse of the heating
-    lag, latent heat included, how to get there.
+    The inverse of the operator gives the effective power, the inverse of the heating lag, with
+    latent heat, the power that leads there.
 
     Parameters
     ----------
     wire : HeatedWire
     state : HeatedState
-        Where it is.
+        Of the wire.
     reference : float
-        Angle wanted, in degrees.
+        Wanted angle, in degrees.
     response : float
-        Time constant wanted, in seconds.
+        Wanted time constant, in seconds.
     ambient : float
         Power that the surroundings add, in A^2.
     steepest : float
-        Degrees per A^2: an error asks for no more power than its share of this, so that a small
-        one does not jump the whole width of the loop. Infinite for no such bound.
+        Slope in degrees per A^2 that limits the power for an error, so that a small error does
+        not cross the whole width of the loop. Infinite for no such limit.
     """
     change = state.tracker.aim(reference) - state.power
     if math.isfinite(steepest):

@@ -11,7 +11,7 @@ from minorloop.head.control.heating import HeatedState, HeatedWire
 
 @dataclass(frozen=True, eq=False)
 class FeedforwardState:
-    """What open loop remembers: the simulated wire, and the current that is on."""
+    """State of open loop: the simulated wire, and the present current."""
 
     wire: HeatedState
     applied: float
@@ -19,15 +19,14 @@ class FeedforwardState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Feedforward(Loop):
-    """Control that believes its model and reads no sensor.
+    """Open-loop control by the model, without a sensor.
 
     Parameters
     ----------
     wire : HeatedWire
         The model.
     response : float
-        Time constant in seconds with which the angle is to follow, as far as the current
-        allows.
+        Time constant in seconds with which the angle follows, within the limits of the current.
     interval, delay, highest
         As in `Loop`.
 
@@ -39,7 +38,7 @@ class Feedforward(Loop):
     References
     ----------
     Boudjabi, Ferreira and Krupa, Proc. IEEE IROS 2003, Fig. 7; the order of lag and operator is
-    that of the physics, and the model follows the current that was achieved.
+    that of the physics, and the model follows the current that was applied.
     """
 
     wire: HeatedWire
@@ -50,13 +49,13 @@ class Feedforward(Loop):
         within("response", self.response, self.interval, 60.0, "s")
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> FeedforwardState:
-        """State of a wire that is found settled at an angle under a current."""
+        """Return the state of a wire that has settled at an angle under a current."""
         return FeedforwardState(self.wire.found(current**2, measurement), current)
 
     def step(
         self, state: FeedforwardState, reference: float, measurement: float = math.nan
     ) -> tuple[float, FeedforwardState]:
-        """Current for the next interval; the measurement is not read."""
+        """Return the current for the next interval and the next state, without the measurement."""
         wire = self.wire.step(state.wire, state.applied**2, self.interval)
         power = heating(self.wire, wire, reference, response=self.response)
         current = self.current(power)

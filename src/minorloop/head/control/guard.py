@@ -1,8 +1,8 @@
-"""The layer that every controller goes through: limits, sensor, targets, and the log.
+"""Guard around every controller: limits, checks of sensor and target, and a log.
 
-Whatever the controller asks for, whatever the sensor says, what leaves this layer keeps the
-limits of current and temperature. A sensor that cannot be believed ends in cooling, a target
-that cannot be reached in holding what can; nothing is raised in the loop, and the log says why.
+Whatever the controller requests and the sensor reads, the current that leaves the guard keeps the
+limits of current and temperature. If the sensor is faulty, the wire cools; if a target cannot be
+reached, the guard holds an angle that can. Nothing is raised in the loop; the log gives reasons.
 """
 
 from __future__ import annotations
@@ -32,27 +32,34 @@ Cause: TypeAlias = Literal[
     "stress",
 ]
 MOST_EVENTS, MOST_ALIKE = 64, 8
-"""How many events the log keeps, the newest, and of one cause."""
+"""How many events the log keeps: the newest, and those of one cause."""
 _HOLD_SHARE = 0.9
+"""Share of the reach of a wire at which an unreachable target is held: some current is left."""
 _COLD = 0.3
-_BEHIND_BY = 2.0
-_BEHIND_FOR = 1.0
+"""Degrees above the cold wire below which a target means no current."""
+_BEHIND_BY, _BEHIND_FOR = 2.0, 1.0
+"""Degrees and seconds from which a wire at a limit counts as behind a moving target."""
 _IDLE_LAGS = 4.0
+"""Lags without current after which a wire above its target means surroundings that are too warm:
+98 % of the heat have left it by then."""
 _RESYNC = 3
+"""Consistent times in a row after which a clock counts as set."""
 _LONGEST_GAP = 500
+"""Intervals after which a gap counts as a jump of the clock: 20 s at 25 Hz."""
 _LATE = 1.5
+"""Intervals from which a step counts as late."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that the log keeps.
+    """Entry of the log.
 
     Parameters
     ----------
     step : int
         Number of the step, from 1.
     cause : str
-        What kind of thing, such as ``sensor`` or ``unreachable``.
+        Such as ``sensor`` or ``unreachable``.
     text : str
         A sentence.
     """
@@ -64,7 +71,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class GuardState:
-    """What the guard remembers.
+    """State of the guard.
 
     Parameters
     ----------
@@ -72,7 +79,7 @@ class GuardState:
     estimate : Estimate
         Of the wire.
     heated : float
-        Effective power that the current alone explains, in A^2.
+        Effective power by the current alone, in A^2.
     sensed : Sensed
         Of the sensor.
     reach : ReachState
@@ -80,19 +87,19 @@ class GuardState:
     reference : float
         Last target that was a number, in degrees.
     applied : float
-        Current in A that is on.
+        Present current in A.
     steps : int
         Steps so far.
     t : float
         Time of the last step in seconds, NaN if none was given.
     strange : int
-        How many times in a row have not gone on from there, but from one another.
+        Number of times in a row that follow one another, but not ``t``.
     last : float
-        Time that was given last, in seconds.
+        The newest time, in seconds.
     behind : float
-        For how long the wire has been behind a moving target at a limit, in seconds.
+        Seconds for which the wire has been behind a moving target at a limit.
     idle : float
-        For how long it has been above its target without a current, in seconds.
+        Seconds for which it has been above its target without a current.
     active : frozenset of str
         Causes that persist.
     log : tuple of Event
@@ -117,7 +124,7 @@ class GuardState:
 
     @property
     def unreachable(self) -> Unreachable | None:
-        """Why the target is out of reach, None if it is not known to be."""
+        """Why the target is out of reach, None if that is not known."""
         return self.reach.verdict
 
     @property
@@ -135,11 +142,11 @@ class Guard:
     controller : Controller
         Of one wire.
     observer : PowerObserver
-        Watches the wire beside the controller: its effective power is its temperature.
+        Estimates the effective power of the wire, and so its temperature.
     limits : WireLimits
-        What the wire may bear.
+        Of the wire.
     sensor : SensorWatch
-        What the sensor is like.
+        Checks of the sensor.
 
     Raises
     ------
@@ -164,14 +171,14 @@ class Guard:
             )
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> GuardState:
-        """State of a wire that is found settled at an angle under a current.
+        """Return the state of a wire that has settled at an angle under a current.
 
         Parameters
         ----------
         measurement : float
-            In degrees; one that is not a number counts as 0.
+            In degrees; 0 if it is not a number.
         current : float
-            In A; beyond the limits it counts as the nearer one.
+            In A; clipped to the limits.
         """
         angle = measurement if math.isfinite(measurement) else 0.0
         most = self.observer.highest
@@ -190,23 +197,23 @@ class Guard:
         t: float | None = None,
         raw: float | None = None,
     ) -> tuple[float, GuardState]:
-        """Current for the next interval, within the limits; nothing is raised.
+        """Return the current for the next interval, within the limits; nothing is raised.
 
         Parameters
         ----------
         state : GuardState
         reference : float
-            Angle wanted in degrees; the last number stands in for what is none.
+            Wanted angle in degrees; the last valid one is used if it is not a number.
         measurement : float
             Newest reading in degrees, or NaN.
         t : float, optional
-            Time of the reading in seconds. Readings that are not later than the one before are
-            not used; after a gap the wire is taken to have had its current on throughout.
+            Time of the reading in seconds. A reading that is not later than the one before is
+            not used; during a gap the current is assumed to have been on.
         raw : float, optional
-            What the sensor said, where the measurement was worked out from more than that.
+            Reading of the sensor, if the measurement was computed from it and others.
         """
-        said = measurement if raw is None else raw
-        steps, read, notes, clock = self._passed(state, said, t)
+        reading = measurement if raw is None else raw
+        steps, read, notes, clock = self._passed(state, reading, t)
         wanted, notes = self._wanted(state, reference, notes)
         sensed = self.sensor.step(state.sensed, read)
         if raw is not None and math.isfinite(sensed.value):
@@ -238,7 +245,7 @@ class Guard:
         return current, self._logged(state, new, notes, cool < asked)
 
     def temperature(self, state: GuardState) -> float:
-        """Highest temperature that the wire may have now, in degrees Celsius."""
+        """Return the highest temperature that the wire may have now, in degrees Celsius."""
         return self.limits.temperature(max(state.heated, state.estimate.wire.power))
 
     @cached_property
@@ -254,10 +261,10 @@ class Guard:
     def _passed(
         self, state: GuardState, measurement: object, t: object
     ) -> tuple[int, object, dict[Cause, str], tuple[float, int, float]]:
-        """Intervals that passed, the reading if it is new, what there is to note, the clock.
+        """Return the passed intervals, the reading if it is new, notes, and the clock.
 
-        The clock is the time that is believed, how many in a row did not go on from it but
-        from one another, and the last of these. A few such, and the clock was set.
+        The clock consists of the accepted time, the number of times in a row that follow one
+        another but not that, and the last of these. After a few such times, the clock was set.
         """
         if t is None:
             return 1, measurement, {}, (state.t, state.strange, state.last)
@@ -272,8 +279,8 @@ class Guard:
             late = gap > _LATE * interval
             note = {"clock": f"{gap:.3g} s went by between two steps"} if late else {}
             return max(round(gap / interval), 1), measurement, note, (now, 0, now)
-        goes_on = 0 < now - state.last <= 2 * _LATE * interval
-        strange = state.strange + 1 if goes_on else 1
+        consistent = 0 < now - state.last <= 2 * _LATE * interval
+        strange = state.strange + 1 if consistent else 1
         if strange >= _RESYNC:
             note = {"clock": f"the clock was set from {state.t:.6g} to {now:.6g} s"}
             return 1, measurement, note, (now, 0, now)
@@ -281,12 +288,12 @@ class Guard:
         return 1, math.nan, note, (state.t, strange, now)
 
     def _target(self, wanted: float, reach: ReachState) -> float:
-        """What the controller is told to aim at."""
+        """Return the target of the controller."""
         low, top = self.observer.wire.operator.range
         target = min(wanted, STROKE_SHARE * top)
         if reach.verdict is not None and reach.verdict.reason != "beyond the stroke":
             target = min(target, _HOLD_SHARE * reach.verdict.reach)
-        # The flat beginning of the loop has the output of a cold wire up to a good heat.
+        # The loop begins flat: many powers give the angle of a cold wire.
         return target if target > low + _COLD else low - 1.0
 
     def _wanted(
@@ -295,7 +302,7 @@ class Guard:
         wanted = as_number(reference)
         if math.isfinite(wanted):
             return wanted, notes
-        text = f"target {reference!r:.40} is not a number; {state.reference:.4g} degrees stand"
+        text = f"target {reference!r:.40} is not a number; {state.reference:.4g} degrees are kept"
         return state.reference, {**notes, "reference": text}
 
     def _observed(self, state: GuardState, steps: int, value: float) -> tuple[Estimate, float]:
@@ -316,7 +323,7 @@ class Guard:
         return self._watch.step(state.reach, wanted, sensed.value, state.applied, estimate)
 
     def _allowed(self, estimate: Estimate, heated: float) -> float:
-        """Largest current in A after which the wire is not too hot, whichever estimate holds."""
+        """Return the largest current in A that keeps the wire cool enough by both estimates."""
         wire, interval = self.observer.wire, self.observer.interval
         bias = estimate.ambient
         power = min(
@@ -326,7 +333,7 @@ class Guard:
         return min(math.sqrt(power), self.observer.highest)
 
     def _useful(self, sensed: Sensed, reach: ReachState, estimate: Estimate) -> float:
-        """Largest current in A that makes sense with this sensor and this target."""
+        """Return the largest current in A for this state of the sensor and this target."""
         low, top = self.observer.wire.operator.range
         angle = sensed.value if math.isfinite(sensed.value) else estimate.wire.angle
         if sensed.fault or angle > STROKE_SHARE * top:
@@ -338,7 +345,7 @@ class Guard:
         return 0.0 if nothing or verdict.reason == "no motion" else self.observer.highest
 
     def _behind(self, state: GuardState, wanted: float, value: float, current: float) -> float:
-        """For how long the wire has been too slow for a moving target, at a limit."""
+        """Return the seconds for which the wire, at a limit, has been behind a moving target."""
         at_limit = current >= self.observer.highest or current <= 0.0
         moving = wanted != state.reference
         if at_limit and moving and abs(wanted - value) > _BEHIND_BY:
@@ -346,7 +353,7 @@ class Guard:
         return 0.0
 
     def _idle(self, state: GuardState, wanted: float, value: float, current: float) -> float:
-        """For how long it has been above its target without a current."""
+        """Return the seconds for which the wire has been above its target without a current."""
         if current <= 0.0 and value > wanted + _BEHIND_BY and not state.sensed.fault:
             return state.idle + self.observer.interval
         return 0.0
@@ -354,7 +361,7 @@ class Guard:
     def _logged(
         self, old: GuardState, new: GuardState, notes: dict[Cause, str], hot: bool
     ) -> GuardState:
-        """The new state with its log: a cause that persists is noted when it begins."""
+        """Return the new state with its log; a persistent cause is logged when it begins."""
         present = dict(notes)
         if new.fault:
             present["sensor"] = f"the sensor is {new.fault}; the wire cools"
@@ -372,10 +379,12 @@ class Guard:
                 "are too warm"
             )
         if self.limits.stressed(new.estimate.wire.angle):
-            present["stress"] = f"the wire bears more than {self.limits.stress / 1e6:.0f} MPa"
+            present["stress"] = (
+                f"the stress of the wire is above {self.limits.stress / 1e6:.0f} MPa"
+            )
         fresh = [(cause, text) for cause, text in present.items() if cause not in old.active]
         if "sensor" in old.active and "sensor" not in present:
-            fresh.append(("sensor back", "the sensor is believed again"))
+            fresh.append(("sensor back", "the sensor is trusted again"))
         if "unreachable" in old.active and "unreachable" not in present:
             fresh.append(("reachable", "targets are tried again"))
         events = tuple(Event(new.steps, cause, text) for cause, text in fresh)
@@ -384,7 +393,7 @@ class Guard:
 
 
 def _newest(log: tuple[Event, ...]) -> tuple[Event, ...]:
-    """The newest events, so that one cause that comes and goes does not push out others."""
+    """Return the newest events; a frequent cause does not displace others."""
     kept: list[Event] = []
     alike: dict[Cause, int] = {}
     for event in reversed(log):

@@ -1,4 +1,4 @@
-"""Control of several wires at once, with the coupling of their sensors undone."""
+"""Control of several wires at once, with compensation of the coupling of their sensors."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from minorloop.head.control.pi import ProportionalIntegral
 from minorloop.head.control.sensing import SensorWatch, as_number
 
 CONTROLLERS = ("observer", "feedforward", "pi", "internal_model", "adaptive")
-"""Names that `head_control` knows; the first is what it takes without a name."""
-
+"""Names for `head_control`."""
 
 _LARGEST = 1e6
+"""Angle in degrees from which a number counts as none."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeadState:
-    """What the control of a head remembers: a state for each axis."""
+    """State of the control of a head: one state for each axis."""
 
     axes: tuple[GuardState, ...]
 
@@ -50,14 +50,14 @@ class HeadControl:
     axes : tuple of Guard
         One for each wire.
     coupling : (axes, axes) array_like, optional
-        ``coupling[i, j]``: what the sensor of axis i sees of a degree of axis j, 1 on the
-        diagonal. Without it, the axes are taken to be independent.
+        ``coupling[i, j]``: change of the sensor of axis i for a degree of axis j, 1 on the
+        diagonal. Without it, the axes are independent.
 
     Raises
     ------
     ParameterError
-        If the coupling has another shape, is not finite, or mixes the axes so much that they
-        cannot be told apart.
+        If the coupling has another shape, is not finite, or is so strong that the axes cannot be
+        separated.
     """
 
     axes: tuple[Guard, ...]
@@ -80,21 +80,21 @@ class HeadControl:
         if not (np.abs(matrix - np.eye(count)).sum(axis=1) < 0.5).all():
             raise ParameterError(
                 "the coupling has rows that differ from the unit matrix by 0.5 or more; such "
-                "axes cannot be told apart"
+                "axes cannot be separated"
             )
         object.__setattr__(self, "coupling", frozen(matrix))
 
     def begin(
         self, measurement: npt.ArrayLike | None = None, current: npt.ArrayLike | None = None
     ) -> HeadState:
-        """State of a head that is found settled at angles (axes,) under currents (axes,).
+        """Return the state of a head that has settled at angles (axes,) under currents (axes,).
 
         Parameters
         ----------
         measurement : (axes,) array_like, optional
-            Angles read, in degrees.
+            Readings, in degrees.
         current : (axes,) array_like, optional
-            Currents that hold them, in A.
+            In A.
         """
         count = len(self.axes)
         angles = np.zeros(count) if measurement is None else _numbers(measurement, count)
@@ -111,13 +111,13 @@ class HeadControl:
         *,
         t: float | None = None,
     ) -> tuple[FloatArray, HeadState]:
-        """Currents for the next interval, within the limits; nothing is raised.
+        """Return the currents for the next interval, within the limits; nothing is raised.
 
         Parameters
         ----------
         state : HeadState
         reference : (axes,) array_like
-            Angles wanted, in degrees as the sensors give them.
+            Wanted readings of the sensors, in degrees.
         measurement : (axes,) array_like
             Newest readings in degrees; NaN where there is none.
         t : float, optional
@@ -131,11 +131,11 @@ class HeadControl:
         """
         count = len(self.axes)
         wanted, seen = _numbers(reference, count), _numbers(measurement, count)
-        believed = np.array([axis.estimate.wire.angle for axis in state.axes])
-        standing = np.array([axis.reference for axis in state.axes])
-        sound = np.array([not axis.fault for axis in state.axes])
-        readings = self._own(seen, believed, sound)
-        targets = self._own_targets(wanted, standing)
+        estimated = np.array([axis.estimate.wire.angle for axis in state.axes])
+        last = np.array([axis.reference for axis in state.axes])
+        working = np.array([not axis.fault for axis in state.axes])
+        readings = self._own(seen, estimated, working)
+        targets = self._own_targets(wanted, last)
         current, states = np.empty(count), []
         for k, axis in enumerate(self.axes):
             pair = float(targets[k]), float(readings[k])
@@ -143,21 +143,19 @@ class HeadControl:
             states.append(after)
         return current, HeadState(tuple(states))
 
-    def _own(self, seen: FloatArray, instead: FloatArray, sound: BoolArray) -> FloatArray:
-        """Angles (axes,) of the wires themselves; NaN where the sensor gives none.
+    def _own(self, seen: FloatArray, instead: FloatArray, working: BoolArray) -> FloatArray:
+        """Return the angles (axes,) of the wires without coupling; NaN where there is no reading.
 
-        ``instead`` are the wires' angles that stand in, in what the other axes see of them,
-        for those that are not sound or not numbers.
+        For the effect on other axes, ``instead`` replaces angles that are faulty or not numbers.
         """
         known = np.abs(seen) < _LARGEST
-        filled = np.where(known & sound, seen, instead + self._mixing @ instead)
+        filled = np.where(known & working, seen, instead + self._mixing @ instead)
         return np.where(known, seen - self._mixing @ (self._undo @ filled), np.nan)
 
     def _own_targets(self, wanted: FloatArray, instead: FloatArray) -> FloatArray:
-        """Angles (axes,) that the wires are to take; NaN where none is wanted.
+        """Return the wanted angles (axes,) of the wires without coupling; NaN where there is none.
 
-        A wire that the other axes would have beyond its stroke stops at its end, and the others
-        make up for that.
+        A wire that would have to leave its stroke stops at its end; the others compensate that.
         """
         known = np.abs(wanted) < _LARGEST
         filled = np.where(known, wanted, instead + self._mixing @ instead)
@@ -167,7 +165,7 @@ class HeadControl:
 
     @cached_property
     def _mixing(self) -> FloatArray:
-        """What the sensors see of other axes."""
+        """Coupling of other axes into the sensors."""
         return np.asarray(self.coupling) - np.eye(len(self.axes))
 
     @cached_property
@@ -184,7 +182,7 @@ def head_control(
     sensor: SensorWatch | None = None,
     **options: Any,
 ) -> HeadControl:
-    """Control of a head by the name of its controller.
+    """Return the control of a head by the name of its controller.
 
     Parameters
     ----------
@@ -195,11 +193,11 @@ def head_control(
     coupling : (axes, axes) array_like, optional
         As in `HeadControl`.
     limits, sensor
-        As in `Guard`, of every axis; the defaults of the head without them.
+        As in `Guard`, for every axis; the defaults of the head without them.
     **options
-        Of the controller, of every axis: `interval`, `delay` and `highest` of any; `response`
-        of feedforward, internal_model, observer and adaptive; and what `ObserverControl`,
-        `ProportionalIntegral` and `InternalModel` list beside that.
+        Of the controller, for every axis: `interval`, `delay` and `highest` of any; `response`
+        of feedforward, internal_model, observer and adaptive; and further options of
+        `ObserverControl`, `ProportionalIntegral` and `InternalModel`.
 
     Raises
     ------
@@ -219,12 +217,12 @@ def head_control(
 
 
 def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
-    """A controller by its name, for one wire, without its guard.
+    """Return a controller by its name, for one wire, without its guard.
 
     Raises
     ------
     ParameterError
-        If there is none of that name, or an option is unknown or out of its range.
+        If the name or an option is unknown, or an option is out of its range.
     """
     check_option("controller", name, CONTROLLERS)
     try:
@@ -250,7 +248,7 @@ def _clock(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers(values: npt.ArrayLike, count: int) -> FloatArray:
-    """(count,) numbers, NaN where something else was given."""
+    """Return (count,) numbers, NaN for anything else."""
     try:
         each = list(np.ravel(np.asarray(values, dtype=object)))
     except ValueError:

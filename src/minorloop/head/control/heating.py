@@ -1,8 +1,8 @@
-"""Identification of a heated wire: what its heating power does, and how late.
+"""Identification of a heated wire: an operator on the heating power, and its lag.
 
-A current heats a wire, the heat lags, and the temperature drives the hysteresis. So the input
-of the operator is the heating power, the square of the current, and the lag comes before it.
-The latent heat of the transformation makes the lag longer exactly while the wire moves.
+A current heats a wire, the heat lags, and the temperature drives the hysteresis. The input of the
+operator is therefore the heating power, the square of the current, after a lag. The latent heat of
+the transformation makes the lag longer while the wire moves.
 """
 
 from __future__ import annotations
@@ -36,26 +36,32 @@ from minorloop.operators.preisach import Diagonal, Preisach
 from minorloop.operators.tracker import Tracker
 
 SMALLEST_CHANGE = 1e-15
-"""Change of the effective power in A^2 below which nothing happens: slopes would be noise."""
+"""Change of the effective power in A^2 that counts as none: slopes would be rounding errors."""
 _LONGEST_STEP = 0.1
+"""Longest implicit step in seconds: a fortieth of a usual lag."""
 _SOLVES = 2
+"""Fixed-point iterations for the slope in a step."""
 _HALVINGS = 40
+"""Bisections for the past of a wire: 1e-12 of the range."""
 _NEAR = 0.01
+"""Tolerance of an angle as a share of the range."""
 _FLOOR = 0.15
+"""Share of the levels that is spread evenly, so that a flat part has some."""
 _FIRST_LAG = 4.0
+"""First guess of the lag in seconds: that of a wire of 0.2 mm in air."""
 _MOST_BANDS = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class HeatedState:
-    """What a heated wire remembers: the power it feels, and the memory of its operator.
+    """State of a heated wire: effective power and memory of its operator.
 
     Parameters
     ----------
     power : float
-        Effective power: the steady one that would keep the wire as warm as it is, in A^2.
+        Effective power: the steady power that would hold the present temperature, in A^2.
     angle : float
-        Output of the operator, in the unit of its output.
+        Output of the operator, in its unit.
     tracker : Tracker
         Memory of the operator; it is copied and never pushed.
     """
@@ -105,7 +111,7 @@ class HeatedWire:
             raise ParameterError(f"latent is {self.latent}; give at least 0 A^2 s per degree")
 
     def begin(self, power: float = 0.0, start: Start = "negative") -> HeatedState:
-        """State of a wire that has settled under a power.
+        """Return the state of a wire that has settled under a power.
 
         Parameters
         ----------
@@ -118,18 +124,18 @@ class HeatedWire:
         return HeatedState(as_finite("power", power), tracker.push(power), tracker)
 
     def found(self, power: float, angle: float) -> HeatedState:
-        """State of a wire that was found settled under a power, at an angle.
+        """Return the state of a wire that has settled under a power, at an angle.
 
-        Which past led there is not known; the one taken is a rise to some power and a return.
-        Where none gives the angle to within 1 % of the range, the effective power is what gives
-        it from cold.
+        Its past is not known; it is assumed to be a rise to some power and a return. If none
+        gives the angle to within 1 % of the range, the effective power is the one that gives it
+        from cold.
 
         Parameters
         ----------
         power : float
             In A^2.
         angle : float
-            In degrees; beyond the range of the operator it counts as the nearer end.
+            In degrees; clipped to the range of the operator.
         """
         cold = self.begin()
         least, top = self.begin(power), float(self.operator.levels[-1])
@@ -155,7 +161,7 @@ class HeatedWire:
         ambient: float = 0.0,
         cooling: float = 1.0,
     ) -> HeatedState:
-        """State after a power was held for an interval; the old state is left as it was.
+        """Return the state after a power was held for an interval; the old state is unchanged.
 
         tau dw/dt + q dy/dt = p - c (w - a) with the changes of the surroundings a and c.
 
@@ -168,10 +174,10 @@ class HeatedWire:
         interval : float
             In seconds, short against the lag.
         ambient : float
-            a: effective power of a wire that is not heated, in A^2; above 0 where it is warmer
-            than when the wire was identified.
+            a: effective power of a wire that is not heated, in A^2; above 0 if it is warmer than
+            at identification.
         cooling : float
-            c: convection over that when the wire was identified.
+            c: convection over that at identification.
         """
         gap = interval * (power - cooling * (state.power - ambient))
         stiff = self.lag + cooling * interval
@@ -185,7 +191,7 @@ class HeatedWire:
         return self.moved(state, state.power + change)
 
     def moved(self, state: HeatedState, power: float) -> HeatedState:
-        """State when the effective power has gone straight to a value.
+        """Return the state after the effective power has moved monotonically to a value.
 
         Parameters
         ----------
@@ -200,7 +206,7 @@ class HeatedWire:
     def simulate(
         self, t: npt.ArrayLike, current: npt.ArrayLike, start: Start = "negative"
     ) -> FloatArray:
-        """Angles for a sampled current, held from each sample to the next.
+        """Return the angles for a sampled current, held from each sample to the next.
 
         Parameters
         ----------
@@ -234,7 +240,7 @@ class HeatedWire:
 
 @dataclass(frozen=True, eq=False)
 class HeatedIdentification:
-    """A heated wire as it was identified.
+    """An identified heated wire.
 
     Parameters
     ----------
@@ -252,7 +258,7 @@ class HeatedIdentification:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """What is weak, and what to do about it; empty where nothing is."""
+        """Weaknesses of the identification and their remedies; empty if there are none."""
         width = float(np.ptp(self.model.operator.range))
         return (*self.steady.advice, *advice(self.step_rms, width))
 
@@ -269,12 +275,12 @@ class HeatedIdentification:
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
     def plot(self) -> Any:
-        """Draw the operator; gives the matplotlib figure."""
+        """Draw the operator and return the matplotlib figure."""
         return self.model.operator.plot(input_label="power [A^2]", output_label="angle [deg]")
 
 
 def moving_levels(current: npt.ArrayLike, angle: npt.ArrayLike, bands: int) -> Levels:
-    """Currents that crowd where the wire moves, to measure reversal curves on.
+    """Return levels of current that are dense where the wire moves, for reversal curves.
 
     Parameters
     ----------
@@ -288,8 +294,7 @@ def moving_levels(current: npt.ArrayLike, angle: npt.ArrayLike, bands: int) -> L
     Returns
     -------
     (L + 1,) array
-        In A. Most of them lie between where the wire begins to move and where it has turned as
-        far as it goes, on the way up or on the way down.
+        In A. Most of them lie where the wire moves on the way up or on the way down.
 
     Raises
     ------
@@ -325,15 +330,14 @@ def identify_heating(
     angle : (T,) array_like
         Settled angles in degrees; NaN where none was measured.
     step : tuple of t, current, angle, each (N,) array_like
-        A record of a step, in s, A and degrees, that begins settled and cold and is sampled
-        several times in a lag; a step up and down again tells the lag from the latent heat
-        better.
+        A record of a step, in s, A and degrees, that begins settled and cold, with several
+        samples in a lag. A step up and down again separates the lag from the latent heat best.
     levels : (L + 1,) array_like
         Thresholds in A; their squares are those of the operator.
     relay, diagonal, start
         As in `Preisach`.
     holdout : float
-        Share of the holds, at their end, that is kept from the fit and scored, as in `identify`.
+        Share of the holds, at their end, that is not fitted but scored, as in `identify`.
 
     Returns
     -------
@@ -342,9 +346,9 @@ def identify_heating(
     Raises
     ------
     SignalError
-        If the records cannot be used: holds that are too few or outside of the levels, a step
-        of fewer than ten samples or of a constant current, one that hardly moves the wire, or
-        that no lag between 0.3 and 60 s follows.
+        If the records cannot be used: too few holds, or holds outside of the levels; a step of
+        fewer than ten samples, of a constant current, with little motion, or without a lag
+        between 0.3 and 60 s that follows it.
     ParameterError
         If an option is out of its range.
     """
@@ -365,8 +369,8 @@ def identify_heating(
     width = float(np.ptp(steady.model.range))
     if not width > 0:
         raise SignalError(
-            "the settled angles do not rise with the current; turn their sign, and see that "
-            "each angle stands at its current"
+            "the settled angles do not rise with the current; change their sign, and check that "
+            "each angle belongs to its current"
         )
     check_motion(transient, width)
     model, rms = _fit_lag(steady.model, transient)
@@ -375,7 +379,7 @@ def identify_heating(
 
 
 def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
-    """What the sensor of each axis sees of a degree of every other.
+    """Return the change of the sensor of each axis for a degree of every other.
 
     Parameters
     ----------
@@ -406,7 +410,7 @@ def identify_coupling(records: Sequence[npt.ArrayLike]) -> FloatArray:
 
 
 def _fit_lag(operator: Preisach, step: Transient) -> tuple[HeatedWire, float]:
-    """Lag and latent heat that follow a transient best, and the error that remains."""
+    """Fit lag and latent heat to a transient; return the wire and the remaining error."""
     from scipy.optimize import least_squares
 
     power = float(operator.levels[-1])

@@ -1,9 +1,8 @@
-"""A bank of hypotheses about the surroundings of a wire that is being heated.
+"""Hypotheses about the surroundings of a wire that is being heated.
 
-Each says how much colder or warmer the ambient is than when the wire was identified, and how
-many times stronger the convection. The wire is simulated under all of them at once, on the
-rising branch of its operator; how well each explains the readings is its weight, and where full
-current would take the wire is what it foretells.
+A hypothesis is a change of the ambient and of the convection since identification. The wire is
+simulated under all hypotheses at once, on the rising branch of its operator. The weight of a
+hypothesis follows from its errors; each predicts the angle that full current would reach.
 """
 
 from __future__ import annotations
@@ -19,27 +18,31 @@ from minorloop.head.control.observer import Estimate
 
 _AMBIENTS = np.arange(-65.0, 30.1, 2.5)
 _COOLINGS = np.exp(np.concatenate([np.linspace(-0.3, 0.6, 13), np.linspace(0.75, 3.5, 9)]))
+"""Ambients in K and convections as ratios, both relative to identification: from a cold room to a
+flooded pipe."""
 _TABLE = 257
-_MODEL_ERROR = 1.0
-_MOST_MISS = 5.0
-_DECORRELATION = 0.5
-_MEMORY = 6.0
-_LIKELY = (15.0, 0.7)
-_SELDOM_BOTH = (5.0, 0.07)
+"""Points of the table of the rising branch."""
+_MODEL_ERROR, _MOST_MISS = 1.0, 5.0
+"""Standard deviation of the model's error in degrees; errors beyond 5 of them count as 5."""
+_DECORRELATION, _MEMORY = 0.5, 6.0
+"""Seconds between independent errors, and after which errors are forgotten."""
+_LIKELY, _SELDOM_BOTH = (15.0, 0.7), (5.0, 0.07)
+"""Scales of the prior weights in K and as logarithm of the convection: of each alone, and of both
+together."""
 _ITERATIONS = 4
+"""Of the fixed point for the final angle; the resistance varies little with the angle."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """What the hypotheses say now.
+    """State of the hypotheses.
 
     Parameters
     ----------
     power : (M,) array
         Effective power of the wire under each, in A^2.
     cost : (M,) array
-        Squared errors of each within the last seconds, counted as often as they are
-        independent.
+        Sum of squared independent errors of each within the last seconds.
     branch : (257,) array
         Angle on the rising branch at equal steps of the effective power, in degrees.
     """
@@ -51,7 +54,7 @@ class Bank:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hypotheses:
-    """Ambients from -65 to +30 K of that at identification, convections from 0.74 to 33 times.
+    """Ambients from -65 to +30 K, convections from 0.74 to 33 times those at identification.
 
     Parameters
     ----------
@@ -60,8 +63,8 @@ class Hypotheses:
     rise : float
         Steady rise of the temperature of a hot wire for a heating power, in K per A^2.
     cold_resistance : float
-        Resistance of a cold wire over that of a hot one: a degree of the ambient is worth more
-        power where the resistance is less.
+        Resistance of a cold wire over that of a hot one: a degree of the ambient equals more
+        power where the resistance is lower.
     """
 
     wire: HeatedWire
@@ -69,7 +72,7 @@ class Hypotheses:
     cold_resistance: float
 
     def begin(self, angle: float, estimate: Estimate, *, moving: bool) -> Bank:
-        """The bank before a heating.
+        """Return the bank before a heating.
 
         Parameters
         ----------
@@ -78,8 +81,8 @@ class Hypotheses:
         estimate : Estimate
             Of the wire now.
         moving : bool
-            Whether the angle tells the effective power. If it does not, the wire has been in
-            its surroundings for long.
+            Whether the angle determines the effective power. If not, the wire has settled in
+            its surroundings.
         """
         grid = np.linspace(self._low, self._high, _TABLE)
         state = estimate.wire
@@ -94,11 +97,11 @@ class Hypotheses:
         return Bank(power, np.zeros(power.size), np.maximum.accumulate(branch))
 
     def step(self, bank: Bank, current: float, measurement: float, interval: float) -> Bank:
-        """The bank after a current was on for an interval; NaN where there is no reading."""
+        """Return the bank after an interval with a current; the measurement may be NaN."""
         place, share = self._place(bank.power)
         angle = _between(bank.branch, place, share)
         slope = (bank.branch[place + 1] - bank.branch[place]) * self._per_unit
-        gap = current**2 - self.cooling * (bank.power - self._worth(angle))
+        gap = current**2 - self.cooling * (bank.power - self._equivalent(angle))
         stiff = self.wire.lag + self.cooling * interval + self.wire.latent * slope
         cost = bank.cost
         if np.isfinite(measurement):
@@ -108,40 +111,40 @@ class Hypotheses:
         return Bank(bank.power + interval * gap / stiff, cost, bank.branch)
 
     def weights(self, bank: Bank) -> FloatArray:
-        """Weight (M,) of each hypothesis; they sum to 1."""
+        """Return the weight (M,) of each hypothesis; they sum to 1."""
         weight = self._prior * np.exp(-0.5 * (bank.cost - bank.cost.min()))
         return np.asarray(weight / weight.sum())
 
     def final(self, bank: Bank, angle: float, current: float) -> FloatArray:
-        """Where a current ends under each (M,), in degrees.
+        """Return the final angle (M,) under a current for each hypothesis, in degrees.
 
-        What a hypothesis misses of the present angle, it is taken to miss then.
+        Its error at the present angle is assumed to remain.
         """
         at = _between(bank.branch, *self._place(bank.power))
-        missed = angle - at
+        error = angle - at
         for _ in range(_ITERATIONS):
-            power = self._worth(at) + current**2 / self.cooling
+            power = self._equivalent(at) + current**2 / self.cooling
             at = _between(bank.branch, *self._place(power))
-        return np.asarray(np.minimum(at + missed, self.wire.operator.range[1]))
+        return np.asarray(np.minimum(at + error, self.wire.operator.range[1]))
 
     @staticmethod
     def independent(seconds: float) -> float:
-        """How many independent readings a cost after so many seconds counts."""
+        """Return the number of independent readings in a cost after some seconds."""
         return min(seconds, _MEMORY) / _DECORRELATION
 
     @cached_property
     def ambient(self) -> FloatArray:
-        """Worth of the ambient of each (M,) for a hot wire, in A^2."""
+        """Power (M,) in A^2 to which the ambient of each hypothesis is equivalent, hot wire."""
         return np.repeat(_AMBIENTS, _COOLINGS.size) / self.rise
 
     @cached_property
     def cooling(self) -> FloatArray:
-        """Convection of each (M,) over that at identification."""
+        """Convection (M,) of each hypothesis over that at identification."""
         return np.tile(_COOLINGS, _AMBIENTS.size)
 
     @cached_property
     def _prior(self) -> FloatArray:
-        """Mild weights: either ambient or convection is off by much, seldom both."""
+        """Prior weights: ambient or convection may differ much, seldom both."""
         cold, windy = np.abs(self.ambient) * self.rise, np.abs(np.log(self.cooling))
         both = np.minimum(cold / _SELDOM_BOTH[0], windy / _SELDOM_BOTH[1])
         return np.asarray(np.exp(-cold / _LIKELY[0] - windy / _LIKELY[1] - both))
@@ -159,13 +162,13 @@ class Hypotheses:
         return (_TABLE - 1) / (self._high - self._low)
 
     def _place(self, power: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Where powers lie in the table: index to the left, and share of the step."""
+        """Return the position of powers in the table: index to the left, and share of the step."""
         place = np.clip((power - self._low) * self._per_unit, 0.0, _TABLE - 1.000001)
         left = place.astype(np.int64)
         return left, place - left
 
-    def _worth(self, angle: FloatArray) -> FloatArray:
-        """Power that each ambient is worth for a wire at an angle, in A^2."""
+    def _equivalent(self, angle: FloatArray) -> FloatArray:
+        """Return the power to which each ambient is equivalent for a wire at an angle, in A^2."""
         low, high = self.wire.operator.range
         hot = np.clip((angle - low) / (high - low), 0.0, 1.0)
         return self.ambient / (self.cold_resistance + (1.0 - self.cold_resistance) * hot)

@@ -1,9 +1,8 @@
 """Internal-model control around the inverse operator.
 
-The inverse operator is taken to cancel the hysteresis, so that from its input v to the angle a
-lag and a delay remain: H(s) = e^(-sd) / (1 + tau_H s). The model runs beside the plant, and
-what the plant does otherwise is fed back. Values that were achieved, not those wanted, enter
-the model.
+The inverse operator cancels the hysteresis, so that from its input v to the angle a lag and a
+delay remain: H(s) = e^(-sd) / (1 + tau_H s). The model is simulated beside the plant, and the
+difference is fed back. The model follows the current that was applied, not the requested one.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from minorloop.operators.tracker import Tracker
 
 @dataclass(frozen=True, eq=False)
 class InternalModelState:
-    """What the loop remembers.
+    """State of the loop.
 
     Parameters
     ----------
@@ -30,11 +29,11 @@ class InternalModelState:
     lag : float
         Angle of the model H(s) before its delay.
     past : tuple of float
-        Angles of the model, newest first, as old as the delay.
+        Angles of the model, newest first, up to the age of a reading.
     applied : float
-        Current in A that is on.
+        Present current in A.
     missing : float
-        What the plant does beyond the model, in degrees, as it was last read.
+        Last difference between plant and model, in degrees.
     """
 
     tracker: Tracker[Preisach]
@@ -56,7 +55,7 @@ class InternalModel(Loop):
     wire : HeatedWire
         Its operator is inverted.
     response : float
-        lambda in seconds: how fast the angle is to follow.
+        lambda: time constant with which the angle follows, in seconds.
     lag : float, optional
         tau_H in seconds; without it, the lag of the wire with the latent heat of its mean
         slope.
@@ -92,7 +91,7 @@ class InternalModel(Loop):
         return self.wire.lag + self.wire.latent * mean_slope(self.wire)
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> InternalModelState:
-        """State that goes on with the present current when the reference is the measurement."""
+        """Return a state that keeps the present current if the reference is the measurement."""
         found = self.wire.found(current**2, measurement)
         tracker = found.tracker.copy()
         angle = tracker.push(current**2)
@@ -103,7 +102,7 @@ class InternalModel(Loop):
     def step(
         self, state: InternalModelState, reference: float, measurement: float
     ) -> tuple[float, InternalModelState]:
-        """Current for the next interval; a missing reading leaves the last difference."""
+        """Return the next current and state; a missing reading keeps the last difference."""
         tracker = state.tracker.copy()
         achieved = tracker.push(state.applied**2)
         lag = achieved + (state.lag - achieved) * math.exp(-self.interval / self.model_lag)

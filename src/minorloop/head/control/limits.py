@@ -1,8 +1,8 @@
-"""What a wire may bear, and how hot it may be at most, as the controller can know it.
+"""Limits of a wire, and the highest temperature that it may have by its model.
 
-Nothing measures the wire's temperature. It follows from the heating power and the lag that was
-identified, on two ways: from the power alone, and from the effective power that explains the
-angle. The hotter one counts, with a margin for what differs between wires.
+The wire's temperature is not measured. It is estimated in two ways: from the heating power and the
+identified lag, and from the effective power that explains the angle. The higher estimate counts,
+with a margin for differences between wires.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from minorloop.head.control.heating import HeatedWire
 
 @dataclass(frozen=True, kw_only=True)
 class WireLimits:
-    """Limits of a wire, and the numbers of its data sheet that they need.
+    """Limits of a wire, and the values of its data sheet that they need.
 
     Parameters
     ----------
@@ -28,11 +28,11 @@ class WireLimits:
         Steady rise of the temperature for a heating power, in K per A^2: resistance over
         convection, both per metre.
     margin : float
-        By which the rise of a wire may differ from that, as a factor of at least 1.
+        Factor of at least 1 by which the rise of a wire may be higher.
     preload, spring, pulley, diameter : float
         Of the spring in N and N/m, the radius of the pulley and the diameter of the wire in m.
     stress : float
-        What the maker advises not to exceed for long life, in Pa; it is reported, not held.
+        Highest stress that the maker advises for a long life, in Pa; it is reported, not limited.
 
     Raises
     ------
@@ -68,11 +68,11 @@ class WireLimits:
 
     @property
     def highest_power(self) -> float:
-        """Effective power of a wire that may be as hot as is allowed, in A^2."""
+        """Effective power at the highest temperature, in A^2."""
         return (self.hottest - self.ambient) / (self.margin * self.rise)
 
     def temperature(self, effective: float) -> float:
-        """Highest temperature that a wire of an effective power may have, degrees Celsius.
+        """Return the highest temperature of a wire with an effective power, in degrees Celsius.
 
         Parameters
         ----------
@@ -82,9 +82,9 @@ class WireLimits:
         return self.ambient + self.margin * self.rise * max(effective, 0.0)
 
     def allowed(self, wire: HeatedWire, effective: float, bias: float, interval: float) -> float:
-        """Power in A^2 after an interval of which a wire is as hot as is allowed at most.
+        """Return the highest power in A^2 that keeps the temperature limit for an interval.
 
-        Latent heat is left out: it would make the wire colder still.
+        Latent heat is neglected: it would make the wire colder.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class WireLimits:
         return max(effective + room - bias, 0.0)
 
     def stressed(self, angle: float) -> bool:
-        """Whether the spring pulls the wire beyond the stress that its maker advises.
+        """Whether the spring loads the wire beyond the stress that its maker advises.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
-"""The achieved power of a wire and the bias of its surroundings, observed; and control with them.
+"""Observer of the effective power of a wire and of the bias of its surroundings, and control.
 
-The model runs on the current that was applied. Where its angle and the reading differ, the
-effective power is moved along the operator towards the reading, and the bias that ambient and
-convection add is learnt slowly.
+The model is simulated with the current that was applied. The difference between its angle and the
+reading moves the effective power along the operator, and slowly changes the bias that ambient and
+convection add.
 """
 
 from __future__ import annotations
@@ -14,13 +14,17 @@ from minorloop.head.control.controller import Loop, heating, mean_slope, within
 from minorloop.head.control.heating import HeatedState, HeatedWire
 
 _FLATTEST = 0.3
+"""Least slope over the mean slope of the operator; where a branch is flat, no power explains a
+difference."""
 _LARGEST_ERROR = 0.45
+"""Differences above this many degrees change the bias no faster: they are motion."""
 _MOST_BIAS = 0.6
+"""Largest bias as a share of full power."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is believed about a wire.
+    """Estimate of a wire.
 
     Parameters
     ----------
@@ -31,7 +35,7 @@ class Estimate:
     error : float
         Smoothed difference between reading and model, in degrees.
     past : tuple of float
-        Angles of the model, newest first, as old as the delay.
+        Angles of the model, newest first, up to the age of a reading.
     """
 
     wire: HeatedState
@@ -49,13 +53,13 @@ class PowerObserver(Loop):
     wire : HeatedWire
         The model.
     correction : float
-        How fast the effective power follows the readings, in 1/s.
+        Rate at which the effective power follows the readings, in 1/s.
     learning : float
-        How fast the bias is learnt, in 1/s.
+        Rate at which the bias changes, in 1/s.
     smoothing : float
         Time constant of the filter on the difference between reading and model, in seconds.
     dead_band : float
-        Differences up to this many degrees are taken for noise.
+        Differences up to this many degrees count as noise.
     interval, delay, highest
         As in `Loop`.
 
@@ -66,8 +70,8 @@ class PowerObserver(Loop):
 
     Notes
     -----
-    Where a branch is flat, no power explains a difference. Slopes are therefore not taken
-    below 0.3 of the mean slope of the operator.
+    Where a branch is flat, no power explains a difference. The slope is therefore at least 0.3 of
+    the mean slope of the operator.
     """
 
     wire: HeatedWire
@@ -84,12 +88,12 @@ class PowerObserver(Loop):
         within("dead_band", self.dead_band, 0.0, 10.0, "degrees")
 
     def found(self, measurement: float = 0.0, current: float = 0.0) -> Estimate:
-        """What to believe of a wire that is found settled at an angle under a current."""
+        """Return the estimate of a wire that has settled at an angle under a current."""
         wire = self.wire.found(current**2, measurement)
         return Estimate(wire, wire.power - current**2, 0.0, (wire.angle,) * self.delay)
 
     def update(self, estimate: Estimate, current: float, measurement: float) -> Estimate:
-        """What to believe one interval later, the current having been on.
+        """Return the estimate one interval later, under a current.
 
         Parameters
         ----------
@@ -115,7 +119,7 @@ class PowerObserver(Loop):
     def _corrected(
         self, wire: HeatedState, ambient: float, error: float
     ) -> tuple[HeatedState, float]:
-        """Wire and bias after a difference between reading and model."""
+        """Return wire and bias after a difference between reading and model."""
         beyond = math.copysign(max(abs(error) - self.dead_band, 0.0), error)
         if beyond == 0.0:
             return wire, ambient
@@ -132,7 +136,7 @@ class PowerObserver(Loop):
 
 @dataclass(frozen=True, eq=False)
 class ObserverState:
-    """What the loop remembers: what it believes of the wire, and the current that is on."""
+    """State of the loop: the estimate of the wire, and the present current."""
 
     estimate: Estimate
     applied: float
@@ -140,16 +144,16 @@ class ObserverState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObserverControl(PowerObserver):
-    """Control by the inverse operator and the inverse lag, from the state that is observed.
+    """Control by the inverse operator and the inverse lag, from the observed state.
 
     Parameters
     ----------
     response : float
-        Time constant in seconds with which the effective power is to follow, as far as the
-        current allows.
+        Time constant in seconds with which the effective power follows, within the limits of the
+        current.
     steepness : float
-        Slope of the operator, over its mean slope, by which a small error is turned into power
-        at most; it keeps the loop calm where the operator is flat.
+        Largest power for a small error, as the slope of the operator over its mean slope; it
+        keeps the loop calm where the operator is flat.
     wire, correction, learning, smoothing, dead_band, interval, delay, highest
         As in `PowerObserver`.
 
@@ -168,13 +172,13 @@ class ObserverControl(PowerObserver):
         within("steepness", self.steepness, 0.01, 1e6)
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> ObserverState:
-        """State of a wire that is found settled at an angle under a current."""
+        """Return the state of a wire that has settled at an angle under a current."""
         return ObserverState(self.found(measurement, current), current)
 
     def step(
         self, state: ObserverState, reference: float, measurement: float
     ) -> tuple[float, ObserverState]:
-        """Current for the next interval, and the state after it."""
+        """Return the current for the next interval and the next state."""
         estimate = self.update(state.estimate, state.applied, measurement)
         power = heating(
             self.wire,

@@ -1,4 +1,4 @@
-"""Proportional and integral action on the heating power: what one would do without a model."""
+"""Proportional and integral action on the heating power: control without a model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from minorloop.head.control.controller import Loop, within
 
 @dataclass(frozen=True)
 class ProportionalIntegralState:
-    """What the loop remembers: integral and wanted power in A^2, and the current that is on."""
+    """State of the loop: integral and requested power in A^2, and the present current."""
 
     integral: float
     wanted: float
@@ -28,7 +28,7 @@ class ProportionalIntegral(Loop):
     integral : float
         A^2 per degree and second, 0 to 1.
     unwinding : float
-        Time constant in seconds with which the integral returns to what was achieved while the
+        Time constant in seconds with which the integral returns to the applied power while the
         current is at a limit.
     interval, delay, highest
         As in `Loop`.
@@ -55,13 +55,13 @@ class ProportionalIntegral(Loop):
         within("unwinding", self.unwinding, self.interval, 600.0, "s")
 
     def begin(self, measurement: float = 0.0, current: float = 0.0) -> ProportionalIntegralState:
-        """State that goes on with the present current when the error is zero."""
+        """Return a state that keeps the present current if the error is zero."""
         return ProportionalIntegralState(current**2, current**2, current)
 
     def step(
         self, state: ProportionalIntegralState, reference: float, measurement: float
     ) -> tuple[float, ProportionalIntegralState]:
-        """Current for the next interval; a missing reading holds the one that is on."""
+        """Return the next current and state; a missing reading keeps the present current."""
         missed = (state.applied**2 - state.wanted) * min(self.interval / self.unwinding, 1.0)
         if math.isnan(measurement):
             return state.applied, ProportionalIntegralState(

@@ -1,9 +1,9 @@
-"""Which powers to apply when the targets to come are known.
+"""Plan powers for targets that are known in advance.
 
-The inverse of the operator and of the lag knows only the next target. Where a wire cannot cool
-as fast as the targets fall, that is too late; a plan that looks ahead cools early and does not
-overheat. It is improved from the best of several inverses that look ahead by more or less, and
-is never worse than the one that does not.
+The inverse of the operator and of the lag uses only the next target. If a wire cannot cool as fast
+as the targets fall, that is too late; a plan that looks ahead cools early and does not overheat.
+It begins with the best of several inverses that look ahead by different times, and is never worse
+than the one that does not look ahead.
 """
 
 from __future__ import annotations
@@ -23,16 +23,19 @@ from minorloop.head.control.heating import HeatedState, HeatedWire
 
 MOST_TARGETS = 100_000
 MOST_DEGREES = 1e6
-"""Largest target: no wire turns as far, and its square is still far from the largest float."""
+"""Largest target: beyond any wire, and its square does not overflow."""
 _NUDGE = 1e-4
+"""Step of the differences, as a share of full power."""
 _DAMPINGS = np.array([1e-4, 1e-2, 1e-1, 1.0, 10.0])
 _STRIDES = np.array([1.0, 0.5, 0.2])
+"""Dampings, relative to the largest diagonal element, and lengths of the steps that are tried."""
 _ENOUGH = 1e-4
+"""Relative decrease of the cost that ends the sweeps."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedPowers:
-    """A sequence of powers, and what it gives.
+    """A sequence of powers, and its result.
 
     Parameters
     ----------
@@ -41,11 +44,11 @@ class PlannedPowers:
     y : (N,) array
         Angles at the ends of the intervals, in degrees.
     targets : (N,) array
-        Angles wanted there.
+        Wanted angles.
     cost : float
-        Sum of the squared errors, plus what the changes of the power cost.
+        Sum of the squared errors, plus the cost of changes of the power.
     feedforward_cost : float
-        The same of the inverse feedforward.
+        That of the inverse feedforward.
     interval : float
         In seconds.
     """
@@ -69,7 +72,7 @@ class PlannedPowers:
 
     @property
     def gain(self) -> float:
-        """Cost over that of the inverse feedforward; 1 where that costs nothing."""
+        """Cost over that of the inverse feedforward; 1 if that is 0."""
         return self.cost / self.feedforward_cost if self.feedforward_cost > 0 else 1.0
 
     def __str__(self) -> str:
@@ -82,7 +85,7 @@ class PlannedPowers:
         return "\n".join(f"{name:<24} {value}" for name, value in rows)
 
     def plot(self) -> Any:
-        """Draw targets with angles, and the currents below; gives the matplotlib figure."""
+        """Draw targets and angles, and the currents below; return the matplotlib figure."""
         from matplotlib.figure import Figure
 
         t = self.interval * np.arange(1, self.targets.size + 1)
@@ -100,7 +103,7 @@ class PlannedPowers:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Planner:
-    """Plans powers over a receding horizon.
+    """Planner of powers over a receding horizon.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ class Planner:
         Cost of a change of the power, in degrees squared for a change from nothing to full
         squared.
     horizon : int
-        How many targets a plan looks ahead, 1 to 200.
+        Number of targets that a plan looks ahead, 1 to 200.
     sweeps : int
         Improvements of the plan at each target.
     parts : int
@@ -127,9 +130,9 @@ class Planner:
 
     Notes
     -----
-    An improvement is a damped Gauss-Newton step on the powers of the horizon, kept inside their
-    limits, with the sensitivities of the angles by differences: the branches of the operator
-    are smooth between reversals. Steps that do not lower the cost are not taken.
+    An improvement is a damped Gauss-Newton step on the powers of the horizon, within their limits,
+    with sensitivities of the angles by differences: the branches of the operator are smooth between
+    reversals. Steps that do not lower the cost are rejected.
 
     References
     ----------
@@ -161,16 +164,16 @@ class Planner:
     def feedforward(
         self, targets: npt.ArrayLike, start: HeatedState | None = None, *, ahead: int = 0
     ) -> PlannedPowers:
-        """Powers by the inverse of the operator and of the heating lag, target by target.
+        """Return powers by the inverse of the operator and of the heating lag, target by target.
 
         Parameters
         ----------
         targets : (N,) array_like
-            Angles wanted at the ends of the intervals, in degrees.
+            Wanted angles at the ends of the intervals, in degrees.
         start : HeatedState, optional
-            The wire before; cold without it.
+            State of the wire before; cold without it.
         ahead : int
-            By how many targets the inverse looks ahead, 0 to 100,000.
+            Number of targets that the inverse looks ahead, 0 to 100,000.
 
         Raises
         ------
@@ -185,14 +188,14 @@ class Planner:
         return self._plan(power, wanted, state)
 
     def plan(self, targets: npt.ArrayLike, start: HeatedState | None = None) -> PlannedPowers:
-        """Powers that cost the least that was found, never more than inverse feedforward.
+        """Return the powers of least cost that was found, at most that of inverse feedforward.
 
         Parameters
         ----------
         targets : (N,) array_like
-            Angles wanted at the ends of the intervals, in degrees.
+            Wanted angles at the ends of the intervals, in degrees.
         start : HeatedState, optional
-            The wire before; cold without it.
+            State of the wire before; cold without it.
 
         Raises
         ------
@@ -209,7 +212,7 @@ class Planner:
         return replace(best, feedforward_cost=tries[0].cost)
 
     def _receding(self, first: PlannedPowers, start: HeatedState) -> PlannedPowers:
-        """Improve the powers of a horizon, keep the first of them, move on."""
+        """Improve the powers of a horizon, keep the first, and move on by one target."""
         power, state = first.power.copy(), start
         before = state.power
         for k in range(power.size):
@@ -229,7 +232,7 @@ class Planner:
     def _improved(
         self, power: FloatArray, wanted: FloatArray, state: HeatedState, before: float
     ) -> FloatArray:
-        """Powers of lower cost, or the very same array where no step lowers it enough."""
+        """Return powers of lower cost, or the same array if no step lowers it enough."""
         most = self.highest**2
         nudge = _NUDGE * most
         signs = np.where(power + nudge <= most, nudge, -nudge)
@@ -250,7 +253,7 @@ class Planner:
     def _candidates(
         self, power: FloatArray, jacobian: FloatArray, residual: FloatArray
     ) -> FloatArray:
-        """Powers after steps of several dampings and lengths, those at a limit held there."""
+        """Return powers after steps of several dampings and lengths; those at a limit stay."""
         most = self.highest**2
         gradient = jacobian.T @ residual
         free = ~(((power <= 0) & (gradient > 0)) | ((power >= most) & (gradient < 0)))
@@ -277,7 +280,7 @@ class Planner:
         return power
 
     def _angles(self, powers: FloatArray, state: HeatedState) -> FloatArray:
-        """Angles (C, N) under C sequences of powers (C, N)."""
+        """Return the angles (C, N) under C sequences of powers (C, N)."""
         operator = self.wire.operator
         stack, rows = operator.stack(state.tracker.memory, 2)
         out = np.empty(powers.shape)

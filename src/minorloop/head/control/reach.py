@@ -1,9 +1,9 @@
-"""Whether a target can be reached in the surroundings of the moment, and if not, why.
+"""Whether a target can be reached in the present surroundings, and if not, why.
 
-While a wire is heated towards a target, a bank of hypotheses about ambient and convection is
-simulated beside it. Those that do not explain the readings lose weight. A target is unreachable
-when nearly all of the weight is on hypotheses under which full current ends short of it; a
-wire that is merely slow leaves weight on those under which it arrives.
+While a wire is heated towards a target, it is simulated under many hypotheses about ambient and
+convection. Hypotheses that do not explain the readings lose weight. A target is unreachable if
+nearly all of the weight is on hypotheses under which full current is not enough; a wire that is
+only slow leaves weight on those under which it arrives.
 """
 
 from __future__ import annotations
@@ -24,18 +24,25 @@ Reason: TypeAlias = Literal[
     "beyond the stroke", "convection too high", "ambient too cold", "no motion", "load or ageing"
 ]
 
-_STILL_DEGREES = 0.3
-_STILL_SECONDS = 3.0
+_STILL_DEGREES, _STILL_SECONDS = 0.3, 3.0
+"""A wire that moves less than this, for so long, has stopped; the noise is 0.05 degrees."""
 _PATIENCE = 2.3
+"""Lags of full current before a wire counts as stopped: 90 % of the heat have arrived."""
 _DEADLINE = 9.5
+"""Seconds after which a verdict is given even if its reason is not clear."""
 _CLEAR = 0.9
+"""Share of the weight that makes a reason clear."""
 _UNSURE = 0.2
-_WORSE = 12.0
-_POOR = 6.0
+"""Error of a predicted motion, as a share of it."""
+_WORSE, _POOR = 12.0, 6.0
+"""Excess cost over the best hypothesis, and cost for each independent reading, from which no
+hypothesis explains the readings."""
 _CORRECTED, _FAR = 20.0, 10.0
+"""Seconds after which a verdict is corrected if the wire stays short of its reach by so many
+degrees."""
 STROKE_SHARE = 0.97
-"""Share of the stroke beyond which a wire is not heated: at its end the angle tells nothing of
-the temperature any more."""
+"""Share of the stroke beyond which a wire is not heated: at its end the angle does not depend on
+the temperature."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +56,9 @@ class Unreachable:
     reference : float
         Target in degrees.
     reach : float
-        How far the wire is expected to come, in degrees.
+        Largest angle that the wire is expected to reach, in degrees.
     after : float
-        How long it was tried, in seconds.
+        Duration of the trial, in seconds.
     """
 
     reason: Reason
@@ -62,26 +69,26 @@ class Unreachable:
     def __str__(self) -> str:
         return (
             f"target {self.reference:.3g} degrees is unreachable: {self.reason}; the wire would "
-            f"come to {self.reach:.3g} degrees at most"
+            f"reach {self.reach:.3g} degrees at most"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A heating that is being watched.
+    """A heating towards a target.
 
     Parameters
     ----------
     bank : Bank
-        What the hypotheses say.
+        The simulated hypotheses.
     began, mark : float
-        Angle when it began, and when it last had moved, in degrees.
+        Angle at the beginning, and after the last motion, in degrees.
     seconds : float
         Since it began.
     full : float
-        For how long full current has been on without a break, in seconds.
+        Seconds of full current without a break.
     still : float
-        For how long it has not moved, in seconds.
+        Seconds without motion.
     """
 
     bank: Bank
@@ -94,7 +101,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class ReachState:
-    """What is known of the present target: a trial, or a verdict and its age in seconds."""
+    """State of the present target: a trial, or a verdict and its age in seconds."""
 
     trial: Trial | None = None
     verdict: Unreachable | None = None
@@ -103,7 +110,7 @@ class ReachState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReachWatch(Loop):
-    """Watches whether targets can be reached.
+    """Decides whether targets can be reached.
 
     Parameters
     ----------
@@ -114,11 +121,11 @@ class ReachWatch(Loop):
     cold_resistance : float
         Resistance of a cold wire over that of a hot one.
     tolerance : float
-        By how many degrees a target must be out of reach to be called so.
+        Degrees beyond the reach from which a target is unreachable.
     certainty : float
-        Weight of the hypotheses under which it is.
+        Weight of the hypotheses under which it must be.
     retry : float
-        After how many seconds a verdict is tried again.
+        Seconds after which an unreachable target is tried again.
     interval, delay, highest
         As in `Loop`.
 
@@ -151,7 +158,7 @@ class ReachWatch(Loop):
         current: float,
         estimate: Estimate,
     ) -> ReachState:
-        """What is known an interval later.
+        """Return the state one interval later.
 
         Parameters
         ----------
@@ -188,9 +195,9 @@ class ReachWatch(Loop):
     def _kept(
         self, state: ReachState, verdict: Unreachable, reference: float, measurement: float
     ) -> ReachState:
-        """A verdict stands until the target comes within reach, or is changed, or it is old.
+        """Keep a verdict until the target is within reach or changes, or the verdict is old.
 
-        What was foretold to be within reach and is not is corrected.
+        A predicted reach that the wire does not come near is corrected.
         """
         if state.age > _CORRECTED and measurement < verdict.reach - _FAR:
             verdict = replace(verdict, reach=measurement)
@@ -203,7 +210,7 @@ class ReachWatch(Loop):
         return replace(state, age=state.age + self.interval)
 
     def _followed(self, trial: Trial, measurement: float, angle: float, current: float) -> Trial:
-        """The trial after one interval."""
+        """Return the trial one interval later."""
         moved = abs(angle - trial.mark) > _STILL_DEGREES
         return Trial(
             bank=self._hypotheses.step(trial.bank, current, measurement, self.interval),
@@ -215,24 +222,24 @@ class ReachWatch(Loop):
         )
 
     def _judged(self, trial: Trial, reference: float, angle: float) -> Unreachable | None:
-        """A verdict once it is certain, and its reason clear or time short."""
+        """Return a verdict once it is certain, and its reason is clear or the time is over."""
         if trial.full < self.wire.lag or reference - angle <= self.tolerance:
             return None
-        stands = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
+        stopped = trial.still > _STILL_SECONDS and trial.full > _PATIENCE * self.wire.lag
         weight = self._hypotheses.weights(trial.bank)
         final = self._hypotheses.final(trial.bank, angle, self.highest)
-        # What is foretold of the way that is left may be wrong by a share of it.
+        # The predicted motion has an error proportional to it.
         short = final + _UNSURE * np.maximum(final - angle, 0.0) < reference - self.tolerance
-        if not stands and float(weight[short].sum()) < self.certainty:
+        if not stopped and float(weight[short].sum()) < self.certainty:
             return None
         reason, clear = self._reason(trial, np.where(short, weight, 0.0), angle)
-        if not (stands or clear or trial.seconds > _DEADLINE):
+        if not (stopped or clear or trial.seconds > _DEADLINE):
             return None
-        reach = angle if stands else max(float(weight @ final), angle)
+        reach = angle if stopped else max(float(weight @ final), angle)
         return Unreachable(reason, reference, reach, trial.seconds)
 
     def _reason(self, trial: Trial, weight: FloatArray, angle: float) -> tuple[Reason, bool]:
-        """What takes most away from the reach, by the weight of those that fall short."""
+        """Return the reason with the largest effect on the reach, and whether it is clear."""
         cost, total = trial.bank.cost, float(weight.sum())
         best, independent = float(cost.min()), self._hypotheses.independent(trial.seconds)
         likely = cost[weight > 0]

@@ -1,4 +1,4 @@
-"""Whether a reading can be believed: lost, stuck, or out of this world."""
+"""Checks of sensor readings: lost, stuck or implausible."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from minorloop.head.control.controller import within
 
 Fault: TypeAlias = Literal["", "lost", "stuck", "implausible"]
 _SEEN, _SELDOM = 10, 0.1
-"""A sensor is noisy if so many readings differed, and no more than this share did not."""
+"""A sensor is noisy if at least so many readings differed, and at most this share did not."""
 
 
 @dataclass(frozen=True)
 class Sensed:
-    """What is known of a sensor.
+    """State of a sensor.
 
     Parameters
     ----------
     value : float
-        Reading that can be used, NaN if there is none now.
+        Usable reading, NaN if there is none now.
     fault : {"", "lost", "stuck", "implausible"}
-        What is wrong with the sensor, once it is certain.
+        Fault of the sensor, once it is certain.
     last : float
-        Last reading that was plausible, NaN before the first.
+        Last plausible reading, NaN before the first.
     repeats : int
-        How often it has come again since.
+        Number of equal readings since.
     missing, odd, good : int
-        Readings that were not there and that were implausible, less those since that were
-        not; readings in a row that can be used.
+        Number of missing and of implausible readings, less the good ones since; number of usable
+        readings in a row.
     changes, equals : int
-        How often a reading differed from the one before, and how often not, runs that were
-        found to be stuck left out: what tells a noisy sensor.
+        How often a reading differed from the one before, and how often it did not; stuck runs do
+        not count. They tell whether the sensor is noisy.
     """
 
     value: float = math.nan
@@ -49,14 +49,14 @@ class Sensed:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorWatch:
-    """Tells readings that can be believed from others.
+    """Separates usable readings from others.
 
     Parameters
     ----------
     noise : float
-        Standard deviation in degrees. A sensor that has been seen to be noisy and repeats itself
-        is stuck; one without noise (0), or one with steps as coarse as its noise, may repeat
-        itself, and a stuck one shows only in that a heated wire does not move.
+        Standard deviation in degrees. A noisy sensor that repeats a reading is stuck. One without
+        noise (0), or with steps as coarse as its noise, may repeat itself; that it is stuck is
+        noticed only when a heated wire does not move.
     repeats : int
         Equal readings in a row after which a noisy sensor is stuck.
     patience : int
@@ -64,7 +64,7 @@ class SensorWatch:
     recovery : int
         Usable readings in a row after which it is trusted again.
     low, high : float
-        Between which angles are plausible, in degrees.
+        Limits of plausible angles, in degrees.
     jump : float
         Largest plausible difference between two readings, in degrees.
 
@@ -92,7 +92,7 @@ class SensorWatch:
             raise ParameterError(f"angles from {self.low} to {self.high}; give low < high")
 
     def step(self, state: Sensed, measurement: object) -> Sensed:
-        """What is known after one more reading, whatever it may be."""
+        """Return the state after one more reading of any kind."""
         value = as_number(measurement)
         if math.isnan(value):
             missing = min(state.missing + 1, self.patience)
@@ -122,7 +122,7 @@ class SensorWatch:
         return replace(known, good=0 if self._repeated(known, repeats) else state.good + 1)
 
     def _plausible(self, state: Sensed, value: float) -> bool:
-        """In range, and near the last reading unless that was long ago."""
+        """Whether a reading is in range, and near the last one unless that is old."""
         if not self.low <= value <= self.high:
             return False
         stale = state.missing + state.odd >= self.patience or math.isnan(state.last)
@@ -143,7 +143,7 @@ class SensorWatch:
 
 
 def as_number(value: object) -> float:
-    """A float, NaN if it is none."""
+    """Return a value as a float, NaN if it is not a number."""
     try:
         return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):

@@ -1,9 +1,9 @@
-"""How well holes are found, on scenes that the weights of the evidence were not fitted on.
+"""Detection of holes, on scenes that the weights of the evidence were not fitted on.
 
 Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
-0.3 mm of the hole is it; one farther than 0.8 mm off, or where there is no hole, is false. Places
-are compared on the map of the eye, which knows the pivot to 0.2 mm and the angles to 0.05
-degrees, so that the pose is not scored again.
+0.3 mm of the hole is right; one farther than 0.8 mm off, or without a hole, is false. Places are
+compared on the map of the calibrated camera, which knows the pivot to 0.2 mm and the angles to 0.05
+degrees, so that errors of the pose do not count.
 """
 
 from __future__ import annotations
@@ -43,28 +43,29 @@ _RIM = 720
 
 @dataclass(frozen=True)
 class SceneOutcome:
-    """What was found in one scene by one way to acquire.
+    """Result of one scene for one kind of acquisition.
 
     Parameters
     ----------
     mode : str
         One of ``MODES``.
     hole : bool
-        Whether there was one.
+        Whether there is one.
     found : bool
         Whether it was found.
     off, size : float
-        How far off it was found in metres, and the relative error of its diameter; NaN if not.
+        Distance from the true place in metres, and relative error of the diameter; NaN if not
+        found.
     false : int
-        How many findings were none.
+        Number of false findings.
     seed : int
         Of the scene.
     inside : str
-        What is seen in the hole; empty without one.
+        Appearance of the hole inside; empty without one.
     evidence : float
-        Of the hole, however weak; minus infinity where nothing was at its place.
+        Of the hole, however weak; minus infinity if there is no finding.
     alarms : tuple of float
-        Evidence of all that is no hole, however weak.
+        Evidence of all false findings, however weak.
     """
 
     mode: str
@@ -81,20 +82,20 @@ class SceneOutcome:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """A scene that was photographed and searched.
+    """Images of a scene, and the findings in them.
 
     Parameters
     ----------
     view : SceneView
         The scene and its truth.
     eye : CalibratedCamera
-        The camera as far as it is known.
+        The calibrated camera.
     looks : tuple of LitFrame
         The acquisition.
     holes : tuple of Hole
-        All that was found, however weak, strongest first.
+        All findings, however weak, strongest first.
     place : (2,) array
-        phi and z in the middle of the question, on the map of the eye.
+        True phi and z, on the map of the camera.
     """
 
     view: SceneView
@@ -104,12 +105,12 @@ class Search:
     place: FloatArray
 
     def off(self, hole: Hole) -> float:
-        """How far a finding is from the middle of the question, in metres."""
+        """Return the distance of a finding from the true place, in metres."""
         around = RADIUS * float(wrapped(hole.place[0] - self.place[0]))
         return float(np.hypot(around, hole.place[1] - self.place[1]))
 
     def true_rim(self) -> FloatArray:
-        """(N, 2) pixels of the edge of the hole; without one, of a circle of 1 mm."""
+        """Return the pixels (N, 2) of the true edge; without a hole, of a circle of 1 mm."""
         angle = np.linspace(0, 2 * np.pi, _RIM, endpoint=False)
         radius = self.view.hole.diameter / 2 if self.view.hole else 0.5e-3
         phi, z = self.view.place
@@ -117,14 +118,14 @@ class Search:
         return scoring.true_pixel(self.view.camera, phi + around, z + along)
 
     def rim(self, hole: Hole) -> FloatArray:
-        """(N, 2) pixels of the outline of a finding."""
+        """Return the pixels (N, 2) of the outline of a finding."""
         return self.eye.pixel(hole.rim, self.view.pan, self.view.tilt)
 
 
 def search_scene(
     seed: int, hole: bool, modes: Sequence[str] = (SWITCHED,), *, plain: bool = False
 ) -> list[Search]:
-    """Photograph and search one scene by every mode."""
+    """Take images of one scene and search them, in every mode."""
     view, rng = draw_view(seed, hole=hole, plain=plain), np.random.default_rng([seed, int(hole), 7])
     way = rng.uniform(0, 2 * np.pi)
     off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
@@ -142,17 +143,16 @@ def search_scene(
 def score_scene(
     seed: int, hole: bool, modes: Sequence[str] = (SWITCHED, SINGLE, DITHER)
 ) -> list[SceneOutcome]:
-    """Photograph and search one scene by every mode, and compare with the truth."""
+    """Search one scene in every mode, and compare with the truth."""
     searches = search_scene(seed, hole, modes)
     return [_outcome(seed, mode, one) for mode, one in zip(modes, searches, strict=True)]
 
 
 def plain_edges(seed: int) -> FloatArray:
-    """Distances of the outline of a hole from its true edge, where nothing disturbs it.
+    """Return distances of the outline of a hole from its true edge, without disturbances.
 
     The scene has a dark hole without a chamfer and, within 3 mm, no glint, dent, bead, scratch
-    or dirt: what the requirements call a plain dark edge. Pivot and angles are known as badly as
-    elsewhere, and blur, gain, noise and calibration are those of every scene.
+    or dirt. Errors of pivot, angles and calibration, blur, gain and noise are those of every scene.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def plain_edges(seed: int) -> FloatArray:
 
 
 def detection_figures(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
-    """Recall, false findings an acquisition, and how exact what was found is."""
+    """Return recall, false findings per acquisition, and accuracy of the found holes."""
     found: dict[str, Any] = {}
     for mode in MODES:
         own = [each for each in outcomes if each.mode == mode]
@@ -195,7 +195,7 @@ def detection_figures(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
 
 
 def recall_curve(outcomes: Sequence[SceneOutcome]) -> tuple[FloatArray, FloatArray]:
-    """False findings an acquisition (N,) and recall (N,), as less and less evidence is asked for.
+    """Return false findings per acquisition (N,) and recall (N,) for decreasing evidence.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def recall_curve(outcomes: Sequence[SceneOutcome]) -> tuple[FloatArray, FloatArr
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, JASA 22, 1927)."""
+    """Return the 95 % interval of a share (Wilson, JASA 22, 1927)."""
     z, p = 1.959964, hits / count
     middle = (p + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * math.sqrt(p * (1 - p) / count + z * z / (4 * count**2))
@@ -243,7 +243,7 @@ def _outcome(seed: int, mode: str, search: Search) -> SceneOutcome:
 
 
 def _shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFrame]:
-    """An acquisition of a view."""
+    """Take an acquisition of a view."""
     turns: FloatArray = np.zeros((len(SEQUENCE), 2))
     lights: Sequence[tuple[bool, ...]] = SEQUENCE
     if mode == SINGLE:

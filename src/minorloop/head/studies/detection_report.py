@@ -1,4 +1,4 @@
-"""What the report of the inspection study shows of the finding of holes."""
+"""Detection of holes in the report of the inspection study."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FRAMES = (0, 1, 2, 4)
 
 
 def detection_table(found: Mapping[str, Any]) -> Table:
-    """Recall and false findings of every way to acquire."""
+    """Return a table of recall and false findings for each kind of acquisition."""
     low, high = found["recall_interval"]
     rows = [
         (
@@ -42,7 +42,7 @@ def detection_table(found: Mapping[str, Any]) -> Table:
 
 
 def limits(outcomes: Sequence[SceneOutcome]) -> str:
-    """What keeps the finder from more, in a sentence or two."""
+    """Return a sentence or two on the limits of detection."""
     own = [each for each in outcomes if each.mode == SWITCHED]
     missed = [each for each in own if each.hole and not each.found]
     dark = sum(each.inside == "dark" for each in missed)
@@ -67,12 +67,12 @@ def limits(outcomes: Sequence[SceneOutcome]) -> str:
 
 
 def detection_pictures(outcomes: Sequence[SceneOutcome]) -> list[Picture]:
-    """The curve, and what was missed or was none."""
+    """Draw the curve of recall, missed holes and false findings."""
     pictures = [
         Picture(
             draw_curve(outcomes),
-            "Holes found against false findings, as less and less evidence is asked for; dots "
-            "where the finder stands, the corner what is asked for.",
+            "Holes found against false findings, for decreasing evidence; dots show the chosen "
+            "threshold, the corner the requirement.",
         )
     ]
     own = [each for each in outcomes if each.mode == SWITCHED]
@@ -97,7 +97,7 @@ def detection_pictures(outcomes: Sequence[SceneOutcome]) -> list[Picture]:
 
 
 def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
-    """Recall against false findings of every way to acquire."""
+    """Draw recall against false findings for each kind of acquisition."""
     figure, axes = new_figure(height=3.8)
     styles = dict(zip(_WORDS, (("-", 2.6), ("--", 1.8), (":", 1.8)), strict=True))
     for mode, words in _WORDS.items():
@@ -125,7 +125,7 @@ def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
 
 
 def draw_scenes(shown: Sequence[tuple[str, Search, Hole | None]]) -> Any:
-    """A row for each scene, a column for each light, about what is in question."""
+    """Draw a row for each scene and a column for each light, about the finding."""
     figure, axes = new_figure(len(shown), len(_FRAMES), 2.35 * len(shown), squeeze=False)
     for row, (words, search, hole) in zip(axes, shown, strict=True):
         rim = None if hole is None else search.rim(hole)
@@ -147,14 +147,14 @@ def draw_scenes(shown: Sequence[tuple[str, Search, Hole | None]]) -> Any:
 
 
 def _missed(outcome: SceneOutcome) -> tuple[str, Search, Hole | None]:
-    """A scene, and the outline that comes nearest to its hole."""
+    """Return a scene, and the outline with the most evidence at its hole."""
     (search,) = search_scene(outcome.seed, True)
     near = [hole for hole in search.holes if hole.evidence == outcome.evidence]
     return f"scene {outcome.seed}\n{outcome.inside}", search, near[0] if near else None
 
 
 def _false(outcome: SceneOutcome) -> tuple[str, Search, Hole | None]:
-    """A scene, and the strongest of its findings that are none."""
+    """Return a scene, and its strongest false finding."""
     (search,) = search_scene(outcome.seed, outcome.hole)
     most = max(value for value in outcome.alarms if value >= LEAST_EVIDENCE[SWITCHED])
     hole = next((hole for hole in search.holes if hole.evidence == most), None)

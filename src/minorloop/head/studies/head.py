@@ -4,8 +4,8 @@ Boudjabi, Ferreira and Krupa (Modeling and vision-based control of a micro cathe
 teleoperated in-pipe inspection, 2003) identify a Preisach model of a shape-memory wire from
 reversal curves, invert it by stepping, and control the head by an internal model around that
 inverse. They find that it drifts in open loop, and leave changing surroundings open. Here the
-head is identified, driven open and closed loop by five controllers, disturbed, and asked for
-what it cannot do.
+head is identified, driven in open and closed loop by five controllers, disturbed, and given
+targets that it cannot reach.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ IMPOSSIBLE = {
     "ambient -10 C": (Surroundings(ambient=-10.0), "ambient too cold"),
 }
 STROKE_SHARE, CLEARLY, IMPOSSIBLE_SECONDS = 0.95, 5.0, 20.0
-"""What is asked for then, as a share of the identified stroke. Some specimens get there in the
-cold after all: whether it is out of reach, by so many degrees, is judged by the truth."""
+"""Target then, as a share of the identified stroke. Some specimens reach it in the cold: the truth
+decides whether it is out of reach, by so many degrees."""
 HOT = {
     "little cooling": Surroundings(convection=30.0, ambient=30.0),
     "hot": Surroundings(ambient=60.0),
@@ -134,12 +134,12 @@ CLAIMS = (
 
 @dataclass(frozen=True, eq=False)
 class HeadStudy:
-    """Everything that one specimen gave.
+    """Results of one specimen.
 
-    ``facts`` are of the nominal twin; ``runs`` every closed or open loop by the name of what
-    was tried and the controller; ``reach`` how far full current really comes, in degrees, where
-    it is not far enough; ``plan`` the planned sequence and the inverse one for the same
-    targets, with ``planned`` (2, N) the true angles to which they took the wire.
+    ``facts`` are of the nominal twin; ``runs`` all closed and open loops by the name of the
+    experiment and the controller; ``reach`` the true angle under full current, in degrees, for
+    impossible targets; ``plan`` the planned and the inverse sequence for the same targets, with
+    ``planned`` (2, N) the true angles of a wire that is driven by them.
     """
 
     seed: int
@@ -152,7 +152,7 @@ class HeadStudy:
     seconds: float
 
     def figures(self) -> dict[str, Any]:
-        """Every number by the name under which it is printed."""
+        """Return every number by the name under which it is printed."""
         found: dict[str, Any] = {"twin": self.facts, **self.static.figures()}
         for key, controller in (("steps", DEFAULT), ("imc", "internal_model"), ("pi", "pi")):
             found[key] = _worst([self.runs[f"step {x:g}", controller] for x in TARGETS])
@@ -218,7 +218,7 @@ class HeadStudy:
 
 
 def run_study(seed: int) -> HeadStudy:
-    """Carry the whole study out on one specimen.
+    """Run the whole study on one specimen.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def run_study(seed: int) -> HeadStudy:
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Medians over specimens; what must never happen is added up, what must always, required."""
+    """Return medians over specimens, but sums of violations and of false alarms."""
     found = medians(runs)
     found["unreachable"]["detected"] = all(run["unreachable"]["detected"] for run in runs)
     found["unreachable"]["after_max_s"] = max(run["unreachable"]["after_s"] for run in runs)
@@ -256,7 +256,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def head_facts() -> dict[str, float]:
-    """What the nominal wire does at 0.4 A: angle, and times to 63 % of the way."""
+    """Return angle and times to 63 % of the nominal wire at 0.4 A."""
     wire = Wire(log_truth=True)
     interval = 0.05
     up = wire.apply(CURRENT, 2 * HOLD, interval)
@@ -272,7 +272,7 @@ def head_facts() -> dict[str, float]:
 
 
 def _steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Fig 10 by every controller, and by the default one in other surroundings."""
+    """Run Fig 10 with every controller, and with the default one in other surroundings."""
     runs = {}
     for target in TARGETS:
         for name, control in controls.items():
@@ -293,7 +293,7 @@ def _steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, st
 
 
 def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Open loop, an ambient that rises, and circles."""
+    """Run open loop, a rising ambient, and circles."""
     rng = np.random.default_rng([seed, 8])
     targets = rng.uniform(*OPEN_RANGE, OPEN_TARGETS).tolist()
     way, span = stairs(targets, OPEN_HOLD), OPEN_HOLD * OPEN_TARGETS
@@ -325,7 +325,7 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, s
 
 
 def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Little cooling, sensors that fail, and what cannot be done, by every controller."""
+    """Run little cooling, faulty sensors and impossible targets with every controller."""
     runs = {}
     for name, control in controls.items():
         for kind in ("stuck", "lost"):
@@ -365,21 +365,21 @@ def _hard(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str
 
 
 def _reach(seed: int, surroundings: Surroundings) -> float:
-    """How far full current really takes the first axis, in degrees."""
+    """Return the true angle of the first axis under full current, in degrees."""
     head = Head(seed, surroundings=surroundings, log_truth=True)
     head.apply(np.array([CURRENT, 0.0]), 4 * HOLD, HOLD)
     return float(truth(head).angle[-1, 0])
 
 
 def _plans(static: Static) -> tuple[PlannedPowers, PlannedPowers]:
-    """A planned sequence and the inverse one, for targets that fall faster than a wire cools."""
+    """Plan a sequence, and the inverse one, for targets that fall faster than a wire cools."""
     planner = Planner(wire=static.wires[0].model, interval=PLAN_INTERVAL)
     targets = np.repeat(PLANNED, round(PLAN_HOLD / PLAN_INTERVAL))
     return planner.plan(targets), planner.feedforward(targets)
 
 
 def _driven(seed: int, plan: PlannedPowers) -> FloatArray:
-    """(N,) true angles of a wire that gets the currents of a plan."""
+    """Return the true angles (N,) of a wire driven by the currents of a plan."""
     head = Head(seed, tick=plan.interval, log_truth=True)
     for current in plan.current:
         head.exchange(np.array([min(float(current), CURRENT), 0.0]))
@@ -387,7 +387,7 @@ def _driven(seed: int, plan: PlannedPowers) -> FloatArray:
 
 
 def _worst(runs: Sequence[HeadRun]) -> dict[str, float]:
-    """The worst of several steps."""
+    """Return the worst values of several steps."""
     return {
         "settle_s": max(run.settle for run in runs),
         "overshoot_pct": max(run.overshoot for run in runs),
@@ -396,13 +396,13 @@ def _worst(runs: Sequence[HeadRun]) -> dict[str, float]:
 
 
 def _settled_rms(run: HeadRun) -> float:
-    """Error at the ends of the holds of a staircase, in degrees."""
+    """Return the rms error at the ends of the holds of a staircase, in degrees."""
     hold = round(OPEN_HOLD / TICK)
     return float(np.sqrt(np.mean(run.error[hold - 1 :: hold, 0] ** 2)))
 
 
 def _late_rms(run: HeadRun) -> float:
-    """Error of the second half of a staircase, from 4 s after each new target on, in degrees."""
+    """Return the rms error of the second half of a staircase, 4 s after each target, in degrees."""
     late = (run.t % OLD_HOLD > OLD_WAIT) & (run.t > run.t[-1] / 2)
     return float(np.sqrt(np.mean(run.error[late, 0] ** 2)))
 
@@ -412,6 +412,6 @@ def _ramp_worst(run: HeadRun) -> float:
 
 
 def _round(run: HeadRun) -> dict[str, float]:
-    """Error of a circle, both axes together, while it is being drawn."""
+    """Return the errors of a circle, both axes together."""
     distance = np.linalg.norm(run.error[run.t > CIRCLE_WAIT], axis=1)
     return {"rms_deg": float(np.sqrt(np.mean(distance**2))), "max_deg": float(distance.max())}

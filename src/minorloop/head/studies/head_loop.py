@@ -1,4 +1,4 @@
-"""A guarded control loop around a twin of the head, run and judged."""
+"""A guarded control loop around a twin of the head, run and scored."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from minorloop.head.twins.sensor import Fault
 from minorloop.head.twins.surroundings import Surroundings
 
 TICK, DELAY, NOISE = 0.04, 0.04, 0.05
-"""Of the loop and the sensor: s, s, degrees."""
+"""Interval of the loop, delay and noise of the sensor: s, s, degrees."""
 BAND, LEAST_BAND = 0.02, 0.3
 """A step has settled within 2 % of its target, or 0.3 degrees where that is more."""
 HOTTEST, HIGHEST = 150.0, 0.4
 """Limits of a wire: degrees Celsius and A."""
 STEADY = 5.0
-"""How long at the end of a run counts as its steady part, in seconds."""
+"""Duration of the steady part at the end of a run, in seconds."""
 Reference: TypeAlias = Callable[[float], tuple[float, float]]
 
 
@@ -52,13 +52,13 @@ class HeadRun:
     wanted, read, current : (T, 2) array
         Targets and readings in degrees, currents in A.
     truth : Truth
-        For judging.
+        For scoring.
     alarms : tuple of Alarm
         When targets were declared unreachable, the first of each.
     log : tuple of (int, Event)
-        Axis and event, as the guard kept them.
+        Axis and event, from the guard.
     step_seconds : (T,) array
-        How long each control step took.
+        Duration of each control step.
     """
 
     name: str
@@ -73,12 +73,12 @@ class HeadRun:
 
     @cached_property
     def error(self) -> FloatArray:
-        """(T, 2) true angles less those wanted, in degrees."""
+        """(T, 2) true angles minus targets, in degrees."""
         return np.asarray(self.truth.angle - self.wanted)
 
     @property
     def settle(self) -> float:
-        """After how long the first axis has come to its last target for good, in seconds."""
+        """Settling time of the first axis at its last target, in seconds."""
         target = float(self.wanted[-1, 0])
         out = np.abs(self.truth.angle[:, 0] - target) > max(BAND * abs(target), LEAST_BAND)
         return float(self.t[np.flatnonzero(out)[-1]]) if out.any() else 0.0
@@ -95,7 +95,7 @@ class HeadRun:
 
     @property
     def violations(self) -> int:
-        """How many limits were exceeded: of the current, of each wire's temperature."""
+        """Number of exceeded limits of currents and of each wire's temperature."""
         return int((self.truth.hottest > HOTTEST).sum()) + int((self.current > HIGHEST).sum())
 
 
@@ -111,18 +111,18 @@ def run_loop(
     faults: Sequence[Fault] = (),
     ageing: float = 0.0,
 ) -> HeadRun:
-    """Run a control loop on a cold head, and judge it afterwards.
+    """Run a control loop on a cold head and return it with its truth.
 
     Parameters
     ----------
     name : str
         Of the controller, for the record.
     control : HeadControl
-        What decides.
+        Under test.
     reference : callable
         Targets in degrees at a time in seconds.
     seconds : float
-        How long.
+        Duration.
     specimen, seed, surroundings, faults, ageing
         As in `Head`.
     """
@@ -141,7 +141,7 @@ def run_loop(
     wanted, read, current = (np.empty((steps, 2)) for _ in range(3))
     took = np.empty(steps)
     alarms: list[Alarm] = []
-    standing: list[Unreachable | None] = [None, None]
+    before: list[Unreachable | None] = [None, None]
     state, y = control.begin(), np.zeros(2)
     for k in range(steps):
         wanted[k] = reference(k * TICK)
@@ -151,28 +151,28 @@ def run_loop(
         y = np.asarray(head.exchange(u))
         current[k], read[k] = u, y
         verdicts = [axis.unreachable for axis in state.axes]
-        for axis, (before, now) in enumerate(zip(standing, verdicts, strict=True)):
-            if now is not None and before is None:
+        for axis, (old, now) in enumerate(zip(before, verdicts, strict=True)):
+            if now is not None and old is None:
                 alarms.append(Alarm(k * TICK, axis, now))
-        standing = verdicts
+        before = verdicts
     t = TICK * np.arange(1.0, steps + 1.0)
     return HeadRun(name, t, wanted, read, current, truth(head), tuple(alarms), state.log, took)
 
 
 def constant(pan: float, tilt: float = 0.0) -> Reference:
-    """A target that stays."""
+    """Return a constant reference."""
     return lambda t: (pan, tilt)
 
 
 def stairs(targets: Sequence[float], hold: float) -> Reference:
-    """Targets of the first axis, each for a while."""
+    """Return a staircase of the first axis."""
     return lambda t: (targets[min(int(t / hold + 1e-9), len(targets) - 1)], 0.0)
 
 
 def circle(
     period: float, *, centre: float = 25.0, radius: float = 10.0, before: float = 0.0
 ) -> Reference:
-    """Round and round in pan and tilt, after a wait at where it begins."""
+    """Return a circle in pan and tilt, after a wait at its beginning."""
 
     def at(t: float) -> tuple[float, float]:
         phase = 2 * np.pi * max(t - before, 0.0) / period
@@ -182,7 +182,7 @@ def circle(
 
 
 def ramps(low: float, high: float, period: float) -> Reference:
-    """Up and down in straight lines, on the first axis."""
+    """Return ramps up and down on the first axis."""
 
     def at(t: float) -> tuple[float, float]:
         share = 1 - abs(2 * (t / period % 1.0) - 1)

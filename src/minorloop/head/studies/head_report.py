@@ -47,7 +47,7 @@ _COLOURS = {
 def study_report(
     study: HeadStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> Report:
-    """The page.
+    """Return the report.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def study_report(
         f"The experiments of Boudjabi, Ferreira and Krupa on {specimens(runs)}; figures are drawn "
         f"for that of seed {study.seed}. Steps of 20 to 40 degrees settle in "
         f"{steps['settle_s']:.1f} s with the inverse operator and an observer of the heating "
-        f"power, in {pi['settle_s']:.1f} s with PI control that knows no hysteresis.",
+        f"power, in {pi['settle_s']:.1f} s with PI control without a model.",
     )
     _add_overview(report, study, figures, runs)
     _add_static(report, study)
@@ -184,7 +184,7 @@ def _add_steps(report: Report, study: HeadStudy) -> None:
         "the same guard. The paper's internal model takes the lag to follow the operator; the "
         "heat in fact precedes it, and what a step needs depends on where in the loop it begins. "
         "The observer follows the heating power itself and asks the inverse operator how much is "
-        "missing: that is where the operator earns its place. PI without it must wait for its "
+        "missing: this is the use of the operator. PI without it must wait for its "
         "integral to cross the width of the loop.",
         table=Table(columns, rows),
         pictures=[Picture(draw_steps(study), "Fig 10: angle and current of three steps.")],
@@ -199,8 +199,8 @@ def _add_disturbed(report: Report, study: HeadStudy) -> None:
         "identification, and an ambient that rises by 10 K within 10 s. On wires that have aged "
         "by a whole life, 10 % less stroke and 5 K, the second half of a staircase is "
         f"{aged['observer_rms_deg']:.2f} degrees rms off with the observer and "
-        f"{aged['adaptive_rms_deg']:.2f} with the model that goes on learning: what ageing changes "
-        "is mostly a bias, which the observer knows already.",
+        f"{aged['adaptive_rms_deg']:.2f} with the adaptive model: ageing mostly changes the "
+        "bias, which the observer compensates anyway.",
         pictures=[
             Picture(draw_disturbed(study), "Steps in other surroundings, and the rising ambient."),
             Picture(
@@ -246,8 +246,8 @@ def _add_limits(report: Report, study: HeadStudy) -> None:
         text=f"No run may exceed {HIGHEST} A or {HOTTEST:.0f} degrees Celsius, with a sensor that "
         "sticks or is lost, and where little cools the wire, as well. At the end of its stroke the "
         "angle does not tell how hot a wire is; there it is not heated on. The controller cannot "
-        "measure the temperature and believes the hotter of two estimates; the twin's truth judges "
-        "afterwards. A target that cannot be reached is given up with its cause: flooded without a "
+        "measure the temperature and uses the higher of two estimates; the truth of the twin is "
+        "the judge. A target that cannot be reached is given up with its cause: flooded without a "
         "sleeve the wire hardly warms, in air of -10 degrees most specimens do not turn all the "
         "way.",
         table=Table(columns, rows),
@@ -267,7 +267,7 @@ def _add_planning(report: Report, study: HeadStudy) -> None:
 
 
 def draw_loops(study: HeadStudy) -> Any:
-    """Reversal curves of the mesh, and the density of the operator on power."""
+    """Draw reversal curves of the mesh, and the density of the operator on power."""
     figure, (left, right) = new_figure(1, 2, height=4.2)
     paper = study.static.paper
     left.plot(paper.u, paper.y, ".", ms=4, color="C1", label="measured, settled")
@@ -286,7 +286,7 @@ def draw_loops(study: HeadStudy) -> Any:
 
 
 def draw_predictions(study: HeadStudy) -> Any:
-    """Measured and predicted angles after random commands."""
+    """Draw measured and predicted angles after random commands."""
     figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
     static = study.static
     place = np.arange(static.inputs.size) + 1
@@ -303,7 +303,7 @@ def draw_predictions(study: HeadStudy) -> Any:
 
 
 def draw_inverse(study: HeadStudy) -> Any:
-    """Errors of the two inverses on the model and on the wire."""
+    """Draw errors of the two inverses on the model and on the wire."""
     figure, axes = new_figure(1, 2, height=3.6, sharey=True)
     static = study.static
     for one, title, ways in (
@@ -322,7 +322,7 @@ def draw_inverse(study: HeadStudy) -> Any:
 
 
 def draw_ramps(study: HeadStudy) -> Any:
-    """Ramps in open and closed loop while the room warms."""
+    """Draw ramps in open and closed loop while the room warms."""
     figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
     for name in ("feedforward", DEFAULT):
         run = study.runs["ramps", name]
@@ -336,7 +336,7 @@ def draw_ramps(study: HeadStudy) -> Any:
 
 
 def draw_steps(study: HeadStudy) -> Any:
-    """Steps by every controller: angles above, currents below."""
+    """Draw steps with every controller: angles above, currents below."""
     figure, axes = new_figure(2, 3, height=5.6, sharex=True, sharey="row")
     for column, target in enumerate(TARGETS):
         for name, words in _WORDS.items():
@@ -356,7 +356,7 @@ def draw_steps(study: HeadStudy) -> Any:
 
 
 def draw_disturbed(study: HeadStudy) -> Any:
-    """Steps of 40 degrees in other surroundings, and the error while the ambient rises."""
+    """Draw steps of 40 degrees in other surroundings, and the error while the ambient rises."""
     figure, (left, right) = new_figure(1, 2, height=3.8)
     for place, where in enumerate(DISTURBED):
         run = study.runs[f"{where}, step {TARGETS[-1]:g}", DEFAULT]
@@ -375,7 +375,7 @@ def draw_disturbed(study: HeadStudy) -> Any:
 
 
 def draw_aged(study: HeadStudy) -> Any:
-    """Errors on aged wires."""
+    """Draw errors on aged wires."""
     figure, axes = new_figure(height=3.0)
     for name in OLD:
         run = study.runs["aged", name]
@@ -386,7 +386,7 @@ def draw_aged(study: HeadStudy) -> Any:
 
 
 def draw_circles(study: HeadStudy) -> Any:
-    """Circles, each as wanted and as driven."""
+    """Draw circles, wanted and driven."""
     periods = [key for key in study.figures() if key.startswith("circle")]
     chosen = [f"{PERIODS[0]:g}", f"{PERIODS[1]:g}", periods[-1][7:-1]]
     figure, axes = new_figure(1, 3, height=3.6, sharex=True, sharey=True)
@@ -402,7 +402,7 @@ def draw_circles(study: HeadStudy) -> Any:
 
 
 def draw_hopeless(study: HeadStudy) -> Any:
-    """Runs that cannot succeed."""
+    """Draw runs with impossible targets."""
     figure, axes = new_figure(2, len(IMPOSSIBLE), height=5.0, sharex=True, sharey="row")
     for column, what in enumerate(IMPOSSIBLE):
         run = study.runs[what, DEFAULT]
@@ -428,7 +428,7 @@ def draw_hopeless(study: HeadStudy) -> Any:
 
 
 def draw_plan(study: HeadStudy) -> Any:
-    """Angles and currents of a planned sequence and of the inverse."""
+    """Draw angles and currents of a planned sequence and of the inverse."""
     figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
     for plan, angle, words, colour in zip(
         study.plan, study.planned, ("planned", "inverse"), ("C0", "C3"), strict=True

@@ -27,25 +27,25 @@ from minorloop.identification import Identification, excitation, identify
 from minorloop.operators.relays import RelayModel
 
 COMMAND, CURRENT = 1.2, 0.4
-"""Full command in V, and the current in A that it stands for."""
+"""Full command in V, and its current in A."""
 MESH, BANDS = 12, 16
 HOLD = 40.0
 """Seconds of a settled hold: more than five times the slowest time constant of the wire."""
 FIRST_LOOP, VALIDATION, TARGETS = 25, 40, 40
 STEP = (0.16, 25.0, 40.0)
-"""When the current of the step goes on and off, and when its record ends, in s."""
+"""Times at which the current of the step is switched on and off, and end of its record, in s."""
 _MARGIN = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Static:
-    """What settled measurements of one specimen gave; angles in degrees.
+    """Results of settled measurements of one specimen; angles in degrees.
 
     ``paper`` is the plane on the mesh of commands in V, ``dots`` its relays; ``wires`` the two
-    axes on heating power; ``coupling`` (2, 2) what each sensor sees of the other axis. ``inputs``
-    (n,) are random commands in V that no model was fitted to and ``settled`` (n,) the angles
-    after them; ``targets`` (m,) with ``stepping`` (m,) and ``exact`` (m,), what two inverses
-    give on the identified plane, and ``driven``, the angles to which they drive the wire.
+    axes on heating power; ``coupling`` (2, 2) that of the sensors. ``inputs`` (n,) are random
+    commands in V that no model was fitted to and ``settled`` (n,) the angles after them;
+    ``targets`` (m,) with ``stepping`` (m,) and ``exact`` (m,), the results of two inverses on the
+    identified plane, and ``driven``, the angles to which they drive the wire.
     """
 
     paper: Identification
@@ -61,7 +61,7 @@ class Static:
 
     @property
     def predictions(self) -> dict[str, FloatArray]:
-        """(n,) angles of each model after the validation commands."""
+        """Angles (n,) of each model after the validation commands."""
         power = (self.inputs * CURRENT / COMMAND) ** 2
         return {
             "power": self.wires[0].model.operator.simulate(power),
@@ -70,7 +70,7 @@ class Static:
         }
 
     def figures(self) -> dict[str, Any]:
-        """Errors in degrees, those of inverses in percent of the model's range too."""
+        """Return errors in degrees, and those of inverses in percent of the model's range."""
         rms = {name: _rms(y - self.settled) for name, y in self.predictions.items()}
         low, high = self.paper.model.range
         stepping, exact = (
@@ -94,7 +94,7 @@ class Static:
 
 
 def run_static(seed: int) -> Static:
-    """Identify both wires of one specimen, and try the models on what they have not seen."""
+    """Identify both wires of one specimen, and validate the models on other commands."""
     mesh = uniform_levels(0.0, COMMAND, MESH)
     commands = excitation.reversal_curves(mesh)
     measured = _settled(seed, 0, commands * CURRENT / COMMAND)[:, 0]
@@ -134,15 +134,15 @@ def run_static(seed: int) -> Static:
 
 
 def identify_head(seed: int) -> tuple[tuple[HeatedWire, HeatedWire], FloatArray]:
-    """Both wires of one specimen and the coupling of its sensors, for its control."""
+    """Identify both wires of one specimen and the coupling of its sensors, for its control."""
     found, readings = zip(*(_wire(seed, axis) for axis in range(2)), strict=True)
     return (found[0].model, found[1].model), identify_coupling(readings)
 
 
 def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:
-    """One axis from a first loop, reversal curves where it moves, and a step up and down.
+    """Identify one axis from a first loop, reversal curves where it moves, and a step.
 
-    With it the readings (2, n) of both sensors while this axis alone moved.
+    The second value are the readings (2, n) of both sensors while only this axis moved.
     """
     up = np.linspace(0.0, CURRENT, FIRST_LOOP)
     loop = np.concatenate([up, up[-2::-1]])
@@ -155,7 +155,7 @@ def _wire(seed: int, axis: int) -> tuple[HeatedIdentification, FloatArray]:
 
 
 def _settled(seed: int, axis: int, currents: npt.ArrayLike) -> FloatArray:
-    """(n, 2) readings at the ends of holds of one axis, the other one cold."""
+    """Return the readings (n, 2) at the ends of holds of one axis, the other one cold."""
     head = _head(seed, axis)
     inputs = np.zeros((np.size(currents), 2))
     inputs[:, axis] = currents
@@ -163,7 +163,7 @@ def _settled(seed: int, axis: int, currents: npt.ArrayLike) -> FloatArray:
 
 
 def _step(seed: int, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, currents and readings of a step to full current and back."""
+    """Return times, currents and readings of a step to full current and back."""
     on, off, end = STEP
     interval = 2 * TICK
     t = np.arange(0.0, end, interval)

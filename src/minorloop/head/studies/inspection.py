@@ -1,8 +1,8 @@
-"""Inspection of a pipe by the catheter head: servo, finding, tracking, depth, and a whole mission.
+"""Inspection of a pipe by the catheter head: servo, detection, tracking, depth, and a mission.
 
-Boudjabi, Ferreira and Krupa (2003) centre a point by visual servo, see a hole beside a reflection
-that is none, and announce ultrasonic measurement and fusion. All of it is done here on twins of
-head, camera, pipe and probe, every number scored on scenes that nothing was tuned on.
+Boudjabi, Ferreira and Krupa (2003) centre a point by visual servo, distinguish a hole from a
+reflection, and announce ultrasonic measurement and fusion. All of this runs here on twins of head,
+camera, pipe and probe, scored on scenes that were not used for tuning.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
 FIRST_SCENE, SCENES, FIRST_PLAIN = 50_000, 4, 2_000_000
 FIRST_SOUNDING, SOUNDINGS = 60_000, 6
-"""Seeds of what is scored; scenes with and without a hole, and flat pits, for each specimen."""
+"""Seeds of the scored scenes; numbers of scenes with and without a hole, and of flat pits, for each
+specimen."""
 _PLAIN_SHARE = 4
 _SCORED = ("outcomes", "edges", "scored")
 
@@ -139,7 +140,7 @@ _OF_MISSIONS = (
 
 @dataclass(frozen=True, eq=False)
 class InspectionStudy:
-    """Everything that one specimen gave."""
+    """Results of one specimen."""
 
     seed: int
     servo: dict[str, Any]
@@ -151,7 +152,7 @@ class InspectionStudy:
     seconds: float
 
     def figures(self) -> dict[str, Any]:
-        """What `gather` needs; outcomes and soundings by the names under which they are kept."""
+        """Return the input of `gather`; outcomes and scans by their names."""
         return {
             **self.servo,
             "outcomes": self.outcomes,
@@ -163,18 +164,18 @@ class InspectionStudy:
 
 
 def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> InspectionStudy:
-    """Carry everything out for one specimen.
+    """Run the study for one specimen.
 
     Parameters
     ----------
     seed : int
-        Draws head, pipe, camera, probe and noise.
+        Of head, pipe, camera, probe and noise.
     scenes : int
-        Scenes with a hole, and as many without, that the finder is scored on; plain edges on a
+        Number of scenes with a hole, and without, for the score of detection; plain edges on a
         quarter as many.
     soundings : int
-        Pits with a flat floor that depths and their bands are scored on; the last is of the size
-        that fusion is scored on.
+        Number of pits with a flat floor for the score of depths and bands; the last has the size
+        for the score of fusion.
     """
     began = time.process_time()
     servo, runs = servo_figures(Scene(seed))
@@ -198,7 +199,7 @@ def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> In
 
 
 def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Medians over specimens; what is a share or a spread, over all that was scored."""
+    """Return medians over specimens; shares and spreads over all that was scored."""
     plain = [{k: v for k, v in run.items() if k not in _SCORED} for run in runs]
     found = medians([{k: v for k, v in run.items() if k != "mission"} for run in plain])
     every = [outcome for run in runs for outcome in run["outcomes"]]
@@ -234,7 +235,7 @@ def gather(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _of_missions(missions: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Shares of all missions, and medians over those that have something to tell."""
+    """Return shares of all missions, and medians over those with a result."""
     measured = [mission for mission in missions if mission["measured"]]
     cracks = [mission for mission in missions if mission["crack_found"]]
     deep = [mission for mission in cracks if mission["crack_measured"]]

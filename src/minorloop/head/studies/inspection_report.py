@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def study_report(
     study: InspectionStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> Report:
-    """The page.
+    """Return the report.
 
     Parameters
     ----------
@@ -72,13 +72,12 @@ def study_report(
         text="The paper's law takes the image Jacobian of a camera at rest; a head that pans turns "
         "about its own axis too, and its lens is carried along in front of the pivot, so that both "
         "columns are added, and the integral has the sign of the proportional term. Against sway "
-        "the head is told where its joints should read for the point to be in the middle, foretold "
-        "by as much as the wires are late. What the wires are too slow for, a picture shifted by "
-        "where the point is tracked does not show: "
-        f"{figures['sway'].get('stabilised_ratio', np.nan):.2f} of the sway of a still head is "
-        f"left in it, {figures['sway']['ratio']:.2f} without the shift. By the camera alone, no "
-        "reading of a joint is used: the wires are brought near by their model, and then told the "
-        "angles at which the picked piece of wall would be seen where it is.",
+        "the wanted angles are those that put the point in the middle, predicted by the delay of "
+        "the wires. Motion that is too fast for the wires is removed by shifting the image to the "
+        f"tracked point: {figures['sway'].get('stabilised_ratio', np.nan):.2f} of the sway of a "
+        f"still head remains, {figures['sway']['ratio']:.2f} without the shift. By the camera "
+        "alone, no reading of a joint is used: the model of the wires brings the head near, and "
+        "then control uses the angles that follow from the tracked patch.",
         pictures=[
             Picture(draw_servo(study), "Distance of the true point from the middle of the image.")
         ],
@@ -118,9 +117,9 @@ def study_report(
     )
     rows = [(f"{step.t:.0f} s", step.what, step.outcome) for step in mission.log]
     report.add(
-        "A mission without a hand",
+        "A mission without an operator",
         text="The six steps of the paper's section 5.2, with the two that it announces; then the "
-        "lines that were seen on the way are gone to as well.",
+        "lines that were seen on the way are visited.",
         table=Table(("time", "step", "outcome"), rows),
     )
     if mission.wall is None or mission.pit is None:
@@ -149,15 +148,15 @@ def study_report(
 
 
 def _add_cracks(report: Report, mission: Mission) -> None:
-    """A section for each crack, or what there was instead."""
+    """Add a section for each crack, or the reason why there is none."""
     if not mission.cracks:
-        words = "No line was seen again from nearer, so that no crack is reported."
+        words = "No line was seen again in a near view, so that no crack is reported."
         report.add("No crack", text=words)
     for crack in mission.cracks:
         words = (
-            "Dark under every light, thin, and seen again from nearer. The echoes were asked for "
-            f"its depth where it is widest, and what they told is: {crack.finding.verdict}. A "
-            "narrow one takes too little of a beam for its floor to be heard."
+            "Dark under every light, thin, and seen again in a near view. Verdict of the echoes on "
+            f"its depth where it is widest: {crack.finding.verdict}. The floor of a narrow crack "
+            "reflects too little of a beam to be measured."
         )
         report.add(
             "A crack",
@@ -177,12 +176,12 @@ def _add_cracks(report: Report, mission: Mission) -> None:
 
 
 def save_beside(study: InspectionStudy, folder: Path) -> list[Path]:
-    """Write what the first specimen's mission found beside the report: a table, PLY and glTF."""
+    """Write the findings of the first specimen's mission beside the report: table, PLY and glTF."""
     return save_mission(study.mission, folder)
 
 
 def nothing_found(mission: Mission) -> str:
-    """Why a mission has no pit to show, in a sentence."""
+    """Return a sentence on why a mission has no pit."""
     why = (
         "nothing round was seen"
         if mission.pit is None
@@ -204,7 +203,7 @@ def _missions(figures: Mapping[str, Any]) -> str:
 
 
 def draw_servo(study: InspectionStudy) -> Any:
-    """Distances against time: centring, and holding against sway."""
+    """Draw distances against time: centring, and holding against sway."""
     figure, (left, right) = new_figure(1, 2, height=3.6)
     for name, words in (("sensor", "with angle sensor"), ("camera", "camera only")):
         run = study.runs[name]

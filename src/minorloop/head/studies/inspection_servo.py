@@ -1,9 +1,9 @@
-"""A point of the wall is brought to the middle of the image and held there by two wires.
+"""Centre a point of the wall in the image, and hold it there with two wires.
 
-Camera, tracker, servo and the wires' controller form one loop at 25 Hz, with the angle sensors
-and without: then no reading of a joint goes anywhere. The head is brought near by the model of its
-wires, and from there on the wires' controller gets what the picked piece of wall tells of the
-head's angles. All pixel figures are at the scale of a 320 by 240 image.
+Camera, tracker, servo and the wires' controller form one loop at 25 Hz, with and without angle
+sensors. Without them no reading of a joint is used: the model of the wires brings the head near,
+and then the controller gets the angles that follow from the tracked patch of the wall. All pixel
+figures are at the scale of a 320 by 240 image.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from minorloop.head.vision.tracking import TRACKED
 
 TICK = 0.04
 APPROACH = 14.0
-"""Seconds in which the head is brought to where the servo takes over, and the light metered."""
+"""Seconds before the servo, in which the head approaches and the light is metered."""
 SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
 START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
 MOTION, MOTION_SECONDS = 10.0, 20.0
-"""Fastest commanded motion that the tracker is tried under, in degrees a second; how long."""
+"""Fastest motion under which the tracker is tested, in degrees a second, and its duration."""
 STROKE_SHARE = 0.93
-"""Of a wire's identified stroke, what a scene asks for at most: no hole is where no wire gets."""
+"""Largest share of a wire's identified stroke in a scene, so that every hole can be reached."""
 BLIND = SensorWatch(patience=10_000)
-"""Of a control that goes by its model for as long as no angles come."""
+"""For a control that uses its model as long as there are no angles."""
 
 wires_of = lru_cache(maxsize=4)(identify_head)
 
@@ -54,31 +54,30 @@ wires_of = lru_cache(maxsize=4)(identify_head)
 class ServoRun:
     """One run of the loop.
 
-    ``t`` (T,) in seconds since the servo took over; ``off`` (T,) how far the true point is from
-    the middle of the image, in pixels; ``verdicts`` (T,) of the tracker; ``angles`` (T, 2) true
-    lines of sight in degrees; ``left`` (T,) how far it is from where the tracker has it, in
-    pixels: what is left to see of a motion when each picture is shifted by that.
+    ``t`` (T,) in seconds since the servo took over; ``off`` (T,) distance of the true point from
+    the middle of the image, in pixels; ``verdicts`` (T,) of the tracker; ``left`` (T,) distance of
+    the true point from the tracked one, in pixels: the motion that remains if each image is
+    shifted by what was tracked.
     """
 
     name: str
     t: FloatArray
     off: FloatArray
     verdicts: tuple[str, ...]
-    angles: FloatArray
     left: FloatArray | None = None
 
     @property
     def settle(self) -> float:
-        """After how long the point stays within 2 pixels of the middle, in seconds."""
+        """Time from which the point stays within 2 pixels of the middle, in seconds."""
         out = np.flatnonzero(self.off > SETTLED_PX)
         return float(self.t[out[-1]]) if out.size else 0.0
 
     def rms(self, after: float) -> float:
-        """Root-mean-square distance from a time on, in pixels."""
+        """Return the root-mean-square distance after a time, in pixels."""
         return float(np.sqrt(np.mean(self.off[self.t > after] ** 2)))
 
     def stabilised_rms(self, after: float) -> float:
-        """The same in pictures shifted by what was tracked; NaN where nothing was."""
+        """Return the same in images shifted by what was tracked; NaN if nothing was."""
         if self.left is None:
             return np.nan
         return float(np.sqrt(np.mean(self.left[self.t > after] ** 2)))
@@ -122,7 +121,7 @@ class Scene:
         self.start = CONE.clip(start)
 
     def _within_stroke(self, rng: np.random.Generator) -> tuple[FloatArray, float]:
-        """A line of sight (2,) that the wires as identified come to, and its direction."""
+        """Draw a line of sight (2,) that the identified wires reach, and its direction."""
         top = [axis.observer.wire.operator.range[1] for axis in self.control.axes]
         while True:
             away, way = np.radians(rng.uniform(19, 27)), float(rng.uniform(0, 2 * np.pi))
@@ -132,7 +131,7 @@ class Scene:
                 return aim, way
 
     def rig(self, sway: Sway | None = None, *, sensor: bool = True) -> InspectionRig:
-        """A cold head with its camera; it is taken to sit in the middle of the pipe."""
+        """Return a cold head with its camera; it is assumed to be on the axis of the pipe."""
         plant = Rig(Head(self.seed, 0.05, self.seed, delay=TICK), Catheter(self.seed), sway=sway)
         tip = SimulatedTip(self.pipe, mount=self.mount, specimen=self.seed, seed=self.seed)
         calibration = HeadCalibration(
@@ -143,19 +142,18 @@ class Scene:
 
 
 class Watch:
-    """What is true of a run, tick by tick. For scoring only."""
+    """Truth of a run, tick by tick. For scoring only."""
 
     def __init__(self, scene: Scene, rig: InspectionRig) -> None:
         assert isinstance(rig.plant, Rig)
         self._scene, self._plant, self._lens = scene, rig.plant, rig.calibration.lens
         self.off: list[float] = []
         self.left: list[float] = []
-        self.sight: list[FloatArray] = []
         self.verdicts: list[str] = []
         self.pixel = self._pixel()
 
     def __call__(self, state: Any) -> None:
-        """Keep what is true after a tick; what comes before the first tracked frame is left out."""
+        """Record the truth after a tick; ticks before the first tracked frame are omitted."""
         before, self.pixel = self.pixel, self._pixel()
         verdict = getattr(state, "verdict", TRACKED)
         if not verdict:
@@ -164,31 +162,29 @@ class Watch:
         x, y, z = self._point()
         self.off.append(float(260.0 * np.hypot(x / z, y / z)))
         self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
-        self.sight.append(np.degrees(scoring.line_of_sight(self._plant)))
         self.verdicts.append(verdict)
 
     def run(self, name: str, after: int = 0) -> ServoRun:
-        """The run, from a tick on."""
+        """Return the run from a tick on."""
         off, left = np.array(self.off[after:]), np.array(self.left[after:])
         t = TICK * np.arange(1.0, len(off) + 1.0)
-        verdicts, sight = tuple(self.verdicts[after:]), np.array(self.sight[after:])
-        return ServoRun(name, t, off, verdicts, sight, left)
+        return ServoRun(name, t, off, tuple(self.verdicts[after:]), left)
 
     def _point(self) -> FloatArray:
-        """(3,) the hole as the camera has it."""
+        """Return the hole (3,) in camera coordinates."""
         hole, radius = self._scene.hole, self._scene.pipe.radius
         return scoring.middle_of(self._scene.mount, self._plant, (hole.phi, hole.z), radius)
 
     def _pixel(self) -> FloatArray:
-        """(2,) where the hole is in the image, by the lens as calibrated."""
+        """Return the pixel (2,) of the hole, by the calibrated lens."""
         return np.asarray(self._lens.project(self._point()))
 
 
 def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: float) -> ServoRun:
-    """Bring the hole to the middle of the image, from where the head was left.
+    """Centre the hole in the image, from where the head starts.
 
-    Against sway it is held by what the joints should read, once it is near. Without a sensor, no
-    reading of a joint is used, neither on the way there nor later.
+    Against sway, the wanted angles are computed directly once the hole is near. Without a sensor,
+    no reading of a joint is used.
     """
     rig = scene.rig(sway, sensor=sensor)
     centring = Centring(
@@ -202,7 +198,7 @@ def run_servo(scene: Scene, *, sensor: bool, sway: Sway | None = None, seconds: 
 
 
 def run_still(scene: Scene, sway: Sway, seconds: float) -> ServoRun:
-    """Hold the angles at which the hole is in the middle, without looking."""
+    """Hold the angles at which the hole is in the middle, without the camera."""
     rig = scene.rig(sway)
     watch = Watch(scene, rig)
     go = Go(still=math.inf, turning=APPROACH + seconds)
@@ -233,7 +229,7 @@ class Swinging(Procedure[CentreState]):
 
 
 def run_motion(scene: Scene) -> ServoRun:
-    """Track the hole while the head is swung about it as fast as 10 degrees a second."""
+    """Track the hole while the head swings about it at up to 10 degrees a second."""
     rig = scene.rig()
     patience = MOTION_SECONDS + TICK
     centring = Centring(calibration=rig.calibration, still=math.inf, patience=patience)
@@ -243,7 +239,7 @@ def run_motion(scene: Scene) -> ServoRun:
 def _watched(
     scene: Scene, rig: InspectionRig, centring: Centring, procedure: Swinging | None = None
 ) -> Watch:
-    """Bring the head to where the servo takes over, and follow what is picked there."""
+    """Bring the head to where the servo takes over, and track the patch that is picked there."""
     metering = Metering(calibration=rig.calibration)
     go = Go(still=math.inf, turning=APPROACH - metering.seconds)
     rig.run(go, go.begin(angles=scene.start))
@@ -257,7 +253,7 @@ def _watched(
 
 
 def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
-    """All runs of one scene, and their numbers."""
+    """Return the figures of one scene, and its runs."""
     sway = Sway()
     runs = {
         "sensor": run_servo(scene, sensor=True, seconds=SERVO),

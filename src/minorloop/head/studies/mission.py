@@ -1,12 +1,13 @@
 """The inspection of section 5.2 of the catheter head paper, as one automatic mission on the twin.
 
-Look around, pick, centre, focus, extract, touch, measure, reconstruct; then trace the cracks that
-were seen on the way, and measure them too. Head, catheter, camera and probe are twins; everything
-between them is what a real inspection would run.
+Look around, pick, centre, focus, extract, touch, measure, reconstruct; then trace and measure the
+cracks that were seen on the way. Head, catheter, camera and probe are twins; everything else would
+run in a real inspection.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -40,22 +41,22 @@ from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 
-RING, LOOKS = 25.0, 8
-"""Deflection of the looks around in degrees, and how many there are from one place."""
-ADVANCES = (0.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0)
-"""Positions of the catheter from which is looked around, in mm, until echoes confirm something;
-so near one another that a hole of 0.85 mm is 9 pixels of a 320 by 240 image across in two looks."""
+RING, LOOKS = math.radians(25.0), 8
+"""Deflection of the views from one place in radians, and their number."""
+ADVANCES = (0.0, 3e-3, 6e-3, 9e-3, 12e-3, 15e-3, 18e-3, 21e-3, 24e-3)
+"""Positions of the catheter in metres from which the mission looks around, until echoes confirm a
+pit. Their distance makes a hole of 0.85 mm 9 pixels wide, at 320 by 240 pixels, in two views."""
 MOST_PICKS = 8
-"""Things that are gone to in all, one after the other."""
+"""Most candidates for a pit that are visited."""
 SAME = 1.0e-3
-"""Things on the wall nearer than that are one."""
+"""Candidates within this distance in metres are one."""
 AGAIN = "disturbed"
-"""Verdict after which a raster is scanned once more, half a pitch beside the first."""
+"""Verdict after which a raster is scanned again, displaced by half a pitch."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """What a mission gave.
+    """Result of a mission.
 
     Parameters
     ----------
@@ -68,13 +69,13 @@ class Mission:
     truth_water : float
         Height of the water, in m.
     log : tuple of LogEntry
-        What was done, and when.
+        Its steps.
     looks : Findings, optional
-        Of the look from nearer at what was gone to.
+        Of the near view of the candidate.
     first, centred : (H, W) arrays, optional
-        Images of the finding as it was picked, and with the axis sent to it.
+        Images of the finding when picked, and with the axis sent to it.
     pixel : (2,) array, optional
-        Of the finding in the first.
+        Of the finding in the first image.
     found : Hole, optional
         By the camera.
     pit : PitDepth, optional
@@ -86,9 +87,9 @@ class Mission:
     water : WaterLine, optional
         Of the same sweep.
     cracks : tuple of SeenCrack
-        That were seen again from nearer.
+        That were seen again in a near view.
     touch : float
-        How far the tool's point came to lie from the true centre, in m.
+        Distance of the tool's point from the true centre, in m.
     """
 
     seed: int
@@ -111,7 +112,7 @@ class Mission:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the table lists: the pit, or what may be one, and cracks."""
+        """Findings of the table: the pit, or what may be one, and cracks."""
         pits = () if self.pit is None else (finding_of(self.pit),)
         return (
             *(one for one in pits if one.kind != "mark"),
@@ -119,7 +120,7 @@ class Mission:
         )
 
     def figures(self) -> dict[str, Any]:
-        """How far from the truth it came; NaN where nothing was found."""
+        """Errors of the result; NaN where nothing was found."""
         place = width = depth = np.nan
         if self.pit is not None:
             place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)
@@ -142,7 +143,7 @@ class Mission:
 
 @dataclass
 class Overview:
-    """What the looks around showed so far: views, lines in them, and from where it was looked."""
+    """Views so far, traces of lines in them, and the positions from which they were taken."""
 
     views: list[ReflectanceMap] = field(default_factory=list)
     traces: list[TracedCrack] = field(default_factory=list)
@@ -150,12 +151,12 @@ class Overview:
 
 
 def run_mission(seed: int) -> Mission:
-    """Inspect one pipe with a pit and a crack in it, without a hand."""
+    """Inspect one pipe with a pit and a crack in it, without an operator."""
     (rig, truth), seen = draw_mission(seed), Overview()
     mission = Mission(seed, truth.bore, truth.crack, float(truth.wet.water or 0.0))
     best = _examined(rig, truth, mission, seen)
     if best.pit is None:
-        rig.say("end of pits", "nothing that echoes confirm was found; no depth is given")
+        rig.say("end of pits", "no pit that echoes confirm was found; no depth is given")
     best = replace(best, cracks=_cracks(rig, seen))
     if best.profile is not None and best.wall is not None:
         parts = [best.wall, *(crack.wall for crack in best.cracks)]
@@ -164,10 +165,10 @@ def run_mission(seed: int) -> Mission:
 
 
 def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: Overview) -> Mission:
-    """Look from place after place, and go to what is seen, until echoes confirm a pit.
+    """Look around from place after place, and visit candidates, until echoes confirm a pit.
 
-    What is not seen again from nearer is gone to after all that is; where nothing is confirmed,
-    what came nearest to it is kept.
+    Candidates that are not seen again in a near view come last. If none is confirmed, the one with
+    the best result is kept.
     """
     tried: list[Hole] = []
     doubted: list[Hole] = []
@@ -183,7 +184,7 @@ def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: O
             if not again and advance is not None:
                 doubted.append(hole)
                 continue
-            one = _sounded(rig, truth, one, view)
+            one = _measured(rig, truth, one, view)
             best = one if best.pit is None or _better(one, best) else best
             if best.pit is not None and best.pit.measured:
                 return best
@@ -191,7 +192,7 @@ def _examined(rig: InspectionRig, truth: MissionTruth, mission: Mission, seen: O
 
 
 def _better(one: Mission, other: Mission) -> bool:
-    """Whether the echoes told more of it: measured, or a depth at all."""
+    """Whether its echoes gave more: a measured depth, or a depth at all."""
     ranks = [
         (pit.measured, bool(np.isfinite(pit.depth))) if pit is not None else (False, False)
         for pit in (one.pit, other.pit)
@@ -202,7 +203,7 @@ def _better(one: Mission, other: Mission) -> bool:
 def _approached(
     rig: InspectionRig, mission: Mission, hole: Hole
 ) -> tuple[Mission, bool, ReflectanceMap | None]:
-    """Pick, centre, focus, extract; whether it is seen again, and the view of it."""
+    """Pick, centre, focus and extract; return whether it is seen again, and the near view."""
     first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
     centre(rig, hole.place)
     focus(rig)
@@ -210,10 +211,10 @@ def _approached(
     return replace(mission, looks=looks, first=first, pixel=pixel, found=found), again, looks.wall
 
 
-def _sounded(
+def _measured(
     rig: InspectionRig, truth: MissionTruth, one: Mission, view: ReflectanceMap | None
 ) -> Mission:
-    """Touch and measure; where echoes tell a depth, sweep round and reconstruct."""
+    """Touch and measure; if echoes give a depth, sweep round the pipe and reconstruct."""
     hole = one.found
     if hole is None:
         return one
@@ -240,7 +241,7 @@ def _sounded(
 
 
 def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
-    """Go to what looks like cracks, and on to further places until one is confirmed."""
+    """Visit candidates for cracks, and look around from further places until one is confirmed."""
     found: list[SeenCrack] = []
     tried: list[TracedCrack] = []
     for advance in (None, *(place for place in ADVANCES if place not in seen.places)):
@@ -257,14 +258,14 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
 
 
 def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hole]:
-    """What is seen from one place, the likeliest first; views and lines are added to those seen."""
-    travel(rig, 1e-3 * advance, 0.0)
+    """Return the candidates seen from one place, the likeliest first; add views and traces."""
+    travel(rig, advance, 0.0)
     seen.places.append(advance)
     holes: list[Hole] = []
     lines = 0
     for k in range(LOOKS):
         way = 2 * np.pi * k / LOOKS
-        turn(rig, np.radians(RING) * np.array([np.cos(way), np.sin(way)]))
+        turn(rig, RING * np.array([np.cos(way), np.sin(way)]))
         meter(rig)
         found = look(rig)
         holes += found.holes
@@ -275,5 +276,5 @@ def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hol
     each = strongest(holes, RADIUS, -np.inf)
     words = f"{len(each)} thing{'s' if len(each) > 1 else ''}" if each else "nothing"
     words += f"; {lines} line{'s' if lines > 1 else ''}" if lines else ""
-    rig.say("look around", f"from {advance:g} mm, {LOOKS} looks: {words}")
+    rig.say("look around", f"from {1e3 * advance:g} mm, {LOOKS} looks: {words}")
     return list(each)

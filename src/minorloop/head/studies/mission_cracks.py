@@ -1,4 +1,4 @@
-"""Cracks in a mission: traced in the looks around, seen again from nearer, and scanned."""
+"""Cracks in a mission: traced in the views, traced again in a near view, and scanned."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth, crack
 from minorloop.head.vision.cracks import TracedCrack
 
 CLOSER = (6e-3, 10e-3)
-"""How much nearer a course is looked at, in metres, until it is seen."""
+"""Advances of the near views in metres, until the course is seen."""
 MOST = 3
-"""Things like cracks that are gone to in all."""
+"""Most candidates for cracks that are visited."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +41,17 @@ class SeenCrack:
     Parameters
     ----------
     traced : TracedCrack
-        By the nearer look.
+        In the near view.
     course : TracedCrack
-        By whichever look shows it longest.
+        In the view that shows it longest.
     widest : (2,) array
-        Phi and z where it was scanned.
+        Phi and z of the scan.
     width : float
         There, in metres.
     found : CrackDepth
-        What the echoes told.
+        By the echoes.
     photo : Photo
-        In which it is seen from nearer.
+        The near view.
     wall : DepthMap
         The wall about it.
     """
@@ -71,7 +71,7 @@ class SeenCrack:
 
 
 def examined(rig: InspectionRig, trace: TracedCrack, looks: int) -> SeenCrack | None:
-    """Go to a course, trace it from nearer, and scan across it; None where it is not seen again."""
+    """Go to a course, trace it in a near view, and scan across it; None if not seen again."""
     middle = trace.places[len(trace.places) // 2]
     many = f"{looks} look{'s' if looks > 1 else ''}"
     pick(rig, middle, f"a line of {1e3 * trace.length:.1f} mm in {many}")
@@ -99,7 +99,7 @@ def examined(rig: InspectionRig, trace: TracedCrack, looks: int) -> SeenCrack | 
 def _again(
     rig: InspectionRig, trace: TracedCrack, middle: FloatArray
 ) -> tuple[tuple[TracedCrack, ...], Photo | None]:
-    """What is seen of a course from nearer, and the photo of it."""
+    """Return the traces of a course in near views, and the photo."""
     for by in CLOSER:
         near, photo = look_nearer(rig, middle, by)
         again = traced_again(near, trace.places, rig.calibration.radius)
@@ -109,12 +109,12 @@ def _again(
 
 
 def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
-    """How far from the truth cracks are; NaN where none is it.
+    """Return the errors of cracks; NaN if none is the true one.
 
     Parameters
     ----------
     cracks : sequence of SeenCrack
-        As reported; one that lies on the true one is it, any other is false.
+        As reported; any that does not lie on the true one is false.
     truth : Crack
         For scoring only.
     """
@@ -147,7 +147,7 @@ def crack_figures(cracks: Sequence[SeenCrack], truth: Crack) -> dict[str, Any]:
 
 
 def _true(crack: Crack) -> tuple[FloatArray, FloatArray]:
-    """Course (N, 2) and widths (N,) of a true crack, in steps of 50 um."""
+    """Return course (N, 2) and widths (N,) of a true crack, in steps of 50 um."""
     corners = np.array(crack.points)
     along = wall_lengths(corners, RADIUS)
     fine = np.arange(0.0, along[-1], 0.05e-3)

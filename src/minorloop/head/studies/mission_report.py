@@ -1,4 +1,4 @@
-"""The pictures and tables of a mission: what was seen, and the finding unrolled and in 3-D."""
+"""Figures and tables of a mission: images, and the finding unrolled and in 3-D."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _FINE = 60  # texels a side, from which on their edges are not drawn
 
 
 def save_mission(mission: Mission, folder: Path) -> list[Path]:
-    """Write findings as a table, and the wall about each as PLY and glTF, with trimesh there.
+    """Write findings as a table and, with trimesh, the wall about each as PLY and glTF.
 
     Parameters
     ----------
     mission : Mission
-        Nothing is written of one that found nothing.
+        Nothing is written if it has no findings.
     folder : path
-        That exists.
+        Existing folder.
     """
     if not mission.findings:
         return []
@@ -55,7 +55,7 @@ def save_mission(mission: Mission, folder: Path) -> list[Path]:
 
 
 def draw_images(mission: Mission) -> Any:
-    """The picked point as it was first seen, close up, and when the axis had been sent to it."""
+    """Draw the picked point as first seen, close up, and with the axis sent to it."""
     figure, axes = new_figure(1, 3, height=3.0)
     pictures = (
         (mission.first, mission.pixel, "picked", None),
@@ -77,7 +77,7 @@ def draw_images(mission: Mission) -> Any:
 
 
 def draw_finding(wall: DepthMap) -> Any:
-    """Depth about a finding, its 90 % band, who saw what, and the wall in three dimensions."""
+    """Draw depth about a finding, its 90 % band, the sources, and the wall in three dimensions."""
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 
@@ -90,7 +90,7 @@ def draw_finding(wall: DepthMap) -> Any:
     _draw_values(axes, np.maximum(depth, 1e3 * low), (-wide, wide, -long, long))
     axes = _plane(figure, 2, (wide, long), "half the 90 % band of it [mm]")
     _draw_values(axes, band, (-wide, wide, -long, long))
-    axes = _plane(figure, 3, (wide, long), "looked at or heard by")
+    axes = _plane(figure, 3, (wide, long), "source")
     shown = axes.imshow(
         wall.source,
         origin="lower",
@@ -106,7 +106,7 @@ def draw_finding(wall: DepthMap) -> Any:
 
 
 def _plane(figure: Any, place: int, half: tuple[float, float], title: str) -> Any:
-    """Axes of a piece of wall laid flat, with as many ticks as there is room for."""
+    """Return axes of an unrolled piece of wall, with as many ticks as fit."""
     axes = figure.add_subplot(2, 2, place)
     axes.set(title=title, xlabel="around the pipe [mm]", ylabel="along the pipe [mm]")
     if half[0] < _NARROW * half[1]:
@@ -115,7 +115,7 @@ def _plane(figure: Any, place: int, half: tuple[float, float], title: str) -> An
 
 
 def _two_ticks(half: float) -> tuple[float, float]:
-    """A round number of each sign within a half width."""
+    """Return a round number of each sign within a half width."""
     unit = 10.0 ** np.floor(np.log10(half))
     at = float(unit * np.floor(0.9 * half / unit) or 0.5 * unit)
     return -at, at

@@ -21,16 +21,16 @@ from minorloop.head.twins.rig import Rig, SimulatedTip, Sway
 
 RADIUS = 10e-3
 SWAY = Sway()
-"""How the flow of the water that is let in turns the base of the head."""
+"""Motion of the base of the head in the flow of the water."""
 OFF_THICKNESS, OFF_TEMPERATURE = 0.01, 0.3
-"""Standard deviations of what is known of the wall, as a share, and of the water, in degrees."""
+"""Standard deviations of the known wall thickness, relative, and water temperature, in degrees."""
 CRACKED, CLEAR = (18e-3, 31e-3), 3e-3
-"""Where along the pipe a crack may lie, and how far from the pit, in metres."""
+"""Range of cracks along the pipe, and least distance from the pit, in metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class MissionTruth:
-    """What is true of a scene. For scoring only.
+    """Truth of a scene. For scoring only.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class MissionTruth:
         The pit.
     crack : Crack
     wet : Pipe
-        With the water in it.
+        The flooded pipe.
     temperature : float
         Of the water, in degrees Celsius.
     plant : Rig
@@ -56,7 +56,7 @@ class MissionTruth:
 
 
 def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
-    """A rig in a pipe with a pit and a crack, and what is true of both."""
+    """Draw a rig in a pipe with a pit and a crack, and return it with the truth."""
     rng = np.random.default_rng([seed, 31])
     bore = Bore(
         float(rng.uniform(-np.pi, np.pi)),
@@ -98,7 +98,7 @@ def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
 
 
 def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:
-    """A crack that is within reach of the looks and clear of the bore."""
+    """Draw a crack that the views reach, away from the bore."""
     low, high = CRACKED
     while True:
         crack = draw_crack(rng, float(rng.uniform(-np.pi, np.pi)), float(rng.uniform(low, high)))
@@ -109,7 +109,7 @@ def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:
 
 
 def _level(angles: Sequence[float], rng: np.random.Generator) -> float:
-    """Height of the water, y pointing down: all these, and the probe before them, are under it."""
+    """Draw a height of the water, y pointing down, above all these and the probe."""
     up = float(np.sin(angles).min())
     highest = min(min(RADIUS, Probe().face) * up - 1e-3, RADIUS * up - 2.5e-3)
     return float(rng.uniform(-0.98 * RADIUS, highest)) if highest > -0.98 * RADIUS else -0.9999e-2
@@ -120,5 +120,5 @@ def _pair(values: FloatArray) -> tuple[float, float]:
 
 
 def distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
-    """Metres along the wall between two places, each phi and z first."""
+    """Return the distance along the wall between two places, phi and z, in metres."""
     return float(wall_distance(one, other, RADIUS))

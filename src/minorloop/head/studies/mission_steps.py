@@ -1,4 +1,4 @@
-"""What a mission does with one thing on the wall: go to it, centre, focus, extract and touch it."""
+"""Steps of a mission with one candidate: go to it, centre, focus, extract and touch it."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera, Image
 from minorloop.head.vision.defects import Findings, Hole, find_holes
 
 CENTRED = np.radians(23.0)
-"""Deflection at which a thing is brought to the middle, in radians."""
+"""Deflection at which a candidate is centred, in radians."""
 NEAR, FIRST = 6e-3, 1e-3
-"""How much nearer than where it was centred a thing is looked at to extract it, and how near to its
-stop the catheter is sent, in metres: drawn back further, its tip sticks."""
+"""Advance of the near view beyond the place of centring, and least advance of the catheter, in
+metres: drawn back further, its tip sticks."""
 
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """An image, the camera as calibrated, and where the head looked, in radians."""
+    """An image, the calibrated camera, and the line of sight in radians."""
 
     image: npt.NDArray[np.uint8]
     eye: CalibratedCamera
     angles: tuple[float, float]
 
     def pixels(self, places: npt.ArrayLike) -> FloatArray:
-        """(..., 2) columns and rows of places (..., 2) on the wall."""
+        """Return columns and rows (..., 2) of places (..., 2) on the wall."""
         return np.asarray(self.eye.pixel(np.asarray(places), *self.angles))
 
 
 def travel(rig: InspectionRig, advance: float, roll: float) -> None:
-    """Bring the catheter to metres and radians, the head as it is."""
+    """Bring the catheter to an advance in metres and a roll in radians, without the head."""
     go = Go()
     rig.run(go, go.begin(place=(advance, roll)))
 
@@ -52,20 +52,20 @@ def turn(rig: InspectionRig, angles: npt.ArrayLike) -> None:
 
 
 def meter(rig: InspectionRig) -> None:
-    """Focus on what is ahead, and expose for a middle grey."""
+    """Focus on the wall ahead, and expose for a middle grey."""
     metering = Metering(calibration=rig.calibration)
     rig.gain = rig.run(metering, metering.begin(rig.gain)).gain
 
 
 def look(rig: InspectionRig) -> Findings:
-    """Five frames and what is in them."""
+    """Take five frames and return the findings in them."""
     acquisition = Acquisition()
     looks = rig.run(acquisition, acquisition.begin(rig.gain)).looks
     return find_holes(looks, rig.calibration.camera_at(rig.place))
 
 
 def photo(rig: InspectionRig) -> Photo:
-    """What is seen now."""
+    """Take a photo."""
     now = rig.reading(Request(frame=True))
     assert now.image is not None
     pan, tilt = now.angles.tolist()
@@ -73,7 +73,7 @@ def photo(rig: InspectionRig) -> Photo:
 
 
 def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
-    """Go to where a thing is well in the cone, turn towards it, and say where it is seen."""
+    """Go to where a place is within the cone, turn towards it, and return image and pixel."""
     ahead = rig.calibration.radius / np.tan(CENTRED)
     travel(rig, max(float(place[1]) - ahead, FIRST), 0.0)
     turn(rig, aim_at(rig.calibration, place, rig.place, APPROACH))
@@ -85,13 +85,13 @@ def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, Floa
 
 
 def centre(rig: InspectionRig, place: FloatArray) -> None:
-    """Bring a place on the wall to the middle of the image."""
+    """Centre a place of the wall in the image."""
     centring = Centring(calibration=rig.calibration)
     _centred(rig, rig.run(centring, centring.begin(place)), "centre")
 
 
 def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
-    """Say how near the middle a place came; without a view of it, turn there."""
+    """Log the distance from the middle; turn by the joints if the place is not in view."""
     if state.verdict == NOT_IN_VIEW:
         turn(rig, aim_at(rig.calibration, state.place, rig.place))
         rig.say(step, "not whole in view; turned there by the joints alone")
@@ -110,7 +110,7 @@ def focus(rig: InspectionRig) -> None:
 
 
 def look_nearer(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
-    """Come nearer by metres to what is in the middle, take five frames and a photo, and go back."""
+    """Advance by some metres, take five frames and a photo of a place, and return."""
     advance, roll = rig.place.tolist()
     travel(rig, advance + by, roll)
     turn(rig, aim_at(rig.calibration, place, rig.place))
@@ -121,7 +121,7 @@ def look_nearer(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tupl
 
 
 def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
-    """The outline of a thing from nearer; whether it is there."""
+    """Outline a candidate in a near view; return whether it is seen again."""
     looks, _ = look_nearer(rig, picked.place)
     again = nearest(looks.holes, picked.place, rig.calibration.radius)
     hole = again or picked
@@ -131,7 +131,7 @@ def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
 
 
 def touch(rig: InspectionRig, hole: Hole) -> Image:
-    """Send the axis, along which the tool's point goes, to a thing; the image then."""
+    """Send the axis, along which the tool's point goes, to a hole; return the image then."""
     marking = Marking(calibration=rig.calibration)
     state = rig.run(marking, marking.begin(hole.place, rig.gain))
     rig.gain = state.gain

@@ -1,7 +1,7 @@
-"""Pits, holes and marks drawn by seed, scanned by a swaying probe, and scored after the scan.
+"""Pits, holes and marks drawn by seed, scanned by a probe that sways, and scored after the scan.
 
-What the estimate is given is what a head would know: angles read with noise, a mount and a water
-temperature that are a little off, and the place and size that a camera saw.
+The estimate knows what a real head would know: noisy angles, mount and water temperature with small
+errors, and place and size by the camera. The scan is the procedure of mission and console.
 """
 
 from __future__ import annotations
@@ -16,47 +16,54 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, check_option
 from minorloop.head.geometry import Mount, Probe, wall_distance
-from minorloop.head.procedures.measure import wall_about, wall_answers
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.measure import NO_COUPLING, wall_about
 from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.values import NOTHING, Reading
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.studies import scoring
+from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.pipe import Bore, Pipe, draw_pit
+from minorloop.head.twins.rig import GYROSCOPE_NOISE, Sway
 from minorloop.head.twins.ultrasound import Ultrasound
-from minorloop.head.ultrasound.echoes import Burst, average
+from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.pits import PitDepth, measure_pit, raster
+from minorloop.head.ultrasound.pits import PitDepth, measure_pit
 from minorloop.identification.bands import PER_DEVIATION
 
 KINDS = ("pit", "dished", "hole", "mark", "dry")
 DISH = 0.1e-3
-"""How much shallower a dished floor is at its rim, in metres."""
+"""Difference in depth between the middle and the rim of a dished floor, in metres."""
 _Z = 20e-3
 _FLOODED = -9.999e-3
-_ANGLE_NOISE = math.radians(0.05)
-_SWAY = (0.3, 0.23)  # Hz, of pan and tilt
+_JOINT_NOISE = math.radians(0.05)
+"""Standard deviation of a reading of a joint, as in a mission."""
+_SWAY, _PHASES, _TICK = Sway(), 1e3, 0.04
+"""Motion of the base in the flow, range of times in it at which a scan begins, and interval of the
+loop, in seconds."""
 _DARK, _SHADE_NOISE, _EDGE = -1.2, 0.08, 0.05e-3
 _ROLL_SD, _ADVANCE_SD = 5e-3, 0.05e-3
-"""How far off the known mount is, in radians and metres."""
+"""Standard deviations of the error of the known mount, in radians and metres."""
 
 
 @dataclass(eq=False)
 class ScanSite:
-    """A place of a pipe, what is known of it, and what is true.
+    """A place of a pipe: what is known of it, and its truth.
 
     Parameters
     ----------
     ear : CalibratedProbe
-        What is known of the probe.
+        As calibrated.
     centre : (float, float)
-        Of the mouth as the camera saw it, phi and z.
+        Phi and z of the mouth by the camera.
     diameter : float
-        As the camera saw it, in metres.
+        By the camera, in metres.
     truth : Bore
         For scoring only.
     dry : bool
         Whether there is no water.
     strayed : (float, float)
-        Known less true roll and advance of the mount. For scoring only.
+        Known minus true roll and advance of the mount. For scoring only.
     """
 
     ear: CalibratedProbe
@@ -83,7 +90,7 @@ class ScanTrial(ScanSite):
     pipe : Pipe
         With water, if any.
     mount : Mount
-        As it truly is. For scoring only.
+        True mount. For scoring only.
     probe : dict
         Noise, gain and temperature of the twin.
     rng : numpy Generator
@@ -98,14 +105,14 @@ class ScanTrial(ScanSite):
 
     @property
     def site(self) -> ScanSite:
-        """The place alone: the twin of a probe fills 19 MB."""
+        """The place without the twin of the probe, which fills 19 MB."""
         return ScanSite(self.ear, self.centre, self.diameter, self.truth, self.dry, self.strayed)
 
     def picture(self, patch: Patch) -> FloatArray:
-        """Logarithm (rows, columns) of the image laid flat: a dark mouth where the camera saw it.
+        """Return the logarithm (rows, columns) of the unrolled image with a dark mouth.
 
-        Place and size are off as the camera's are; edges are a texel wide, and every texel has
-        noise of its own. A fresh draw each time.
+        Place and size have the camera's errors; edges are a texel wide, and each texel has its own
+        noise, drawn anew for each call.
         """
         off = np.linalg.norm(patch.off(*self.centre), axis=-1)
         dark = 1 / (1 + np.exp(np.clip((off - self.diameter / 2) / _EDGE, -30.0, 30.0)))
@@ -116,22 +123,22 @@ class ScanTrial(ScanSite):
 def draw_sounding(
     seed: int, *, kind: str = "pit", lens: bool = True, snr: float = 20.0, bore: Bore | None = None
 ) -> ScanTrial:
-    """A pit of 0.85 to 1.5 mm by 0.2 to 1 mm, or something else, in a pipe by seed.
+    """Draw a pit of 0.85 to 1.5 mm by 0.2 to 1 mm, or another defect, in a pipe by seed.
 
     Parameters
     ----------
     seed : int
-        Of everything.
+        Of all draws.
     kind : {"pit", "dished", "hole", "mark", "dry"}
-        A pit with a flat floor, one that is 0.1 mm shallower at its rim, a through-hole, a spot
-        of dirt, or a pit in a pipe without water.
+        A pit with a flat floor, a pit that is 0.1 mm shallower at its rim, a through-hole, a spot
+        of dirt, or a pit in a dry pipe.
     lens : bool
-        Whether the disc has its lens.
+        Whether the probe has its lens.
     snr : float
-        Peak of the floor echo over the noise of a trace of 16 shots, in decibels; of the echo
-        of a plain wall where there is no floor.
+        Peak of the echo of the floor over the noise of a trace of 16 shots, in decibels; of the
+        echo of a plain wall if there is no floor.
     bore : Bore, optional
-        Its diameter and depth replace those drawn.
+        Its diameter and depth replace the drawn ones.
     """
     check_option("kind", kind, KINDS)
     rng = np.random.default_rng([seed, 77])
@@ -163,12 +170,12 @@ def draw_sounding(
             Ultrasound(pipe, true, probe, noise=0.0, temperature=warm, specimen=seed, seed=seed)
         )
     noise = level * 10 ** (-snr / 20) * math.sqrt(RasterScan.shots)
-    heard: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "noise": noise,
         "gain": min(0.5, 0.5 / (0.7 + 4 * noise)),
         "temperature": warm,
     }
-    sonar = Ultrasound(pipe, true, probe, specimen=seed, seed=seed, **heard)
+    sonar = Ultrasound(pipe, true, probe, specimen=seed, seed=seed, **settings)
     ear = CalibratedProbe(
         probe,
         known,
@@ -180,69 +187,93 @@ def draw_sounding(
         _Z + float(rng.normal(0, 0.035e-3)),
     )
     seen = pit.diameter * float(np.exp(rng.normal(0, 0.05)))
-    # The camera rides on the same mount: what it saw is off by as much as the mount is.
+    # The camera has the same mount, so that its places have the error of the mount.
     turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
     known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
     centre = (centre[0] + turned, centre[1] + moved)
     ear = replace(ear, mount=known)
     about = (ear, centre, seen, pit, kind == "dry", (turned, moved))
-    return ScanTrial(*about, sonar=sonar, pipe=pipe, mount=true, probe=heard, rng=rng)
+    return ScanTrial(*about, sonar=sonar, pipe=pipe, mount=true, probe=settings, rng=rng)
 
 
-def scan(
-    sounding: ScanTrial, *, sway: float = 1.0, points: int = RasterScan.points, pause: float = 0.8
-) -> list[Burst]:
-    """Scan a raster of bursts of 16 shots while the head sways.
+def scan(trial: ScanTrial) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
+    """Scan a raster by the procedure of mission and console, while flow sways the head.
 
-    Parameters
-    ----------
-    sounding : ScanTrial
-        Where.
-    sway : float
-        Amplitude, in degrees, at 0.3 Hz of the pan and 0.23 Hz of the tilt.
-    points : int
-        In a row of the raster.
-    pause : float
-        Between bursts, in seconds.
+    Joints and catheter follow at once; joints and base are measured with noise.
+
+    Returns
+    -------
+    probe : CalibratedProbe
+        At the place of the scan.
+    bursts : tuple of Burst
     """
-    phase = sounding.rng.uniform(0, 2 * np.pi, 2)
-    bursts = []
-    for target in raster(sounding.ear, sounding.centre, points=points):
-        bursts.append(_burst(sounding, target, math.radians(sway), phase))
-        sounding.sonar.wait(pause)
-    return bursts
+    scanning = RasterScan(calibration=_calibration(trial.ear))
+    state, request = scanning.begin(trial.centre), NOTHING
+    place = start = np.array([trial.ear.mount.advance, trial.ear.mount.roll])
+    joints, begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
+    while not state.done:
+        joints = joints if request.angles is None else request.angles
+        place = place + _TICK * request.rates
+        advance, roll = (place - start).tolist()
+        true = trial.mount
+        trial.sonar.move(replace(true, advance=true.advance + advance, roll=true.roll + roll))
+        reading = _reading(trial, request.shots, joints, place, begin)
+        state, request = scanning.step(state, reading)
+        trial.sonar.wait(_TICK)
+    return scanning.calibration.probe_at(place), state.bursts
 
 
-def _burst(sounding: ScanTrial, target: FloatArray, sway: float, phase: FloatArray) -> Burst:
-    ear, sonar = sounding.ear, sounding.sonar
-    shots, read = [], []
-    for _ in range(RasterScan.shots):
-        turns = 2 * np.pi * np.array(_SWAY) * sonar.clock + phase
-        place = target + sway * np.sin(turns)
-        sonar.look(float(place[0]), float(place[1]))
+def _calibration(ear: CalibratedProbe) -> HeadCalibration:
+    """Return the calibration of a head with this probe in this pipe."""
+    return HeadCalibration(
+        lens=LENS,
+        leds=np.empty((0, 3)),
+        offset=ear.mount.offset,
+        lever=ear.mount.lever,
+        probe=ear.probe,
+        radius=ear.radius,
+        thickness=ear.thickness,
+        temperature=ear.temperature,
+    )
+
+
+def _reading(
+    trial: ScanTrial, count: int, joints: FloatArray, place: FloatArray, begin: float
+) -> Reading:
+    """Fire a burst, and read joints, catheter and gyroscope."""
+    t, sonar, rng = trial.sonar.clock, trial.sonar, trial.rng
+    shots = []
+    for _ in range(count):
+        pan, tilt = joints + np.radians(_SWAY.at(begin + sonar.clock))
+        sonar.look(float(pan), float(tilt))
         shots.append(sonar.shot())
-        read.append(place + _ANGLE_NOISE * sounding.rng.standard_normal(2))
-    aimed, spots = ear.spots(target)[0], ear.spots(np.array(read))
-    off = wall_distance(spots[:, :2], aimed[:2], ear.radius)
-    return average(shots, np.array(read), off)
+    base = _SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2)
+    return Reading(
+        t=t,
+        angles=joints + _JOINT_NOISE * rng.standard_normal(2),
+        place=place,
+        base=np.radians(base),
+        shots=tuple(shots),
+        fired=count > 0,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredScan:
-    """One scan beside its truth.
+    """One scan with its truth.
 
     Parameters
     ----------
     sounding : ScanSite
         Where.
     found : PitDepth
-        What was found.
+        The estimate.
     seconds : float
         Processor time of ``measure_pit``.
     wall : DepthMap
         Fused.
     modality : str
-        As the front echoes chose it.
+        By the first burst.
     """
 
     sounding: ScanSite
@@ -252,14 +283,11 @@ class ScoredScan:
     modality: str
 
 
-def sound(sounding: ScanTrial) -> ScoredScan:
+def sound(trial: ScanTrial) -> ScoredScan:
     """Scan, measure and fuse one place."""
-    bursts = scan(sounding)
-    target = raster(sounding.ear, sounding.centre, points=1)[0]
-    sounding.sonar.look(float(target[0]), float(target[1]))
-    shots = [sounding.sonar.shot() for _ in range(RasterScan.shots)]
-    modality = "sonar" if wall_answers(shots, sounding.ear) else "camera"
-    return examined(sounding, bursts, modality)
+    probe, bursts = scan(trial)
+    coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    return examined(replace(trial, ear=probe), bursts, "sonar" if coupled else "camera")
 
 
 def examined(sounding: ScanTrial, bursts: Sequence[Burst], modality: str = "sonar") -> ScoredScan:
@@ -273,7 +301,7 @@ def examined(sounding: ScanTrial, bursts: Sequence[Burst], modality: str = "sona
 
 
 def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
-    """Bias and deviation of the depths of pits, in micrometres, and how many were measured."""
+    """Return bias and standard deviation of depths in micrometres, and the number measured."""
     runs = list(scored)
     errors = np.array([1e6 * _error(run) for run in runs if run.found.measured])
     return {
@@ -288,12 +316,12 @@ def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 
 
 def dished_figure(scored: Iterable[ScoredScan]) -> float:
-    """Largest error, in millimetres, of the mean depth of dished floors that was not flagged."""
+    """Return the largest error in millimetres of the mean depth of unflagged dished floors."""
     return max((1e3 * abs(_error(run)) for run in scored if run.found.measured), default=0.0)
 
 
 def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
-    """Largest errors of findings, and how often a texel lies inside its 90 % band."""
+    """Return the largest errors of findings, and the share of texels inside their 90 % band."""
     runs = [run for run in scored if run.found.measured]
     depths = np.array([1e3 * _error(run) for run in runs])
     sizes = [run.found.diameter / run.sounding.truth.diameter - 1 for run in runs]
@@ -307,7 +335,7 @@ def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 
 
 def band_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
-    """How often the true depth lies inside the 90 % band, half its width, and of how many."""
+    """Return the share of depths inside their 90 % band, half its width, and their number."""
     runs = [run for run in scored if run.found.measured]
     depths = np.array([abs(1e3 * _error(run)) for run in runs])
     bands = np.array([1e3 * PER_DEVIATION * run.found.depth_sd for run in runs])
@@ -319,7 +347,7 @@ def band_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 
 
 def modality_wrong(scored: Iterable[ScoredScan]) -> int:
-    """How often a depth was claimed in air, a hole called a pit, or the modality mistaken."""
+    """Return how often a depth was given in air or for a hole, or the modality was wrong."""
     wrong = 0
     for run in scored:
         dry, hole = run.sounding.dry, run.sounding.truth.through
@@ -339,9 +367,9 @@ def _miss(run: ScoredScan) -> float:
 
 
 def _covered(run: ScoredScan) -> BoolArray:
-    """Whether the truth is inside the band, for each texel of the mouth and its rim.
+    """Return for each texel of the mouth and its rim whether the truth is inside the band.
 
-    In the frame of the head as known: how far that is off counts in the position of a finding.
+    The frame is the known one of the head: its error counts in the position of a finding.
     """
     patch, bore = run.wall.patch, run.sounding.truth
     turned, moved = run.sounding.strayed

@@ -1,6 +1,6 @@
-"""The truth about twins of head, camera and probe, for judging a run.
+"""Truth of twins of head, camera and probe, for scoring a run.
 
-No estimator and no controller may know any of this; only a study reads it, after a run.
+No estimator and no controller uses it; only a study reads it, after a run.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from minorloop.head.twins.wire import HeatedWires
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What really happened.
+    """True course of a run.
 
     Parameters
     ----------
@@ -39,25 +39,25 @@ class Truth:
 
 
 def truth(twin: HeatedWires) -> Truth:
-    """Read the log of a twin that was made with ``log_truth=True``, after its run."""
+    """Return the truth of a twin with ``log_truth=True``, after its run."""
     hottest, stress = twin._peaks()
     return Truth(twin._truth()["angle"], hottest, stress)
 
 
 def line_of_sight(plant: Rig) -> FloatArray:
-    """(2,) true pan and tilt of the optical axis, in radians."""
+    """Return the true pan and tilt (2,) of the optical axis, in radians."""
     return np.array(plant.stance()[:2])
 
 
 def apart(place: npt.ArrayLike, bore: Bore, radius: float) -> float:
-    """Metres straight from a place (2,), phi and z, of the wall to the middle of a bore."""
+    """Return the straight distance from a place (2,) of the wall to a bore, in metres."""
     phi, z = np.asarray(place, dtype=np.float64).tolist()
     ends = wall_point(phi, z, radius), wall_point(bore.phi, bore.z, radius)
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
 def off_bore(plant: Rig, offset: tuple[float, float], bore: Bore, radius: float) -> float:
-    """Metres from where the optical axis meets the wall to the middle of a bore.
+    """Return the distance from the optical axis at the wall to a bore, in metres.
 
     Parameters
     ----------
@@ -75,12 +75,12 @@ def off_bore(plant: Rig, offset: tuple[float, float], bore: Bore, radius: float)
 
 
 def middle_of(mount: Mount, plant: Rig, place: npt.ArrayLike, radius: float) -> FloatArray:
-    """(3,) a place (2,) of the wall as the camera on a plant has it, in its coordinates.
+    """Return a place (2,) of the wall in true camera coordinates (3,).
 
     Parameters
     ----------
     mount : Mount
-        As it truly is, the catheter at 0.
+        The true one, for the catheter at 0.
     plant : Rig
     place : (2,) array_like
         Phi and z.
@@ -93,10 +93,10 @@ def middle_of(mount: Mount, plant: Rig, place: npt.ArrayLike, radius: float) -> 
 
 
 def true_pixel(camera: Camera, phi: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
-    """(..., 2) pixels at which a camera shows places of the wall."""
+    """Return the true pixels (..., 2) of places of the wall."""
     return camera._pixel(phi, z)
 
 
 def floor_level(probe: Ultrasound) -> float:
-    """Peak of the echo of the floor of a pit, over that of a plain wall."""
+    """Return the peak of the echo of a pit's floor over that of a plain wall."""
     return probe._floor_level()

@@ -35,34 +35,34 @@ from minorloop.head.vision.reflectance_map import ReflectanceMap
 from minorloop.identification.bands import PER_DEVIATION
 
 TURNS, RING_SHOTS = 48, 4
-"""Places of the sweep round the pipe for the water line and the profile, and shots at each."""
+"""Places of the sweep round the pipe for water line and profile, and shots at each."""
 RING, MARGIN = 9.6e-3, 1e-3
-"""Least length of the map once round the pipe, and what it shows beside a finding, in metres."""
+"""Least length of the map round the pipe, and margin about a finding, in metres."""
 
 
 def scan(
     rig: InspectionRig, place: tuple[float, float], *, shift: float = 0.0
 ) -> tuple[CalibratedProbe, list[Burst]]:
-    """Bring the probe square to a place, let water in, and scan a raster in its flow.
+    """Bring the probe over a place, flood the pipe, and scan a raster in the flow.
 
     Parameters
     ----------
     rig : InspectionRig
-        Where it is; the water flows on afterwards, until `drain`.
+        The water flows until `drain`.
     place : (float, float)
         Phi and z in the middle of the raster.
     shift : float
-        By how much of its pitch the raster is moved, both ways.
+        Displacement of the raster in pitches, in both directions.
     """
     scanning = RasterScan(calibration=rig.calibration)
     bursts = rig.run(scanning, scanning.begin(place, shift=shift)).bursts
-    heard = bool(bursts) and bursts[0].verdict != NO_COUPLING
-    rig.say("modality", "the wall is heard" if heard else "no echo: camera only")
+    coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
+    rig.say("modality", "the wall answers" if coupled else "no echo: camera only")
     return rig.calibration.probe_at(rig.place), list(bursts)
 
 
 def drain(rig: InspectionRig) -> None:
-    """Let the water out."""
+    """Drain the pipe."""
     rig.reading(Request(water=False))
 
 
@@ -73,14 +73,14 @@ def rebuilt(
     hole: Hole,
     view: ReflectanceMap | None,
 ) -> DepthMap:
-    """Echoes and the nearest view fused to a map about a pit."""
+    """Fuse echoes and the near view to a map about a pit."""
     centre = (float(hole.place[0]), float(hole.place[1]))
     seen = None if view is None else lambda patch: laid(view, patch)
     return wall_about(pit, bursts, ear, centre, hole.diameter, seen=seen)
 
 
 def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
-    """Roll the catheter once round: where the wall answers, and how far it is."""
+    """Roll the catheter once round, and measure profile and water line."""
     ear = rig.calibration.probe_at(rig.place)
     turn(rig, raster(ear, place, points=1)[0])
     profiles = []
@@ -94,14 +94,14 @@ def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, Wate
     water = find_water(profile.spots[:, 0], profile.detected, RADIUS, face=Probe().face)
     band = f"+- {1e3 * PER_DEVIATION * water.sd:.1f} mm (90 %)"
     words = f"{1e3 * water.height:+.1f} {band} from the axis"
-    rig.say("water line", f"{words}; {profile.detected.sum()} of {TURNS} places heard")
+    rig.say("water line", f"{words}; {profile.detected.sum()} of {TURNS} places answer")
     return centred(profile), water
 
 
 def ring_of(
     profile: Profile, views: Sequence[ReflectanceMap], parts: Sequence[DepthMap]
 ) -> DepthMap:
-    """Once round the pipe: what the camera saw, the profile, and the findings in one map."""
+    """Map the pipe once round: camera, profile and findings."""
     low, high = _span(parts)
     rows, columns = int((high - low) / STEP) + 1, int(2 * np.pi * RADIUS / STEP)
     patch = Patch(-np.pi, low, rows, columns)
@@ -116,7 +116,7 @@ def ring_of(
 
 
 def _span(parts: Sequence[DepthMap]) -> tuple[float, float]:
-    """From where to where along the pipe a ring with these parts goes, in metres."""
+    """Return the range along the pipe of a ring with these parts, in metres."""
     ends = [(part.patch.z, part.patch.z + part.patch.rows * part.patch.step) for part in parts]
     middle = 0.5 * sum(ends[0])
     low, high = min(low for low, _ in ends), max(high for _, high in ends)
@@ -124,7 +124,7 @@ def _span(parts: Sequence[DepthMap]) -> tuple[float, float]:
 
 
 def laid(view: ReflectanceMap, patch: Patch) -> FloatArray:
-    """What a view of the camera shows on a patch (rows, columns); NaN where it saw nothing."""
+    """Resample a view of the camera on a patch (rows, columns); NaN where nothing is seen."""
     window, places = view.window, patch.places
     half = 0.5 * (window.columns - 1)
     middle = window.phi + half * window.step / patch.radius
