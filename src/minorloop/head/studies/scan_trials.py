@@ -230,7 +230,7 @@ def _calibration(ear: CalibratedProbe) -> HeadCalibration:
         leds=np.empty((0, 3)),
         offset=ear.mount.offset,
         lever=ear.mount.lever,
-        probe=ear.probe,
+        probe=ear.transducer,
         radius=ear.radius,
         thickness=ear.thickness,
         temperature=ear.temperature,
