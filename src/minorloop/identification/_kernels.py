@@ -76,7 +76,7 @@ def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, pa
         if rising == (top & 1 == 0):
             values[top], bands[top], fractions[top], samples[top] = value, band, fraction, sample
             top += 1
-        while wipes_out(x, top, values[max(top - 2, 0)], rising):
+        while top >= 2 and wipes_out(x, top, values[top - 2], rising):
             top -= 2
         value, band = x, band_of(levels, buckets, per_unit, x)
         fraction = (x - levels[band]) * per_band[band]

@@ -118,7 +118,7 @@ def simulate(plane, stack, n, u, y):
                 pivot_output, pivot_band, pivot_fraction = output, band, fraction
                 top += 1
             before = top
-            while wipes_out(x, top, stack[max(top - 2, 0), VALUE], rising):
+            while top >= 2 and wipes_out(x, top, stack[top - 2, VALUE], rising):
                 top -= 2
             if top < before and top > 0:
                 pivot_output = stack[top - 1, OUTPUT]

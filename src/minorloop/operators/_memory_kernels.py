@@ -14,15 +14,15 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def wipes_out(u, top, extremum, rising):
-    """Whether the present input, with index ``top``, wipes out the two extrema before it.
+    """Whether the present input, with index ``top`` >= 2, wipes out the two extrema before it.
 
     It does where it passes the earlier of the two, ``extremum``. Negative saturation, entry 0, is
-    passed by a falling input only. Wiping-out: Mayergoyz, Mathematical Models of Hysteresis, 1991,
-    section 1.2. Takes numbers, not the array: numba counts references to an array at each call.
+    wiped out by no rise. Mayergoyz, Mathematical Models of Hysteresis, 1991, section 1.2. Takes
+    numbers, not the array: numba counts references to an array at each call.
     """
     if rising:
         return top >= 3 and u >= extremum
-    return top >= 2 and u <= extremum
+    return u <= extremum
 
 
 @njit(cache=True, nogil=True)
@@ -34,7 +34,7 @@ def push(extrema, count, u):
     rising = u > extrema[top]
     if rising == (top & 1 == 0):  # a reversal: the last input becomes an extremum
         top += 1
-    while wipes_out(u, top, extrema[max(top - 2, 0)], rising):
+    while top >= 2 and wipes_out(u, top, extrema[top - 2], rising):
         top -= 2
     extrema[top] = u
     return top + 1
