@@ -141,22 +141,25 @@ def identification_report(
     -------
     Report
     """
+    from minorloop.identification.baseline import percent
+
     held = result.holdout_nrmse
-    score = "nothing was held out" if held is None else f"{held:.2%} of range on held-out data"
+    score = "nothing was held out" if held is None else f"{percent(held)} of range on held-out data"
     report = Report(
         f"Hysteresis of {output_label} against {input_label}",
         f"A Preisach model of {result.model.bands} bands, identified from {source}: "
-        f"{result.nrmse:.2%} of range on the {result.samples} samples it was fitted to, {score}; "
-        f"the best polynomial of the delayed input reaches {result.baseline_nrmse:.2%}.",
+        f"{percent(result.nrmse)} of range on the {result.samples} samples it was fitted to, "
+        f"{score}; the best polynomial of the delayed input reaches "
+        f"{percent(result.baseline_nrmse)}.",
     )
     rows = [
         ("samples fitted", f"{result.samples}"),
         ("unknowns", f"{result.unknowns}"),
         ("cells of the plane excited", f"{result.excited_fraction:.0%}"),
         ("lag of the output", f"{result.lag} samples"),
-        ("error on fitted data", f"{result.rmse:.4g} ({result.nrmse:.3%} of range)"),
-        ("error on held-out data", "-" if held is None else f"{held:.3%} of range"),
-        ("best delayed polynomial", f"{result.baseline_nrmse:.3%} of range"),
+        ("error on fitted data", f"{result.rmse:.4g} ({percent(result.nrmse)} of range)"),
+        ("error on held-out data", "-" if held is None else f"{percent(held)} of range"),
+        ("best delayed polynomial", f"{percent(result.baseline_nrmse)} of range"),
         *_bands(result),
         ("optimality (KKT)", f"{result.kkt:.1e}"),
     ]

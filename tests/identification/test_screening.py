@@ -5,6 +5,7 @@ import pytest
 
 from minorloop.errors import SignalError
 from minorloop.identification import excitation, identify
+from minorloop.identification.baseline import percent
 from minorloop.identification.screening import codes, record_faults
 
 RADII = np.linspace(0, 0.3, 10)
@@ -181,6 +182,39 @@ def test_a_large_error_on_held_out_data_is_a_warning():
     u, y = record()
     found = identify(u, np.where(np.arange(y.size) > 300, y - 0.5, y), levels=8, holdout=0.3)
     assert "the error on held-out data" in " ".join(found.warnings)
+
+
+@pytest.mark.parametrize("holdout", [0.0, 0.2])
+def test_errors_as_they_are_printed_above_a_tenth_are_a_warning(holdout):
+    u, y = record()
+    drift = 0.8 * np.sin(np.arange(y.size) / 17) * (np.arange(y.size) < 240)
+    found = identify(u, y + drift, levels=8, holdout=holdout)
+    (warning,) = (text for text in found.warnings if "the error on" in text)
+    assert found.nrmse > 0.1
+    assert f"fitted data is {found.nrmse:.3%} of range" in warning
+    assert f"{found.nrmse:.3%} of range" in str(found)
+    if found.holdout_nrmse is not None and found.holdout_nrmse > 0.1:
+        assert f"held-out data is {found.holdout_nrmse:.3%} of range" in warning
+
+
+def test_a_small_range_that_was_held_out_does_not_hide_its_error():
+    u = np.r_[sine(), 0.5 + 0.05 * np.sin(np.arange(100) / 8)]
+    y = plant(u) + 0.03 * np.sin(np.arange(u.size)) * (np.arange(u.size) >= SIZE)
+    found = identify(u, y, levels=8, holdout=0.2)
+    assert found.nrmse < 0.1 < found.holdout_nrmse
+    assert any(f"is {found.holdout_nrmse:.3%} of range" in text for text in found.warnings)
+
+
+def test_no_percentage_has_dozens_of_digits():
+    assert [percent(share) for share in (0.15504, 1e36)] == ["15.504%", "1e+38%"]
+
+
+def test_a_polynomial_is_not_both_better_and_nearly_as_good():
+    u, y = record()
+    y = y + 3 * np.ptp(y) * np.random.default_rng(3).normal(size=y.size)
+    y[350] += 200 * np.ptp(y)  # held out: what it does to the scores counts in neither sentence
+    text = " ".join(identify(u, y, levels=3, holdout=0.3).advice)
+    assert ("is better" in text) + ("is nearly as good" in text) == 1
 
 
 def test_an_outlier_held_out_does_not_condemn_the_model():

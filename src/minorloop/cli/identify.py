@@ -343,12 +343,14 @@ def _band_sd(result: Identification) -> float | None:
 
 
 def _print(done: _Done, figures: dict[str, Any]) -> None:
+    from minorloop.identification.baseline import percent
+
     held = figures["nrmse_holdout"]
     rank = figures["rank"]
     rows = [
-        ("error on fitted data", f"{figures['nrmse_train']:.3%} of range"),
-        ("error on held-out data", "-" if held is None else f"{held:.3%} of range"),
-        ("best delayed polynomial", f"{figures['baseline_nrmse']:.3%} of range"),
+        ("error on fitted data", f"{percent(figures['nrmse_train'])} of range"),
+        ("error on held-out data", "-" if held is None else f"{percent(held)} of range"),
+        ("best delayed polynomial", f"{percent(figures['baseline_nrmse'])} of range"),
         ("lag", f"{figures['lag_samples']} samples"),
         ("samples fitted", f"{figures['samples']}"),
         *_apart(done, figures),

@@ -14,7 +14,7 @@ from minorloop.errors import ParameterError
 from minorloop.figures import figure_of
 from minorloop.identification import advising
 from minorloop.identification.bands import Prediction, as_probability
-from minorloop.identification.baseline import delayed
+from minorloop.identification.baseline import delayed, percent
 from minorloop.identification.fitted import Fit
 from minorloop.identification.prior import Posterior, regressors
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
@@ -140,9 +140,9 @@ class Identification(Fit):
             ("samples, unknowns", f"{self.samples}, {self.unknowns}"),
             ("cells excited", f"{self.excited_fraction:.0%}"),
             ("lag", f"{self.lag} samples"),
-            ("error, fitted", f"{self.nrmse:.3%} of range"),
-            ("error, held out", "not asked for" if held is None else f"{held:.3%} of range"),
-            ("best delayed polynomial", f"{self.baseline_nrmse:.3%} of range"),
+            ("error, fitted", f"{percent(self.nrmse)} of range"),
+            ("error, held out", "not asked for" if held is None else f"{percent(held)} of range"),
+            ("best delayed polynomial", f"{percent(self.baseline_nrmse)} of range"),
             ("optimality", f"{self.kkt:.1e}" + ("" if self.converged else ", not converged")),
         ]
         lines = [f"{name:<24} {value}" for name, value in rows]
