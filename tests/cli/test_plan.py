@@ -73,6 +73,7 @@ def test_a_large_plan_leaves_out_what_takes_long(monkeypatch, run, answer):
         (f"{PLAN} --hold nan", "--hold is nan"),
         (f"{PLAN} --hold inf", "--hold is inf"),
         (f"{PLAN} --input 'hold [s]'", "as the column of times is; give another name"),
+        (f"{PLAN} --input 'u\x1b[2J [V]'", "--input is 'u\\x1b[2J [V]', which has the character"),
         (f"{PLAN} --save missing/plan.csv", "folder missing does not exist"),
         (f"{PLAN} --save good.csv", "or --force to replace it"),
     ],

@@ -8,6 +8,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.errors import ParameterError
+from minorloop.files import check_name
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -56,6 +57,7 @@ def run(
         raise ParameterError(f"there is no plan {pattern!r}; give one of {known}")
     if not 0 < hold < float("inf"):
         raise ParameterError(f"--hold is {hold}; give a positive number of seconds")
+    check_name("--input", input)
     if input == _HOLD:
         raise ParameterError(f"--input is {_HOLD!r}, as the column of times is; give another name")
     inputs, report = _planned(pattern, low, high, levels)
