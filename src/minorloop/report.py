@@ -144,13 +144,15 @@ def identification_report(
     from minorloop.identification.baseline import percent
 
     held = result.holdout_nrmse
-    score = "nothing was held out" if held is None else f"{percent(held)} of range on held-out data"
+    score = (
+        "nothing was held out" if held is None else f"{percent(held, 2)} of range on held-out data"
+    )
     report = Report(
         f"Hysteresis of {output_label} against {input_label}",
         f"A Preisach model of {result.model.bands} bands, identified from {source}: "
-        f"{percent(result.nrmse)} of range on the {result.samples} samples it was fitted to, "
+        f"{percent(result.nrmse, 2)} of range on the {result.samples} samples it was fitted to, "
         f"{score}; the best polynomial of the delayed input reaches "
-        f"{percent(result.baseline_nrmse)}.",
+        f"{percent(result.baseline_nrmse, 2)}.",
     )
     rows = [
         ("samples fitted", f"{result.samples}"),

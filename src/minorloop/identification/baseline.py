@@ -63,6 +63,6 @@ def nrmse(residual: FloatArray, y: FloatArray) -> float:
     return float(np.sqrt(np.mean(residual**2)) / (np.ptp(y) or 1.0))
 
 
-def percent(share: float) -> str:
-    """Return a share as a percentage, as every table and sentence shows it."""
-    return f"{share:.3%}" if share < _FULL else f"{100 * share:.3g}%"
+def percent(share: float, digits: int = 3) -> str:
+    """Return a share as a percentage, with three digits at most where it is huge."""
+    return f"{share:.{digits}%}" if share < _FULL else f"{100 * share:.3g}%"
