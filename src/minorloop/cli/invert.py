@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -42,12 +42,14 @@ def run(
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, targets, start, clip)
         if save is not None:
-            columns = {
+            columns: dict[str, Any] = {
                 str(known.input): result.u,
                 f"target {known.output}": targets,
                 f"predicted {known.output}": result.y,
                 "reachable": result.reachable.astype(int),
             }
+            if known.warnings:  # a column of texts, which readers of numbers pass over
+                columns["warning"] = ["; ".join(known.warnings), *[""] * (targets.size - 1)]
             _common.write_csv(save, columns, force=force)
     if as_json:
         inputs = {} if save is not None else {"u": result.u, "y": result.y}
