@@ -166,6 +166,22 @@ def test_a_record_of_little_is_not_screened():
     assert kinds(np.arange(8.0), np.arange(8.0) ** 9) == []
 
 
+@pytest.mark.parametrize("code", [-9999.0, 999.99])
+def test_a_sentinel_among_the_inputs_is_named(code):
+    u, y = record()
+    u = u.copy()
+    u[50] = code
+    assert f"an input is a code of a logger, far from all others: sample 50 ({code:g})" in " ".join(
+        identify(u, y, levels=8).warnings
+    )
+
+
+def test_inputs_that_often_go_to_the_end_of_a_converter_are_inputs():
+    u = np.tile([0.0, 1000.0, 32767.0, 500.0], 30)
+    y = 0.01 * u + np.tile([0, 9], 60)
+    assert not any("code" in text for text in identify(u, y, levels=3).advice)
+
+
 def test_warnings_come_first_and_go_with_every_inverse():
     u, y = record()
     y[40:120] = y[40]

@@ -10,6 +10,7 @@ import numpy as np
 from minorloop.identification import active_set
 from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
+from minorloop.identification.screening import codes
 
 if TYPE_CHECKING:
     from minorloop.identification.fitted import Fit
@@ -23,6 +24,8 @@ _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
 _ROUNDING = 1e-9
 _SHOWN = 6
+_RARE = 10
+"""Samples for each input that may be a sentinel; more of them are inputs."""
 WORST = 0.1
 """Error, as a share of the range of the output, above which a model is not to be trusted."""
 _FALLS = (
@@ -44,6 +47,7 @@ def advice(result: Fit) -> Iterator[str]:
 def warnings(result: Fit) -> Iterator[str]:
     """Give the part of the advice for which the model is not to be trusted."""
     yield from (finding.text for finding in result.findings)
+    yield from _input_codes(result)
     yield from _error_warnings(result)
 
 
@@ -69,6 +73,19 @@ def _codes(result: Fit) -> Iterator[str]:
         f"{'it' if one else 'them'}, as if the {'cell' if one else 'cells'} were empty. Check the "
         "range of the instrument and repeat"
     )
+
+
+def _input_codes(result: Fit) -> Iterator[str]:
+    """Name sentinels among the inputs, which are not left out: memory depends on every input."""
+    found = codes(result.u)
+    if found and len(found) <= max(result.u.size // _RARE, 1):
+        shown = [f"sample {code.sample} ({code.value:.6g})" for code in found[:_SHOWN]]
+        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        one = len(found) == 1
+        yield (
+            f"{'an input is a code' if one else f'{len(found)} inputs are codes'} of a logger, far "
+            f"from all others: {', '.join(shown)}{more}; give what was applied, or cut these rows"
+        )
 
 
 def _outliers(result: Fit) -> Iterator[str]:
