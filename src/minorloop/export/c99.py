@@ -182,6 +182,8 @@ def source(
         return _other_source(model, Numbers(float32), inverse, largest, words)
     operator = _as_preisach(model, inverse)
     numbers = Numbers(float32)
+    numbers.check_range("input", operator.levels)
+    numbers.check_range("output", operator.range)
     context, table_bytes = operator_tables(operator, numbers)
     state_bytes = _state_bytes(numbers.size, memory)
     if linear is not None:
@@ -228,6 +230,8 @@ def _other_source(
     words: Mapping[str, str],
 ) -> CSource:
     """C of plays, bent or not, and of relays: their memory never overflows."""
+    if isinstance(model, RelayModel):
+        numbers.check_range("input", model.levels)
     make: Any = relay_parts if isinstance(model, RelayModel) else plays_parts
     parts: Parts = make(model, numbers, inverse)
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
@@ -236,6 +240,8 @@ def _other_source(
     if isinstance(model, RelayModel):  # whose outputs jump where the C has its thresholds
         model = replace(model, levels=numbers.array(model.levels).astype(np.float64))
     y = model.simulate(u, parts.start)
+    numbers.check_range("input", u)
+    numbers.check_range("output", y)
     name = words["name"]
     files = {
         f"{name}.h": render(f"{parts.template}.h", context),
