@@ -102,6 +102,8 @@ class _Clock:
 
 def as_duration(seconds: float) -> str:
     """A time as people say it."""
+    if seconds < 1:
+        return f"{seconds:.2g} s"
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 5400:

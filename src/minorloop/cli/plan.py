@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._watch import as_duration
 from minorloop.errors import ParameterError
 from minorloop.files import check_name
 
@@ -95,7 +96,7 @@ def _figures(inputs: FloatArray, hold: float, report: ExcitationReport | None) -
 
 
 def _print(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> None:
-    typer.echo(f"{inputs.size} holds of {hold:g} s, {inputs.size * hold / _HOUR:.1f} h in all")
+    typer.echo(f"{inputs.size} holds of {hold:g} s, {as_duration(inputs.size * hold)} in all")
     typer.echo(
         str(report) if report else f"what more than {_RANKED} bands determine is not worked out"
     )
