@@ -166,7 +166,7 @@ def _allowed(error: Exception) -> str:
     found = re.search(r"unknown field `.*?`(?: - at `\$\.(\w+)`)?", str(error))
     if not found:
         return ""
-    sections = {"source": _Source, "meter": _Meter, "board": _Board}
+    sections: dict[str, Any] = {"source": _Source, "meter": _Meter, "board": _Board}
     sections |= {"input": _Input, "output": _Output}
     fields = msgspec.structs.fields(sections.get(found[1] or "", _Bench))
     return f"; the fields there are {', '.join(field.name for field in fields)}"
