@@ -142,7 +142,7 @@ class Pool:
             else:
                 task = waiting.popleft()
                 slot.begin(slot.worker.ask(task), task)
-        return True
+        return bool(self._slots)  # there is none where nothing is left to identify
 
     def _take(self, slot: _Slot, waiting: deque[Task]) -> tuple[Task, Found] | None:
         """Result of a worker, if it has answered."""
