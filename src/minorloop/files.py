@@ -51,8 +51,8 @@ def check_name(what: str, name: str, error: type[MinorloopError] = ParameterErro
     found = _UNSHOWN.search(name)
     if found:
         raise error(
-            f"{what} {name[:60]!a}, which has the character U+{ord(found[0]):04X}; leave out what "
-            "cannot be printed"
+            f"{what} is {name[:60]!a}, which has the character U+{ord(found[0]):04X}; leave out "
+            "what cannot be printed"
         )
     return name
 

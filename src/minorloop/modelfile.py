@@ -120,8 +120,10 @@ class ModelFile:
         """The word for the class of the model in the file."""
         return kind_of(self.model)
 
-    def inverse_columns(self, targets: npt.ArrayLike, found: Inversion) -> dict[str, list[float]]:
+    def inverse_columns(self, targets: npt.ArrayLike, found: Inversion) -> dict[str, list[Any]]:
         """Return the columns of a CSV file of an inverse, by headers with units.
+
+        A model that is not to be trusted adds the column ``warning``, with its text in the first row.
 
         Parameters
         ----------
@@ -130,12 +132,15 @@ class ModelFile:
         found : Inversion
             What the model gave for them.
         """
-        return {
+        columns = {
             str(self.input): found.u.tolist(),
             f"target {self.output}": np.asarray(targets, dtype=np.float64).tolist(),
             f"predicted {self.output}": found.y.tolist(),
             "reachable": found.reachable.astype(int).tolist(),
         }
+        if self.warnings:
+            columns["warning"] = ["; ".join(self.warnings), *[""] * (found.u.size - 1)]
+        return columns
 
 
 def save(

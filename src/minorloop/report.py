@@ -143,15 +143,19 @@ def identification_report(
     -------
     Report
     """
+    from minorloop.identification.baseline import percent
     from minorloop.identification.scores import score_rows
 
     held = result.holdout_nrmse
-    score = "nothing was held out" if held is None else f"{held:.2%} of range on held-out data"
+    score = (
+        "nothing was held out" if held is None else f"{percent(held, 2)} of range on held-out data"
+    )
     report = Report(
         f"Hysteresis of {output_label} against {input_label}",
         f"A Preisach model of {result.model.bands} bands, identified from {source}: "
-        f"{result.nrmse:.2%} of range on the {result.samples} samples it was fitted to, {score}; "
-        f"the best polynomial of the delayed input reaches {result.baseline_nrmse:.2%}.",
+        f"{percent(result.nrmse, 2)} of range on the {result.samples} samples it was fitted to, "
+        f"{score}; the best polynomial of the delayed input reaches "
+        f"{percent(result.baseline_nrmse, 2)}.",
     )
     rows = [
         *score_rows(result),

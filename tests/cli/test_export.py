@@ -21,6 +21,18 @@ def test_c_is_written_and_described(run, tmp_path):
     assert "float" in (tmp_path / "firmware" / "minorloop.h").read_text()
 
 
+def test_header_and_source_say_why_the_model_is_not_to_be_trusted(run, model, tmp_path):
+    words = ["the output is clipped */ " + 12 * "everywhere ", "it lags"]
+    modelfile.save(model, "model.json", warnings=words, force=True)
+    assert run(LINE)[0] == 0
+    for name in ("minorloop.h", "minorloop.c"):
+        comment = (tmp_path / "firmware" / name).read_text().split("*/")[0]
+        said = " ".join(comment.replace("\n *", " ").split())
+        assert "WARNING: this model is not to be trusted: the output is clipped" in said
+        assert "everywhere ; it lags" in said
+        assert max(map(len, comment.splitlines())) <= 100
+
+
 def test_figures_as_json(answer):
     found = answer(f"{LINE} --name wing")
     assert found["files"] == ["wing.h", "wing.c", "wing_selftest.c"]

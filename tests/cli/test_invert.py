@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop import modelfile
+from minorloop.lab.columns import read_columns
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
@@ -135,6 +136,17 @@ def test_a_column_in_another_unit_is_refused(run, refused):
     )
     Path("plain.csv").write_text("length\n0.3\n")
     assert run("invert model.json plain.csv --target length")[0] == 0
+
+
+def test_the_table_of_inputs_says_why_the_model_is_not_to_be_trusted(run, model):
+    modelfile.save(model, "model.json", warnings=["it is clipped", "it lags"], force=True)
+    assert run(f"{INVERT} --save in.csv")[0] == 0
+    header, first, second, *_ = Path("in.csv").read_text().splitlines()
+    assert header.endswith(",reachable,warning")
+    assert first.endswith(",it is clipped; it lags")
+    assert second.endswith(",")
+    u = read_columns("in.csv", ["input"])["input"]
+    np.testing.assert_allclose(model.simulate(u), WANTED, atol=1e-10)
 
 
 @pytest.mark.parametrize("verb", [INVERT, "simulate model.json good.csv --input voltage"])

@@ -26,7 +26,7 @@ def test_the_inputs_are_those_of_the_library(pattern, answer):
 def test_is_written_as_a_table_that_reads_back(run):
     status, out, err = run(f'{PLAN} --hold 60 --input "voltage [V]" --save plan.csv')
     assert (status, err) == (0, "")
-    assert "11 holds of 60 s, 0.2 h in all" in out
+    assert "11 holds of 60 s, 11 min in all" in out
     assert "determines the plane" in out
     assert "written to plan.csv" in out
     with open("plan.csv", newline="") as file:
@@ -37,6 +37,10 @@ def test_is_written_as_a_table_that_reads_back(run):
     np.testing.assert_array_equal(
         inputs, excitation.decaying_staircase(uniform_levels(-1.2, 1.2, 4))
     )
+
+
+def test_short_holds_are_given_in_seconds(run):
+    assert "11 holds of 0.01 s, 0.11 s in all" in run(f"{PLAN} --hold 0.01")[1]
 
 
 def test_says_what_does_not_determine_the_plane(run):
@@ -73,6 +77,7 @@ def test_a_large_plan_leaves_out_what_takes_long(monkeypatch, run, answer):
         (f"{PLAN} --hold nan", "--hold is nan"),
         (f"{PLAN} --hold inf", "--hold is inf"),
         (f"{PLAN} --input 'hold [s]'", "the header of hold times; give another name"),
+        (f"{PLAN} --input 'u\x1b[2J [V]'", "--input is 'u\\x1b[2J [V]', which has the character"),
         (f"{PLAN} --save missing/plan.csv", "folder missing does not exist"),
         (f"{PLAN} --save good.csv", "or --force to replace it"),
     ],

@@ -134,6 +134,35 @@ def test_an_output_that_is_in_the_last_digits_of_its_offset_is_refused(model, of
         source(moved, float32=True, inverse=False)
 
 
+def scaled(u=1.0, y=1.0):
+    model = operator(bands=4)
+    return Preisach(model.levels * u, model.weights * y, 0.3 * y)
+
+
+TOO_FAR = [(1, 1e-20, True), (1, 1e25, True), (1e38, 1, True), (1e-20, 1, True)]
+TOO_FAR += [(1, 1e-300, False), (1, 1e160, False)]
+
+
+@pytest.mark.parametrize(("u", "y", "float32"), TOO_FAR)
+def test_a_range_that_the_type_cannot_carry_is_refused(u, y, float32):
+    plays = PrandtlIshlinskii([0.0, 0.2], [y, 0.5 * y])
+    relays = RelayModel(np.arange(3.0) * u, np.tril(np.ones((3, 3))))
+    for model in (scaled(u, y), plays if u == 1 else relays):
+        with pytest.raises(ParameterError, match=r"put goes from .* carries ranges from 1e-1"):
+            source(model, float32=float32, inverse=False)
+
+
+@pytest.mark.parametrize("linear", [None, LAGS], ids=["alone", "lags"])
+@pytest.mark.parametrize(
+    ("size", "float32"), [(4e-16, True), (1e14, True), (4e-151, False), (1e149, False)]
+)
+def test_ranges_that_it_can_carry_pass_the_self_test(size, float32, linear, tmp_path):
+    for name, u, y in (("in", size, 1.0), ("out", 1.0, 20 * size if size < 1 else size)):
+        code = source(scaled(u, y), float32=float32, linear=linear)
+        (tmp_path / name).mkdir()
+        compiled.self_test(code, tmp_path / name)
+
+
 @pytest.mark.parametrize("linear", [None, LAGS], ids=["alone", "lags"])
 def test_so_is_it_with_doubles_and_a_linear_part(linear):
     with pytest.raises(ParameterError, match=r"last digit of a double.* output less its offset"):
@@ -361,7 +390,9 @@ def test_levels_that_a_float_cannot_tell_apart_are_refused():
 
 def test_numbers_too_large_for_a_float_are_refused():
     model = Preisach([0.0, 1.0], [[1e200]])
-    with pytest.raises(ParameterError, match="more than a float can"):
+    with pytest.raises(
+        ParameterError, match=r"from -1e\+200 to 1e\+200, and C with a float .* export doubles"
+    ):
         source(model, float32=True)
 
 

@@ -97,7 +97,7 @@ def test_what_goes_wrong_in_a_fit_comes_back_as_text(six, tmp_path):
 def outcomes_of(seen):
     """In place of workers: says what is to be identified and identifies it here."""
 
-    def outcomes(pending, options, place, start):
+    def outcomes(pending, options, place, start, *reading):
         for one in pending:
             seen.append(one.name)
             task = Task(one, one.read(), options)

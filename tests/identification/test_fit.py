@@ -88,6 +88,12 @@ def test_draws_itself(tmp_path):
         ([0, 1, 2], [0, 1], "3 samples and y has 2"),
         ([0, 1, 2, 3], [0, np.nan, np.nan, 1], "2 outputs are finite"),
         ([1, 1, 1], [0, 1, 2], "the input is 1 throughout"),
+        (
+            [0, 1, 2],
+            [9.9e37, 9.9e37, 9.9e37],
+            r"all 3 outputs are overload codes, as 9.9e\+37 is",
+        ),
+        ([0, 1, 2, 3], [9.9e37, 9.91e37, 1, 2], "2 of 4 outputs are overload codes"),
         ([0, 1, 2], [1, 1, 1], "the output is 1 throughout"),
         ([0, np.nan, 2], [1, 2, 3], "u is nan at index 1"),
         ([0, 1, 2], [1, np.inf, 3], "y is inf at index 1"),
@@ -98,6 +104,13 @@ def test_draws_itself(tmp_path):
 def test_refuses_records_that_say_nothing(u, y, says):
     with pytest.raises(SignalError, match=says):
         identify(u, y)
+
+
+def test_what_is_held_out_of_a_record_of_codes_says_how_many_were_left_out():
+    y = np.full(20, 9.9e37)
+    y[[2, 5, 9]] = 1.0, 2.0, 3.0
+    with pytest.raises(ParameterError, match="2 of 3 measured samples to fit, 17 codes of the"):
+        identify(np.arange(20.0), y, holdout=0.2)
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from fault_records import INPUTS, kinds, plant, record
+from fault_records import INPUTS, SIZE, kinds, plant, record, sine
 from minorloop.errors import SignalError
 from minorloop.identification import identify
+from minorloop.identification.baseline import percent
 from minorloop.identification.screening import codes, record_faults
 
 
@@ -74,3 +75,52 @@ def test_an_overload_code_is_no_input():
 
 def test_a_record_of_little_is_not_screened():
     assert kinds(np.arange(8.0), np.arange(8.0) ** 9) == []
+
+
+@pytest.mark.parametrize("code", [-9999.0, 999.99])
+def test_a_sentinel_among_the_inputs_is_named(code):
+    u, y = record()
+    u = u.copy()
+    u[50] = code
+    assert f"an input is a code of a logger, far from all others: sample 50 ({code:g})" in " ".join(
+        identify(u, y, levels=8).warnings
+    )
+
+
+def test_inputs_that_often_go_to_the_end_of_a_converter_are_inputs():
+    u = np.tile([0.0, 1000.0, 32767.0, 500.0], 30)
+    y = 0.01 * u + np.tile([0, 9], 60)
+    assert not any("code" in text for text in identify(u, y, levels=3).advice)
+
+
+@pytest.mark.parametrize("holdout", [0.0, 0.2])
+def test_errors_as_they_are_printed_above_a_tenth_are_a_warning(holdout):
+    u, y = record()
+    drift = 0.8 * np.sin(np.arange(y.size) / 17) * (np.arange(y.size) < 240)
+    found = identify(u, y + drift, levels=8, holdout=holdout)
+    (warning,) = (text for text in found.warnings if "the error on" in text)
+    assert found.nrmse > 0.1
+    assert f"fitted data is {found.nrmse:.3%} of range" in warning
+    assert f"{found.nrmse:.3%} of range" in str(found)
+    if found.holdout_nrmse is not None and found.holdout_nrmse > 0.1:
+        assert f"held-out data is {found.holdout_nrmse:.3%} of range" in warning
+
+
+def test_a_small_range_that_was_held_out_does_not_hide_its_error():
+    u = np.r_[sine(), 0.5 + 0.05 * np.sin(np.arange(100) / 8)]
+    y = plant(u) + 0.03 * np.sin(np.arange(u.size)) * (np.arange(u.size) >= SIZE)
+    found = identify(u, y, levels=8, holdout=0.2)
+    assert found.nrmse < 0.1 < found.holdout_nrmse
+    assert any(f"is {found.holdout_nrmse:.3%} of range" in text for text in found.warnings)
+
+
+def test_no_percentage_has_dozens_of_digits():
+    assert [percent(share) for share in (0.15504, 1e36)] == ["15.504%", "1e+38%"]
+
+
+def test_a_polynomial_is_not_both_better_and_nearly_as_good():
+    u, y = record()
+    y = y + 3 * np.ptp(y) * np.random.default_rng(3).normal(size=y.size)
+    y[350] += 200 * np.ptp(y)  # held out: what it does to the scores counts in neither sentence
+    text = " ".join(identify(u, y, levels=3, holdout=0.3).advice)
+    assert ("is better" in text) + ("is nearly as good" in text) == 1

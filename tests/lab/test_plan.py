@@ -69,6 +69,13 @@ class TestDefaults:
 
     def test_says_what_it_is(self):
         assert str(Plan([0.0, 1.0], 1800.0, input="u [V]")) == "2 levels of u [V], 1 h at most"
+        assert str(Plan([0.0, 1.0], 1.5, input="u [V]")) == "2 levels of u [V], 3 s at most"
+
+    def test_names_the_interval_where_that_asks_for_long_holds(self):
+        for interval, asked in ((0.1, r", as the plan asks \(--interval\)"), (0.01, "")):
+            plan = Plan([0.0], 0.5, window=0.4, sample_interval=interval)
+            with pytest.raises(ParameterError, match=f"s between samples{asked}$"):
+                plan.check_answers(0.07)
 
 
 class TestTexts:

@@ -105,6 +105,8 @@ class _Clock:
 
 def as_duration(seconds: float) -> str:
     """Return a time as text with a suitable unit."""
+    if seconds < 1:
+        return f"{seconds:.2g} s"
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 5400:

@@ -119,6 +119,7 @@ def run(
             inverse=not no_inverse,
             largest=largest,
             firmware=firmware,
+            warnings=known.warnings,
         )
     _show(code, out, known, as_json)
 

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._watch import as_duration
 from minorloop.errors import ParameterError
+from minorloop.files import check_name
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -56,6 +58,7 @@ def run(
         raise ParameterError(f"there is no plan {pattern!r}; give one of {known}")
     if not 0 < hold < float("inf"):
         raise ParameterError(f"--hold is {hold}; give a positive number of seconds")
+    check_name("--input", input)
     if input == _HOLD:
         raise ParameterError(f"--input is {_HOLD!r}, the header of hold times; give another name")
     inputs, report = _planned(pattern, low, high, levels)
@@ -93,7 +96,7 @@ def _figures(inputs: FloatArray, hold: float, report: ExcitationReport | None) -
 
 
 def _print(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> None:
-    typer.echo(f"{inputs.size} holds of {hold:g} s, {inputs.size * hold / _HOUR:.1f} h in all")
+    typer.echo(f"{inputs.size} holds of {hold:g} s, {as_duration(inputs.size * hold)} in all")
     typer.echo(
         str(report) if report else f"what more than {_RANKED} bands determine is not computed"
     )

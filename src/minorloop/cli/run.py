@@ -234,8 +234,8 @@ def _slow(figures: dict[str, Any]) -> list[str]:
     if most is None or most <= SLOW * asked:
         return []
     return [
-        f"the meter was slower than the plan: samples were up to {most:.3g} s apart, not {asked:g} "
-        "s; the times in the store are the true ones"
+        f"the meter was slow at times: samples were up to {most:.3g} s apart, not {asked:g} "
+        "s; their times are the true ones"
     ]
 
 

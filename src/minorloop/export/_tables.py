@@ -15,6 +15,8 @@ from minorloop.operators import plane
 from minorloop.operators.preisach import Preisach
 
 _COLUMNS = 100
+_MOST_SINGLE, _MOST_DOUBLE = 1e15, 1e150
+"""Largest range of a signal, and one over its least, by the type of the C."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,24 @@ class Numbers:
                 f"the model holds {np.abs(wide).max():g}, more than a float can; export doubles"
             )
         return wide.astype(np.float32 if self.single else np.float64)
+
+    def check_range(self, what: str, values: npt.ArrayLike) -> None:
+        """Refuse ranges whose squares, or slopes against one another, the type cannot hold.
+
+        Raises
+        ------
+        ParameterError
+            If the range is too large or too small.
+        """
+        low, high = float(np.min(values)), float(np.max(values))
+        most = _MOST_SINGLE if self.single else _MOST_DOUBLE
+        if high / 2 - low / 2 > most / 2 or 0 < high - low < 1 / most:
+            raise ParameterError(
+                f"the {what} goes from {low:g} to {high:g}, and C with a {self.type} carries "
+                f"ranges from {1 / most:g} to {most:g}; "
+                + ("export doubles, or " if self.single else "")
+                + "identify in another unit"
+            )
 
     def one(self, value: float) -> str:
         """Literal that is read as the same number; in brackets if it is negative."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ __all__ = ["CSource", "export_c", "source"]
 LEAST_MEMORY = 6
 MOST_MEMORY = 10_000
 _RESERVED = 40
+_COMMENT = 96
 _MOST_LAG = 100_000
 _OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel)
 
@@ -128,6 +130,7 @@ def source(
     output: str = "output",
     largest: int | None = None,
     firmware: bool = False,
+    warnings: Sequence[str] = (),
 ) -> CSource:
     """A model as C99.
 
@@ -155,6 +158,8 @@ def source(
     firmware : bool
         Whether to write a sketch of firmware too, which speaks the serial protocol of
         `minorloop.lab.drivers.serial_line`.
+    warnings : sequence of str
+        Why the model is not to be trusted; a comment at the top of header and source says so.
 
     Raises
     ------
@@ -167,7 +172,7 @@ def source(
     """
     _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))
-    words = {"name": name, "input": input, "output": output}
+    words = {"name": name, "input": input, "output": output, "notice": "; ".join(warnings)}
     if isinstance(model, _OTHERS):
         if linear is not None or firmware:
             raise ParameterError(
@@ -177,6 +182,8 @@ def source(
         return _other_source(model, Numbers(float32), inverse, largest, words)
     operator = _as_preisach(model, inverse)
     numbers = Numbers(float32)
+    numbers.check_range("input", operator.levels)
+    numbers.check_range("output", operator.range)
     context, table_bytes = operator_tables(operator, numbers)
     state_bytes = _state_bytes(numbers.size, memory)
     if linear is not None:
@@ -223,6 +230,8 @@ def _other_source(
     words: Mapping[str, str],
 ) -> CSource:
     """C of plays, with or without dead zones, and of relays; their memory has a fixed size."""
+    if isinstance(model, RelayModel):
+        numbers.check_range("input", model.levels)
     make: Any = relay_parts if isinstance(model, RelayModel) else plays_parts
     parts: Parts = make(model, numbers, inverse)
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
@@ -231,6 +240,8 @@ def _other_source(
     if isinstance(model, RelayModel):  # whose outputs jump where the C has its thresholds
         model = replace(model, levels=numbers.array(model.levels).astype(np.float64))
     y = model.simulate(u, parts.start)
+    numbers.check_range("input", u)
+    numbers.check_range("output", y)
     name = words["name"]
     files = {
         f"{name}.h": render(f"{parts.template}.h", context),
@@ -247,9 +258,17 @@ def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]
         "real": numbers.type,
         "inverse": inverse,
         "version": __version__,
-        "title": f"Hysteresis of an actuator: {what}.",
-        **text_only(words),
+        **(text := text_only(words)),
+        "title": f"Hysteresis of an actuator: {what}.{_notice(text['notice'])}",
     }
+
+
+def _notice(warnings: str) -> str:
+    """Say in a comment why the model is not to be trusted; nothing where nothing is wrong."""
+    if not warnings:
+        return ""
+    lines = textwrap.wrap(f"WARNING: this model is not to be trusted: {warnings}", _COMMENT)
+    return "".join(f"\n * {line}" for line in ["", *lines]).replace("* \n", "*\n")
 
 
 def _as_preisach(model: Any, inverse: bool) -> Preisach:

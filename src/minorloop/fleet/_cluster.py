@@ -149,7 +149,7 @@ class Cluster:
         with suppress(Exception):  # the scheduler may be gone; its state is not needed
             self._client.close(timeout=_CLOSE)
 
-    def run(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Found] | None]:
+    def run(self, tasks: Iterable[Task | None]) -> Iterator[tuple[Task, Found] | None]:
         """Yield each task with its result; None at intervals without a result.
 
         Raises
@@ -173,15 +173,18 @@ class Cluster:
             left = self._fill(coming, left)  # before others have time for what was found
             yield from found
 
-    def _fill(self, coming: Iterator[Task], left: int) -> int:
+    def _fill(self, coming: Iterator[Task | None], left: int) -> int:
         """Send batches until enough are queued; returns the number of tasks left."""
         workers = max(1, len(self._watch.answering))
         while left and len(self._sent) < _AHEAD * workers:
             # Small batches at the end, so that the workers end together.
             size = min(self._size, max(1, left // (2 * workers)))
-            batch = list(islice(coming, size))
-            if not batch:  # the other records could not be read
+            drawn = list(islice(coming, size))
+            if not drawn:  # the other records could not be read
                 return 0
+            batch = [one for one in drawn if one is not None]
+            if not batch:  # the other records are still being read
+                return left
             left -= len(batch)
             self._send(batch)
         return left

@@ -90,13 +90,13 @@ class Pool:
         for slot in self._slots:
             slot.end()
 
-    def run(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Found] | None]:
+    def run(self, tasks: Iterable[Task | None]) -> Iterator[tuple[Task, Found] | None]:
         """Yield each task with its result; None at intervals without a result.
 
         Parameters
         ----------
-        tasks : iterable of Task
-            Read as workers become free.
+        tasks : iterable of Task or None
+            Read as workers become free; None where none is ready yet.
 
         Raises
         ------
@@ -106,8 +106,11 @@ class Pool:
         coming, waiting = iter(tasks), deque[Task]()
         before = time.monotonic()
         while True:
-            self._hand_out(coming, waiting)
+            more = self._hand_out(coming, waiting)
             answers = [slot.answer for slot in self._slots if slot.answer is not None]
+            if not answers and more:
+                yield None
+                continue
             if not answers:
                 return
             wait(answers, timeout=_TICK, return_when=FIRST_COMPLETED)
@@ -121,14 +124,16 @@ class Pool:
             else:
                 yield None
 
-    def _hand_out(self, coming: Iterator[Task], waiting: deque[Task]) -> None:
+    def _hand_out(self, coming: Iterator[Task | None], waiting: deque[Task]) -> bool:
+        """Give tasks to free workers; returns whether more may come."""
         for slot in self._slots:
             if slot.answer is not None:
                 continue
             if not waiting:
-                waiting.extend(islice(coming, 1))
-            if not waiting:
-                return
+                drawn = list(islice(coming, 1))
+                waiting.extend(one for one in drawn if one is not None)
+                if not waiting:
+                    return bool(drawn)
             if slot.worker is not None and slot.worker.ended:  # idle for long
                 slot.end()
             if slot.worker is None:
@@ -137,6 +142,7 @@ class Pool:
             else:
                 task = waiting.popleft()
                 slot.begin(slot.worker.ask(task), task)
+        return bool(self._slots)  # there is none where nothing is left to identify
 
     def _take(self, slot: _Slot, waiting: deque[Task]) -> tuple[Task, Found] | None:
         """Result of a worker, if it has answered."""

@@ -20,6 +20,7 @@ from minorloop.files import PathLike
 from minorloop.fleet._cluster import Cluster, check_address
 from minorloop.fleet._fitting import Found, Task, identify_one
 from minorloop.fleet._pool import Pool
+from minorloop.fleet._reading import read_records
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.results import (
     earlier_outcomes,
@@ -76,7 +77,8 @@ def identify_fleet(
         ``tcp://10.0.0.1:8786``. Records are read here and sent to the workers, which return
         models; they need this package and no shared folder.
     limit : float
-        Seconds after which a specimen is given up; ``inf`` for no limit.
+        Seconds after which the fit of a specimen, or the reading of its record, is given up;
+        ``inf`` for no limit.
     retry_failed : bool
         Whether specimens that failed before are tried again although their records are
         unchanged.
@@ -121,7 +123,7 @@ def identify_fleet(
         count = workers or os.cpu_count() or 1
         return Pool(min(count, len(pending)), limit, identify_one, say)
 
-    outcomes = _outcomes(pending, options, place, start)
+    outcomes = _outcomes(pending, options, place, start, limit, say)
     with closing(outcomes), _say_what_is_kept(place, known, len(specimens)):
         for outcome in outcomes:
             known[outcome.specimen] = outcome
@@ -177,14 +179,19 @@ class _Writer:
 
 
 def _tasks(
-    specimens: Sequence[Specimen], options: Mapping[str, Any], writing: _Writer
-) -> Iterator[Task]:
-    """Yield specimens with their records, which are read when needed."""
-    for one in specimens:
-        try:
-            yield Task(one, one.read(), options)
-        except (OSError, ValueError) as error:
-            writing.begin(one, {"error": _unreadable(one, error)})
+    specimens: Sequence[Specimen],
+    options: Mapping[str, Any],
+    writing: _Writer,
+    limit: float,
+    say: Callable[[str], None],
+) -> Iterator[Task | None]:
+    """Yield specimens with their records, which are read when needed; None while none is read."""
+
+    def fail(one: Specimen, error: Exception) -> None:
+        writing.begin(one, {"error": _unreadable(one, error)})
+
+    for found in read_records(specimens, limit, say, fail):
+        yield None if found is None else Task(*found, options)
 
 
 def _outcomes(
@@ -192,10 +199,12 @@ def _outcomes(
     options: Mapping[str, Any],
     place: Path,
     start: Callable[[], Pool | Cluster],
+    limit: float,
+    say: Callable[[str], None],
 ) -> Generator[Outcome]:
     """Yield the outcome of each specimen as soon as it is written."""
     with _Writer(place) as writing, start() as workers:
-        for one in workers.run(_tasks(specimens, options, writing)):
+        for one in workers.run(_tasks(specimens, options, writing, limit, say)):
             if one is not None:
                 writing.begin(one[0].specimen, _with_digest(*one))
             yield from writing.done()

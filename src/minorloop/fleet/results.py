@@ -17,10 +17,13 @@ from typing import Any
 from minorloop import modelfile
 from minorloop.errors import OutputError, ParameterError
 from minorloop.files import first_difference, table_text, write_atomically
+from minorloop.fleet._reading import read_within
 from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
 _LONGEST = 400
+_READING = 5.0
+"""Seconds after which a record that was identified before is read like a new one."""
 
 
 def write_result(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
@@ -121,7 +124,7 @@ def earlier_outcomes(
     for one in specimens:
         try:
             outcome = Outcome(**json.loads((place / "results" / f"{one.key}.json").read_text()))
-            digest = hashlib.sha256(one.read()).hexdigest()
+            digest = hashlib.sha256(read_within(one, _READING)).hexdigest()
             model = None if outcome.error else _digest(_model(place, one))
         except (OSError, ValueError, TypeError):
             continue

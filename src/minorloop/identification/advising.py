@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from minorloop.identification import active_set
-from minorloop.identification.baseline import nrmse, polynomial_nrmse
+from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
+from minorloop.identification.screening import codes
 
 if TYPE_CHECKING:
     from minorloop.identification.fitted import Fit
@@ -23,6 +24,8 @@ _FALLING = -0.5
 """Correlation of input and output below which the output falls."""
 _ROUNDING = 1e-9
 _SHOWN = 6
+_RARE = 10
+"""Samples for each input that may be a sentinel; more of them are inputs."""
 WORST = 0.1
 """Error, as a share of the range of the output, above which a model is not to be trusted."""
 _FALLS = (
@@ -44,6 +47,7 @@ def advice(result: Fit) -> Iterator[str]:
 def warnings(result: Fit) -> Iterator[str]:
     """Give the part of the advice for which the model is not to be trusted."""
     yield from (finding.text for finding in result.findings)
+    yield from _input_codes(result)
     yield from _error_warnings(result)
 
 
@@ -69,6 +73,19 @@ def _codes(result: Fit) -> Iterator[str]:
         f"{'it' if one else 'them'}, as if the {'cell' if one else 'cells'} were empty. Check the "
         "range of the instrument and repeat"
     )
+
+
+def _input_codes(result: Fit) -> Iterator[str]:
+    """Name sentinels among the inputs, which are not left out: memory depends on every input."""
+    found = codes(result.u)
+    if found and len(found) <= max(result.u.size // _RARE, 1):
+        shown = [f"sample {code.sample} ({code.value:.6g})" for code in found[:_SHOWN]]
+        more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        one = len(found) == 1
+        yield (
+            f"{'an input is a code' if one else f'{len(found)} inputs are codes'} of a logger, far "
+            f"from all others: {', '.join(shown)}{more}; give what was applied, or cut these rows"
+        )
 
 
 def _outliers(result: Fit) -> Iterator[str]:
@@ -130,26 +147,29 @@ def _accuracy(result: Fit) -> Iterator[str]:
         )
     elif _rmse_held_out(result) > _OVERFIT * max(result.rmse, _ROUNDING * span):
         yield (
-            f"error on held-out data ({held:.2%} of its range, "
-            f"{_rmse_held_out(result) / span:.2%} of the fitted range) is more than twice that on "
-            f"fitted data ({result.nrmse:.2%}): fit inputs similar to those you will apply, or "
-            "use fewer levels"
+            f"error on held-out data ({percent(held)} of its range, "
+            f"{percent(_rmse_held_out(result) / span)} of the fitted range) is more than twice "
+            f"that on fitted data ({percent(result.nrmse)}): fit inputs similar to those you will "
+            "apply, or use fewer levels"
         )
+    _, score, base = _errors_without_outliers(result)  # as where the polynomial is better
     if base >= score > max(_NEARLY_AS_GOOD * base, _ROUNDING) and not _falls(result):
         yield (
-            f"a polynomial of the delayed input is nearly as good ({base:.2%} against "
-            f"{score:.2%}): this record has little hysteresis, or it is hidden by noise"
+            f"a polynomial of the delayed input is nearly as good ({percent(base)} against "
+            f"{percent(score)}): this record has little hysteresis, or it is hidden by noise"
         )
 
 
 def _error_warnings(result: Fit) -> Iterator[str]:
     """Give warnings about the errors of the model."""
-    which = "held-out" if result.held_out.any() else "fitted"
-    error, score, base = _errors_without_outliers(result)
-    if error > WORST:
+    errors, score, base = _errors_without_outliers(result)
+    large = {which: error for which, error in errors.items() if error > WORST}
+    if large:
+        listed = [f"on {which} data is {percent(error)} of range" for which, error in large.items()]
+        without = "without the outliers, " if _has_outliers(result) else ""
         yield (
-            f"the error on {which} data is {error:.3g} of the range of "
-            f"the output, more than {WORST:g}; the residual shows what the model cannot describe"
+            f"{without}the error {' and '.join(listed)}, more than {WORST:.0%}; the residual "
+            "shows what the model cannot describe"
         )
     if _falls(result):
         yield _FALLS
@@ -157,15 +177,19 @@ def _error_warnings(result: Fit) -> Iterator[str]:
         lagging = "" if result.sought else 'lag="auto" and '
         option = "" if result.sought else "--lag auto "
         yield (
-            f"a polynomial of the delayed input is better ({base:.2%} "
-            f"against {score:.2%}): the hysteresis here is weak or rate-dependent; try "
+            f"a polynomial of the delayed input is better ({percent(base)} "
+            f"against {percent(score)}): the hysteresis here is weak or rate-dependent; try "
             f"{lagging}slope=True ({option}--slope), and for butterfly loops signed=True "
             "(--signed)"
         )
 
 
-def _errors_without_outliers(result: Fit) -> tuple[float, float, float]:
-    """Error over the whole range and over the scored range; that of the polynomial.
+def _has_outliers(result: Fit) -> bool:
+    return any(finding.kind == "outlier" for finding in result.findings)
+
+
+def _errors_without_outliers(result: Fit) -> tuple[dict[str, float], float, float]:
+    """Errors on fitted and held-out samples over their ranges; the score; that of the polynomial.
 
     Scored on held-out samples, or else on fitted ones, without outliers.
     """
@@ -175,14 +199,15 @@ def _errors_without_outliers(result: Fit) -> tuple[float, float, float]:
         if finding.kind == "outlier":
             known[list(finding.samples)] = False
     if not (scored & known).any():
-        return 0.0, 0.0, 0.0
+        return {}, 0.0, 0.0
     scored = scored & known
-    residual = (result.prediction - result.y)[scored]
-    error = float(np.sqrt(np.mean(residual**2)) / (np.ptp(result.y[known]) or 1.0))
+    residual = result.prediction - result.y
+    samples = {"fitted": result.fitted & known, "held-out": result.held_out & known}
+    errors = {name: nrmse(residual[x], result.y[x]) for name, x in samples.items() if x.any()}
     base = result.baseline_nrmse
     if (result.held_out | result.fitted)[~known].any():
         base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored)
-    return error, nrmse(residual, result.y[scored]), base
+    return errors, nrmse(residual[scored], result.y[scored]), base
 
 
 def _rmse_held_out(result: Fit) -> float:

@@ -6,6 +6,8 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 
+_FULL = 100.0
+"""Error, in ranges, from which its percentage is shown with few digits."""
 DEGREES = range(1, 8)
 DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
@@ -59,3 +61,8 @@ def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: Boo
 def nrmse(residual: FloatArray, y: FloatArray) -> float:
     """Root-mean-square residual over the peak-to-peak range of the output."""
     return float(np.sqrt(np.mean(residual**2)) / (np.ptp(y) or 1.0))
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """Return a share as a percentage, with three digits at most where it is huge."""
+    return f"{share:.{digits}%}" if share < _FULL else f"{100 * share:.3g}%"

@@ -140,7 +140,7 @@ def identify(
     for name, flag in (("slope", slope), ("signed", signed), ("offset", offset)):
         if not isinstance(flag, bool | np.bool_):
             raise ParameterError(f"{name} is {flag!r}; give True or False")
-    fitted, held_out = _split(outputs, holdout)
+    fitted, held_out = _split(outputs, holdout, len(coded))
     grid = _grid(inputs, np.where(fitted, outputs, np.nan), levels, spacing)
     options: dict[str, Any] = {"relay": relay, "diagonal": diagonal}
     spec = PlaneSpec(grid, offset=bool(offset), slope=bool(slope), **options)
@@ -376,6 +376,14 @@ def _without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code
                 f"u is {code.value:g} at index {code.sample}, which is an overload code and no "
                 "input; give what was applied, or cut these rows"
             )
+    finite = y[np.isfinite(y)]
+    sound = int(np.count_nonzero(np.abs(finite) < OVERLOAD))
+    if sound < min(finite.size, _FEWEST):
+        raise SignalError(
+            f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
+            f"codes, as {finite[np.abs(finite) >= OVERLOAD][0]:g} is, and no measurement; check "
+            "the range of the instrument and repeat"
+        )
     coded = codes(y)
     if not coded:
         return y, ()
@@ -384,7 +392,7 @@ def _without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code
     return measured, coded
 
 
-def _split(y: FloatArray, holdout: float) -> tuple[BoolArray, BoolArray]:
+def _split(y: FloatArray, holdout: float, coded: int) -> tuple[BoolArray, BoolArray]:
     number = isinstance(holdout, float | int | np.floating | np.integer)
     if not number or isinstance(holdout, bool) or not 0 <= holdout <= 0.9:
         raise ParameterError(f"holdout is {holdout!r}; give a share from 0 to 0.9")
@@ -392,9 +400,10 @@ def _split(y: FloatArray, holdout: float) -> tuple[BoolArray, BoolArray]:
     places = np.flatnonzero(measured)
     kept = places.size - round(float(holdout) * places.size)
     if kept < _FEWEST:
+        without = f", {coded} codes of the instrument left out" if coded else ""
         raise ParameterError(
-            f"holdout {holdout} leaves {kept} of {places.size} measured samples to fit; at least "
-            f"{_FEWEST} are needed"
+            f"holdout {holdout} leaves {kept} of {places.size} measured samples to fit{without}; "
+            f"at least {_FEWEST} are needed"
         )
     fitted = measured.copy()
     fitted[places[kept:]] = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from minorloop.identification.baseline import percent
 from minorloop.identification.fitted import Fit
 
 
@@ -34,9 +35,9 @@ def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
     held = int(found.held_out.sum())
     share = found.holdout_nrmse
     return [
-        ("error on fitted data", f"{found.nrmse:.3%} of range"),
-        ("error on held-out data", "-" if share is None else f"{share:.3%} of range"),
-        ("best delayed polynomial", f"{found.baseline_nrmse:.3%} of range"),
+        ("error on fitted data", f"{percent(found.nrmse)} of range"),
+        ("error on held-out data", "-" if share is None else f"{percent(share)} of range"),
+        ("best delayed polynomial", f"{percent(found.baseline_nrmse)} of range"),
         ("lag", f"{found.lag} samples"),
         ("samples fitted", f"{found.samples}"),
         *([("samples held out", f"{held}")] if held else []),

@@ -112,8 +112,9 @@ class Plan:
         return bool(np.isnan(self.inputs).any())
 
     def __str__(self) -> str:
-        hours = float(self.longest.sum()) / 3600
-        return f"{len(self)} levels of {self.input}, {hours:.3g} h at most"
+        seconds = float(self.longest.sum())
+        time = f"{seconds:.3g} s" if seconds < 60 else f"{seconds / 3600:.3g} h"
+        return f"{len(self)} levels of {self.input}, {time} at most"
 
     @classmethod
     def from_csv(cls, path: PathLike, *, input: str | None = None, **settings: Any) -> Plan:
@@ -273,11 +274,12 @@ class Plan:
         if min(self.window / FEWEST, hold / ENOUGH) >= seconds * (1 - 1e-9):
             return
         interval = rounded_up(max(seconds, self.sample_interval))
+        asked = ", as the plan asks (--interval)" if self.sample_interval > seconds else ""
         raise ParameterError(
             f"the meter takes {seconds:.3g} s for an answer, and a verdict needs {ENOUGH} of them "
             f"in a hold and {FEWEST} in the window: the plan has a hold of {hold:g} s and a window "
             f"of {self.window:g} s; the shortest hold possible is "
-            f"{rounded_up(ENOUGH * interval):g} s, with {interval:g} s between samples"
+            f"{rounded_up(ENOUGH * interval):g} s, with {interval:g} s between samples{asked}"
         )
 
     def _check(self) -> None:

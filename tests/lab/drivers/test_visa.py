@@ -109,6 +109,11 @@ def test_what_a_library_says_is_not_cut_off_in_the_middle():
         ({"meter": None}, "needs a source and a meter, or a board"),
         ({"board": {"resource": "ASRL1::INSTR"}}, "a board and a source or a meter"),
         ({"colour": "red"}, "unknown field `colour`"),
+        ({"colour": "red"}, r"the fields there are input, .*, timeout, safe_within$"),
+        (
+            {"source": {"resource": "ASRL1::INSTR", "safe": [], "timeout": 1}},
+            r"`timeout` - at `\$.source`; the fields there are resource, safe, .*, done, baud$",
+        ),
         ({"tick": "fast"}, "does not describe a bench"),
         ({"tick": -1}, "tick is -1"),
         ({"timeout": 0}, "timeout is 0"),

@@ -21,6 +21,7 @@ Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyAC
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -151,12 +152,25 @@ def _read(path: Path) -> _Bench:
     except OSError as error:
         raise ParameterError(f"{path} cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
-        raise ParameterError(f"{path} does not describe a bench: {error}") from None
+        raise ParameterError(
+            f"{path} does not describe a bench: {error}{_allowed(error)}"
+        ) from None
     if described.board is not None and (described.source or described.meter):
         raise ParameterError(f"{path} has a board and a source or a meter; give one or the other")
     if described.board is None and (described.source is None or described.meter is None):
         raise ParameterError(f"{path} needs a source and a meter, or a board")
     return described
+
+
+def _allowed(error: Exception) -> str:
+    """Say which fields there are, where one is not known."""
+    found = re.search(r"unknown field `.*?`(?: - at `\$\.(\w+)`)?", str(error))
+    if not found:
+        return ""
+    sections: dict[str, Any] = {"source": _Source, "meter": _Meter, "board": _Board}
+    sections |= {"input": _Input, "output": _Output}
+    fields = msgspec.structs.fields(sections.get(found[1] or "", _Bench))
+    return f"; the fields there are {', '.join(field.name for field in fields)}"
 
 
 def _built(described: _Bench, links: dict[str, VisaLink], path: Path, clock: Clock | None) -> Bench:
