@@ -123,7 +123,7 @@ class ModelFile:
     def inverse_columns(self, targets: npt.ArrayLike, found: Inversion) -> dict[str, list[Any]]:
         """Return the columns of a CSV file of an inverse, by headers with units.
 
-        A model that is not to be trusted adds the column ``warning``, with its text in the first row.
+        A model that is not to be trusted adds the column ``warning``, its text in the first row.
 
         Parameters
         ----------

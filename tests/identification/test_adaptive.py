@@ -131,7 +131,7 @@ def test_an_output_that_no_weights_follow_gets_wide_bands_and_a_validation(plant
 def test_never_spends_the_validation(surprising, monkeypatch):
     """Whatever is repeated, and however that ends."""
     away = (1.0, 1e-9 if surprising == "always" else 1.0)
-    monkeypatch.setattr(Adaptive, "_away", lambda *_: away)
+    monkeypatch.setattr(Adaptive, "_deviation", lambda *_: away)
     chooser = Adaptive(-1.0, 1.0, holds=8)
     u, y = [], []
     while (level := chooser.choose(u, y)) is not None:

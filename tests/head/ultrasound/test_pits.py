@@ -213,7 +213,8 @@ def test_an_echo_that_is_not_from_a_floor_makes_no_hole(bores, dents):
 
 def test_a_floor_too_loud_for_a_flat_one_has_no_depth():
     deep = draw_sounding(205, bore=Bore(0.0, 0.0, 0.9e-3, 1.5e-3))
-    found = measure_pit(sweep(deep), deep.ear, deep.centre, deep.diameter)
+    probe, heard = sweep(deep)
+    found = measure_pit(heard, probe, deep.centre, deep.diameter)
     assert found.verdict == "deeper than 1.25 mm"
     assert np.isnan(found.depth)
 
