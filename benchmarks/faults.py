@@ -329,12 +329,13 @@ def _times(scene: _Scene) -> dict[int, int]:
 
 async def _resting(scene: _Scene) -> dict[int, int]:
     """Processor time of each worker once all of them have begun and none is at work."""
-    while True:
-        before = _times(scene)
-        await asyncio.sleep(0.5)
-        now = _times(scene)
-        if len(now) == _ALL["console-worker"] and now == before:
-            return now
+    async with asyncio.timeout(_MOST_BACK):
+        while True:
+            before = _times(scene)
+            await asyncio.sleep(0.5)
+            now = _times(scene)
+            if len(now) == _ALL["console-worker"] and now == before:
+                return now
 
 
 def _busiest(scene: _Scene, before: dict[int, int]) -> int:

@@ -16,7 +16,7 @@ for library in ("OMP", "OPENBLAS", "MKL"):
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("repeatable")
 
-# A shell without job control makes what it starts behind ignore these, and some tests send them.
+# A shell without job control lets background commands ignore these, and some tests send them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGQUIT"):
     signal.signal(signal.SIGQUIT, signal.SIG_DFL)

@@ -106,13 +106,13 @@ class Pool:
         coming, waiting = iter(tasks), deque[Task]()
         before = time.monotonic()
         while True:
-            more = self._hand_out(coming, waiting)
+            awaited = self._hand_out(coming, waiting)
             answers = [slot.answer for slot in self._slots if slot.answer is not None]
-            if not answers and more:
+            if not answers:
+                if not awaited:
+                    return
                 yield None
                 continue
-            if not answers:
-                return
             wait(answers, timeout=_TICK, return_when=FIRST_COMPLETED)
             found = [one for slot in self._slots if (one := self._take(slot, waiting))]
             if (elapsed := time.monotonic() - before) >= _TICK:
@@ -125,7 +125,7 @@ class Pool:
                 yield None
 
     def _hand_out(self, coming: Iterator[Task | None], waiting: deque[Task]) -> bool:
-        """Give tasks to free workers; returns whether more may come."""
+        """Give tasks to free workers; return whether a worker waits for a task to be read."""
         for slot in self._slots:
             if slot.answer is not None:
                 continue
@@ -142,7 +142,7 @@ class Pool:
             else:
                 task = waiting.popleft()
                 slot.begin(slot.worker.ask(task), task)
-        return bool(self._slots)  # there is none where nothing is left to identify
+        return False
 
     def _take(self, slot: _Slot, waiting: deque[Task]) -> tuple[Task, Found] | None:
         """Result of a worker, if it has answered."""

@@ -1,4 +1,3 @@
-# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 """Compiled loops of the reduced memory sequence: arrays in, arrays out.
 
 The extrema alternate: even entries are minima, odd ones maxima, entry 0 is negative saturation,
