@@ -1,9 +1,10 @@
 """``python tests/packaging/smoke.py [EXTRA ...]``: does what is built work where nothing else is?
 
 Builds the source distribution, and the wheel from that; installs the wheel in a fresh environment
-and uses it; then each extra alone, in an environment of its own on top of the plain one, and uses
-what it brings. Before that, the plain one has to say which extra is missing. All of it is in
-build/smoke, with the locked versions.
+and uses it; runs the core's tests there; then installs each extra alone, in an environment of its
+own on top of the plain one, and uses what it brings. Before that, the plain one has to say which
+extra is missing. All of it is in build/smoke, with the locked versions. ``core`` as the extra runs
+the core's tests and no extra.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = ROOT / "build" / "smoke"
-INSTALL, USE = 900, 300
-"""Seconds that an installation and a use may take."""
+INSTALL, USE, TESTS = 900, 300, 1800
+"""Seconds that an installation, a use and the core's tests may take."""
 
 MODEL = """
 import numpy as np
@@ -128,6 +129,15 @@ SAYS = {
 }
 """What each extra is asked for by, and what is said to be missing without it."""
 
+CORE_TESTS = ["pytest", "pytest-xdist", "hypothesis"]
+"""What the core's tests need beside the wheel; those of other packages are skipped without them."""
+
+ABSENT = """
+import importlib.util as search
+packages = ("cv2", "starlette", "uvicorn", "websockets", "trimesh", "pandas", "distributed", "pyvisa")
+assert not [name for name in packages if search.find_spec(name)]
+"""
+
 PLAIN = """
 minorloop --version
 minorloop --help
@@ -153,12 +163,25 @@ def main(extras: list[str]) -> None:
         wanted = f"{package} is not installed; pip install 'minorloop[{extra}]' brings it"
         assert wanted in said, f"without {extra}: {said}"
     say(began, "plain", f"{wheel.name} works, and says what is missing")
-    for extra in extras or wanted_extras():
+    if not extras or "core" in extras:
+        say(began, "core", test_core(plain))
+    for extra in [name for name in extras if name != "core"] if extras else wanted_extras():
         place = environment(extra, plain)
         install(place, f"{wheel}[{extra}]")
         use(place, USES[extra])
         shutil.rmtree(place)
         say(began, extra, "installs alone and works")
+
+
+def test_core(plain: Path) -> str:
+    """Run the core's tests on the plain wheel; return pytest's last line."""
+    use(plain, ABSENT)
+    place = environment("core", plain)
+    install(place, *CORE_TESTS)
+    pytest = [str(place / "bin" / "python"), "-m", "pytest", "--ignore", "tests/head"]
+    said = run(pytest, TESTS, ROOT)
+    shutil.rmtree(place)
+    return said.strip().splitlines()[-1]
 
 
 def wanted_extras() -> list[str]:
@@ -201,10 +224,10 @@ def environment(name: str, below: Path | None) -> Path:
     return place
 
 
-def install(place: Path, what: str) -> None:
+def install(place: Path, *packages: str) -> None:
     pip = [str(place / "bin" / "python"), "-m", "pip", "install", "--quiet"]
     limits = ["--disable-pip-version-check", "-c", str(PLACE / "constraints.txt")]
-    run([*pip, *limits, what], INSTALL)
+    run([*pip, *limits, *packages], INSTALL)
 
 
 def use(place: Path, code: str, *, fails: bool = False) -> str:
