@@ -24,7 +24,7 @@ MAX_STEPS = 200_000_000
 
 
 class SimulatedPlant(ABC):
-    """A plant that lives in simulated time: its clock, holds, waveforms and checkpoints.
+    """A plant in simulated time: its clock, holds, waveforms and checkpoints.
 
     The physics is hidden: the parameters and the output without noise are private attributes, for
     scoring after a run and not for estimators.
@@ -110,14 +110,14 @@ class SimulatedPlant(ABC):
         return self._record(began + ends, np.tile(value, (ends.size, 1)), y)
 
     def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
-        """Drive with a sampled waveform, straight from sample to sample.
+        """Apply a sampled waveform, linear between samples, and record it and the output.
 
         Parameters
         ----------
         t : (T,) array_like
-            Strictly increasing times in seconds; the first is now, whatever its value. The
-            steps of the integration end at these times, and at others in between if they are
-            far apart; 240 samples a period are enough for a sine.
+            Strictly increasing times in seconds; the first is the present time, whatever its
+            value. Steps of the integration end at these times, and between distant ones. 240
+            samples a period are enough for a sine.
         u : (T,) or (channels, T) array_like
             Input at these times, in the units of the channels. The step to the first value
             takes no time.
@@ -143,7 +143,7 @@ class SimulatedPlant(ABC):
         return self._record(began + times - times[0], values, y)
 
     def exchange(self, u: Value) -> Value:
-        """Hold an input for one tick and give the output at its end.
+        """Hold an input for one tick and return the output at its end.
 
         Returns
         -------
@@ -159,49 +159,49 @@ class SimulatedPlant(ABC):
         return float(read[0]) if len(self.outputs) == 1 else read
 
     def checkpoint(self) -> dict[str, Any]:
-        """All that a later ``restore`` needs to go on exactly from here, ready for JSON.
+        """Return the complete state for a later ``restore``, ready for JSON.
 
-        It holds the hidden state of the physics: keep it, do not look into it.
+        It contains the hidden state of the physics, which estimators must not read.
         """
         return {**self._identity(), "clock": self._clock, **self._snapshot()}
 
     def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go back to a checkpoint; what follows repeats exactly.
+        """Return to a checkpoint; further outputs are repeated exactly.
 
         Raises
         ------
         ParameterError
             If the checkpoint is damaged or impossible, or was taken from a twin with other
-            options; the twin stays as it was then.
+            options; the twin does not change then.
         """
         self._take_up(Checkpoint(checkpoint, self._identity()))
 
     @abstractmethod
     def reset(self) -> None:
-        """Go back to the start: the state at rest, clock at 0, the noise from its beginning."""
+        """Return to the start: state at rest, clock at 0, noise from its beginning."""
 
     @abstractmethod
     def safe(self) -> None:
-        """Go to the resting input; it takes no time, and is not sampled."""
+        """Apply the resting input; this takes no time and is not sampled."""
 
     @abstractmethod
     def _hold(self, value: FloatArray, ends: FloatArray) -> FloatArray:
-        """Readings (T, channels) at times ``ends`` (T,) from now, under a constant input."""
+        """Return readings (T, channels) at times ``ends`` (T,) from now, at a constant input."""
 
     @abstractmethod
     def _follow(self, t: FloatArray, u: FloatArray) -> FloatArray:
-        """Readings (T, channels) under a waveform (T, channels); the first is of now."""
+        """Return readings (T, channels) for a waveform (T, channels); the first is the present."""
 
     @abstractmethod
     def _snapshot(self) -> dict[str, Any]:
-        """The parts of a checkpoint beside the options and the clock."""
+        """Return the parts of a checkpoint other than options and clock."""
 
     @abstractmethod
     def _take_up(self, found: Checkpoint) -> None:
         """Continue from a checkpoint with the options of this twin."""
 
     def _identity(self) -> dict[str, Any]:
-        """What must agree for a checkpoint to be taken up."""
+        """Return the options that must be equal in a checkpoint."""
         return {
             "twin": self.kind,
             "specimen": self.specimen,
@@ -222,12 +222,28 @@ class SimulatedActuator(SimulatedPlant):
 
     Parameters
     ----------
-    parameters, specimen, noise, seed, tick, substeps
-        As in ``SimulatedPlant``.
+    specimen : int, optional
+        Seed of a specimen, whose physical parameters are drawn within +-10 % of nominal. Nominal if
+        not given.
+    noise : float
+        Standard deviation of the sensor, in the unit of the output.
+    seed : int
+        Seed of the noise.
+    tick : float, optional
+        How long one ``exchange`` takes, in seconds; the default belongs to the actuator.
     drift : float
-        Relative change of the coupling gain per hour, compounding.
+        Relative change of the coupling gain per hour, compounding: -0.05 loses 5 % an hour.
+    substeps : int
+        Number of parts of each time step of the integration.
+
+    Raises
+    ------
+    ParameterError
+        If an option is out of its range.
     """
 
+    _nominal: dict[str, float]
+    _default_tick: float
     _rest: tuple[float, ...]
     _rest_input: float
     _first_step: float
@@ -236,17 +252,21 @@ class SimulatedActuator(SimulatedPlant):
 
     def __init__(
         self,
-        parameters: dict[str, float],
+        specimen: int | None = None,
+        noise: float = 0.0,
+        seed: int = 0,
         *,
-        specimen: int | None,
-        noise: float,
-        seed: int,
-        tick: float,
-        drift: float,
-        substeps: int,
+        tick: float | None = None,
+        drift: float = 0.0,
+        substeps: int = 1,
     ) -> None:
         super().__init__(
-            parameters, specimen=specimen, noise=noise, seed=seed, tick=tick, substeps=substeps
+            self._nominal,
+            specimen=specimen,
+            noise=noise,
+            seed=seed,
+            tick=self._default_tick if tick is None else tick,
+            substeps=substeps,
         )
         self.drift = as_finite("drift", drift)
         if self.drift <= -1:
