@@ -1,4 +1,4 @@
-"""Pictures of dynamics. Matplotlib is imported only when one is drawn."""
+"""Figures of dynamics."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ if TYPE_CHECKING:
     from minorloop.dynamics.linear import Linear
 
 _POINTS = 400
+"""Points of a curve: about one for each pixel of an axis."""
 
 
 def draw_linear(system: Linear) -> Any:
-    """Step response, gain and phase; gives the figure."""
+    """Draw step response, gain and phase."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 3.4), layout="constrained")
@@ -39,7 +40,7 @@ def draw_linear(system: Linear) -> Any:
 
 
 def draw_cascade_inversion(result: CascadeInversion) -> Any:
-    """Targets with outputs, and the input below; gives the figure."""
+    """Draw targets with outputs, and the input below."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.2, 5.0), layout="constrained")
@@ -56,7 +57,7 @@ def draw_cascade_inversion(result: CascadeInversion) -> Any:
 
 
 def draw_creep_fit(result: CreepFit) -> Any:
-    """The record with the fit, and the strengths; gives the figure."""
+    """Draw the record with the fit, and the strengths."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.2, 3.6), layout="constrained")

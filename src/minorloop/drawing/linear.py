@@ -1,4 +1,4 @@
-"""Pictures of identified linear dynamics. Matplotlib is imported only when one is drawn."""
+"""Figures of identified linear dynamics."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from minorloop.identification.rational import RationalFit
 
 _BAND = 2.0
+"""Half width of a band in standard deviations, as its title says."""
 _POINTS = 300
+"""Points of a curve: about one for each pixel of an axis."""
 
 
 def draw_linear_fit(result: LinearFit) -> Any:
-    """The record with the simulation, and the unit step response with its band."""
+    """Draw the record with the simulation, and the unit step response with its band."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.5, 3.8), layout="constrained")
@@ -42,7 +44,7 @@ def draw_linear_fit(result: LinearFit) -> Any:
 
 
 def draw_step_response(result: StepResponse) -> Any:
-    """Both responses with their bands."""
+    """Draw both responses with their bands."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
@@ -66,7 +68,7 @@ def _draw_unit_step(axes: Axes, fit: LinearFit, colour: str, label: str) -> None
 
 
 def draw_frequency_response(result: FrequencyResponse) -> Any:
-    """Gain and phase from input to output, and from the operator's output."""
+    """Draw gain and phase from input to output, and from the operator's output."""
     from matplotlib.figure import Figure
 
     kinds = [("from input to output", result.plant)]
@@ -89,7 +91,7 @@ def draw_frequency_response(result: FrequencyResponse) -> Any:
 
 
 def draw_rational_fit(result: RationalFit) -> Any:
-    """Measured points and the fitted curve, gain and phase."""
+    """Draw gain and phase of the measured points and the fitted curve."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.2, 3.6), layout="constrained")
