@@ -18,6 +18,7 @@ NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
 STUDIES = "minorloop.studies"
 _MOST, _MOST_SCENES = 1000, 100_000
+"""Largest counts: days of computation, so that more is a typing error."""
 
 
 def _study_help() -> str:
