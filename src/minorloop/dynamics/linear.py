@@ -416,7 +416,8 @@ class Linear:
         count = int(np.ceil(after[-1] / self.interval)) + 1
         grid = self.interval * np.arange(count + 1)
         begin = self.numerator[0] if self.delay == 0 else 0.0
-        return np.interp(after, grid, np.append(begin, self._filter(np.ones(count), 0.0)))
+        rise = np.append(begin, self._filter(np.ones(count), 0.0))
+        return np.asarray(np.interp(after, grid, rise))
 
     def _filter(self, u: FloatArray, before: float) -> FloatArray:
         """Return the outputs of a sampled system at the ends of the intervals of u."""
