@@ -6,8 +6,11 @@ from hypothesis import strategies as st
 from minorloop.arrays import (
     as_finite,
     as_levels,
+    as_pair,
     as_samples,
+    as_times,
     as_triangle,
+    as_waveform,
     as_whole,
     uniform_levels,
 )
@@ -96,3 +99,18 @@ def test_refuses_wrong_counts(value):
 def test_refuses_wrong_numbers_of_bands(bands):
     with pytest.raises(ParameterError, match="give a whole number"):
         uniform_levels(0.0, 1.0, bands)
+
+
+def test_refuses_wrong_times_and_shapes():
+    with pytest.raises(SignalError, match=r"index 2"):
+        as_times([0.0, 1.0, 0.5])
+    with pytest.raises(SignalError, match="at least 3"):
+        as_times([0.0, 1.0], fewest=3)
+    with pytest.raises(SignalError, match="targets has shape"):
+        as_waveform([0.0, 1.0], [1.0], name="targets")
+    with pytest.raises(SignalError, match="finite"):
+        as_waveform([0.0, 1.0], [1.0, np.nan])
+    with pytest.raises(SignalError, match=r"give u of shape \(2, 3\)"):
+        as_waveform([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], channels=2)
+    with pytest.raises(SignalError, match=r"u has shape \(2,\) and y \(1,\)"):
+        as_pair([0.0, 1.0], [1.0])

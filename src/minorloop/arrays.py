@@ -71,6 +71,58 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
     return samples
 
 
+def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
+    """Return strictly increasing times, (T,).
+
+    Raises
+    ------
+    SignalError
+        If there are too few, or they are not finite or do not increase.
+    """
+    times = as_samples(t, name="t")
+    if times.ndim != 1 or times.size < fewest:
+        raise SignalError(f"t has shape {times.shape}; give (T,) times, T at least {fewest}")
+    if not (np.diff(times) > 0).all():
+        index = int(np.argmin(np.diff(times) > 0)) + 1
+        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
+    return times
+
+
+def as_waveform(
+    t: npt.ArrayLike, u: npt.ArrayLike, *, name: str = "u", channels: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """Return times (T,) and the values at these times, (T,) or (channels, T).
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ or the times do not increase.
+    """
+    times, values = as_times(t), as_samples(u, name=name)
+    shape = times.shape if channels == 1 else (channels, *times.shape)
+    if values.shape != shape:
+        raise SignalError(
+            f"{name} has shape {values.shape} and t {times.shape}; give {name} of shape {shape}"
+        )
+    return times, values
+
+
+def as_pair(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and outputs of equal length (T,); NaN marks a gap in y.
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ, or a number is not finite.
+    """
+    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
+    if inputs.ndim != 1 or inputs.shape != outputs.shape:
+        raise SignalError(
+            f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
+        )
+    return inputs, outputs
+
+
 def as_levels(values: npt.ArrayLike) -> Levels:
     """Return thresholds as a read-only float64 array.
 
@@ -163,17 +215,18 @@ def as_finite(name: str, value: float) -> float:
     return number
 
 
-def as_whole(name: str, value: int, low: int, high: int) -> int:
+def as_whole(name: str, value: int, low: int, high: int | None = None) -> int:
     """Return a whole number within its range as an int; refuse others.
 
     Raises
     ------
     ParameterError
-        If it is not a whole number from ``low`` to ``high``.
+        If it is not a whole number from ``low`` to ``high``, or of at least ``low``.
     """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not low <= value <= high:
-        raise ParameterError(f"{name} is {short(value)}; give a whole number from {low} to {high}")
+    if not whole or value < low or (high is not None and value > high):
+        allowed = f"of at least {low}" if high is None else f"from {low} to {high}"
+        raise ParameterError(f"{name} is {short(value)}; give a whole number {allowed}")
     return int(value)
 
 

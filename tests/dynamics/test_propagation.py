@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from minorloop.dynamics.propagation import as_times, as_waveform, propagate, transitions
-from minorloop.errors import SignalError
+from minorloop.dynamics.propagation import propagate, transitions
 
 A = np.array([[-0.5, -1.0], [1.0, 0.0]])
 B = np.array([1.0, 0.3])
@@ -65,14 +64,3 @@ def test_dead_time_need_not_be_whole_samples(delay, between):
     got = propagate(system, rest, coarse, u, delay=delay, before=0.4, between=between)
     first = 1 if between == "straight" else 0
     np.testing.assert_allclose(got[first:], wanted[first:], atol=1e-6)
-
-
-def test_refuses_wrong_times_and_shapes():
-    with pytest.raises(SignalError, match=r"index 2"):
-        as_times([0.0, 1.0, 0.5])
-    with pytest.raises(SignalError, match="at least 3"):
-        as_times([0.0, 1.0], fewest=3)
-    with pytest.raises(SignalError, match="targets has shape"):
-        as_waveform([0.0, 1.0], [1.0], name="targets")
-    with pytest.raises(SignalError, match="finite"):
-        as_waveform([0.0, 1.0], [1.0, np.nan])

@@ -168,7 +168,7 @@ def test_refuses_times_that_are_none(duration, interval, complaint):
 @pytest.mark.parametrize(
     ("t", "u", "complaint"),
     [
-        ([0, 1], [0.0], r"t has shape \(2,\) and u \(1,\)"),
+        ([0, 1], [0.0], r"u has shape \(1,\) and t \(2,\)"),
         ([0], [0.0], "T at least 2"),
         ([0, 1, 1], [0.0, 0, 0], "does not increase at index 2"),
         ([0, np.nan], [0.0, 0.0], "t is nan"),

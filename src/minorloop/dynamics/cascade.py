@@ -12,9 +12,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, as_finite, check_option
+from minorloop.arrays import BoolArray, FloatArray, as_finite, as_waveform, check_option
 from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.propagation import Between, as_waveform
+from minorloop.dynamics.propagation import Between
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import figure_of
 from minorloop.operators.inversion import Unreachable

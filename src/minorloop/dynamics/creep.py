@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, frozen
-from minorloop.dynamics.propagation import as_times, as_waveform
+from minorloop.arrays import FloatArray, as_finite, as_times, as_waveform, as_whole, frozen
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import figure_of
 
@@ -268,9 +267,8 @@ def _grid(
             f"creep times from {begin:g} to {end:g} s; give 0 < shortest <= longest, or a record "
             "with longer holds"
         )
-    if isinstance(per_decade, bool) or not isinstance(per_decade, int) or per_decade < 1:
-        raise ParameterError(f"per_decade is {per_decade!r}; give a whole number of at least 1")
-    return np.geomspace(begin, end, int(np.ceil(per_decade * np.log10(end / begin))) + 1)
+    count = np.ceil(as_whole("per_decade", per_decade, 1) * np.log10(end / begin))
+    return np.geomspace(begin, end, int(count) + 1)
 
 
 def _decay(t: FloatArray, taus: FloatArray) -> FloatArray:

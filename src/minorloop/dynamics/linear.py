@@ -9,9 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_samples, check_option, frozen
+from minorloop.arrays import (
+    FloatArray,
+    as_finite,
+    as_samples,
+    as_times,
+    as_waveform,
+    check_option,
+    frozen,
+)
 from minorloop.dynamics import _kernels, conversion
-from minorloop.dynamics.propagation import Between, StateSpace, as_times, as_waveform, propagate
+from minorloop.dynamics.propagation import Between, StateSpace, propagate
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import figure_of
 

@@ -7,9 +7,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples
+from minorloop.arrays import FloatArray
 from minorloop.dynamics import _kernels
-from minorloop.errors import SignalError
 from minorloop.threads import one_thread
 
 Between: TypeAlias = Literal["held", "straight"]
@@ -21,39 +20,6 @@ StateSpace: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, float]
 _DIGITS = 8
 """Time steps that agree to so many digits share a matrix exponential: the differences of sampled
 times have rounding errors of this order."""
-
-
-def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
-    """Return strictly increasing times, (T,).
-
-    Raises
-    ------
-    SignalError
-        If there are too few, or they are not finite or do not increase.
-    """
-    times = as_samples(t, name="t")
-    if times.ndim != 1 or times.size < fewest:
-        raise SignalError(f"t has shape {times.shape}; give (T,) times, T at least {fewest}")
-    if not (np.diff(times) > 0).all():
-        index = int(np.argmin(np.diff(times) > 0)) + 1
-        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
-    return times
-
-
-def as_waveform(
-    t: npt.ArrayLike, u: npt.ArrayLike, *, name: str = "u"
-) -> tuple[FloatArray, FloatArray]:
-    """Return times and the values at these times, both (T,).
-
-    Raises
-    ------
-    SignalError
-        If the shapes differ or the times do not increase.
-    """
-    times, values = as_times(t), as_samples(u, name=name)
-    if values.shape != times.shape:
-        raise SignalError(f"{name} has shape {values.shape} and t {times.shape}; give (T,) of both")
-    return times, values
 
 
 def propagate(

@@ -8,9 +8,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, check_option
+from minorloop.arrays import FloatArray, as_finite, as_waveform, check_option
 from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.propagation import as_waveform
 from minorloop.errors import ParameterError
 from minorloop.operators.operator import Operator
 

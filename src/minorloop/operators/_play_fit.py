@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples, frozen
+from minorloop.arrays import FloatArray, as_pair, frozen
 from minorloop.errors import ParameterError, SignalError
 
 LEAST_SLOPE = 1e-4
@@ -44,11 +44,7 @@ def as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArra
     SignalError
         If lengths differ, or the input or output is empty or constant.
     """
-    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
-    if inputs.ndim != 1 or inputs.shape != outputs.shape:
-        raise SignalError(
-            f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
-        )
+    inputs, outputs = as_pair(u, y)
     if inputs.size == 0 or inputs.min() == inputs.max():
         raise SignalError("u is constant or empty; give an input that changes")
     known = outputs[~np.isnan(outputs)]

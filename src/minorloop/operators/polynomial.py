@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import polynomial
 
-from minorloop.arrays import FloatArray, Samples, as_finite, as_samples, frozen
+from minorloop.arrays import FloatArray, Samples, as_finite, as_pair, as_samples, as_whole, frozen
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.operators.inversion import (
     Inversion,
@@ -115,13 +115,8 @@ class Polynomial:
         SignalError
             If lengths differ, or there are too few different inputs for the degree.
         """
-        if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or degree < 1:
-            raise ParameterError(f"degree is {degree!r}; give a whole number of at least 1")
-        inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
-        if inputs.ndim != 1 or inputs.shape != outputs.shape:
-            raise SignalError(
-                f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
-            )
+        degree = as_whole("degree", degree, 1)
+        inputs, outputs = as_pair(u, y)
         known = ~np.isnan(outputs)
         places = np.unique(inputs[known]).size
         if places <= degree:
@@ -129,8 +124,8 @@ class Polynomial:
                 f"{places} different inputs with a measured output; degree {degree} needs "
                 f"at least {degree + 1}"
             )
-        scaled = np.polynomial.Polynomial.fit(inputs[known], outputs[known], int(degree))
-        coefficients = np.zeros(int(degree) + 1)
+        scaled = np.polynomial.Polynomial.fit(inputs[known], outputs[known], degree)
+        coefficients = np.zeros(degree + 1)
         raw = scaled.convert().coef
         coefficients[: raw.size] = raw
         return cls(

@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, as_waveform
 from minorloop.lab.actuator import Channel
 from minorloop.lab.records import Record
 from minorloop.twins import _kernels
-from minorloop.twins.simulated_actuator import SimulatedActuator, as_waveform, prefixed
+from minorloop.twins.simulated_actuator import SimulatedActuator, prefixed
 
 _NOMINAL = {
     "charging_time": 0.35,  # s

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_samples
-from minorloop.errors import ParameterError, SignalError
+from minorloop.arrays import FloatArray, as_finite, as_waveform
+from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
 from minorloop.twins.checkpoints import Checkpoint, check_within
@@ -134,7 +134,7 @@ class SimulatedPlant(ABC):
         SignalError
             If the shapes differ, a number is not finite, or time does not increase.
         """
-        times, given = as_waveform(t, u, len(self.inputs))
+        times, given = as_waveform(t, u, channels=len(self.inputs))
         values = np.ascontiguousarray(given.reshape(-1, times.size).T)
         for extreme in (values.min(axis=0), values.max(axis=0)):
             check_input(self.inputs, extreme)
@@ -414,23 +414,6 @@ def sample_times(duration: float, sample_interval: float) -> FloatArray:
     times = interval * np.arange(1, whole + 1, dtype=np.float64)
     times[-1] = length
     return times
-
-
-def as_waveform(
-    t: npt.ArrayLike, u: npt.ArrayLike, channels: int = 1
-) -> tuple[FloatArray, FloatArray]:
-    """Return times (T,) and values (T,) or (channels, T); refuse times that do not increase."""
-    times, values = as_samples(t, name="t"), as_samples(u, name="u")
-    wanted = times.shape if channels == 1 else (channels, *times.shape)
-    if times.ndim != 1 or values.shape != wanted or times.size < 2:
-        needed = "(T,) of both" if channels == 1 else f"(T,) times and ({channels}, T) inputs"
-        raise SignalError(
-            f"t has shape {times.shape} and u {values.shape}; give {needed}, T at least 2"
-        )
-    if not (np.diff(times) > 0).all():
-        index = int(np.argmin(np.diff(times) > 0)) + 1
-        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
-    return times, values
 
 
 def positive(name: str, value: float) -> float:
