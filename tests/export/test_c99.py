@@ -243,7 +243,7 @@ def test_with_a_linear_part_the_output_settles_at_the_target(first, tmp_path):
 
 
 def bounded(model, u, room):
-    """Outputs when the pair that matters least is dropped as soon as ``room`` extrema are past."""
+    """Outputs when the pair with the least effect is dropped after ``room`` extrema."""
     low, high = model.levels[[0, -1]]
     swing, extrema, y = 2.0 if model.relay == "bipolar" else 1.0, (float(low),), []
     size = Preisach(model.levels, np.abs(model.weights), 0.0, model.relay, model.diagonal)
@@ -265,7 +265,7 @@ def bounded(model, u, room):
 
 
 def deep_inputs(model, count, rng):
-    """Shrinking alternations, again and again, so that histories are long."""
+    """Repeated alternations with decreasing amplitude, so that histories are long."""
     low, high = model.levels[[0, -1]]
     middle, half = rng.uniform(0.4, 0.6) * (low + high), (high - low) / 2
     k = np.arange(count)
