@@ -215,6 +215,20 @@ def as_finite(name: str, value: float) -> float:
     return number
 
 
+def as_seconds(name: str, value: float) -> float:
+    """Return a positive time as a float; refuse others.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a positive finite number.
+    """
+    number = as_finite(name, value)
+    if number <= 0:
+        raise ParameterError(f"{name} is {value}; give a positive number of seconds")
+    return number
+
+
 def as_whole(name: str, value: int, low: int, high: int | None = None) -> int:
     """Return a whole number within its range as an int; refuse others.
 

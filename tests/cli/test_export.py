@@ -77,7 +77,7 @@ def test_refuses_unusable_linear_parts(refused, tmp_path, content, message):
         ("export rust model.json --out x", "no export 'rust'; give one of c, fmu"),
         ("export c nothing.json --out x", "there is no file nothing.json"),
         ("export c good.csv --out x", "good.csv"),
-        (f"{LINE} --memory 2", "memory is 2 extrema"),
+        (f"{LINE} --memory 2", "memory is 2;"),
         (f"{LINE} --largest -5", "largest is -5 bytes"),
         (f"{LINE} --largest 100", "needs 1955 bytes, 595 of tables"),
         (f"{LINE} --linear nothing.json", "cannot be read"),

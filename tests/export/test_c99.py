@@ -365,7 +365,7 @@ def test_refuses_the_inverse_of_a_model_that_is_not_monotone():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"memory": 5}, "memory is 5 extrema; give 6 to"),
+        ({"memory": 5}, "memory is 5; give a whole number from 6 to"),
         ({"memory": 2.5}, "whole number"),
         ({"memory": True}, "whole number"),
         ({"name": "2fast"}, "cannot begin the names"),

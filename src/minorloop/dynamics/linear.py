@@ -13,6 +13,7 @@ from minorloop.arrays import (
     FloatArray,
     as_finite,
     as_samples,
+    as_seconds,
     as_times,
     as_waveform,
     check_option,
@@ -70,7 +71,7 @@ class Linear:
         store(self, "numerator", frozen(padded / denominator[0]))
         store(self, "denominator", frozen(denominator / denominator[0]))
         if self.interval is not None:
-            store(self, "interval", _positive("interval", self.interval))
+            store(self, "interval", as_seconds("interval", self.interval))
         store(self, "delay", as_finite("delay", self.delay))
         if self.delay < 0:
             raise ParameterError(f"delay is {self.delay:g} s; give a dead time >= 0")
@@ -119,7 +120,7 @@ class Linear:
         delay : float
             Dead time, in seconds.
         """
-        each = [-1 / _positive("time constant", time) for time in times]
+        each = [-1 / as_seconds("time constant", time) for time in times]
         return cls.from_poles(each, dc_gain=dc_gain, delay=delay)
 
     def __eq__(self, other: object) -> bool:
@@ -293,7 +294,7 @@ class Linear:
         """
         if self.interval is not None:
             raise ParameterError(f"the system is sampled already, every {self.interval:g} s")
-        step = _positive("interval", interval)
+        step = as_seconds("interval", interval)
         top, bottom = conversion.sampled(self.numerator, self.denominator, step)
         return Linear(top, bottom, step, self.delay)._with_dc_gain(self.dc_gain)
 
@@ -464,13 +465,6 @@ def _coefficients(name: str, values: npt.ArrayLike) -> FloatArray:
     if numbers.ndim != 1 or numbers.size == 0 or not np.isfinite(numbers).all():
         raise ParameterError(f"the {name} is {values!r}; give finite coefficients, highest first")
     return numbers
-
-
-def _positive(name: str, value: float) -> float:
-    number = as_finite(name, value)
-    if number <= 0:
-        raise ParameterError(f"{name} is {value:g} s; give a positive number of seconds")
-    return number
 
 
 def _polynomial(name: str, roots: npt.NDArray[Any]) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import check_option
+from minorloop.arrays import as_whole, check_option
 from minorloop.dynamics.cascade import First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
@@ -305,12 +305,7 @@ def _check_options(name: str, memory: int) -> None:
             f"name {name!r} cannot begin the names in C; give a letter, then letters, digits and "
             f"underscores, {_LONGEST_NAME} at most"
         )
-    if isinstance(memory, bool) or not isinstance(memory, int | np.integer):
-        raise ParameterError(f"memory is {memory!r}; give a whole number of extrema")
-    if not LEAST_ROOM <= memory <= MOST_ROOM:
-        raise ParameterError(
-            f"memory is {memory} extrema; give {LEAST_ROOM} to {MOST_ROOM}, 32 serve most"
-        )
+    as_whole("memory", memory, LEAST_ROOM, MOST_ROOM)
 
 
 def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> None:

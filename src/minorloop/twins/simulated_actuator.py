@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_waveform
+from minorloop.arrays import FloatArray, as_finite, as_seconds, as_waveform, as_whole
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
@@ -21,6 +21,8 @@ MAX_SAMPLES = 20_000_000
 """Most samples of one call: 480 MB of a record."""
 MAX_STEPS = 200_000_000
 """Most time steps of one call, to bound its duration."""
+_SEEDS = 2**64 - 1
+"""Largest seed: a key of the generator of the noise has 64 bits."""
 
 
 class SimulatedPlant(ABC):
@@ -61,15 +63,13 @@ class SimulatedPlant(ABC):
         tick: float,
         substeps: int,
     ) -> None:
-        self.specimen = None if specimen is None else whole_number("specimen", specimen)
+        self.specimen = None if specimen is None else as_whole("specimen", specimen, 0, _SEEDS)
         self.noise = as_finite("noise", noise)
-        self.seed = whole_number("seed", seed)
-        self.tick = positive("tick", tick)
-        self.substeps = whole_number("substeps", substeps)
+        self.seed = as_whole("seed", seed, 0, _SEEDS)
+        self.tick = as_seconds("tick", tick)
+        self.substeps = as_whole("substeps", substeps, 1)
         if self.noise < 0:
             raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
-        if self.substeps < 1:
-            raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
         self._parameters = spread(parameters, self.specimen)
         self._one_tick = np.array([self.tick])
         self._clock = 0.0
@@ -404,8 +404,8 @@ def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, floa
 def sample_times(duration: float, sample_interval: float) -> FloatArray:
     """Return the times of the samples of a hold from its beginning, the last at its end."""
     length, interval = (
-        positive("duration", duration),
-        positive("sample_interval", sample_interval),
+        as_seconds("duration", duration),
+        as_seconds("sample_interval", sample_interval),
     )
     check_count(length / interval, MAX_SAMPLES, "samples")
     whole = round(length / interval)
@@ -414,22 +414,6 @@ def sample_times(duration: float, sample_interval: float) -> FloatArray:
     times = interval * np.arange(1, whole + 1, dtype=np.float64)
     times[-1] = length
     return times
-
-
-def positive(name: str, value: float) -> float:
-    """Return a time in seconds as a float; refuse it unless it is positive."""
-    number = as_finite(name, value)
-    if number <= 0:
-        raise ParameterError(f"{name} is {value}; give a positive number of seconds")
-    return number
-
-
-def whole_number(name: str, value: int) -> int:
-    """Return a number that can seed a generator; refuse others."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not 0 <= value < 2**64:
-        raise ParameterError(f"{name} is {value!r}; give a whole number from 0 to 2^64 - 1")
-    return int(value)
 
 
 def check_count(count: float, most: int, what: str) -> None:
