@@ -8,6 +8,7 @@ TESTS = Path(__file__).parent
 SOURCE = TESTS.parent / "src/minorloop"
 
 ELSEWHERE = {
+    "drawing/layout.py": "drawing/test_dynamics.py",
     "drawing/linear.py": "identification/test_linear_fit.py",
     "errors.py": "test_public_names.py",
     "figures.py": "drawing/test_operators.py",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.drawing.layout import new_figure
 from minorloop.drawing.operators import clip_to_plane, draw_density
 from minorloop.identification.bands import PER_DEVIATION
 
@@ -29,10 +30,7 @@ def draw_identification(
     result: Identification, *, input_label: str = "input", output_label: str = "output"
 ) -> Any:
     """Draw loop, plane, record and residual."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 7.5), layout="constrained")
-    axes = figure.subplots(2, 2)
+    figure, axes = new_figure(2, 2, 7.5, 10.5, grid=False)
     _draw_loop(axes[0, 0], result, input_label, output_label)
     draw_density(axes[0, 1], result.model, input_label=input_label)
     _grey_unexcited(axes[0, 1], result)
@@ -122,10 +120,8 @@ def _shade_held_out(axes: Axes, result: Identification) -> None:
 def draw_excitation(report: ExcitationReport) -> Any:
     """Draw the excited cells by their band numbers."""
     from matplotlib.colors import ListedColormap
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.8, 4.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(height=4.6, width=4.8, grid=False)
     bands = len(report.excited)
     below = np.tril(np.ones((bands, bands), dtype=bool))
     shown = np.ma.masked_where(~below, report.excited.astype(float))
@@ -143,10 +139,7 @@ def draw_excitation(report: ExcitationReport) -> Any:
 
 def draw_prediction(result: Prediction, *, input_label: str, output_label: str) -> Any:
     """Draw outputs with bands, sample by sample and against the input."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.2, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    figure, (left, right) = new_figure(1, 2, 3.8, sharey=True)
     sample = np.arange(result.y.size)
     label = f"{result.probability:.0%} band"
     left.fill_between(sample, result.lower, result.upper, color="C0", alpha=0.25, lw=0, label=label)
@@ -156,6 +149,4 @@ def draw_prediction(result: Prediction, *, input_label: str, output_label: str) 
     left.set(xlabel="sample", ylabel=output_label)
     right.set(xlabel=input_label)
     left.legend(frameon=False)
-    for axes in (left, right):
-        axes.grid(alpha=0.25)
     return figure

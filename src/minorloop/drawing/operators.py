@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.drawing.layout import new_figure
 from minorloop.operators.plane import cell_areas
 
 if TYPE_CHECKING:
@@ -22,10 +23,7 @@ def draw_preisach(
     model: Preisach, *, input_label: str = "input", output_label: str = "output"
 ) -> Any:
     """Draw the density on the plane beside nested minor loops."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.6, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = new_figure(1, 2, 4.2, 9.6, grid=False)
     draw_density(left, model, input_label=input_label)
     draw_loops(right, model)
     right.set(xlabel=input_label, ylabel=output_label, title="Major and minor loops")
@@ -85,10 +83,7 @@ def draw_loops(axes: Axes, model: Preisach) -> None:
 
 def draw_inversion(inversion: Inversion, *, input_label: str, output_label: str) -> Any:
     """Draw targets with outputs above, and inputs below."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = new_figure(2, 1, 5.0, 8.0, sharex=True)
     index = np.arange(inversion.u.size)
     upper.plot(index, inversion.targets, "o", color="C1", mfc="none", label="target")
     upper.step(index, inversion.y, where="mid", color="C0", label="output of the model")
@@ -98,6 +93,4 @@ def draw_inversion(inversion: Inversion, *, input_label: str, output_label: str)
     upper.legend(frameon=False)
     lower.step(index, inversion.u, where="mid", color="0.25")
     lower.set(xlabel="target number", ylabel=input_label)
-    for axes in (upper, lower):
-        axes.grid(alpha=0.25)
     return figure
