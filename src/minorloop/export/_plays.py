@@ -6,12 +6,9 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import NotInvertibleError
-from minorloop.export._tables import Numbers, Parts
+from minorloop.export._tables import VECTORS, Numbers, Parts
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-
-_VECTORS = 200
-"""Inputs of the self-test, in about 10 kB of C."""
 
 
 def plays_parts(
@@ -68,4 +65,4 @@ def plays_parts(
 def _inputs(model: PrandtlIshlinskii) -> FloatArray:
     """Return inputs that move every play."""
     reach = 2 * float(model.radii[-1]) or 1.0
-    return np.random.default_rng(0).uniform(-reach, reach, _VECTORS)
+    return np.random.default_rng(0).uniform(-reach, reach, VECTORS)

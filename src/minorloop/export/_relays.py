@@ -6,11 +6,9 @@ import numpy as np
 
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export._selftest import check_digits
-from minorloop.export._tables import Numbers, Parts, wrapped
+from minorloop.export._tables import VECTORS, Numbers, Parts, wrapped
 from minorloop.operators.relays import RelayModel
 
-_VECTORS = 200
-"""Inputs of the self-test, in about 10 kB of C."""
 _MOST_LEVELS = 32_000
 """Numbers of levels fit into 16 bits with sign."""
 
@@ -65,7 +63,7 @@ def relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
         table_bytes=numbers.size * (count + packed.size) + 4 * count,
         state_bytes=-(-whole // numbers.size) * numbers.size + numbers.size,
         memory=count,
-        inputs=np.random.default_rng(0).uniform(low - 0.1 * reach, low + 1.1 * reach, _VECTORS),
+        inputs=np.random.default_rng(0).uniform(low - 0.1 * reach, low + 1.1 * reach, VECTORS),
         start="negative",
         template="relays",
         title="weighted relays on level pairs",

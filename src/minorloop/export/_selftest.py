@@ -13,12 +13,10 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeState, First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
-from minorloop.export._tables import Numbers, wrapped
+from minorloop.export._tables import VECTORS, Numbers, wrapped
 from minorloop.export._templates import render
 from minorloop.operators.preisach import Preisach
 
-_VECTORS = 200
-"""Inputs of the self-test: they reach all of the plane of a usual model, in about 10 kB of C."""
 _COARSEST = 0.01
 """Largest tolerance of a self-test, as a share of the range. A choice: more rounding than this
 would be a large part of the error of a good model."""
@@ -207,7 +205,7 @@ def _inputs(model: Preisach, memory: int) -> FloatArray:
     """Return inputs over the whole plane whose histories fit into a bounded memory."""
     low, high = map(float, model.levels[[0, -1]])
     rng, tracker, chosen = np.random.default_rng(0), model.track(), []
-    for share in rng.beta(0.7, 0.7, _VECTORS):
+    for share in rng.beta(0.7, 0.7, VECTORS):
         u = low + float(share) * (high - low)
         for wanted in (u, high):
             trial = tracker.copy()

@@ -14,6 +14,8 @@ from minorloop.errors import ParameterError
 from minorloop.operators import plane
 from minorloop.operators.preisach import Preisach
 
+VECTORS = 200
+"""Inputs of a self-test, in about 10 kB of C."""
 _COLUMNS = 100
 """Longest line of a table."""
 _MOST_SINGLE, _MOST_DOUBLE = 1e15, 1e150
