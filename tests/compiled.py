@@ -57,7 +57,7 @@ void chase(const minorloop_real *target, minorloop_real *u, minorloop_real *y, l
 
 
 def compiler(name):
-    """The compiler, or a skipped test that says which one is missing."""
+    """Return the compiler; skip the test if it is missing."""
     found = shutil.which(name)
     if found is None:
         pytest.skip(f"needs {name}, which is not installed")
@@ -65,7 +65,7 @@ def compiler(name):
 
 
 def build(folder, sources, *options, program="program", cc="gcc"):
-    """Compile C files of a folder with every warning an error."""
+    """Compile C files of a folder, with warnings as errors."""
     command = [compiler(cc), *WARNINGS, *options, *sources, "-o", program]
     command += [] if "-c" in options else ["-lm"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
@@ -74,7 +74,7 @@ def build(folder, sources, *options, program="program", cc="gcc"):
 
 
 def self_test(code, folder, *options, cc="gcc"):
-    """Compile the self-test and run it; give what it said."""
+    """Compile the self-test and run it; return what it printed."""
     code.write(folder)
     program = build(folder, ["minorloop.c", "minorloop_selftest.c"], *options, cc=cc)
     done = subprocess.run([program], capture_output=True, text=True, check=False, timeout=60)

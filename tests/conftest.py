@@ -1,4 +1,4 @@
-"""What every test shares: repeatable examples, figures without a screen, measured data."""
+"""Common to all tests: repeatable examples, figures without a screen, measured data."""
 
 import os
 import signal

@@ -49,7 +49,7 @@ def name_of(page):
 
 
 def blocks(page):
-    """Give the code blocks of a page in order; those for Sphinx itself are left out."""
+    """Return the code blocks of a page in order, without those for Sphinx itself."""
     found, marked = [], False
     for token in MarkdownIt("commonmark").parse(page.read_text()):
         if token.type in ("fence", "code_block"):
@@ -61,7 +61,7 @@ def blocks(page):
 
 
 def commands(text):
-    """Give each command of a console block with the output that is shown for it."""
+    """Return each command of a console block with the output that is shown for it."""
     lines = text.replace("\\\n", " ").splitlines()
     assert lines[0].startswith("$ "), "a console block begins with a command"
     found = []
@@ -74,7 +74,7 @@ def commands(text):
 
 
 def carry_out(command, capsys):
-    """Carry one command out, those of minorloop in this process; give what it printed."""
+    """Run one command, those of minorloop in this process; return what it printed."""
     words = shlex.split(command)
     if words[0] == "minorloop" and not {"|", ">", "&&", ";"} & set(words):
         status = main(words[1:])
@@ -116,7 +116,7 @@ def near(shown, printed):
 
 
 def check_exists(command):
-    """Refuse a command line that could not be carried out as it stands."""
+    """Refuse a command line that cannot be run as it is shown."""
     words = [word for word in shlex.split(command) if word]
     program = Path(words[0]).name
     if program == "minorloop":

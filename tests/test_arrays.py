@@ -6,8 +6,11 @@ from hypothesis import strategies as st
 from minorloop.arrays import (
     as_finite,
     as_levels,
+    as_pair,
     as_samples,
+    as_times,
     as_triangle,
+    as_waveform,
     as_whole,
     uniform_levels,
 )
@@ -16,7 +19,7 @@ from minorloop.operators.preisach import Preisach
 
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e6), st.integers(1, 300))
-def test_even_levels_end_where_they_should(low, width, bands):
+def test_uniform_levels_have_exact_ends(low, width, bands):
     levels = uniform_levels(low, low + width, bands)
     assert levels.size == bands + 1
     assert (levels[0], levels[-1]) == (low, low + width)
@@ -36,7 +39,7 @@ def test_even_levels_end_where_they_should(low, width, bands):
         ([0.0, 1e-320], "apart, less than 1e-290; scale the input up"),
     ],
 )
-def test_refuses_what_are_no_levels(values, says):
+def test_refuses_wrong_levels(values, says):
     with pytest.raises(ParameterError, match=says):
         as_levels(values)
 
@@ -53,13 +56,13 @@ def test_refuses_what_are_no_levels(values, says):
         (0.0, 1.0, True, "True bands"),
     ],
 )
-def test_refuses_what_cannot_be_spaced_evenly(low, high, bands, says):
+def test_refuses_wrong_ends_and_counts_of_uniform_levels(low, high, bands, says):
     with pytest.raises(ParameterError, match=says):
         uniform_levels(low, high, bands)
 
 
 @pytest.mark.parametrize("scale", [1e-280, 1e-30, 1e30, 1e280])
-def test_extreme_units_keep_the_memory_whole(scale):
+def test_the_memory_is_exact_in_extreme_units(scale):
     weights = np.tril(np.random.default_rng(0).uniform(size=(5, 5)))
     u = np.random.default_rng(1).uniform(-1, 1, 200)
     plain = Preisach(np.linspace(-1, 1, 6), weights).simulate(u)
@@ -67,14 +70,14 @@ def test_extreme_units_keep_the_memory_whole(scale):
     np.testing.assert_allclose(scaled, plain, atol=1e-12 * np.ptp(plain))
 
 
-def test_what_is_masked_was_not_measured():
+def test_masked_samples_were_not_measured():
     masked = np.ma.array([1.0, 1e6, 3.0], mask=[False, True, False])
     np.testing.assert_array_equal(as_samples(masked, name="y", gaps=True), [1.0, np.nan, 3.0])
     with pytest.raises(SignalError, match="y is nan at index 1"):
         as_samples(masked, name="y")
 
 
-def test_numbers_that_no_float_can_hold_are_refused():
+def test_refuses_numbers_beyond_floats():
     with pytest.raises(ParameterError, match="gain is more than a float can hold"):
         as_finite("gain", 10**400)
     with pytest.raises(SignalError, match="u is not an array of real numbers"):
@@ -86,13 +89,28 @@ def test_numbers_that_no_float_can_hold_are_refused():
 
 
 @pytest.mark.parametrize("value", [0, 11, 2.0, np.nan, np.inf, "a", None, True, 10**400])
-def test_what_is_no_count_is_refused(value):
+def test_refuses_wrong_counts(value):
     with pytest.raises(ParameterError, match=r"sweeps is .*; give a whole number from 1 to 10"):
         as_whole("sweeps", value, 1, 10)
     assert as_whole("sweeps", np.int64(3), 1, 10) == 3
 
 
 @pytest.mark.parametrize("bands", ["x", None, np.nan, np.inf])
-def test_bands_that_are_no_number_are_refused(bands):
+def test_refuses_wrong_numbers_of_bands(bands):
     with pytest.raises(ParameterError, match="give a whole number"):
         uniform_levels(0.0, 1.0, bands)
+
+
+def test_refuses_wrong_times_and_shapes():
+    with pytest.raises(SignalError, match=r"index 2"):
+        as_times([0.0, 1.0, 0.5])
+    with pytest.raises(SignalError, match="at least 3"):
+        as_times([0.0, 1.0], fewest=3)
+    with pytest.raises(SignalError, match="targets has shape"):
+        as_waveform([0.0, 1.0], [1.0], name="targets")
+    with pytest.raises(SignalError, match="finite"):
+        as_waveform([0.0, 1.0], [1.0, np.nan])
+    with pytest.raises(SignalError, match=r"give u of shape \(2, 3\)"):
+        as_waveform([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], channels=2)
+    with pytest.raises(SignalError, match=r"u has shape \(2,\) and y \(1,\)"):
+        as_pair([0.0, 1.0], [1.0])

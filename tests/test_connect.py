@@ -11,7 +11,7 @@ TWINS = ("ipmc", "fibre", "wire", "head", "catheter")
 
 
 @pytest.mark.parametrize("name", TWINS)
-def test_every_twin_stands_behind_the_door(name):
+def test_every_twin_has_an_address(name):
     twin = connect(f"twin:{name}")
     assert isinstance(twin, Actuator)
     lowest = np.array([channel.low for channel in twin.inputs])
@@ -28,7 +28,7 @@ def test_options_reach_the_twin():
 
 
 @pytest.mark.parametrize("address", ["twin:impc", "ipmc", "", "twin:", "visa:", "vsa:x"])
-def test_an_unknown_address_is_told_what_exists(address):
+def test_refuses_unknown_addresses_and_names_the_known_ones(address):
     with pytest.raises(ParameterError, match=r"give one of .*'twin:ipmc'.*'visa:NAME'"):
         connect(address)
 
@@ -36,19 +36,19 @@ def test_an_unknown_address_is_told_what_exists(address):
 def test_instruments_are_described_by_a_file_and_have_no_specimen(tmp_path):
     with pytest.raises(ParameterError, match="cannot be read"):
         connect(f"visa:{tmp_path / 'bench.json'}")
-    with pytest.raises(ParameterError, match="is no simulation; leave specimen"):
+    with pytest.raises(ParameterError, match="is not simulated; leave specimen"):
         connect("visa:bench.json", specimen=1)
     with pytest.raises(ParameterError, match="has no option 'tick'; it takes clock"):
         connect("visa:bench.json", tick=1.0)
 
 
 @pytest.mark.parametrize("address", [None, 3, ["twin:wire"]])
-def test_what_is_no_address_is_told_what_exists(address):
+def test_refuses_addresses_that_are_not_text(address):
     with pytest.raises(ParameterError, match="there is nothing at address"):
         connect(address)
 
 
-def test_a_twin_is_disturbed_through_the_door():
+def test_options_disturb_a_twin():
     still = connect("twin:wire").apply(0.35, 40.0, 40.0).y[-1]
     windy = connect("twin:wire", surroundings=Surroundings(convection=convection("flooded")))
     assert windy.apply(0.35, 40.0, 40.0).y[-1] < 0.1 * still
@@ -59,7 +59,7 @@ def test_a_twin_is_disturbed_through_the_door():
 
 
 @pytest.mark.parametrize("name", TWINS)
-def test_an_option_that_is_unknown_is_told_those_that_are_not(name):
+def test_refuses_unknown_options_and_names_the_known_ones(name):
     with pytest.raises(ParameterError, match=f"twin:{name} has no option 'wind'; it takes.* tick"):
         connect(f"twin:{name}", wind=3.0)
 

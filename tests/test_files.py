@@ -13,7 +13,7 @@ from minorloop.files import (
     check_writable,
     first_difference,
     make_folder,
-    shown,
+    printable,
     table_text,
     unquoted,
     write_atomically,
@@ -63,7 +63,7 @@ def test_refuses_a_folder_closed_to_writing(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("content", ["µm\r\n1\n", b"\x00\xff"])
-def test_writes_exactly_what_it_is_given_and_nothing_else(tmp_path, content):
+def test_writes_exactly_the_content_and_no_other_file(tmp_path, content):
     for _ in range(2):
         write_atomically(tmp_path / "file", content)
     expected = content if isinstance(content, bytes) else content.encode()
@@ -71,7 +71,7 @@ def test_writes_exactly_what_it_is_given_and_nothing_else(tmp_path, content):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_a_failure_leaves_the_old_file_and_no_litter(tmp_path, monkeypatch):
+def test_a_failure_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_text("old")
 
@@ -94,7 +94,7 @@ def test_writes_through_a_link_and_keeps_it(tmp_path):
     assert target.read_text() == "new"
 
 
-def test_a_folder_is_made_with_its_parents_and_taken_again_while_empty(tmp_path):
+def test_a_folder_is_made_with_its_parents_and_accepted_if_empty(tmp_path):
     folder = make_folder(tmp_path / "a" / "b")
     assert folder.is_dir()
     assert make_folder(folder) == folder
@@ -103,7 +103,7 @@ def test_a_folder_is_made_with_its_parents_and_taken_again_while_empty(tmp_path)
         make_folder(folder)
 
 
-def test_a_file_is_no_folder(tmp_path):
+def test_refuses_a_file_as_folder(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="is a file; give the name of a folder"):
         make_folder(tmp_path / "file")
@@ -126,30 +126,30 @@ def test_the_first_difference_is_named(before, now, says):
     assert first_difference(before, now) == says
 
 
-UNSHOWN = ["\0", "\t", "\n", "\r", "\x1b", "\x7f", "\x85", "\x9b", "\u061c", "\u200e", "\u200f"]
-UNSHOWN += ["\u2028", "\u2029", "\u202a", "\u202e", "\u2066", "\u2069"]
+CONTROL = ["\0", "\t", "\n", "\r", "\x1b", "\x7f", "\x85", "\x9b", "\u061c", "\u200e", "\u200f"]
+CONTROL += ["\u2028", "\u2029", "\u202a", "\u202e", "\u2066", "\u2069"]
 
 
-@pytest.mark.parametrize("letter", UNSHOWN)
-def test_names_with_characters_that_are_obeyed_are_refused(letter):
+@pytest.mark.parametrize("letter", CONTROL)
+def test_refuses_names_with_control_characters(letter):
     with pytest.raises(RecordError, match=f"the name .* U\\+{ord(letter):04X}") as caught:
         check_name("the name", f"a{letter}b", RecordError)
     assert str(caught.value).isprintable()
     with pytest.raises(ParameterError):
         check_name("the name", letter)
-    assert shown(f"a{letter}b") == "a\N{REPLACEMENT CHARACTER}b"
+    assert printable(f"a{letter}b") == "a\N{REPLACEMENT CHARACTER}b"
 
 
 @pytest.mark.parametrize("name", ["", "tip [mm]", "Länge µm", "日本", "a\xa0b", "=1", "e\u0301"])
-def test_other_names_are_as_they_are(name):
-    assert check_name("the name", name) == shown(name) == name
+def test_other_names_do_not_change(name):
+    assert check_name("the name", name) == printable(name) == name
 
 
 @pytest.mark.parametrize(
     "text",
     ["=1+1", "+1+1", "-1-1", "@SUM(1)", "\tx", " =1", "'=1", "\uff1dx", "-", "=cmd|'x'!A0"],
 )
-def test_a_text_that_a_spreadsheet_takes_for_a_formula_is_quoted(text):
+def test_texts_that_begin_like_formulas_are_quoted(text):
     written = table_text([text], [[text, 1.5]])
     for cell in (row[0] for row in csv.reader(io.StringIO(written))):
         assert cell == f"'{text}"
@@ -169,6 +169,6 @@ def test_numbers_stay_numbers(cell):
 
 
 @given(st.lists(st.text(st.sampled_from("'=+-@ \tab1.,;\"\n\uff0b"), max_size=6), min_size=1))
-def test_a_table_gives_its_texts_back(cells):
+def test_the_texts_of_a_table_are_read_back(cells):
     rows = csv.reader(io.StringIO(table_text(cells, [cells]), newline=""))
     assert [[unquoted(cell) for cell in row] for row in rows] in ([cells, cells], [[], []])

@@ -87,13 +87,13 @@ def test_the_file_has_every_parameter_of_the_class_and_no_other(kind, path):
     assert set(written) == {field.name for field in fields}
 
 
-def test_every_kind_is_tried():
+def test_every_kind_is_tested():
     assert set(MODELS) == set(KINDS.values())
     assert {type(model) for model in MODELS.values()} == set(KINDS)
 
 
 @given(data=st.data(), bands=st.integers(1, 4))
-def test_every_float_comes_back_to_the_bit(data, bands, scratch):
+def test_every_float_is_read_back_to_the_bit(data, bands, scratch):
     numbers = st.lists(
         st.floats(-1e100, 1e100), min_size=bands + 1, max_size=bands + 1, unique=True
     )
@@ -112,14 +112,14 @@ def test_rows_go_up_to_the_diagonal(content):
     assert [len(row) for row in content["model"]["weights"]] == [1, 2, 3]
 
 
-def test_names_units_and_lag_come_back(path):
+def test_names_units_and_lag_are_read_back(path):
     save(PLAYS, path, input="voltage [V]", output=Quantity("curvature", "1/m"), lag=3)
     file = read(path)
     assert (file.input, file.output) == (Quantity("voltage", "V"), Quantity("curvature", "1/m"))
     assert file.lag == 3
 
 
-def test_provenance_comes_back(path, tmp_path):
+def test_provenance_is_read_back(path, tmp_path):
     data = tmp_path / "run.csv"
     data.write_bytes(b"u,y\n1,2\n")
     given_ = Provenance.of(data, {"nrmse": np.float64(0.01), "holdout_nrmse": None})
@@ -159,7 +159,7 @@ def test_provenance_of_a_missing_file_is_refused(tmp_path):
         ("run.csv", "not a mapping"),
     ],
 )
-def test_refuses_provenance_that_cannot_be_used(provenance, message, path):
+def test_refuses_wrong_provenance(provenance, message, path):
     with pytest.raises(ParameterError, match=message):
         save(PLAYS, path, provenance=provenance)
     assert not path.exists()
@@ -179,7 +179,7 @@ def test_refuses_to_write_what_it_could_not_read(options, message, path):
     assert not path.exists()
 
 
-def test_refuses_to_write_something_else(path):
+def test_refuses_to_write_other_classes(path):
     with pytest.raises(ParameterError, match="cannot hold a dict; give one of Preisach, Relay"):
         save({}, path)
 
@@ -260,13 +260,13 @@ def test_refuses_numbers_that_are_not_finite(number, content, path):
 
 
 @pytest.mark.parametrize("key", ["lag", "offset", "name"])
-def test_refuses_a_key_that_is_said_twice(key, path):
+def test_refuses_a_key_that_is_there_twice(key, path):
     save(Preisach([0.0, 1.0], [[1.0]]), path)
     text = path.read_text()
     start = text.index(f'"{key}"')
     again = text[start : text.index(",", start) + 1]
     path.write_text(text[:start] + again + text[start:])
-    with pytest.raises(ModelFileError, match=f"it says '{key}' twice"):
+    with pytest.raises(ModelFileError, match=f"it has the key '{key}' twice"):
         load(path)
 
 
@@ -290,7 +290,7 @@ def test_refuses_other_files(text, message, path):
         load(path)
 
 
-def test_refuses_what_is_no_file(tmp_path, path):
+def test_refuses_paths_that_are_not_files(tmp_path, path):
     with pytest.raises(ModelFileError, match="there is no file"):
         load(path)
     with pytest.raises(ModelFileError, match="is not a file"):
@@ -370,7 +370,7 @@ def test_a_truncated_file_is_refused(kind, valid, scratch):
     )
 )
 @example(json_like={"format": "minorloop model", "version": 1})
-def test_other_json_in_the_place_of_a_part_is_refused_or_read(json_like, valid, scratch):
+def test_other_json_in_place_of_a_part_is_refused_or_read(json_like, valid, scratch):
     whole = json.loads(valid["preisach"])
     for key in whole:
         read_or_refused(scratch, json.dumps({**whole, key: json_like}).encode())
@@ -379,7 +379,7 @@ def test_other_json_in_the_place_of_a_part_is_refused_or_read(json_like, valid, 
         read_or_refused(scratch, json.dumps({**whole, "model": model}).encode())
 
 
-def test_warnings_go_with_the_model_and_are_said_when_it_is_read(path):
+def test_warnings_are_kept_and_repeated_on_reading(path):
     model = MODELS["preisach"]
     save(model, path)
     assert json.loads(path.read_text())["version"] == 1
@@ -395,7 +395,7 @@ def test_warnings_go_with_the_model_and_are_said_when_it_is_read(path):
 
 
 @pytest.mark.parametrize("letter", ["\n", "\x1b", "\x7f", "\x9b", "\u2028", "\u202e"])
-def test_names_with_characters_that_are_obeyed_are_refused(letter, tmp_path):
+def test_refuses_names_with_control_characters(letter, tmp_path):
     path, model = tmp_path / "m.json", MODELS["preisach"]
     with pytest.raises(ParameterError, match="cannot be printed"):
         save(model, path, input=f"u{letter}x")
@@ -411,14 +411,14 @@ def test_names_with_characters_that_are_obeyed_are_refused(letter, tmp_path):
             read(path)
 
 
-def test_the_name_of_a_data_file_is_kept_as_far_as_it_can_be_printed(tmp_path):
+def test_control_characters_in_the_name_of_a_data_file_are_replaced(tmp_path):
     data = tmp_path / "a\n\x1bb.csv"
     data.write_text("x")
     assert Provenance.of(data).data == "a\N{REPLACEMENT CHARACTER}\N{REPLACEMENT CHARACTER}b.csv"
 
 
 @pytest.mark.parametrize("unit", [b"[", b'{"a":', b"[],", b"1,", b'"a":1,'])
-def test_floods_are_refused_before_they_are_decoded(unit, tmp_path, monkeypatch):
+def test_files_full_of_marks_are_refused_before_decoding(unit, tmp_path, monkeypatch):
     monkeypatch.setattr(msgspec.json, "decode", None)
     path = tmp_path / "m.json"
     path.write_bytes(b'{"format": "minorloop model", "version": 1, "x": ' + unit * 3_000_000)
@@ -426,9 +426,9 @@ def test_floods_are_refused_before_they_are_decoded(unit, tmp_path, monkeypatch)
         read(path)
 
 
-def test_a_key_that_is_there_twice_is_named(tmp_path):
+def test_the_message_names_a_key_that_is_there_twice(tmp_path):
     path = tmp_path / "m.json"
     save(MODELS["polynomial"], path, provenance={"scores": {"first": 1.0, "second": 2.0}})
     path.write_text(path.read_text().replace('"first"', '"second"'))
-    with pytest.raises(ModelFileError, match="it says 'second' twice"):
+    with pytest.raises(ModelFileError, match="it has the key 'second' twice"):
         read(path)

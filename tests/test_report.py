@@ -28,7 +28,7 @@ def test_is_one_file_that_opens_offline(tmp_path):
         page.write(tmp_path / "report.html")
 
 
-def test_text_is_never_markup():
+def test_text_is_escaped():
     report = Report("<b>", "<script>")
     report.add("<i>", text="<u>", table=Table(("<a>",), [("<td>",)]), notes=["<p>"])
     html = report.html()
@@ -36,7 +36,7 @@ def test_text_is_never_markup():
         assert mark not in html
 
 
-def test_the_same_figure_gives_the_same_bytes():
+def test_equal_figures_give_equal_bytes():
     figure = Figure()
     figure.subplots().plot([0, 1])
     assert Picture(figure, "x").address == Picture(figure, "x").address
@@ -55,7 +55,7 @@ def pictures(html):
     return [base64.b64decode(address.removeprefix(head)).decode() for address in addresses]
 
 
-def test_asks_nothing_of_the_network():
+def test_has_no_external_links():
     html = identification_report(
         an_identification(), source="a.csv", input_label="u", output_label="y"
     ).html()
@@ -89,7 +89,7 @@ def test_every_tag_is_closed():
 
 
 @pytest.mark.parametrize("label", ["変位 [メートル]", r"$\foo$ [$]", "a < b & c", "x$_y$"])
-def test_labels_are_shown_as_they_are(label):
+def test_labels_do_not_change(label):
     html = identification_report(
         an_identification(), source="a.csv", input_label=label, output_label=label
     ).html()
@@ -98,7 +98,7 @@ def test_labels_are_shown_as_they_are(label):
     assert label in shown
 
 
-def test_says_what_was_held_out():
+def test_states_what_was_held_out():
     for options, says in (
         ({}, "nothing was held out"),
         ({"holdout": 0.3}, "on held-out data"),

@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[1] / "docs/how-to/instruments.md"
 
 
 def install(folder, module, points):
-    """What ``pip install`` leaves of a package of one file."""
+    """Write the files that ``pip install`` writes for a package of one file."""
     (folder / "acme_stage.py").write_text(module)
     about = folder / "acme_stage-1.0.dist-info"
     about.mkdir(parents=True)
@@ -31,7 +31,8 @@ def installed(tmp_path, monkeypatch):
     points = table.replace("project.entry-points.", "").replace('"', "")
     site = tmp_path / "site"
     site.mkdir()
-    install(site, module, points + "broken = acme_stage:Nothing\n")
+    module += "\ndef simulated(name, *, specimen=None, noise=0.0, seed=0):\n    return specimen\n"
+    install(site, module, f"{points}broken = acme_stage:Nothing\nsim = acme_stage:simulated\n")
     monkeypatch.syspath_prepend(site)
     invalidate_caches()
     monkeypatch.chdir(tmp_path)
@@ -45,6 +46,7 @@ def test_the_address_of_an_installed_driver_is_known(capsys):
         connect("stag:COM3")
     with pytest.raises(ParameterError, match=r"the driver of broken:x cannot be loaded: .*Nothing"):
         connect("broken:x")
+    assert connect("sim:x", specimen=3) == 3
     assert main(["run", "--help"]) == 0
     assert "stage:NAME" in " ".join(capsys.readouterr().out.split())
 

@@ -12,7 +12,7 @@ def blas_threads():
     )
 
 
-def test_few_unknowns_get_one_thread_and_many_keep_theirs():
+def test_one_thread_for_few_unknowns_only():
     np.linalg.inv(np.eye(2))
     with threadpool_limits(2, user_api="blas"):
         with one_thread(10):

@@ -19,7 +19,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, as_levels, frozen
 from minorloop.errors import ParameterError, RecordError
-from minorloop.files import PathLike, shown
+from minorloop.files import PathLike, printable
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
@@ -29,7 +29,7 @@ from minorloop.operators.relays import RelayModel
 Model: TypeAlias = (
     Preisach | RelayModel | PrandtlIshlinskii | GeneralisedPrandtlIshlinskii | Polynomial
 )
-"""What a model file can hold."""
+"""Classes of models in model files."""
 
 KINDS: Mapping[type[Model], str] = {
     Preisach: "preisach",
@@ -38,11 +38,11 @@ KINDS: Mapping[type[Model], str] = {
     GeneralisedPrandtlIshlinskii: "generalised-prandtl-ishlinskii",
     Polynomial: "polynomial",
 }
-"""The word for each class in a file."""
+"""The name of each class in a file."""
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where a model came from.
+    """The origin of a model.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     sha256 : str, optional
         Hexadecimal digest of the bytes of that file.
     scores : dict of str to float
-        How good the model is, by name of the score; None for one that does not apply.
+        Scores of the model by name; None for one that does not apply.
     """
 
     created: Annotated[datetime, msgspec.Meta(tz=True)] | None = None
@@ -66,12 +66,12 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @classmethod
     def of(cls, data: PathLike, scores: Mapping[str, float | None] | None = None) -> Provenance:
-        """Provenance of a model that was identified from a file.
+        """Return the provenance of a model that was identified from a file.
 
         Parameters
         ----------
         data : str or path
-            The file; its name without the folder is kept, and the digest of its bytes.
+            The file; its name without the folder and the digest of its bytes are kept.
         scores : mapping of str to float, optional
             As in the class.
 
@@ -85,7 +85,7 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
         except (OSError, ValueError) as error:
             raise RecordError(f"{data} cannot be read: {reason(error)}") from None
-        name = shown(os.fsencode(Path(data).name).decode(errors="replace"))
+        name = printable(os.fsencode(Path(data).name).decode(errors="replace"))
         return cls(data=name, sha256=digest, scores=dict(scores or {}))
 
 
@@ -94,11 +94,11 @@ class _Strict(msgspec.Struct, forbid_unknown_fields=True):
 
 
 _TRIANGLES = {Preisach: -1, RelayModel: 0}
-"""Classes whose weights are a triangle, and the number of its rows less that of the levels."""
+"""Classes whose weights are a triangle, and the number of its rows minus that of the levels."""
 
 
 def _struct(of: type[Any], **options: Any) -> type[msgspec.Struct]:
-    """Type of the JSON object for a class: its fields are the parameters of the class."""
+    """Return the type of the JSON object for a class, whose fields are its parameters."""
     hints, fields = get_type_hints(of), []
     for name in (field.name for field in dataclasses.fields(of)):
         json_type: Any = hints[name]
@@ -120,11 +120,11 @@ else:
     AnyModel = Union[  # noqa: UP007
         tuple(_struct(of, tag_field="kind", tag=word) for of, word in KINDS.items())
     ]
-"""JSON object of any model; its key ``kind`` says of which class."""
+"""JSON object of any model; its key ``kind`` names the class."""
 
 
 def build(part: msgspec.Struct) -> Any:
-    """Model, or part of one, from its JSON object.
+    """Return the model, or a part of one, from its JSON object.
 
     Raises
     ------
@@ -146,8 +146,9 @@ def build(part: msgspec.Struct) -> Any:
 
 
 LONGEST_WARNING, MOST_WARNINGS = 1000, 20
+"""Characters of a warning, and number of warnings in a file: more than identification gives."""
 Sentence: TypeAlias = Annotated[str, msgspec.Meta(max_length=LONGEST_WARNING, pattern="^[ -~]+$")]
-"""A sentence that every terminal shows as it is: printable ASCII."""
+"""A sentence of printable ASCII, which every terminal can show."""
 
 
 class Named(_Strict):
@@ -158,7 +159,7 @@ class Named(_Strict):
 
 
 class Header(msgspec.Struct):
-    """What says whether a file is a model file, and how to read the rest of it."""
+    """The keys that identify a model file and its version."""
 
     format: str = ""
     version: int = 0
@@ -178,12 +179,12 @@ class Content(_Strict):
 
 
 def kind_of(model: Model) -> str:
-    """The word for the class of a model.
+    """Return the name of the class of a model in a file.
 
     Raises
     ------
     ParameterError
-        If a file cannot hold it.
+        If a file cannot contain it.
     """
     for known, word in KINDS.items():
         if isinstance(model, known):
@@ -193,12 +194,12 @@ def kind_of(model: Model) -> str:
 
 
 def plain(model: Any) -> dict[str, Any]:
-    """The parameters of a model as lists and numbers, squares up to their diagonal."""
+    """Return the parameters of a model as lists and numbers, squares up to their diagonal."""
     return {field.name: _plain(getattr(model, field.name)) for field in dataclasses.fields(model)}
 
 
 def layout(value: object, depth: int = 0) -> str:
-    """JSON with one key of an object, or one row of a table, a line.
+    """Return JSON with one line for each key of an object and each row of a table.
 
     Raises
     ------
@@ -215,7 +216,7 @@ def layout(value: object, depth: int = 0) -> str:
 
 
 def reason(error: Exception) -> str:
-    """One line for why something could not be read or written."""
+    """Return in one line why something could not be read or written."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     text = " ".join(str(error).split()).replace("`$.", "`")
@@ -239,7 +240,7 @@ def _compact(value: object) -> str:
 
 
 def _square(rows: Sequence[Sequence[float]], size: int) -> FloatArray:
-    """Rows up to the diagonal as a square with zeros above it."""
+    """Return rows up to the diagonal as a square with zeros above it."""
     if len(rows) != size:
         raise ParameterError(f"weights have {len(rows)} rows; the levels need {size}")
     for i, row in enumerate(rows):

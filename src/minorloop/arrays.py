@@ -1,4 +1,4 @@
-"""The vocabulary of shapes, and the checks at the door.
+"""Types of arrays, and checks of arguments.
 
 ``T`` is the number of samples, ``S`` of independent signals, ``L`` of bands between
 ``L + 1`` thresholds. Everything inside is float64 and SI.
@@ -24,19 +24,20 @@ Levels: TypeAlias = FloatArray
 """(L + 1,), strictly increasing."""
 
 _CLOSEST = 1e-290
+"""Least distance of levels: one over it is still a float."""
 
 
 def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Samples:
-    """Give a signal as a C-ordered float64 array, refusing what cannot be simulated.
+    """Return a signal as a C-ordered float64 array; refuse others.
 
     Parameters
     ----------
     values : (T,) or (S, T) array_like
         The samples.
     name : str
-        What to call them in an error message.
+        Name of the signal in an error message.
     gaps : bool
-        Whether NaN is allowed, as the mark of a sample that was not measured.
+        Whether NaN is allowed; it marks a sample that was not measured.
 
     Returns
     -------
@@ -47,7 +48,7 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
     SignalError
         If the values are not numbers, have another shape, or are not finite.
     """
-    if isinstance(values, np.ma.MaskedArray):  # what is masked was not measured
+    if isinstance(values, np.ma.MaskedArray):  # masked samples were not measured
         values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         samples = np.ascontiguousarray(values, dtype=np.float64)
@@ -70,8 +71,60 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
     return samples
 
 
+def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
+    """Return strictly increasing times, (T,).
+
+    Raises
+    ------
+    SignalError
+        If there are too few, or they are not finite or do not increase.
+    """
+    times = as_samples(t, name="t")
+    if times.ndim != 1 or times.size < fewest:
+        raise SignalError(f"t has shape {times.shape}; give (T,) times, T at least {fewest}")
+    if not (np.diff(times) > 0).all():
+        index = int(np.argmin(np.diff(times) > 0)) + 1
+        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
+    return times
+
+
+def as_waveform(
+    t: npt.ArrayLike, u: npt.ArrayLike, *, name: str = "u", channels: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """Return times (T,) and the values at these times, (T,) or (channels, T).
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ or the times do not increase.
+    """
+    times, values = as_times(t), as_samples(u, name=name)
+    shape = times.shape if channels == 1 else (channels, *times.shape)
+    if values.shape != shape:
+        raise SignalError(
+            f"{name} has shape {values.shape} and t {times.shape}; give {name} of shape {shape}"
+        )
+    return times, values
+
+
+def as_pair(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and outputs of equal length (T,); NaN marks a gap in y.
+
+    Raises
+    ------
+    SignalError
+        If the shapes differ, or a number is not finite.
+    """
+    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
+    if inputs.ndim != 1 or inputs.shape != outputs.shape:
+        raise SignalError(
+            f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
+        )
+    return inputs, outputs
+
+
 def as_levels(values: npt.ArrayLike) -> Levels:
-    """Give thresholds as a read-only float64 array.
+    """Return thresholds as a read-only float64 array.
 
     Parameters
     ----------
@@ -117,14 +170,14 @@ def as_levels(values: npt.ArrayLike) -> Levels:
 
 
 def frozen(values: npt.ArrayLike) -> FloatArray:
-    """A read-only float64 copy, C-ordered."""
+    """Return a read-only float64 copy, C-ordered."""
     copy = np.array(values, dtype=np.float64, order="C")
     copy.flags.writeable = False
     return copy
 
 
 def uniform_levels(low: float, high: float, bands: int) -> Levels:
-    """``bands + 1`` evenly spaced thresholds from ``low`` to ``high``.
+    """Return ``bands + 1`` evenly spaced thresholds from ``low`` to ``high``.
 
     Raises
     ------
@@ -142,7 +195,7 @@ def uniform_levels(low: float, high: float, bands: int) -> Levels:
 
 
 def as_finite(name: str, value: float) -> float:
-    """Give a number as a float, refusing what is not finite.
+    """Return a finite number as a float; refuse others.
 
     Raises
     ------
@@ -162,17 +215,32 @@ def as_finite(name: str, value: float) -> float:
     return number
 
 
-def as_whole(name: str, value: int, low: int, high: int) -> int:
-    """Give a count as an int, refusing what is not whole or out of its range.
+def as_seconds(name: str, value: float) -> float:
+    """Return a positive time as a float; refuse others.
 
     Raises
     ------
     ParameterError
-        If it is not a whole number from ``low`` to ``high``.
+        If it is not a positive finite number.
+    """
+    number = as_finite(name, value)
+    if number <= 0:
+        raise ParameterError(f"{name} is {value}; give a positive number of seconds")
+    return number
+
+
+def as_whole(name: str, value: int, low: int, high: int | None = None) -> int:
+    """Return a whole number within its range as an int; refuse others.
+
+    Raises
+    ------
+    ParameterError
+        If it is not a whole number from ``low`` to ``high``, or of at least ``low``.
     """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not low <= value <= high:
-        raise ParameterError(f"{name} is {short(value)}; give a whole number from {low} to {high}")
+    if not whole or value < low or (high is not None and value > high):
+        allowed = f"of at least {low}" if high is None else f"from {low} to {high}"
+        raise ParameterError(f"{name} is {short(value)}; give a whole number {allowed}")
     return int(value)
 
 
@@ -182,7 +250,7 @@ def check_kind(name: str, value: object, kind: type) -> None:
     Raises
     ------
     ParameterError
-        Naming the class that is wanted.
+        The message names the right class.
     """
     if not isinstance(value, kind):
         raise ParameterError(f"{name} is {short(value)}; give a {kind.__name__}")
@@ -194,7 +262,7 @@ def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
     Raises
     ------
     ParameterError
-        Naming the words that are allowed.
+        The message names the allowed words.
     """
     if not isinstance(value, str) or value not in allowed:
         words = ", ".join(repr(word) for word in allowed)
@@ -202,16 +270,16 @@ def check_option(name: str, value: object, allowed: Sequence[str]) -> None:
 
 
 def as_triangle(values: npt.ArrayLike, size: int, *, name: str) -> FloatArray:
-    """Give a lower-triangular array as read-only float64.
+    """Return a lower-triangular array as read-only float64.
 
     Parameters
     ----------
     values : (size, size) array_like
         One number for each pair (alpha, beta), beta <= alpha.
     size : int
-        Rows and columns wanted.
+        Number of rows and of columns.
     name : str
-        What to call the values in an error message.
+        Name of the values in an error message.
 
     Raises
     ------

@@ -33,7 +33,8 @@ def connect(
         A simulated actuator: ``twin:ipmc``, ``twin:fibre``, ``twin:wire``, ``twin:head`` or
         ``twin:catheter``. Or real instruments: ``visa:FILE``, a file that describes them as
         `minorloop.lab.drivers.visa` says. Installed packages can add schemes and simulated
-        actuators; the entry point of a scheme is called with ``NAME`` and the options.
+        actuators; the entry point of a scheme is called with ``NAME`` and the options. If it has
+        an option ``specimen``, it is a simulation and gets specimen, noise and seed too.
     specimen : int, optional
         Seed of the specimen; nominal parameters without it.
     noise : float
@@ -41,7 +42,7 @@ def connect(
     seed : int
         Seed of the noise.
     **options
-        Further options of what is at the address. All simulated actuators have ``tick`` and
+        Further options of the actuator. All simulated actuators have ``tick`` and
         ``substeps``; all but the catheter have ``drift``; wire, head and catheter have ``delay``,
         ``faults`` and ``log_truth``; wire and head have ``surroundings`` and ``ageing``.
 
@@ -55,19 +56,19 @@ def connect(
         If there is nothing at the address, its driver cannot be loaded, or an option is unknown
         there or out of its range.
     MissingExtraError
-        If what is asked for needs an extra that is not installed.
+        If the actuator needs an extra that is not installed.
     InstrumentError
         If an instrument does not answer.
     """
     scheme, _, name = address.partition(":") if isinstance(address, str) else ("", "", "")
-    schemes = _registered(SCHEMES)
+    schemes = registered(SCHEMES)
     if scheme not in schemes or not name:
         raise ParameterError(_nothing_at(address))
-    if scheme == "twin":
-        return open_twin(name, specimen=specimen, noise=noise, seed=seed, **options)
-    if specimen is not None or noise != 0 or seed != 0:
-        raise ParameterError(f"{address} is no simulation; leave specimen, noise and seed out")
     opener = _loaded(schemes[scheme], address)
+    if "specimen" in inspect.signature(opener).parameters:
+        options = {"specimen": specimen, "noise": noise, "seed": seed, **options}
+    elif specimen is not None or noise != 0 or seed != 0:
+        raise ParameterError(f"{address} is not simulated; leave specimen, noise and seed out")
     _check_options(address, opener, options)
     opened: Actuator = opener(name, **options)
     return opened
@@ -94,7 +95,7 @@ def open_twin(
     ParameterError
         If there is no such actuator, or it has no such option.
     """
-    twins = _registered(TWINS)
+    twins = registered(TWINS)
     if name not in twins:
         raise ParameterError(_nothing_at(f"twin:{name}"))
     kind = _loaded(twins[name], f"twin:{name}")
@@ -108,11 +109,12 @@ def addresses() -> list[str]:
 
     Those of installed packages are among them.
     """
-    twins = [f"twin:{name}" for name in _registered(TWINS)]
-    return [*twins, *(f"{name}:NAME" for name in _registered(SCHEMES) if name != "twin")]
+    twins = [f"twin:{name}" for name in registered(TWINS)]
+    return [*twins, *(f"{name}:NAME" for name in registered(SCHEMES) if name != "twin")]
 
 
-def _registered(group: str) -> dict[str, EntryPoint]:
+def registered(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group, by name."""
     return {point.name: point for point in entry_points(group=group)}
 
 
@@ -133,8 +135,10 @@ def _nothing_at(address: object) -> str:
 def _check_options(
     address: str, opener: Any, options: dict[str, Any], always: tuple[str, ...] = ()
 ) -> None:
-    """Refuse options that are unknown at an address; the message names those that it takes."""
+    """Refuse unknown options, unless the opener has ``**options`` and checks them itself."""
     parameters = inspect.signature(opener).parameters.values()
+    if any(each.kind is each.VAR_KEYWORD for each in parameters):
+        return
     allowed = [*always, *(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)]
     for name in options:
         if name not in allowed:

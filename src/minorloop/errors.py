@@ -1,4 +1,4 @@
-"""Every error that minorloop raises on purpose.
+"""The errors of minorloop.
 
     MinorloopError
       ParameterError      (ValueError)   an option or a parameter of a model
@@ -12,17 +12,17 @@
       StoreError          (OSError)      an experiment store that cannot be used
       InstrumentError     (OSError)      an instrument that answers late, wrongly or not at all
       SafetyError         (OSError)      a source that may still be on; an InstrumentError
-      FleetError          (OSError)      workers or a scheduler that a fleet cannot go on without
+      FleetError          (OSError)      workers or a scheduler of a fleet that are lost
       MissingExtraError   (ImportError)  an optional dependency that is not installed
 
-A message says what was wrong, the value, the allowed range, and what to do next.
+A message says what is wrong, the value, the allowed range, and what to do.
 """
 
 from __future__ import annotations
 
 
 class MinorloopError(Exception):
-    """Root of the tree: catch it to catch everything minorloop raises on purpose."""
+    """Root of the tree: catch it to catch all errors of minorloop."""
 
 
 class ParameterError(MinorloopError, ValueError):
@@ -30,7 +30,7 @@ class ParameterError(MinorloopError, ValueError):
 
 
 class SignalError(MinorloopError, ValueError):
-    """Samples cannot be used: wrong shape, not finite, too few, constant."""
+    """Samples have a wrong shape, or are not finite, too few or constant."""
 
 
 class UnreachableError(MinorloopError, ValueError):
@@ -42,7 +42,7 @@ class NotInvertibleError(MinorloopError, ValueError):
 
 
 class RecordError(MinorloopError, ValueError):
-    """A measured record is unusable: a missing column, text among numbers, no rows."""
+    """A measured record has a missing column, text among numbers, or no rows."""
 
 
 class ModelFileError(MinorloopError, ValueError):
@@ -66,11 +66,11 @@ class InstrumentError(MinorloopError, OSError):
 
 
 class SafetyError(InstrumentError):
-    """A source was to be made safe and does not say that it is; it may still be on."""
+    """A source did not confirm that it is off; it may still be on."""
 
 
 class FleetError(MinorloopError, OSError):
-    """The workers or the scheduler of a fleet are gone; what is done is kept."""
+    """The workers or the scheduler of a fleet are lost; finished results are kept."""
 
 
 class MissingExtraError(MinorloopError, ImportError):
@@ -79,9 +79,9 @@ class MissingExtraError(MinorloopError, ImportError):
     Parameters
     ----------
     package : str
-        What could not be imported.
+        The package that could not be imported.
     extra : str
-        The extra of minorloop that brings it.
+        The extra of minorloop that installs it.
     """
 
     def __init__(self, package: str, extra: str) -> None:

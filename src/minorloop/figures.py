@@ -1,4 +1,4 @@
-"""The way from a model or result to its figure."""
+"""Find the drawing function of a model or result."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Any
 
 
 def figure_of(result: object, **options: Any) -> Any:
-    """Matplotlib figure of a model or result, drawn by `minorloop.drawing`.
+    """Return the matplotlib figure of a model or result, drawn by `minorloop.drawing`.
 
-    The package is looked up when something is drawn, so that no result depends on how it is drawn.
+    The package is imported when something is drawn, so that results do not depend on it.
 
     Parameters
     ----------
     result : model or result
-        What is drawn.
+        The object to draw.
     **options
-        Of its drawing function, such as ``input_label``.
+        Options of its drawing function, such as ``input_label``.
     """
     return import_module("minorloop.drawing").draw(result, **options)

@@ -1,9 +1,8 @@
-"""Writing files: never over something that exists, never half a file.
+"""Write files completely or not at all, and never over existing ones unless forced.
 
-A place is checked before a long computation, and written in one move after it: the bytes go
-to a temporary file beside the target, which then takes its name. Tables are written so that a
-spreadsheet takes no text in them for a formula, and names are refused that a terminal or a page
-would obey instead of showing them.
+A path is checked before a long computation and written atomically after it: a temporary file in the
+same folder is renamed to the target. A spreadsheet finds no formula in the texts of a table. Names
+with control characters, which terminals and pages interpret, are refused.
 """
 
 from __future__ import annotations
@@ -21,34 +20,34 @@ from minorloop.errors import MinorloopError, OutputError, ParameterError
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
-_UNSHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """C0, DEL and C1, marks and overrides of the direction of writing, line separators."""
 _FORMULA = re.compile(r"'*\s*[\t\r=+\-@\uff1d\uff0b\uff0d\uff20]")
-"""Beginnings that a spreadsheet may take for those of a formula, quoted ones included."""
+"""Beginnings that a spreadsheet may take for those of a formula, also after apostrophes."""
 _DECIMAL = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 def check_name(what: str, name: str, error: type[MinorloopError] = ParameterError) -> str:
-    """Give a name back; refuse one with characters that are obeyed and not shown.
+    """Return a name; refuse one with control characters.
 
-    These are control characters (C0, DEL, C1), marks and overrides of the direction of writing,
-    and the separators of lines and paragraphs.
+    These are C0, DEL and C1, marks and overrides of the direction of writing, and separators of
+    lines and paragraphs.
 
     Parameters
     ----------
     what : str
-        What it is the name of, for the message.
+        What has this name, for the message.
     name : str
         The name.
     error : type of MinorloopError
-        What is raised.
+        Class of the error.
 
     Raises
     ------
     MinorloopError
         Of the type given.
     """
-    found = _UNSHOWN.search(name)
+    found = _CONTROL.search(name)
     if found:
         raise error(
             f"{what} is {name[:60]!a}, which has the character U+{ord(found[0]):04X}; leave out "
@@ -57,17 +56,17 @@ def check_name(what: str, name: str, error: type[MinorloopError] = ParameterErro
     return name
 
 
-def shown(name: str) -> str:
-    """A name with a replacement for each character that `check_name` refuses."""
-    return _UNSHOWN.sub("\N{REPLACEMENT CHARACTER}", name)
+def printable(name: str) -> str:
+    """Return a name in which each character that `check_name` refuses is replaced."""
+    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", name)
 
 
 def table_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table as CSV in which a spreadsheet finds no formula.
+    """Return a table as CSV in which a spreadsheet finds no formula.
 
-    Numbers are written as they are. A text that begins as a formula does, with ``=``, ``+``,
-    ``-``, ``@``, a tab or a carriage return, is written after an apostrophe, as spreadsheets mark
-    text; `unquoted` takes it away again. Carriage returns become line feeds.
+    Numbers do not change. A text that begins like a formula, with ``=``, ``+``, ``-``, ``@``, a tab
+    or a carriage return, gets an apostrophe in front, with which spreadsheets mark text; `unquoted`
+    removes it. Carriage returns become line feeds.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -77,7 +76,7 @@ def table_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 
 
 def unquoted(cell: str) -> str:
-    """The text of a cell that `table_text` wrote."""
+    """Return the text of a cell that `table_text` wrote."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
 
 
@@ -90,12 +89,12 @@ def _quoted(cell: object) -> object:
 
 
 def check_writable(path: PathLike, *, force: bool = False) -> Path:
-    """Give a path back when a file can be written there; refuse it otherwise.
+    """Return the path of a file that can be written; refuse others.
 
     Parameters
     ----------
     path : str or path
-        The file that is going to be written.
+        The file to write.
     force : bool
         Whether a file that exists may be replaced.
 
@@ -106,8 +105,8 @@ def check_writable(path: PathLike, *, force: bool = False) -> Path:
     Raises
     ------
     OutputError
-        If the path is a folder or a device, its folder is missing or closed to writing, or
-        the file exists and ``force`` is false.
+        If the path is a folder or a device, its folder is missing or not writable, or the file
+        exists and ``force`` is false.
     """
     target = _named(path)
     folder = target.parent
@@ -128,16 +127,16 @@ def check_writable(path: PathLike, *, force: bool = False) -> Path:
 
 
 def write_atomically(path: PathLike, content: str | bytes) -> None:
-    """Write a whole file at once, replacing what is there.
+    """Write a file completely or not at all, replacing an existing one.
 
-    A reader sees the old file or the new one, never a part, and a failure leaves the old one.
+    A reader sees the old file or the new one, never a part. A failure leaves the old one.
 
     Parameters
     ----------
     path : str or path
         The file to write.
     content : str or bytes
-        What goes in; text is written as UTF-8 with its line ends as they are.
+        The content; text is written as UTF-8 with unchanged line ends.
 
     Raises
     ------
@@ -161,14 +160,14 @@ def write_atomically(path: PathLike, content: str | bytes) -> None:
 
 
 def make_folder(path: PathLike, *, force: bool = False) -> Path:
-    """Make a folder for results, or accept one that is there and empty.
+    """Make a folder for results, or accept an existing empty one.
 
     Parameters
     ----------
     path : str or path
         The folder; missing parents are made too.
     force : bool
-        Whether it may hold files already, of which some are going to be replaced.
+        Whether it may contain files, of which some will be replaced.
 
     Returns
     -------
@@ -194,28 +193,28 @@ def make_folder(path: PathLike, *, force: bool = False) -> Path:
 
 
 def _named(path: PathLike) -> Path:
-    """The path, unless no file could have it as its name."""
+    """Return the path; refuse one that cannot be the name of a file."""
     if "\0" in os.fspath(path):
         raise OutputError(f"{os.fspath(path)!r} cannot be written: it is not the name of a file")
     return Path(path)
 
 
 def _refusal(path: Path, error: OSError) -> OutputError:
-    """The error to raise for a place where the system says no."""
+    """Return the error to raise for an error of the system."""
     if isinstance(error, OutputError):
         return error
     return OutputError(f"{path} cannot be written: {error.strerror or error}")
 
 
 def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: str = "") -> str:
-    """The first thing in which two descriptions differ, in words; empty if they are the same.
+    """Return the first difference of two descriptions in words; empty if they are equal.
 
     Parameters
     ----------
     before, now : mapping
-        As JSON gives them, one in another to any depth.
+        Objects of JSON, nested to any depth.
     within : str
-        What they are part of: ``meter`` makes a ``scale`` a ``meter.scale``.
+        Name of the object that they are part of: in ``meter``, ``scale`` is ``meter.scale``.
 
     Returns
     -------
@@ -229,9 +228,9 @@ def first_difference(before: Mapping[str, Any], now: Mapping[str, Any], within: 
             if found := first_difference(one, other, path):
                 return found
         elif one != other:
-            return f"{path} was {_said(one)} and is {_said(other)} now"
+            return f"{path} was {_text_of(one)} and is {_text_of(other)} now"
     return ""
 
 
-def _said(value: Any) -> str:
+def _text_of(value: Any) -> str:
     return "left out" if value is None else f"{value!r:.80}"

@@ -1,4 +1,4 @@
-"""Model files: a model, what it maps, and where it came from, as one JSON object.
+"""Model files: a model with names, units, provenance and warnings, as one JSON object.
 
 ::
 
@@ -11,12 +11,11 @@
                     "data": "run.csv", "sha256": "9f86...", "scores": {"nrmse": 0.004}},
      "warnings": ["the output is clipped: ..."]}
 
-``lag`` is the number of whole samples by which the output follows the model. In the provenance
+``lag`` is the number of whole samples by which the output follows the model. In the provenance,
 ``data`` is the name of the file that the model was identified from and ``sha256`` the digest of
-its bytes; both are null where there was none. Scores are numbers by name.
+its bytes; both are null if there was none. Scores are numbers by name.
 
-What ``model`` holds besides its kind depends on the kind. Each key is the parameter of that
-name of the class, where its meaning is defined:
+The other keys of ``model`` depend on its kind. They are the parameters of its class:
 
 ==================================  ==========================================================
 ``preisach``                        levels, weights, offset, relay, diagonal, slope of
@@ -29,10 +28,10 @@ name of the class, where its meaning is defined:
 ``polynomial``                      coefficients, low, high of `Polynomial`
 ==================================  ==========================================================
 
-The weights of the first two are rows up to the diagonal: row i has i + 1 numbers. Numbers are
-decimal and give back the same float64. ``warnings`` are sentences: why the model is not to be
-trusted. A reader refuses keys that it does not know, so a file that says more has a higher version:
-one without warnings has no such key and version 1.
+The weights of the first two are rows up to the diagonal: row i has i + 1 numbers. Decimal numbers
+are read as exactly the same float64. ``warnings`` are sentences that say why the model is not to be
+trusted. A reader refuses unknown keys, so files with warnings have version 2, and files without
+them have version 1.
 """
 
 from __future__ import annotations
@@ -80,32 +79,34 @@ __all__ += ["load", "read", "save", "save_identification"]
 
 FORMAT = "minorloop model"
 VERSION = 2
+"""Newest version that this package writes and reads."""
 LARGEST = 64 * 2**20
 """Bytes of the largest model file: a plane of some 2,000 bands."""
 _MOST = {b",": 2_200_000, b"[": 5_000, b"{": 1_000, b":": 100_000}
-"""Of each mark, what such a plane needs and much more; others would take minutes to be refused."""
+"""Largest number of each mark: more than such a plane needs. Without these bounds, refusing a file
+full of marks takes minutes."""
 
 
 class ModelWarning(UserWarning):
-    """A model file says why its model is not to be trusted."""
+    """The model of a file is not to be trusted."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """What a model file says.
+    """The content of a model file.
 
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
         The model.
     input, output : Quantity
-        Names and units of what it maps.
+        Names and units of its input and output.
     lag : int
         Samples by which the output follows the model.
     provenance : Provenance
-        Where it came from.
+        Origin of the model.
     warnings : tuple of str
-        Why the model is not to be trusted; empty where nothing says so.
+        Why the model is not to be trusted; empty if there are no warnings.
     """
 
     model: Model
@@ -117,7 +118,7 @@ class ModelFile:
 
     @property
     def kind(self) -> str:
-        """The word for the class of the model in the file."""
+        """The name of the class of the model in the file."""
         return kind_of(self.model)
 
     def inverse_columns(self, targets: npt.ArrayLike, found: Inversion) -> dict[str, list[Any]]:
@@ -128,9 +129,9 @@ class ModelFile:
         Parameters
         ----------
         targets : (T,) array_like
-            Outputs wanted.
+            Wanted outputs.
         found : Inversion
-            What the model gave for them.
+            Result for these targets.
         """
         columns = {
             str(self.input): found.u.tolist(),
@@ -154,7 +155,7 @@ def save(
     warnings: Sequence[str] = (),
     force: bool = False,
 ) -> None:
-    """Write a model to a file, whole or not at all.
+    """Write a model to a file, completely or not at all.
 
     Parameters
     ----------
@@ -163,13 +164,13 @@ def save(
     path : str or path
         The file to write.
     input, output : str or Quantity
-        Names and units of what it maps, such as ``voltage [V]``.
+        Names and units of its input and output, such as ``voltage [V]``.
     lag : int
         Samples by which the output follows the model.
     provenance : Provenance or mapping, optional
-        Where the model came from; a mapping has the keys of `Provenance`.
+        Origin of the model; a mapping has the keys of `Provenance`.
     warnings : sequence of str
-        Why the model is not to be trusted, as `Identification.warnings` says; at most 20 are kept.
+        Why the model is not to be trusted, such as `Identification.warnings`; at most 20 are kept.
     force : bool
         Whether a file that exists may be replaced.
 
@@ -178,7 +179,7 @@ def save(
     OutputError
         If the file cannot be written, or exists and ``force`` is false.
     ParameterError
-        If a file cannot hold the model or what is said about it.
+        If a file cannot contain the model, the provenance or the warnings.
     """
     target = check_writable(path, force=force)
     content = {
@@ -221,11 +222,11 @@ def save_identification(
     Parameters
     ----------
     found : Identification
-        What was identified.
+        The identification.
     path : str or path
         The file to write.
     data : Provenance
-        The file that it was identified from, as ``Provenance.of`` gives it.
+        Provenance of the record, such as ``Provenance.of(file)``.
     input, output : str or Quantity
         As in `save`.
     warnings : sequence of str, optional
@@ -268,13 +269,13 @@ def load(path: PathLike) -> Model:
     Raises
     ------
     ModelFileError
-        If there is no such file, or it is damaged, inconsistent, too large, something else,
-        or of a newer version.
+        If there is no such file, or it is damaged, inconsistent, too large, not a model file, or of
+        a newer version.
 
     Warns
     -----
     ModelWarning
-        If the file says why the model is not to be trusted.
+        If the file has warnings.
     """
     known = read(path)
     if known.warnings:
@@ -283,7 +284,7 @@ def load(path: PathLike) -> Model:
 
 
 def read(path: PathLike) -> ModelFile:
-    """Read a model file: the model, and all that is said about it.
+    """Read the whole content of a model file.
 
     Parameters
     ----------
@@ -344,7 +345,7 @@ def _check_words(provenance: Provenance) -> None:
 
 
 def _check_repeats(data: bytes) -> None:
-    """Refuse an object that says a key twice: readers differ in which of the two they take."""
+    """Refuse an object that has a key twice: readers differ in which of the two they use."""
     number: Any = float  # whole numbers may have more digits than int() takes
     json.loads(data.decode(), object_pairs_hook=_once, parse_int=number)
 
@@ -353,12 +354,12 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     known = dict(pairs)
     if len(known) < len(pairs):
         twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
-        raise ParameterError(f"it says {twice!r} twice; keep one of the two")
+        raise ParameterError(f"it has the key {twice!r} twice; keep one of the two")
     return known
 
 
 def _flood(data: bytes) -> str:
-    """Which mark there is too much of, in words; empty where there is none."""
+    """Return in words of which mark there are too many; empty if of none."""
     for mark, most in _MOST.items():
         if (count := data.count(mark)) > most:
             return f"it has {count} of the mark {mark.decode()}, a model file {most} at most"
@@ -366,7 +367,7 @@ def _flood(data: bytes) -> str:
 
 
 def _check_header(path: PathLike, data: bytes) -> None:
-    """Refuse what is no model file, or one that a newer version wrote."""
+    """Refuse files that are not model files, or that a newer version wrote."""
     if flood := _flood(data):
         raise ModelFileError(f"{path} is not a model file, is damaged, or is not JSON: {flood}")
     try:
@@ -396,7 +397,7 @@ def _named(quantity: str | Quantity) -> dict[str, str]:
 
 
 def _complete(provenance: Provenance | Mapping[str, Any] | None) -> dict[str, Any]:
-    """Provenance as it is written, with date and version filled in."""
+    """Return the provenance to write, with date and version filled in."""
     try:
         if isinstance(provenance, Provenance):
             provenance = msgspec.structs.asdict(provenance)

@@ -1,4 +1,4 @@
-"""Linear algebra in one thread, where more would only wait for each other."""
+"""Limit linear algebra on small matrices to one thread."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from functools import cache
 from threadpoolctl import ThreadpoolController
 
 _THREADED = 3000
-"""Unknowns from which on a second thread gains anything."""
+"""Number of unknowns from which a second thread makes a solution faster."""
 
 
 @contextmanager
 def one_thread(unknowns: int = 0) -> Iterator[None]:
-    """Keep the linear algebra to one thread where there are few unknowns.
+    """Limit linear algebra to one thread if there are few unknowns.
 
-    Threads gain little on small matrices, and wait for each other, tens of times as long as the
-    work takes, once anything else keeps a core busy.
+    On small matrices threads gain little. If another process keeps a core busy, they wait for each
+    other tens of times longer than the computation takes.
 
     Parameters
     ----------
     unknowns : int
-        Of the largest system that is solved; from 3,000 on nothing is limited.
+        Unknowns of the largest system to solve; above 3,000 nothing is limited.
     """
     if unknowns > _THREADED:
         yield
@@ -33,6 +33,6 @@ def one_thread(unknowns: int = 0) -> Iterator[None]:
 
 @cache
 def _linear_algebra() -> ThreadpoolController:
-    import scipy.linalg  # noqa: F401  # its library has threads of its own: only loaded ones count
+    import scipy.linalg  # noqa: F401  # has a library with threads, which counts once it is loaded
 
     return ThreadpoolController()  # type: ignore[no-untyped-call]

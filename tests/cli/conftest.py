@@ -1,4 +1,4 @@
-"""A folder with files in it, and the command line driven as a user would."""
+"""A folder with files, and the command line as a user calls it."""
 
 import json
 import shlex
@@ -16,7 +16,7 @@ MODEL = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(size=(8, 8))),
 
 @pytest.fixture(autouse=True)
 def _somewhere(tmp_path, monkeypatch):
-    """A folder of its own with a record, targets and a model."""
+    """A separate folder with a record, targets and a model."""
     monkeypatch.chdir(tmp_path)
     u = np.concatenate([[-1, 1], np.random.default_rng(1).uniform(-1, 1, 398)])
     write("good.csv", "voltage [V],length [um]", np.column_stack([u, MODEL.simulate(u)]))
@@ -30,13 +30,13 @@ def write(name, header, rows):
 
 @pytest.fixture
 def model():
-    """What the record was simulated with."""
+    """The model of the simulated record."""
     return MODEL
 
 
 @pytest.fixture
 def run(capsys):
-    """Exit status, stdout and stderr of a command line."""
+    """Return exit status, stdout and stderr of a command line."""
 
     def run(line):
         status = main(shlex.split(line))
@@ -48,7 +48,7 @@ def run(capsys):
 
 @pytest.fixture
 def refused(run):
-    """The one line that an error is, after checking that it is one."""
+    """Return the error, after checking that it is one line."""
 
     def refused(line):
         status, out, err = run(line)
@@ -63,7 +63,7 @@ def refused(run):
 
 @pytest.fixture
 def answer(run):
-    """The one JSON object that ``--json`` prints."""
+    """Return the JSON object that ``--json`` prints."""
 
     def forbidden(constant):
         raise AssertionError(f"{constant} is not JSON")

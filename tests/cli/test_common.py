@@ -18,7 +18,7 @@ ends = st.none() | st.integers(-20, 20)
 
 
 @given(st.integers(1, 15), ends, ends)
-def test_rows_are_those_of_a_slice_or_refused(total, first, last):
+def test_rows_equal_those_of_a_slice_or_are_refused(total, first, last):
     text = ":".join("" if end is None else str(end) for end in (first, last))
     wanted = range(total)[slice(first, last)]
     inside = all(end is None or -total <= end <= total for end in (first, last))
@@ -29,12 +29,12 @@ def test_rows_are_those_of_a_slice_or_refused(total, first, last):
             _common.as_rows(text, total)
 
 
-def test_all_rows_without_being_asked():
+def test_without_the_option_all_rows_are_used():
     assert _common.as_rows(None, 7) == slice(0, 7)
 
 
 @pytest.mark.parametrize("text", ["", "5", "a:b", "1:2:3", "1.5:3", "1-3"])
-def test_rows_that_are_none_are_told_what_they_look_like(text):
+def test_refuses_wrong_rows_and_gives_an_example(text):
     with pytest.raises(ParameterError, match=r"two whole numbers A:B, such as 200:7000"):
         _common.as_rows(text, 9)
 
@@ -50,7 +50,7 @@ def test_numbers_of_options(parse, text, value):
             parse(bad)
 
 
-def test_json_has_no_number_that_json_lacks(capsys):
+def test_numbers_that_json_lacks_become_null(capsys):
     content = {"a": math.nan, "b": [math.inf, 1.0], "c": np.array([-math.inf, 2.0])}
     _common.print_json(content | {"d": np.float64(0.5), "e": np.int64(3), "f": None, "g": "µ"})
     assert json.loads(capsys.readouterr().out) == {
@@ -64,7 +64,7 @@ def test_json_has_no_number_that_json_lacks(capsys):
     }
 
 
-def test_a_table_shows_text_as_it_is(capsys):
+def test_a_table_shows_text_without_markup(capsys):
     _common.print_table(("voltage [V]", "[red]"), [("[b]", "1")], "length [1/m] and [i]")
     _common.print_advice(["try [bold]"])
     shown = capsys.readouterr().out
@@ -72,13 +72,13 @@ def test_a_table_shows_text_as_it_is(capsys):
         assert text in shown
 
 
-def test_nothing_is_drawn_while_working_unless_on_a_terminal(capsys):
+def test_progress_is_drawn_only_on_a_terminal(capsys):
     with _common.working("adding") as now:
         now("subtracting")
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_terminal_is_told_what_goes_on_and_stdout_is_not(monkeypatch, capsys):
+def test_progress_is_shown_on_stderr_only(monkeypatch, capsys):
     class Terminal(io.StringIO):
         def isatty(self):
             return True
@@ -92,7 +92,7 @@ def test_a_terminal_is_told_what_goes_on_and_stdout_is_not(monkeypatch, capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_every_step_is_done_and_the_first_error_raised():
+def test_every_step_is_done_and_the_first_error_is_raised():
     done = []
 
     def fails(name):
@@ -126,7 +126,7 @@ def test_a_report_that_cannot_be_drawn_is_one_sentence():
     assert "<h1>a</h1>" in Path("new.html").read_text()
 
 
-def test_places_for_results():
+def test_refuses_outputs_that_cannot_be_written():
     new, old = Path("new.csv"), Path("targets.csv")
     _common.check_outputs([None, new, None], force=False)
     _common.check_outputs([old], force=True)
@@ -139,7 +139,7 @@ def test_places_for_results():
 
 @pytest.mark.parametrize("other", ["new.csv", "./new.csv", "here/../new.csv", "link.csv"])
 @pytest.mark.parametrize("force", [False, True])
-def test_two_results_never_share_a_file(other, force):
+def test_two_results_cannot_have_the_same_file(other, force):
     Path("here").mkdir()
     Path("link.csv").symlink_to("new.csv")
     with pytest.raises(OutputError, match="is given for two results"):
@@ -147,13 +147,13 @@ def test_two_results_never_share_a_file(other, force):
 
 
 @pytest.mark.parametrize("name", ["good.csv", "./good.csv", "link.csv"])
-def test_what_is_read_is_never_replaced(name):
+def test_inputs_are_never_replaced(name):
     Path("link.csv").symlink_to("good.csv")
     with pytest.raises(OutputError, match="is an input and is not replaced"):
         _common.check_outputs([Path(name)], inputs=[Path("good.csv")], force=True)
 
 
-def test_a_table_is_written_whole_and_reads_back():
+def test_a_table_is_written_and_read_back():
     values = np.array([0.1, 1 / 3, -2e-300])
     _common.write_csv(Path("new.csv"), {"a, b [µm]": values, "n": [1, 2, 3]}, force=False)
     np.testing.assert_array_equal(_common.read_column(Path("new.csv"), "a, b"), values)

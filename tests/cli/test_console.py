@@ -23,7 +23,7 @@ import pytest
         ("--name https://a.example", "give a host name such as console.example.org"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_sentence(run, options, sentence):
+def test_refuses_wrong_options_in_one_sentence(run, options, sentence):
     status, out, error = run(f"console {options}")
     assert (status, out) == (2, "")
     assert sentence in error

@@ -22,7 +22,7 @@ def test_json_has_the_figures_of_merit(answer):
     assert found["measurements"] == found["unknowns"] == 56
 
 
-def test_prints_a_row_a_target(run):
+def test_prints_a_row_for_each_target(run):
     status, out, err = run("demo --seed 1")
     result = run_positioning(1)
     assert (status, err) == (0, "")
@@ -34,7 +34,7 @@ def test_prints_a_row_a_target(run):
     assert list(Path().glob("*.html")) == []
 
 
-def test_leaves_report_data_and_model_that_agree(answer, run, refused):
+def test_report_data_and_model_agree(answer, run, refused):
     status, out, err = run("demo --out new/result --seed 2")
     assert (status, err) == (0, "")
     assert "report written to new/result/report.html; open it in a browser" in out
@@ -83,11 +83,11 @@ def test_the_report_opens_offline(run):
         ("--out .", "is not empty"),
     ],
 )
-def test_what_cannot_be_run_is_refused(options, says, refused):
+def test_refuses_wrong_options(options, says, refused):
     assert says in refused(f"demo {options}")
 
 
-def test_a_folder_is_looked_at_before_the_work(refused, monkeypatch):
+def test_a_folder_is_checked_before_the_computation(refused, monkeypatch):
     def too_late(*args, **options):
         pytest.fail("the work was begun")
 
@@ -95,7 +95,7 @@ def test_a_folder_is_looked_at_before_the_work(refused, monkeypatch):
     assert "is not empty" in refused("demo --out .")
 
 
-def test_a_report_that_cannot_be_drawn_costs_neither_data_nor_numbers(run, monkeypatch):
+def test_data_and_numbers_are_kept_if_the_report_cannot_be_drawn(run, monkeypatch):
     def fail(result):
         raise RuntimeError("no fonts")
 

@@ -43,7 +43,7 @@ def test_figures_as_json(answer):
     assert 0 < found["input_error"] < 1e-12
 
 
-def test_a_linear_part_from_a_file(run, tmp_path):
+def test_a_linear_part_is_read_from_a_file(run, tmp_path):
     (tmp_path / "lag.json").write_text(
         json.dumps({"numerator": [0.2], "denominator": [1, -0.8], "interval": 0.01, "delay": 0.02})
     )
@@ -65,7 +65,7 @@ def test_a_linear_part_from_a_file(run, tmp_path):
         ('{"numerator": [1], "denominator": [1], "interval": 1, "delay": true}', "delay True"),
     ],
 )
-def test_a_linear_part_that_cannot_be_used(refused, tmp_path, content, message):
+def test_refuses_unusable_linear_parts(refused, tmp_path, content, message):
     (tmp_path / "lag.json").write_text(content)
     assert message in refused(f"{LINE} --linear lag.json")
     assert not (tmp_path / "firmware").exists()
@@ -77,7 +77,7 @@ def test_a_linear_part_that_cannot_be_used(refused, tmp_path, content, message):
         ("export rust model.json --out x", "no export 'rust'; give one of c, fmu"),
         ("export c nothing.json --out x", "there is no file nothing.json"),
         ("export c good.csv --out x", "good.csv"),
-        (f"{LINE} --memory 2", "memory is 2 extrema"),
+        (f"{LINE} --memory 2", "memory is 2;"),
         (f"{LINE} --largest -5", "largest is -5 bytes"),
         (f"{LINE} --largest 100", "needs 1955 bytes, 595 of tables"),
         (f"{LINE} --linear nothing.json", "cannot be read"),
@@ -97,7 +97,7 @@ def test_refusals(refused, line, message):
     assert message in refused(line)
 
 
-def test_files_are_replaced_where_that_is_asked_for(run, refused, tmp_path):
+def test_force_replaces_files(run, refused, tmp_path):
     assert run(LINE)[0] == 0
     (tmp_path / "firmware" / "main.c").write_text("mine")
     (tmp_path / "firmware" / "minorloop.c").write_text("old")

@@ -19,7 +19,7 @@ def test_a_fleet_of_two_and_one_that_is_missing(answer, run, tmp_path):
     assert "three quarters" in out
 
 
-def test_a_fleet_of_which_nothing_is_identified_has_a_status_of_its_own(run, tmp_path):
+def test_the_exit_status_is_1_if_nothing_is_identified(run, tmp_path):
     (tmp_path / "manifest.csv").write_text(f"{HEADER}\na,gone.csv,u,y\nb,lost.csv,u,y\n")
     status, out, said = run("fleet identify manifest.csv --out fleet --levels 8")
     assert status == 1

@@ -34,7 +34,7 @@ def test_the_inputs_bring_the_model_to_the_targets(start, run, model):
     assert reachable.all()
 
 
-def test_json_carries_the_inputs_unless_a_file_does(answer, model):
+def test_json_contains_the_inputs_unless_they_are_saved(answer, model):
     found = answer(INVERT)
     np.testing.assert_allclose(model.simulate(found["u"]), WANTED, atol=1e-10)
     assert (found["targets"], found["unreachable"]) == (3, 0)
@@ -43,7 +43,7 @@ def test_json_carries_the_inputs_unless_a_file_does(answer, model):
     assert set(saved) == {"targets", "worst_residual", "unreachable"}
 
 
-def test_a_target_out_of_reach_is_refused_with_the_way_out(refused):
+def test_refuses_a_target_out_of_reach_and_names_the_remedy(refused):
     said = refused("invert model.json far.csv --target length --save in.csv")
     assert "target 1000 at index 1 is beyond what the model can reach, [-" in said
     assert said.endswith("; pass --clip to go as near as it can\n")
@@ -51,7 +51,7 @@ def test_a_target_out_of_reach_is_refused_with_the_way_out(refused):
     assert not Path("in.csv").exists()
 
 
-def test_clipping_goes_as_near_as_it_can_and_says_so(run, answer, model):
+def test_clipping_goes_as_near_as_possible_and_marks_the_targets(run, answer, model):
     line = "invert model.json far.csv --target length --clip"
     out = run(line)[1]
     assert "2 of 3 targets are out of reach of the model" in out
@@ -89,7 +89,7 @@ def test_rounding_error_is_not_shown(run):
     ],
 )
 @pytest.mark.parametrize("clip", ["", "--clip"])
-def test_models_without_an_inverse_say_why(other, says, clip, refused, model):
+def test_refuses_models_without_an_inverse(other, says, clip, refused, model):
     modelfile.save(other(model), "other.json")
     line = f"invert other.json targets.csv --target length {clip} --save in.csv"
     assert says in refused(line)
@@ -117,7 +117,7 @@ def test_every_model_with_an_inverse_is_inverted(answer):
         ("--save model.json --force", "model.json is an input"),
     ],
 )
-def test_options_that_cannot_be_used(options, says, refused):
+def test_refuses_unusable_options(options, says, refused):
     before = {path: path.read_bytes() for path in Path().iterdir()}
     assert says in refused(f"{INVERT} {options}")
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
@@ -138,7 +138,7 @@ def test_a_column_in_another_unit_is_refused(run, refused):
     assert run("invert model.json plain.csv --target length")[0] == 0
 
 
-def test_the_table_of_inputs_says_why_the_model_is_not_to_be_trusted(run, model):
+def test_the_table_of_inputs_contains_the_warnings_of_the_model(run, model):
     modelfile.save(model, "model.json", warnings=["it is clipped", "it lags"], force=True)
     assert run(f"{INVERT} --save in.csv")[0] == 0
     header, first, second, *_ = Path("in.csv").read_text().splitlines()
@@ -150,7 +150,7 @@ def test_the_table_of_inputs_says_why_the_model_is_not_to_be_trusted(run, model)
 
 
 @pytest.mark.parametrize("verb", [INVERT, "simulate model.json good.csv --input voltage"])
-def test_what_the_file_says_against_its_model_is_said_with_every_answer(verb, run, model):
+def test_warnings_of_the_file_are_repeated_with_every_result(verb, run, model):
     modelfile.save(model, "model.json", warnings=["the output is clipped"], force=True)
     for option in ("", "--json"):
         status, out, err = run(f"{verb} {option}")

@@ -1,4 +1,4 @@
-"""What holds for the program as a whole, whatever the verb."""
+"""Tests of the program as a whole, for all verbs."""
 
 import os
 import subprocess
@@ -47,11 +47,11 @@ def test_says_its_version(run):
         ("invert model.json targets.csv --target", "'--target' requires an argument"),
     ],
 )
-def test_what_is_not_understood_is_refused_in_one_line(line, says, refused):
+def test_refuses_wrong_command_lines_in_one_line(line, says, refused):
     assert says in refused(line)
 
 
-def test_an_error_cannot_drive_the_terminal_nor_flood_it(refused):
+def test_errors_are_short_and_without_control_characters(refused):
     Path("odd.csv").write_text("a\x1b[31m,b\n1,2\n", encoding="utf-8")
     said = refused("simulate model.json odd.csv --input voltage")
     assert "\x1b" not in said
@@ -79,7 +79,7 @@ def test_several_lines_become_one(monkeypatch, refused):
         (BrokenPipeError(), 1, ""),
     ],
 )
-def test_what_may_happen_anywhere_is_no_traceback(error, status, says, monkeypatch, run):
+def test_general_errors_give_no_traceback(error, status, says, monkeypatch, run):
     def fail(path):
         raise error
 
@@ -114,7 +114,7 @@ def test_help_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
 
 
-def test_a_unit_that_the_terminal_cannot_show_is_no_failure():
+def test_a_unit_that_the_terminal_cannot_show_is_replaced():
     found = modelfile.read("model.json")
     modelfile.save(found.model, "model.json", output="length [µm]", force=True)
     Path("targets.csv").write_text("length\n0.3\n1.5\n-2.0\n")
@@ -126,7 +126,7 @@ def test_a_unit_that_the_terminal_cannot_show_is_no_failure():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is full")
-def test_a_full_disk_behind_the_output_is_one_line():
+def test_a_full_disk_gives_an_error_in_one_line():
     command = [*PROGRAM, "simulate", "model.json", "good.csv", "--input", "voltage", "--json"]
     with open("/dev/full", "w") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
@@ -135,7 +135,7 @@ def test_a_full_disk_behind_the_output_is_one_line():
     assert done.stderr.count("\n") == 1
 
 
-def test_a_reader_that_goes_away_is_met_with_silence():
+def test_an_output_that_is_closed_gives_no_message():
     command = [*PROGRAM, "simulate", "model.json", "good.csv", "--input", "voltage", "--json"]
     ends = os.pipe()
     os.close(ends[0])

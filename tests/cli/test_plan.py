@@ -23,7 +23,7 @@ def test_the_inputs_are_those_of_the_library(pattern, answer):
     assert found["hours"] == inputs.size / 60
 
 
-def test_is_written_as_a_table_that_reads_back(run):
+def test_the_written_plan_can_be_read_back(run):
     status, out, err = run(f'{PLAN} --hold 60 --input "voltage [V]" --save plan.csv')
     assert (status, err) == (0, "")
     assert "11 holds of 60 s, 11 min in all" in out
@@ -43,12 +43,12 @@ def test_short_holds_are_given_in_seconds(run):
     assert "11 holds of 0.01 s, 0.11 s in all" in run(f"{PLAN} --hold 0.01")[1]
 
 
-def test_says_what_does_not_determine_the_plane(run):
+def test_reports_plans_that_do_not_determine_the_plane(run):
     out = run("plan staircase --low 0 --high 1 --levels 9")[1]
     assert "does not determine the plane" in out
 
 
-def test_a_large_plan_leaves_out_what_takes_long(monkeypatch, run, answer):
+def test_large_plans_are_not_ranked(monkeypatch, run, answer):
     monkeypatch.setattr(plan, "_RANKED", 3)
     assert "what more than 3 bands determine is not computed" in run(PLAN)[1]
     found = answer(PLAN)
@@ -82,7 +82,7 @@ def test_a_large_plan_leaves_out_what_takes_long(monkeypatch, run, answer):
         (f"{PLAN} --save good.csv", "or --force to replace it"),
     ],
 )
-def test_what_cannot_be_planned_is_refused(line, says, refused):
+def test_refuses_impossible_plans(line, says, refused):
     assert says in refused(line)
 
 

@@ -33,7 +33,7 @@ def test_a_finished_run_is_not_repeated(run, answer):
 
 
 def _killed(line, points, delay):
-    """Kill a process a moment after its log has told of so many points; whether it was."""
+    """Kill a process soon after its log has this number of points; return whether it was killed."""
     with started(line) as (process, log):
         for _ in range(points):
             if not log.readline():
@@ -45,7 +45,7 @@ def _killed(line, points, delay):
 
 
 def _killed_until_done(chance):
-    """Run the plan and kill it at random instants until it ends; how often it was so far."""
+    """Run the plan and kill it at random instants until it ends; return how often."""
     for kills in range(1, 41):
         begun = Path("runs.sqlite").exists()
         line = "resume --store runs.sqlite" if begun else f"{RUN} --store runs.sqlite"
@@ -56,7 +56,7 @@ def _killed_until_done(chance):
 
 
 @pytest.mark.parametrize("number", range(KILLED_RUNS))
-def test_killed_again_and_again_it_ends_as_if_nothing_had_been(number, run):
+def test_a_run_killed_many_times_ends_like_one_that_was_not(number, run):
     """SIGKILL at random instants loses nothing, repeats nothing and changes nothing."""
     chance = random.Random(number)
     run(f"{RUN} --store whole.sqlite")

@@ -109,13 +109,13 @@ def test_an_adaptive_store_is_identified_as_it_was_run(run, answer):
     assert "samples held out" in run("identify own.sqlite")[1]
 
 
-def test_an_adaptive_run_says_what_it_took_and_keeps_within_its_hours(run, answer):
+def test_an_adaptive_run_reports_its_holds_and_keeps_its_hours(run, answer):
     out = run(f"{ADAPTIVE} --hours 0.28 --store h.sqlite")[1]
     assert "7 levels measured; 3 kept for repetitions were not needed" in out
     assert answer("runs show --store h.sqlite")["levels"] == 10
 
 
-def test_points_that_never_settled_are_warned_of():
+def test_warns_of_points_that_did_not_settle():
     said = _unsettled({"points": 4, "unsettled": 2})
     assert "2 of 4 points had not settled" in said[0]
     assert _unsettled({"points": 4, "unsettled": 1}) == _unsettled({"points": 0}) == []
@@ -128,7 +128,7 @@ def test_options_of_adaptive_runs_are_refused_with_a_plan(option, refused):
     assert f"{option.split()[0]} is for --plan adaptive" in said
 
 
-def test_too_few_hours_and_own_holdouts_are_refused(run, refused):
+def test_refuses_too_few_hours_and_holdouts_of_adaptive_runs(run, refused):
     assert "give 0.278 h or more" in refused(f"{ADAPTIVE} --hours 0.2 --store a.sqlite")
     run(f"{ADAPTIVE} --holds 3 --store a.sqlite")
     assert "leave --rows and --holdout out" in refused("identify a.sqlite --holdout 0.3")

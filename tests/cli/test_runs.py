@@ -11,7 +11,7 @@ def _planned(_somewhere, run):
     assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
 
 
-def test_shows_what_is_in_a_store(run, answer):
+def test_shows_the_content_of_a_store(run, answer):
     run(f"{RUN} --store runs.sqlite")
     out = run("runs list --store runs.sqlite")[1]
     assert "11 of 11" in out

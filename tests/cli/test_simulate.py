@@ -13,7 +13,7 @@ def inputs():
 
 
 @pytest.mark.parametrize("start", ["negative", "positive", "demagnetised"])
-def test_writes_what_the_model_gives(start, run, model):
+def test_writes_the_outputs_of_the_model(start, run, model):
     status, out, err = run(f"{SIMULATE} --start {start} --save out.csv")
     assert (status, err) == (0, "")
     assert "400 samples of length" in out
@@ -30,7 +30,7 @@ def test_without_a_file_says_that_nothing_was_written(run):
     assert set(Path().iterdir()) == before
 
 
-def test_json_carries_the_outputs_unless_a_file_does(answer, model):
+def test_json_contains_the_outputs_unless_they_are_saved(answer, model):
     found = answer(SIMULATE)
     assert found["y"] == model.simulate(inputs()).tolist()
     assert (found["least"], found["greatest"]) == (min(found["y"]), max(found["y"]))
@@ -38,7 +38,7 @@ def test_json_carries_the_outputs_unless_a_file_does(answer, model):
     assert saved == {key: found[key] for key in ("samples", "least", "greatest")}
 
 
-def test_the_lag_of_the_file_is_put_in(answer, model):
+def test_the_lag_of_the_file_is_applied(answer, model):
     modelfile.save(model, "late.json", lag=2)
     y = model.simulate(inputs())
     found = answer("simulate late.json good.csv --input voltage")["y"]
@@ -87,7 +87,7 @@ def test_damaged_models_are_refused(change, says, refused):
     assert refused("invert bad.json targets.csv --target length") == said
 
 
-def test_what_is_no_model_is_refused(refused, tmp_path, monkeypatch):
+def test_refuses_files_that_are_not_models(refused, tmp_path, monkeypatch):
     assert "there is no file nope.json" in refused("simulate nope.json good.csv --input voltage")
     assert "is not a file" in refused(f"simulate {tmp_path} good.csv --input voltage")
     assert "not JSON" in refused("simulate good.csv good.csv --input voltage")
@@ -106,7 +106,7 @@ def test_what_is_no_model_is_refused(refused, tmp_path, monkeypatch):
         ("--input volts", "has no column 'volts', it has 'voltage [V]', 'length [um]'"),
     ],
 )
-def test_options_that_cannot_be_used(options, says, refused):
+def test_refuses_unusable_options(options, says, refused):
     before = {path: path.read_bytes() for path in Path().iterdir()}
     assert says in refused(f"{SIMULATE} {options}")
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
@@ -117,7 +117,7 @@ def test_a_column_in_another_unit_is_refused(refused):
     assert "is in mV and the model in V" in refused("simulate model.json other.csv --input voltage")
 
 
-def test_inputs_beyond_the_levels_are_said(run):
+def test_reports_inputs_beyond_the_levels(run):
     Path("far.csv").write_text("voltage [V]\n0.5\n100\n-1000\n")
     status, _, err = run("simulate model.json far.csv --input voltage")
     assert status == 0

@@ -20,7 +20,7 @@ INPUTS = st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=30)
 
 
 @given(INPUTS, st.floats(-1, 1))
-def test_operator_first_is_one_after_the_other(u, before):
+def test_operator_first_equals_both_parts_in_series(u, before):
     t = 0.4 * np.arange(1, len(u) + 1)
     w = PLANE.simulate([before, *u])
     b, a, _ = signal.cont2discrete(([1.5, 1.5], [1.0, 2.5, 1.0]), 0.4)
@@ -31,10 +31,10 @@ def test_operator_first_is_one_after_the_other(u, before):
 
 
 @given(INPUTS, st.floats(-1, 1))
-def test_linear_first_is_one_after_the_other(u, before):
+def test_linear_first_equals_both_parts_in_series(u, before):
     t = 0.4 * np.arange(1, len(u) + 1)
-    felt = G.simulate(t, u, before=before)
-    wanted = PLANE.simulate([1.5 * before, *felt])[1:]
+    filtered = G.simulate(t, u, before=before)
+    wanted = PLANE.simulate([1.5 * before, *filtered])[1:]
     got = Cascade(PLANE, G, "linear").simulate(t, u, before=before)
     np.testing.assert_allclose(got, wanted, atol=1e-12)
 
@@ -49,7 +49,7 @@ def test_the_order_matters():
 @ORDERS
 @given(u=INPUTS, before=st.floats(-1, 1), late=st.integers(0, 3))
 @settings(max_examples=30)
-def test_step_by_step_is_simulate(first, u, before, late):
+def test_single_steps_equal_simulate(first, u, before, late):
     system = Linear(G.numerator, G.denominator, delay=0.4 * late).discretise(0.4)
     cascade = Cascade(PLANE, system, first)
     state, y = cascade.begin(before), []
@@ -62,7 +62,7 @@ def test_step_by_step_is_simulate(first, u, before, late):
 
 @ORDERS
 @pytest.mark.parametrize("before", [-0.8, 0.6])
-def test_rests_where_it_settled(first, before):
+def test_a_settled_cascade_stays_constant(first, before):
     cascade, t = Cascade(PLANE, G, first), np.arange(20.0)
     y = cascade.simulate(t, np.full(t.size, before), before=before)
     wanted = PLANE.simulate([1.5 * before]) if first == "linear" else 1.5 * PLANE.simulate([before])
@@ -72,7 +72,7 @@ def test_rests_where_it_settled(first, before):
 
 
 @ORDERS
-def test_slow_inputs_leave_the_operator_alone(first):
+def test_slow_inputs_give_the_outputs_of_the_operator(first):
     t = np.linspace(0, 4e4, 4001)
     u = np.sin(2 * np.pi * t / 2e4)
     y = Cascade(PLANE, G.normalised(), first).simulate(t, u, before=0.0, between="straight")
@@ -80,7 +80,7 @@ def test_slow_inputs_leave_the_operator_alone(first):
     assert np.abs(y - w).max() < 5e-3 * np.ptp(PLANE.range)
 
 
-def swelling(reach, centre=0.0, seconds=30.0, interval=0.02):
+def growing_sine(reach, centre=0.0, seconds=30.0, interval=0.02):
     t = np.arange(0, seconds, interval)
     return t, centre + reach * np.minimum(t / 10, 1) * np.sin(0.7 * t)
 
@@ -95,7 +95,7 @@ def test_the_inverse_brings_the_output_to_the_filtered_target(first, operator):
     system = Linear.lags(2.0, 0.5)
     rest = float(operator.simulate([-1.0, 0.0])[-1])
     start = operator.step("negative", -1.0)[1]
-    t, targets = swelling(0.4, rest)
+    t, targets = growing_sine(0.4, rest)
     found = Cascade(operator, system, first).invert(t, targets, start, before=0.0)
     assert found.reachable.all()
     smooth = np.convolve([found.filter_time, 1], [found.filter_time, 1])
@@ -108,14 +108,14 @@ def test_the_inverse_brings_the_output_to_the_filtered_target(first, operator):
 
 def test_without_more_poles_than_zeros_there_is_no_filter():
     lead = Linear([2.0, 1.0], [1.0, 1.0])
-    t, targets = swelling(1.0)
+    t, targets = growing_sine(1.0)
     found = Cascade(LINE, lead).invert(t, targets, before=0.0)
     assert found.filter_time == 0
     np.testing.assert_allclose(found.y, targets, atol=1e-5)
 
 
 def test_a_shorter_filter_follows_closer():
-    t, targets = swelling(1.0)
+    t, targets = growing_sine(1.0)
     errors = [
         Cascade(LINE, G).invert(t, targets, before=0.0, filter_time=seconds).rms
         for seconds in (0.8, 0.4, 0.2)
@@ -123,22 +123,22 @@ def test_a_shorter_filter_follows_closer():
     assert errors[0] > 1.8 * errors[1] > 3.2 * errors[2]
 
 
-def test_dead_time_is_left_as_it_is():
+def test_dead_time_is_not_compensated():
     system = Linear.lags(1.0, delay=0.5)
-    t, targets = swelling(1.0)
+    t, targets = growing_sine(1.0)
     found = Cascade(LINE, system).invert(t, targets, before=0.0, filter_time=0.02)
     np.testing.assert_allclose(found.y[26:], targets[:-26], atol=2e-3)
 
 
-def test_a_sampled_system_is_undone_by_its_continuous_counterpart():
-    t, targets = swelling(1.0)
+def test_a_sampled_system_is_inverted_by_its_continuous_counterpart():
+    t, targets = growing_sine(1.0)
     plain = Cascade(LINE, G).invert(t, targets, before=0.0)
     sampled = Cascade(LINE, G.discretise(0.1)).invert(t, targets, before=0.0)
     np.testing.assert_allclose(sampled.u, plain.u, atol=1e-6)
 
 
-def test_targets_out_of_reach():
-    t, targets = swelling(1.5 * PLANE.range[1])
+def test_targets_out_of_reach_are_refused_or_clipped():
+    t, targets = growing_sine(1.5 * PLANE.range[1])
     cascade = Cascade(PLANE, G)
     with pytest.raises(UnreachableError, match="beyond what the model can reach"):
         cascade.invert(t, targets, before=0.0)
@@ -152,10 +152,10 @@ def test_targets_out_of_reach():
     [
         (Linear.from_poles([-1.0, -2.0], [3.0]), "right half plane"),
         (Linear.from_poles([-1.0, 2.0]), "unstable"),
-        (Linear([1.0, 0.0], [1.0, 1.0]), "right half plane or on its edge"),
+        (Linear([1.0, 0.0], [1.0, 1.0]), "right half plane or on the imaginary axis"),
     ],
 )
-def test_refuses_to_undo_what_cannot_be_undone(system, why):
+def test_refuses_systems_without_a_stable_inverse(system, why):
     with pytest.raises(NotInvertibleError, match=why):
         Cascade(LINE, system).invert([0, 1], [0, 0], before=0.0)
 
@@ -172,7 +172,7 @@ def test_refuses_options():
 
 
 def test_prints_and_draws():
-    t, targets = swelling(1.0)
+    t, targets = growing_sine(1.0)
     found = Cascade(LINE, G).invert(t, targets, before=0.0)
     assert "filter time" in str(found)
     assert "0 samples" in str(found)

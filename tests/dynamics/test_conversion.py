@@ -27,7 +27,7 @@ def test_canonical_form_has_the_transfer_function(poles, numbers):
 
 
 @given(POLES, NUMBERS, st.floats(0.05, 2))
-def test_sampled_as_scipy_does_it(poles, numbers, interval):
+def test_sampled_equals_scipy(poles, numbers, interval):
     top, bottom = polynomials(poles, numbers)
     got = conversion.sampled(top, bottom, interval)
     system = conversion.canonical(top, bottom)
@@ -40,7 +40,7 @@ def test_sampled_as_scipy_does_it(poles, numbers, interval):
 
 @given(POLES, NUMBERS, st.floats(0.1, 1))
 @settings(max_examples=25)
-def test_there_and_back(poles, numbers, interval):
+def test_continuous_inverts_sampled(poles, numbers, interval):
     top, bottom = polynomials(poles, numbers)
     again = conversion.continuous(*conversion.sampled(top, bottom, interval), interval)
     s = 1j * np.array([0.03, 0.3, 3.0])
@@ -49,15 +49,15 @@ def test_there_and_back(poles, numbers, interval):
     np.testing.assert_allclose(got, wanted, atol=1e-5 * (1e-3 + np.abs(top).max()))
 
 
-def test_a_pure_gain_stays_one():
+def test_a_pure_gain_does_not_change():
     for convert in (conversion.sampled, conversion.continuous):
         top, bottom = convert(np.array([3.0]), np.array([1.0]), 0.5)
         np.testing.assert_array_equal(top, [3.0])
         np.testing.assert_array_equal(bottom, [1.0])
 
 
-def test_no_zeros_come_of_rounding():
-    """Three lags sampled and back have no zeros, and not two very fast ones."""
+def test_rounding_adds_no_zeros():
+    """Three lags, sampled and made continuous again, have no zeros."""
     top, bottom = np.array([0, 0, 0, 1.0]), np.poly([-1 / 27, -1 / 6, -1 / 2])
     again, _ = conversion.continuous(*conversion.sampled(top, bottom, 1.0), 1.0)
     assert np.count_nonzero(again) == 1

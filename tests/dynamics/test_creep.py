@@ -19,7 +19,7 @@ def random_holds(seed, samples=60):
 
 
 def lagged(t, x, tau, before):
-    """The signal through one lag: what is left of every hold since, summed."""
+    """Output of a first-order lag, by superposition of the steps of its input."""
     edges = np.concatenate([[2 * t[0] - t[1]], t])
     since = np.exp((np.minimum(edges, t[:, None]) - t[:, None]) / tau)
     return before * since[:, 0] + np.diff(since, axis=1) @ x
@@ -35,7 +35,7 @@ def test_a_sum_of_lags(times, seed, before):
     np.testing.assert_allclose(model.simulate(t, x, before=before), wanted, atol=1e-9)
 
 
-def test_a_lag_is_that_of_a_linear_system():
+def test_one_time_constant_equals_a_first_order_system():
     t, x = np.arange(1.0, 50), np.sin(np.arange(49.0))
     wanted = Linear.lags(7.0).simulate(t, x, before=0.4)
     got = Creep([7.0], [1.0], gain=0.0).simulate(t, x, before=0.4)
@@ -43,7 +43,7 @@ def test_a_lag_is_that_of_a_linear_system():
 
 
 @given(TIMES, SEEDS, st.floats(-1, 1))
-def test_what_compensates_brings_every_sample_to_its_target(times, seed, before):
+def test_compensated_signals_bring_every_sample_to_its_target(times, seed, before):
     t, targets = random_holds(seed)
     model = Creep(times, np.linspace(0.4, 0.1, len(times)), gain=0.8, offset=-0.3)
     x = model.compensate(t, targets, before=before)
@@ -58,7 +58,7 @@ def test_settles_at_the_dc_gain():
 
 @given(SEEDS)
 def test_fit_finds_the_output_and_the_settled_gain(seed):
-    """Time constants between those of the grid: the curve is found, not the constants."""
+    """With time constants between those of the grid, the curve is found and not the constants."""
     rng = np.random.default_rng(seed)
     t, x = np.arange(1.0, 1201), np.repeat(rng.normal(size=6), 200)
     truth = Creep(rng.uniform(5, 90, 2), rng.uniform(0.1, 0.5, 2), gain=3.0, offset=-2.0)
@@ -88,8 +88,8 @@ def test_noise_makes_no_strength_negative():
     assert fit.nrmse < 0.012
 
 
-def test_the_slow_part_of_a_strip():
-    """Back-relaxation is creep against the step, a prompt gain beyond the settled one."""
+def test_creep_describes_the_back_relaxation_of_a_strip():
+    """In a strip that relaxes back, creep opposes the prompt response."""
     strip = connect("twin:ipmc")
     strip.apply(0.0, 10.0, 10.0)
     record = strip.apply(1.0, 300.0, 1.0)
@@ -115,7 +115,7 @@ def test_refuses_parameters(make, why):
         make()
 
 
-def test_refuses_what_cannot_be_used():
+def test_refuses_records_without_steps_and_creep_without_prompt_part():
     with pytest.raises(SignalError, match="record at least one step"):
         fit_creep([0, 1, 2], [1, 1, 1], [0, 1, 2])
     with pytest.raises(NotInvertibleError, match="prompt gain"):

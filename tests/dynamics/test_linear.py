@@ -56,7 +56,7 @@ def test_uneven_samples_are_where_even_ones_pass(between):
 
 
 @given(LAGS, st.floats(0, 3), st.floats(-5, 5))
-def test_rests_where_it_settled(times, delay, before):
+def test_a_settled_cascade_stays_constant(times, delay, before):
     system = with_zero(times, delay=delay)
     t = np.linspace(0, 10, 23)
     for between in ("held", "straight"):
@@ -76,7 +76,7 @@ def test_step_response_of_lags_in_closed_form():
     np.testing.assert_allclose(sampled.step_response(at), system.step_response(at), atol=1e-7)
 
 
-def test_a_feedthrough_answers_at_once():
+def test_a_feedthrough_responds_at_once():
     lead = Linear([2.0, 1.0], [1.0, 1.0])
     np.testing.assert_allclose(lead.step_response([0.0, 1.0]), [2.0, 1 + np.exp(-1)], atol=1e-7)
     assert lead.relative_degree == 0
@@ -91,7 +91,7 @@ def test_response_is_that_of_scipy_and_the_dead_time(times, delay):
     np.testing.assert_allclose(system.response(hertz), wanted * late, rtol=1e-9)
 
 
-def test_response_of_a_sampled_system_is_what_a_sine_comes_to():
+def test_response_of_a_sampled_system_is_the_steady_response_to_a_sine():
     sampled = with_zero([0.5, 2.0], delay=0.2).discretise(0.1)
     count = np.arange(1, 1001)
     sines = np.exp(2j * np.pi * (count - 1) / 40)
@@ -103,7 +103,7 @@ def test_response_of_a_sampled_system_is_what_a_sine_comes_to():
 
 @given(LAGS, st.floats(0.02, 2.0), st.integers(0, 5))
 @settings(max_examples=25)
-def test_sampled_and_back(times, interval, late):
+def test_continuous_inverts_discretise(times, interval, late):
     times = [x for x in times if x > interval / 4] or [interval]
     times = [x for k, x in enumerate(sorted(times)) if k == 0 or x > 1.3 * sorted(times)[k - 1]]
     system = with_zero(times, delay=late * interval)
@@ -124,7 +124,7 @@ def test_complex_poles_survive_sampling():
 
 
 @given(LAGS, st.integers(0, 3), st.floats(-2, 2))
-def test_step_by_step_is_simulate(times, late, before):
+def test_single_steps_equal_simulate(times, late, before):
     interval = 0.25
     sampled = with_zero(times, delay=late * interval).discretise(interval)
     u = np.sin(np.arange(20.0))
@@ -178,7 +178,7 @@ def test_equal_when_the_numbers_are():
         (lambda: Linear.lags(1.0).continuous(), "continuous already"),
         (lambda: Linear([1.0], [1.0, 0.5], interval=1.0).continuous(), "negative real axis"),
         (lambda: Linear.lags(1.0).settled(1.0), "discretise"),
-        (lambda: Linear([1.0], [1.0, 0.0]).simulate([0, 1], [1, 1], before=1.0), "never settles"),
+        (lambda: Linear([1.0], [1.0, 0.0]).simulate([0, 1], [1, 1], before=1.0), "does not settle"),
         (
             lambda: Linear.lags(1.0).discretise(1.0).simulate([0, 1], [1, 1], between="straight"),
             "holds its input",
@@ -186,7 +186,7 @@ def test_equal_when_the_numbers_are():
         (lambda: Linear.lags(1.0).simulate([0, 1], [1, 1], between="bent"), "'held', 'straight'"),
     ],
 )
-def test_refuses_what_makes_no_sense(make, why):
+def test_refuses_impossible_systems(make, why):
     with pytest.raises(ParameterError, match=why):
         make()
 

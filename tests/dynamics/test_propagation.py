@@ -6,15 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from minorloop.dynamics.propagation import as_times, as_waveform, propagate, transitions
-from minorloop.errors import SignalError
+from minorloop.dynamics.propagation import propagate, transitions
 
 A = np.array([[-0.5, -1.0], [1.0, 0.0]])
 B = np.array([1.0, 0.3])
 
 
 def integrated(x, begin, end, length):
-    """The state after a stretch with a straight input, by Runge and Kutta."""
+    """State after a step with a linear input, by a Runge-Kutta method."""
 
     def slope(s, x):
         return A @ x + B * (begin + (end - begin) * s / length)
@@ -23,7 +22,7 @@ def integrated(x, begin, end, length):
 
 
 @given(st.floats(0.01, 5), *[st.floats(-2, 2)] * 4)
-def test_a_stretch_is_what_integration_gives(length, x0, x1, begin, end):
+def test_a_transition_equals_numerical_integration(length, x0, x1, begin, end):
     phi, at_begin, at_end, _ = transitions(A, B, np.array([length]))
     x = np.array([x0, x1])
     got = phi[0] @ x + at_begin[0] * begin + at_end[0] * end
@@ -41,8 +40,8 @@ def test_equal_lengths_share_a_transition():
 
 @pytest.mark.parametrize("delay", [0.0, 0.13, 0.5, 40.0])
 @pytest.mark.parametrize("between", ["held", "straight"])
-def test_dead_time_that_is_no_whole_number_of_samples(delay, between):
-    """Against the same system on a grid so fine that it meets every edge."""
+def test_dead_time_need_not_be_whole_samples(delay, between):
+    """Compared with the same system on a fine grid that contains every jump."""
     system = (A, B, np.array([0.2, 1.0]), 0.7)
     coarse = np.array([0.0, 0.3, 0.7, 1.1, 2.0, 2.6, 3.5])
     u = np.array([1.0, 1.0, -2.0, 0.5, 0.5, 3.0, 3.0])
@@ -65,14 +64,3 @@ def test_dead_time_that_is_no_whole_number_of_samples(delay, between):
     got = propagate(system, rest, coarse, u, delay=delay, before=0.4, between=between)
     first = 1 if between == "straight" else 0
     np.testing.assert_allclose(got[first:], wanted[first:], atol=1e-6)
-
-
-def test_checks_at_the_door():
-    with pytest.raises(SignalError, match=r"index 2"):
-        as_times([0.0, 1.0, 0.5])
-    with pytest.raises(SignalError, match="at least 3"):
-        as_times([0.0, 1.0], fewest=3)
-    with pytest.raises(SignalError, match="targets has shape"):
-        as_waveform([0.0, 1.0], [1.0], name="targets")
-    with pytest.raises(SignalError, match="finite"):
-        as_waveform([0.0, 1.0], [1.0, np.nan])

@@ -19,7 +19,7 @@ VOLTS = (0.40, 0.45, 0.50, 0.45, 0.40)
 
 
 class Measured:
-    """Gives the steady values that were measured, so that only the ways between are judged."""
+    """An operator that returns measured settled values, so that only transients are compared."""
 
     def __init__(self, steady):
         self.steady = np.array(steady)
@@ -53,8 +53,8 @@ def test_superposed_steps_of_one_response_are_the_cascade(values, seconds):
 
 
 @given(st.lists(st.floats(-1, 1), min_size=1, max_size=6), st.floats(1, 6))
-def test_joined_at_what_the_output_has_come_to(values, seconds):
-    """Against the formula, written out sample by sample."""
+def test_settled_transients_begin_at_the_present_output(values, seconds):
+    """Compared with the formula, evaluated sample by sample."""
     t, u = holds(values, seconds)
     steady = PLANE.simulate([0.2, *u])
     rises = [each.step_response(t) for each in (DOWN, UP)]
@@ -109,7 +109,7 @@ def test_two_responses_follow_the_fibre_better_than_one(specimen):
 @pytest.mark.parametrize(
     "response", [Linear.lags(2.0, dc_gain=1.1), Linear([-1.0], [1.0, -1.0]), Linear([1], [1, 0])]
 )
-def test_refuses_responses_that_do_not_come_to_one(response):
+def test_refuses_responses_that_do_not_settle_at_one(response):
     with pytest.raises(ParameterError, match="give a stable one with DC gain 1"):
         Trajectory(PLANE, UP, response)
 

@@ -60,7 +60,7 @@ def test_compiles_without_a_warning_and_passes_its_own_test(kind, float32, cc, t
 
 
 @pytest.mark.parametrize("kind", ["plain", "lags after it", "lags before it", "a gain after it"])
-def test_a_self_test_notices_an_inverse_that_is_off(kind, tmp_path):
+def test_a_self_test_detects_a_wrong_inverse(kind, tmp_path):
     built, options = KINDS[kind]
     code = source(operator(**built), **options)
     wrong = re.sub(r"(return u)(;| / GAIN;)", r"\1 * (real)1.001\2", code.files["minorloop.c"])
@@ -81,7 +81,7 @@ def test_a_self_test_notices_an_inverse_that_is_off(kind, tmp_path):
         ({"linear": LAGS, "inverse": False}, ["one interval later\n *\n * Memory"]),
     ],
 )
-def test_the_header_says_when_the_output_is_at_the_target(options, says):
+def test_the_header_states_when_the_output_reaches_the_target(options, says):
     header = source(operator(), **options).files["minorloop.h"]
     for words in says:
         assert words in header
@@ -98,7 +98,7 @@ def shifted(base, width, bands=10):
     ("base", "width", "float32"),
     [(1000.0, 1.0, True), (101325.0, 100.0, True), (1e6, 1.0, False)],
 )
-def test_an_offset_of_the_input_is_allowed_for(base, width, float32, tmp_path):
+def test_the_tolerance_includes_an_offset_of_the_input(base, width, float32, tmp_path):
     code = source(shifted(base, width), float32=float32)
     digit = np.spacing(np.float32(base)) if float32 else np.spacing(base)
     assert 0.5 * digit / width < code.input_error < 5 * digit / width
@@ -106,7 +106,7 @@ def test_an_offset_of_the_input_is_allowed_for(base, width, float32, tmp_path):
     compiled.self_test(code, tmp_path)
 
 
-def test_an_offset_that_leaves_no_digits_is_refused():
+def test_refuses_an_offset_that_leaves_no_digits():
     model = shifted(1e6, 1.0)
     assert source(model).input_error < 1e-8
     with pytest.raises(ParameterError, match=r"last digit of a float near .* export doubles"):
@@ -128,7 +128,7 @@ def with_offset(model, offset):
     ],
     ids=["Preisach", "one band", "plays", "relays"],
 )
-def test_an_output_that_is_in_the_last_digits_of_its_offset_is_refused(model, offset):
+def test_refuses_an_output_within_the_last_digits_of_its_offset(model, offset):
     moved = with_offset(model, offset * np.ptp(model.simulate([-3.0, 4.0, -3.0])))
     with pytest.raises(ParameterError, match=r"of the range of the output.* export doubles"):
         source(moved, float32=True, inverse=False)
@@ -144,11 +144,11 @@ TOO_FAR += [(1, 1e-300, False), (1, 1e160, False)]
 
 
 @pytest.mark.parametrize(("u", "y", "float32"), TOO_FAR)
-def test_a_range_that_the_type_cannot_carry_is_refused(u, y, float32):
+def test_refuses_ranges_beyond_the_type(u, y, float32):
     plays = PrandtlIshlinskii([0.0, 0.2], [y, 0.5 * y])
     relays = RelayModel(np.arange(3.0) * u, np.tril(np.ones((3, 3))))
     for model in (scaled(u, y), plays if u == 1 else relays):
-        with pytest.raises(ParameterError, match=r"put goes from .* carries ranges from 1e-1"):
+        with pytest.raises(ParameterError, match=r"put goes from .* can have ranges from 1e-1"):
             source(model, float32=float32, inverse=False)
 
 
@@ -156,7 +156,7 @@ def test_a_range_that_the_type_cannot_carry_is_refused(u, y, float32):
 @pytest.mark.parametrize(
     ("size", "float32"), [(4e-16, True), (1e14, True), (4e-151, False), (1e149, False)]
 )
-def test_ranges_that_it_can_carry_pass_the_self_test(size, float32, linear, tmp_path):
+def test_extreme_ranges_within_the_type_pass_the_self_test(size, float32, linear, tmp_path):
     for name, u, y in (("in", size, 1.0), ("out", 1.0, 20 * size if size < 1 else size)):
         code = source(scaled(u, y), float32=float32, linear=linear)
         (tmp_path / name).mkdir()
@@ -164,7 +164,7 @@ def test_ranges_that_it_can_carry_pass_the_self_test(size, float32, linear, tmp_
 
 
 @pytest.mark.parametrize("linear", [None, LAGS], ids=["alone", "lags"])
-def test_so_is_it_with_doubles_and_a_linear_part(linear):
+def test_refuses_ranges_beyond_doubles_with_a_linear_part(linear):
     with pytest.raises(ParameterError, match=r"last digit of a double.* output less its offset"):
         source(with_offset(operator(), 1e17), linear=linear)
     with pytest.raises(ParameterError, match="export doubles"):
@@ -191,7 +191,7 @@ def random_inputs(model, count, rng):
 
 
 @pytest.mark.parametrize("kind", ["plain", "sloped"])
-def test_a_million_random_inputs_give_what_python_gives(kind, tmp_path):
+def test_a_million_random_inputs_give_the_outputs_of_python(kind, tmp_path):
     model = operator(bands=30, **KINDS[kind][0])
     u = random_inputs(model, 1_000_000, np.random.default_rng(1))
     y, bound = compiled.Compiled(source(model, memory=200), tmp_path).walk(u)
@@ -199,7 +199,7 @@ def test_a_million_random_inputs_give_what_python_gives(kind, tmp_path):
     assert np.abs(y - model.simulate(u)).max() <= 1e-12 * np.ptp(model.range)
 
 
-def test_a_million_random_targets_are_met(tmp_path):
+def test_a_million_random_targets_are_reached(tmp_path):
     model = operator(bands=30, slope=0.2)
     targets = np.random.default_rng(2).uniform(*model.range, 1_000_000)
     u, y = compiled.Compiled(source(model), tmp_path).chase(targets)
@@ -219,7 +219,7 @@ def test_single_precision_is_right_to_six_digits_of_the_range(tmp_path):
 
 
 @pytest.mark.parametrize("first", ["operator", "linear"])
-def test_the_linear_part_gives_what_a_cascade_gives(first, tmp_path):
+def test_the_linear_part_equals_a_cascade(first, tmp_path):
     model = operator(slope=0.1)
     code = compiled.Compiled(source(model, linear=LAGS, first=first), tmp_path)
     u = np.random.default_rng(5).uniform(*model.levels[[0, -1]], 300)
@@ -233,7 +233,7 @@ def test_the_linear_part_gives_what_a_cascade_gives(first, tmp_path):
 
 
 @pytest.mark.parametrize("first", ["operator", "linear"])
-def test_aiming_with_a_linear_part_leads_there_once_it_has_settled(first, tmp_path):
+def test_with_a_linear_part_the_output_settles_at_the_target(first, tmp_path):
     model = operator()
     code = compiled.Compiled(source(model, linear=LAGS, first=first), tmp_path)
     gain = LAGS.dc_gain if first == "operator" else 1.0
@@ -243,7 +243,7 @@ def test_aiming_with_a_linear_part_leads_there_once_it_has_settled(first, tmp_pa
 
 
 def bounded(model, u, room):
-    """Outputs when the pair that matters least is dropped as soon as ``room`` extrema are past."""
+    """Outputs when the pair with the least effect is dropped after ``room`` extrema."""
     low, high = model.levels[[0, -1]]
     swing, extrema, y = 2.0 if model.relay == "bipolar" else 1.0, (float(low),), []
     size = Preisach(model.levels, np.abs(model.weights), 0.0, model.relay, model.diagonal)
@@ -265,7 +265,7 @@ def bounded(model, u, room):
 
 
 def deep_inputs(model, count, rng):
-    """Shrinking alternations, again and again, so that histories are long."""
+    """Repeated alternations with decreasing amplitude, so that histories are long."""
     low, high = model.levels[[0, -1]]
     middle, half = rng.uniform(0.4, 0.6) * (low + high), (high - low) / 2
     k = np.arange(count)
@@ -275,7 +275,7 @@ def deep_inputs(model, count, rng):
 
 @pytest.mark.parametrize("room", [6, 9, 20])
 @pytest.mark.parametrize("signed", [False, True])
-def test_what_is_dropped_is_the_smallest_loop(room, signed, tmp_path):
+def test_the_smallest_loop_is_dropped(room, signed, tmp_path):
     model = operator(bands=9, signed=signed)
     u = deep_inputs(model, 500, np.random.default_rng(room))
     code = source(model, memory=room, inverse=not signed)
@@ -286,7 +286,7 @@ def test_what_is_dropped_is_the_smallest_loop(room, signed, tmp_path):
 
 
 @pytest.mark.parametrize("signed", [False, True])
-def test_the_error_is_never_more_than_the_bound_says(signed, tmp_path):
+def test_the_error_is_within_the_bound(signed, tmp_path):
     model = operator(bands=9, signed=signed)
     width = np.ptp(model.range)
     for room in (6, 8, 16):
@@ -309,7 +309,7 @@ def test_an_exact_inverse_stays_exact_when_memory_overflows(tmp_path):
     assert np.abs(y - targets).max() <= 1e-12 * np.ptp(model.range)
 
 
-def test_what_is_not_finite_changes_nothing(tmp_path):
+def test_inputs_that_are_not_finite_change_nothing(tmp_path):
     model = operator()
     code = compiled.Compiled(source(model), tmp_path)
     y = code.walk([0.5, np.nan, np.inf, -np.inf, 0.5])[0]
@@ -337,7 +337,7 @@ def test_headers_are_for_cpp_too(tmp_path):
     )
 
 
-def test_names_and_labels_are_where_they_were_asked_for():
+def test_names_and_labels_appear_in_the_files():
     code = source(operator(), name="wing", input="voltage [V]", output="tip */ [mm]")
     assert set(code.files) == {"wing.h", "wing.c", "wing_selftest.c"}
     assert "voltage [V]" in code.files["wing.h"]
@@ -349,7 +349,7 @@ def test_the_same_model_gives_the_same_text():
     assert source(operator()) == source(operator())
 
 
-def test_a_model_too_large_for_the_bytes_allowed_says_what_it_needs():
+def test_refuses_a_model_larger_than_allowed_and_names_its_size():
     code = source(operator())
     needed = code.table_bytes + code.state_bytes
     assert source(operator(), largest=needed) == code
@@ -357,7 +357,7 @@ def test_a_model_too_large_for_the_bytes_allowed_says_what_it_needs():
         source(operator(), largest=needed - 1)
 
 
-def test_a_model_that_is_not_monotone_is_refused_an_inverse():
+def test_refuses_the_inverse_of_a_model_that_is_not_monotone():
     with pytest.raises(NotInvertibleError, match="--no-inverse"):
         source(operator(signed=True))
 
@@ -365,7 +365,7 @@ def test_a_model_that_is_not_monotone_is_refused_an_inverse():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"memory": 5}, "memory is 5 extrema; give 6 to"),
+        ({"memory": 5}, "memory is 5; give a whole number from 6 to"),
         ({"memory": 2.5}, "whole number"),
         ({"memory": True}, "whole number"),
         ({"name": "2fast"}, "cannot begin the names"),
@@ -381,7 +381,7 @@ def test_options_out_of_range_are_refused(options, message):
         source(operator(), **options)
 
 
-def test_levels_that_a_float_cannot_tell_apart_are_refused():
+def test_refuses_levels_that_a_float_cannot_distinguish():
     model = Preisach([1.0, 1.0 + 1e-9, 2.0], np.tril(np.ones((2, 2))))
     assert source(model).table_bytes > 0
     with pytest.raises(ParameterError, match="export doubles"):
@@ -430,13 +430,13 @@ BENT = [
 
 
 @pytest.mark.parametrize(("cc", "float32"), [("gcc", True), ("clang", False)])
-def test_bent_plays_pass_their_own_test(float32, cc, tmp_path):
+def test_plays_with_dead_zones_pass_their_own_test(float32, cc, tmp_path):
     code = source(BENT[0], float32=float32)
     compiled.self_test(code, tmp_path, *compiled.SANITIZED, cc=cc)
 
 
 @pytest.mark.parametrize("model", BENT[1:3])
-def test_bent_plays_that_stand_still_somewhere_have_no_inverse(model, tmp_path):
+def test_dead_zones_with_a_flat_piece_have_no_inverse(model, tmp_path):
     with pytest.raises(NotInvertibleError, match="--no-inverse"):
         source(model)
     code = compiled.Compiled(source(model, inverse=False), tmp_path, UNBOUNDED)
@@ -464,7 +464,7 @@ def test_relays_on_levels_that_a_float_rounds_pass_their_own_test(tmp_path):
 
 
 @pytest.mark.parametrize(("count", "relay"), [(2, "unipolar"), (30, "bipolar")])
-def test_relays_give_what_python_gives(count, relay, tmp_path):
+def test_relays_give_the_outputs_of_python(count, relay, tmp_path):
     model = relays(count, relay)
     code = compiled.Compiled(source(model, inverse=False), tmp_path, UNBOUNDED)
     assert code.state_bytes == source(model, inverse=False).state_bytes
@@ -482,7 +482,7 @@ def test_relays_on_levels_in_the_last_digits_of_a_float_are_refused():
     assert source(model, inverse=False).files
 
 
-def test_relays_that_cannot_be_exported():
+def test_refuses_relays_that_cannot_be_exported():
     with pytest.raises(NotInvertibleError, match=r"come in steps.*--no-inverse"):
         source(relays(4))
     with pytest.raises(ParameterError, match="RelayModel has no linear part"):
@@ -493,7 +493,7 @@ def test_relays_that_cannot_be_exported():
 
 
 @pytest.mark.parametrize("model", [PLAYS, PrandtlIshlinskii([0.0], [2.0], -1.0), BENT[0], BENT[3]])
-def test_plays_give_what_python_gives(model, tmp_path):
+def test_plays_give_the_outputs_of_python(model, tmp_path):
     code = compiled.Compiled(source(model), tmp_path, UNBOUNDED)
     assert code.state_bytes == source(model).state_bytes
     u = np.random.default_rng(0).uniform(-3, 3, 100_000)
@@ -507,7 +507,7 @@ def test_plays_give_what_python_gives(model, tmp_path):
     assert np.abs(inputs - found).max() <= 1e-9
 
 
-def test_plays_that_cannot_be_exported():
+def test_refuses_plays_that_cannot_be_exported():
     with pytest.raises(NotInvertibleError, match="--no-inverse"):
         source(PrandtlIshlinskii([0.1], [1.0]))
     with pytest.raises(ParameterError, match="no linear part"):

@@ -119,7 +119,7 @@ def test_states_can_be_kept_restored_and_reset(model, tmp_path):
     unit.freeInstance()
 
 
-def test_what_makes_no_sense_is_an_error_of_the_unit(model, tmp_path):
+def test_wrong_calls_are_errors_of_the_unit(model, tmp_path):
     from fmpy.fmi1 import FMICallException
 
     export_fmu(model, tmp_path / "a.fmu", linear=LAGS)
@@ -147,7 +147,7 @@ def test_the_same_model_gives_the_same_bytes_of_text(model, tmp_path):
         assert first.read(file) == second.read(file)
 
 
-def test_equal_names_and_marks_of_xml(model, tmp_path):
+def test_equal_names_and_xml_characters_are_changed(model, tmp_path):
     export_fmu(model, tmp_path / "a.fmu", input="<x> & [V]", output="<x> & ['m']")
     assert not validation.validate_fmu(str(tmp_path / "a.fmu"))
     variables = fmpy.read_model_description(str(tmp_path / "a.fmu")).modelVariables
@@ -163,7 +163,7 @@ def test_a_compiler_may_have_options_and_no_variable_is_called_time(model, tmp_p
 def test_refusals(model, tmp_path):
     with pytest.raises(ParameterError, match=r"ends in \.fmu"):
         export_fmu(model, tmp_path / "a.zip")
-    with pytest.raises(ParameterError, match="this is a PrandtlIshlinskii"):
+    with pytest.raises(ParameterError, match="the model is a PrandtlIshlinskii"):
         export_fmu(PrandtlIshlinskii([0.0], [1.0]), tmp_path / "a.fmu")
     with pytest.raises(ParameterError, match="positive time"):
         export_fmu(model, tmp_path / "a.fmu", interval=0.0)
@@ -173,14 +173,14 @@ def test_refusals(model, tmp_path):
         export_fmu(model, tmp_path / "a.fmu", compiler="no-such-compiler -O2")
     with pytest.raises(ParameterError, match="no C compiler"):
         export_fmu(model, tmp_path / "a.fmu", compiler="cc '")
-    with pytest.raises(OutputError, match="refused the unit"):
+    with pytest.raises(OutputError, match=r"the compiler .* failed"):
         export_fmu(model, tmp_path / "a.fmu", compiler="false")
     (tmp_path / "a.fmu").write_text("mine")
     with pytest.raises(OutputError, match="exists already"):
         export_fmu(model, tmp_path / "a.fmu")
 
 
-def test_the_input_begins_where_the_plane_does_though_a_gain_is_off_in_its_last_digit(tmp_path):
+def test_the_input_begins_at_the_lowest_level_despite_rounding_of_the_gain(tmp_path):
     lag = Linear([0.1], [1.0, -0.9], 0.01)
     assert lag.dc_gain != 1.0
     model = Preisach(np.linspace(-1.2, 1.2, 5), np.tril(np.ones((4, 4))))

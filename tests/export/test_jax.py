@@ -55,7 +55,7 @@ CASES += [(MODELS[0], "positive"), (MODELS[0], "demagnetised"), (MODELS[-1], "ne
 
 
 @pytest.mark.parametrize(("model", "start"), CASES)
-def test_it_gives_what_the_model_gives(model, start):
+def test_the_function_equals_the_model(model, start):
     function, parameters = as_function(model, start)
     u = inputs(model, 1)
     np.testing.assert_array_equal(jax.jit(function)(parameters, u), model.simulate(u, start))
@@ -79,7 +79,7 @@ def test_the_gradient_in_the_weights_is_the_design_matrix(start, relay, diagonal
 
 
 @pytest.mark.parametrize(("model", "start"), CASES)
-def test_gradients_in_the_input_are_finite_differences(model, start):
+def test_gradients_in_the_input_equal_finite_differences(model, start):
     step, size = 1e-7, 40
     for seed in range(3):
         u, r = inputs(model, seed, size), np.random.default_rng(seed).normal(size=size)
@@ -104,7 +104,7 @@ def test_a_step_in_the_parameters_changes_the_output_by_the_gradient(model):
 
 
 @pytest.mark.parametrize("model", [preisach(), plays()], ids=repr)
-def test_vmap_is_a_loop(model):
+def test_vmap_equals_a_loop(model):
     function, parameters = as_function(model)
     u = np.stack([inputs(model, seed) for seed in range(3)])
     many = jax.jit(jax.vmap(function, in_axes=(None, 0)))
@@ -124,7 +124,7 @@ def test_vmap_is_a_loop(model):
     np.testing.assert_allclose(twice[1], 2 * twice[0], rtol=1e-12)
 
 
-def test_single_precision_only_rounds_what_goes_in_and_out():
+def test_single_precision_only_rounds_arguments_and_results():
     model, u = preisach(), inputs(preisach(), 0)
     with jax.enable_x64(False):
         function, parameters = as_function(model)
@@ -134,7 +134,7 @@ def test_single_precision_only_rounds_what_goes_in_and_out():
     assert np.abs(y - model.simulate(u)).max() < 1e-5 * np.abs(y).max()
 
 
-def test_what_is_not_finite_gives_nan():
+def test_arguments_that_are_not_finite_give_nan():
     model = preisach()
     function, parameters = as_function(model)
     u = inputs(model, 0)
@@ -208,7 +208,7 @@ def test_wrong_shapes_are_refused():
         as_function([])
 
 
-def test_without_jax_it_says_what_brings_it(monkeypatch):
+def test_without_jax_the_message_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "jax", None)
     monkeypatch.delitem(sys.modules, "minorloop.export.jax")
     with pytest.raises(MissingExtraError, match=r"pip install 'minorloop\[jax\]'"):

@@ -1,4 +1,4 @@
-"""Without the package that an export needs, it says which extra brings it."""
+"""Without the package that an export needs, the message names the extra."""
 
 import importlib
 import sys

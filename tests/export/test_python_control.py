@@ -19,7 +19,7 @@ T = 0.1 * np.arange(U.size)
 
 @pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])
 @pytest.mark.parametrize("start", ["negative", "positive"])
-def test_responses_are_those_of_the_model(model, start):
+def test_responses_equal_those_of_the_model(model, start):
     system = as_system(model, 0.1)
     found = control.input_output_response(system, T, U, as_state(model, start))
     np.testing.assert_allclose(found.outputs, model.simulate(U, start), atol=1e-12)
@@ -62,7 +62,7 @@ def test_in_an_interconnection_an_integrator_holds_a_target(model):
     assert abs(found.outputs[-1] - target) < 1e-3 * (high - low)
 
 
-def test_a_state_is_a_memory_and_back():
+def test_states_and_memories_convert_into_each_other():
     memory = Memory([-1.0, 0.8, -0.5, 0.3])
     state = as_state(PREISACH, memory, room=10)
     assert state.shape == (10,)
@@ -70,7 +70,7 @@ def test_a_state_is_a_memory_and_back():
     assert as_memory(as_state(PREISACH)) == Memory.negative(-1.0)
 
 
-def test_a_long_history_loses_its_smallest_loops_only():
+def test_a_long_history_loses_only_its_smallest_loops():
     deep = np.ravel(np.column_stack([np.linspace(1, 0.1, 40), np.linspace(-0.9, 0.0, 40)]))
     system = as_system(PREISACH, 0.1, room=12)
     t = 0.1 * np.arange(deep.size)
@@ -82,12 +82,12 @@ def test_a_long_history_loses_its_smallest_loops_only():
 @pytest.mark.parametrize(
     ("state", "message"),
     [
-        (0.0, "begins with 0.0 and not with the lower end of the plane, -1.0"),
-        (as_state(PREISACH, Memory([-1.0, 0.8, 0.3]), room=16), r"no memory; .* with the room"),
-        (np.append(as_state(PREISACH)[:-1], np.nan), r"no memory; .* not finite"),
+        (0.0, "begins with 0.0 and not with the lowest level, -1.0"),
+        (as_state(PREISACH, Memory([-1.0, 0.8, 0.3]), room=16), r"not a memory; .* with the room"),
+        (np.append(as_state(PREISACH)[:-1], np.nan), r"not a memory; .* not finite"),
     ],
 )
-def test_a_simulation_from_a_state_that_is_no_memory_is_refused(state, message):
+def test_refuses_to_simulate_from_a_state_that_is_not_a_memory(state, message):
     system = as_system(PREISACH, 0.1)
     padded = np.zeros(system.nstates)
     padded[: np.size(state)] = state

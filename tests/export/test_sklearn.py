@@ -35,7 +35,7 @@ def test_the_checks_of_scikit_learn_pass(results):
     assert len(results) > 40
 
 
-def test_every_declared_failure_is_one(results):
+def test_every_declared_check_fails(results):
     for name, reason in EXPECTED_FAILURES.items():
         assert results[name]["status"] == "xfail"
         assert "rows before" in reason
@@ -47,12 +47,12 @@ def test_it_finds_the_operator_that_made_the_data():
     np.testing.assert_allclose(found.model_.weights, MODEL.weights, atol=1e-6)
 
 
-def test_rows_that_follow_begin_with_the_memory_of_those_fitted():
+def test_following_rows_begin_with_the_memory_after_the_fit():
     found = PreisachRegressor(levels=8, smoothness=0.0, predict_from="end").fit(X[:400], Y[:400])
     np.testing.assert_allclose(found.predict(X[400:]), Y[400:], atol=1e-5)
 
 
-def test_only_the_column_named_is_used():
+def test_only_the_named_column_is_used():
     wide = np.column_stack([RNG.uniform(size=600), X[:, 0]])
     one = PreisachRegressor(levels=8, column=1).fit(wide, Y)
     other = PreisachRegressor(levels=8).fit(X, Y)
@@ -62,7 +62,7 @@ def test_only_the_column_named_is_used():
             clone(one).set_params(column=column).fit(wide, Y)
 
 
-def test_it_sits_in_a_search_with_contiguous_blocks():
+def test_it_works_in_a_search_with_contiguous_blocks():
     start = PreisachRegressor(smoothness=0.0, predict_from="end")
     splits = ContiguousSplit(3)
     scores = cross_val_score(clone(start).set_params(levels=8), X, Y, cv=splits)
@@ -72,7 +72,7 @@ def test_it_sits_in_a_search_with_contiguous_blocks():
     assert search.best_params_ == {"levels": 8}
 
 
-def test_blocks_follow_on_and_cover_the_rest():
+def test_blocks_are_contiguous_and_cover_the_rest():
     folds = list(ContiguousSplit(4, first=0.3).split(np.zeros(50)))
     assert len(folds) == ContiguousSplit(4).get_n_splits() == 4
     assert folds[0][0].tolist() == list(range(15))
@@ -91,18 +91,18 @@ def test_blocks_follow_on_and_cover_the_rest():
         (("a",), "n_splits is 'a'"),
     ],
 )
-def test_splits_that_make_no_sense(arguments, message):
+def test_refuses_wrong_options_of_splits(arguments, message):
     with pytest.raises(ParameterError, match=message):
         ContiguousSplit(*arguments)
 
 
-def test_shares_and_rows_that_make_no_sense():
+def test_refuses_wrong_shares_and_too_few_rows():
     for first in (1, "a", np.nan):
         with pytest.raises(ParameterError, match=f"first is {first!r}"):
             ContiguousSplit(first=first)
 
 
-def test_a_split_says_what_it_is():
+def test_a_split_has_a_repr():
     assert repr(ContiguousSplit(3)) == "ContiguousSplit(3, first=0.5)"
     with pytest.raises(ParameterError, match="too few for 5 blocks"):
         list(ContiguousSplit(5).split(np.zeros(6)))

@@ -39,7 +39,7 @@ def _idle():
 
 @pytest.fixture
 def fleet(tmp_path):
-    """Makes a fleet of these names."""
+    """Return a function that makes a fleet with these names."""
 
     def make(*names):
         for k, name in enumerate(names):
@@ -50,7 +50,7 @@ def fleet(tmp_path):
 
 
 def on(cluster, work):
-    """Do something where the scheduler and the workers live."""
+    """Call a function in the event loop of the scheduler and the workers."""
     done = threading.Event()
 
     async def doing():
@@ -78,7 +78,7 @@ def test_a_cluster_needs_no_shared_files_and_ends_what_hangs(cluster, fleet, tmp
 
 
 @pytest.mark.parametrize("what", ["scheduler", "left", "silent"])
-def test_what_is_done_is_kept_when_a_cluster_is_lost_and_the_rest_is_done_later(
+def test_results_are_kept_when_a_cluster_is_lost_and_the_rest_follows_later(
     what, cluster, fleet, tmp_path, monkeypatch
 ):
     async def silence():
@@ -121,7 +121,7 @@ def test_what_is_done_is_kept_when_a_cluster_is_lost_and_the_rest_is_done_later(
     assert sorted(seen) == ["a", "b", "wait"]
 
 
-def test_what_a_silent_worker_has_goes_to_the_others(cluster, fleet, tmp_path):
+def test_specimens_of_a_silent_worker_go_to_the_others(cluster, fleet, tmp_path):
     (tmp_path / "wait.closed").touch()
     specimens, said = fleet("wait", "a", "b"), []
     cluster.scale(2)
@@ -173,7 +173,7 @@ def test_a_result_that_its_worker_takes_away_is_computed_again(
     assert len(summary.identified) == 2
 
 
-def test_a_scheduler_without_workers_is_told_of_and_given_up(fleet, tmp_path):
+def test_a_scheduler_without_workers_is_reported_and_given_up(fleet, tmp_path):
     specimens, said = fleet("a"), []
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster:
         address = cluster.scheduler_address
@@ -189,7 +189,7 @@ def test_a_scheduler_without_workers_is_told_of_and_given_up(fleet, tmp_path):
     assert said == [f"no workers at {address}; waiting"]
 
 
-def test_addresses_at_which_there_is_no_scheduler(fleet, tmp_path):
+def test_refuses_addresses_without_a_scheduler(fleet, tmp_path):
     specimens = fleet("a")
     with pytest.raises(ParameterError, match="no Dask scheduler at"):
         identify_fleet(specimens, tmp_path / "out", address="tcp://127.0.0.1:1", **OPTIONS)

@@ -24,7 +24,7 @@ HEADER = "specimen,file,input,output"
         (f"{HEADER}\na,a.csv,u,u\n", "has 'u' for input and output; give two columns"),
     ],
 )
-def test_manifests_that_cannot_be_used(text, message, tmp_path):
+def test_refuses_unusable_manifests(text, message, tmp_path):
     (tmp_path / "m.csv").write_text(text)
     with pytest.raises(RecordError, match=message):
         read_manifest(tmp_path / "m.csv")
@@ -32,7 +32,7 @@ def test_manifests_that_cannot_be_used(text, message, tmp_path):
 
 @pytest.mark.parametrize("cell", ["a\x85", "\u202eb", "a\x9b31m", "a\u2028"])
 @pytest.mark.parametrize("place", range(4))
-def test_characters_that_are_obeyed_are_refused(cell, place, tmp_path):
+def test_refuses_control_characters(cell, place, tmp_path):
     cells = ["a", "a.csv", "u", "y"]
     cells[place] = f"x{cell}x"
     (tmp_path / "m.csv").write_text(f"{HEADER}\n{','.join(cells)}\n")
@@ -40,7 +40,7 @@ def test_characters_that_are_obeyed_are_refused(cell, place, tmp_path):
         read_manifest(tmp_path / "m.csv")
 
 
-def test_a_name_that_was_quoted_for_spreadsheets_is_the_name(tmp_path):
+def test_the_apostrophe_for_spreadsheets_is_removed_from_names(tmp_path):
     (tmp_path / "m.csv").write_text(f"{HEADER}\n'=1+1,a.csv,'@u,y\n")
     (one,) = read_manifest(tmp_path / "m.csv")
     assert (one.name, one.input) == ("=1+1", "@u")
@@ -54,7 +54,7 @@ def test_a_name_that_was_quoted_for_spreadsheets_is_the_name(tmp_path):
         (f"{HEADER}\n" + "\n" * 1_000_001, "1000003 lines; give at most"),
     ],
 )
-def test_floods_are_refused(text, message, tmp_path):
+def test_refuses_tables_that_are_too_large(text, message, tmp_path):
     (tmp_path / "m.csv").write_text(text)
     with pytest.raises(RecordError, match=message):
         read_manifest(tmp_path / "m.csv")
@@ -68,7 +68,7 @@ def test_a_file_that_is_too_large_for_a_manifest_is_not_read(tmp_path):
 
 
 @pytest.mark.parametrize("how", ["above", "absolute", "link"])
-def test_what_a_file_outside_the_folder_holds_is_not_told(how, tmp_path):
+def test_messages_do_not_quote_files_outside_the_folder(how, tmp_path):
     secret, folder = tmp_path / "secret", tmp_path / "fleet"
     folder.mkdir()
     secret.write_text("root:x:0:0,password\n1,hunter2\n")
@@ -82,7 +82,7 @@ def test_what_a_file_outside_the_folder_holds_is_not_told(how, tmp_path):
         assert "root:x" not in said or one.name == "b"  # whose row names the columns itself
 
 
-def test_what_a_file_inside_the_folder_lacks_is_told(tmp_path):
+def test_messages_quote_files_inside_the_folder(tmp_path):
     (tmp_path / "a.csv").write_text("drive,tip\n1,2\n")
     (tmp_path / "m.csv").write_text(f"{HEADER}\na,a.csv,u,y\n")
     (one,) = read_manifest(tmp_path / "m.csv")
@@ -91,7 +91,7 @@ def test_what_a_file_inside_the_folder_lacks_is_told(tmp_path):
     )
 
 
-def test_a_manifest_that_is_not_there_or_not_text(tmp_path):
+def test_refuses_a_manifest_that_is_missing_or_not_text(tmp_path):
     with pytest.raises(RecordError, match="cannot be read"):
         read_manifest(tmp_path / "nothing.csv")
     (tmp_path / "m.csv").write_bytes(b"\xff\xfe\x00")
@@ -121,7 +121,7 @@ def test_manifests_as_spreadsheets_write_them(text, tmp_path):
     assert (one.name, one.file, one.input, one.output) == ("a", tmp_path / "a.csv", "u", "y")
 
 
-def test_names_that_are_no_file_names_stay_inside_the_folder():
+def test_names_with_slashes_stay_inside_the_folder():
     names = ["../../a", "/etc/a", "a b", "a_b", ".", "..", "ä", "a/b", "é" * 60, "n" * 300]
     names.append("n" * 299 + "m")
     keys = [Specimen(name, None, "u", "y").key for name in names]

@@ -23,7 +23,7 @@ ENDLESS = float("inf")
 
 @pytest.fixture
 def fleet(tmp_path, monkeypatch):
-    """Makes a fleet of these names, whose workers do what `fleet_faults` says."""
+    """Return a function that makes a fleet with these names and the faults of `fleet_faults`."""
     monkeypatch.setattr(identification, "identify_one", fleet_faults.work)
     for name, seconds in (("NOTICE", 0.3), ("APART", 0.0), ("STOPPED", 0.3)):
         monkeypatch.setattr(_pool, name, seconds)
@@ -58,7 +58,7 @@ def is_alive(number):
     return True
 
 
-def test_workers_that_hang_end_or_stop_cost_one_specimen_at_most(fleet, tmp_path, started):
+def test_a_worker_that_hangs_ends_or_stops_costs_one_specimen_at_most(fleet, tmp_path, started):
     said, names = [], ["hang", "die", "die-once", "stop-once", "a"]
     summary = identify_fleet(
         fleet(*names), tmp_path / "out", workers=2, limit=1.5, say=said.append, **OPTIONS
@@ -75,7 +75,7 @@ def test_workers_that_hang_end_or_stop_cost_one_specimen_at_most(fleet, tmp_path
     assert not any(is_alive(number) for number in started)
 
 
-def test_an_interrupt_in_an_endless_fit_leaves_no_process_and_keeps_what_is_done(
+def test_an_interrupt_in_an_endless_fit_leaves_no_process_and_keeps_results(
     fleet, tmp_path, started
 ):
     specimens, done, before = fleet("a", "b", "hang"), [], set(os.listdir("/proc/self/fd"))
@@ -140,7 +140,7 @@ def test_workers_that_cannot_be_started_end_the_fleet(fleet, tmp_path, monkeypat
 
 @pytest.fixture
 def task(tmp_path):
-    """Makes a task that does what its name says."""
+    """Return a function that makes a task with the fault that its name says."""
 
     def make(name):
         write_record(tmp_path / f"{name}.csv", 0)
@@ -150,7 +150,7 @@ def task(tmp_path):
     return make
 
 
-def test_a_worker_ends_by_itself_when_nobody_is_there_or_the_limit_is_long_over(task):
+def test_a_worker_ends_without_its_parent_or_long_after_the_limit(task):
     for limit, abandon, how in (
         (ENDLESS, lambda worker: worker._process.stdin.close(), "exit status 0"),
         (ENDLESS, lambda worker: worker.ask(task("hang")), "SIGIO"),
@@ -167,7 +167,7 @@ def test_a_worker_ends_by_itself_when_nobody_is_there_or_the_limit_is_long_over(
         assert worker.end() == how
 
 
-def test_a_worker_computes_with_one_thread_and_answers_nothing_but_answers(task):
+def test_a_worker_has_one_thread_and_returns_only_results(task):
     worker = Worker(fleet_faults.threads, ENDLESS)
     worker.ready.result(60)
     found = worker.ask(task("a")).result(60)

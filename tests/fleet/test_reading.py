@@ -10,7 +10,7 @@ from minorloop.fleet.manifest import Specimen, read_manifest
 
 
 class Hanging(Specimen):
-    """A specimen whose file system answers when it is let go."""
+    """A specimen whose record is read only after the gate is opened."""
 
     def read(self):
         GATE.wait()
@@ -36,7 +36,7 @@ def specimens(tmp_path):
     return [Hanging("hung", Path("hung.csv"), "u", "y"), sound]
 
 
-def test_a_record_that_hangs_does_not_hold_up_the_others_and_fails_by_the_limit(specimens):
+def test_a_record_that_hangs_does_not_delay_the_others_and_fails_by_the_limit(specimens):
     said, failed = [], []
     found = read_records(specimens, 0.5, said.append, lambda one, why: failed.append((one, why)))
     assert [one[0].name for one in found if one] == ["sound"]
@@ -46,7 +46,7 @@ def test_a_record_that_hangs_does_not_hold_up_the_others_and_fails_by_the_limit(
     assert "not read within 0.5 s" in str(why)
 
 
-def test_a_record_that_is_late_is_taken_when_it_comes(specimens):
+def test_a_late_record_is_used_when_it_comes(specimens):
     order = []
     for found in read_records(specimens, 60.0, order.append, None):
         if found is not None:
@@ -70,7 +70,7 @@ def test_a_pool_waits_for_tasks_that_are_not_ready():
     assert list(Pool(1, 60.0, None, print).run([None, None])) == [None, None]
 
 
-def test_a_loop_of_links_is_the_failure_of_one_specimen(tmp_path):
+def test_a_loop_of_links_fails_one_specimen_only(tmp_path):
     (tmp_path / "loop.csv").symlink_to("loop.csv")
     (tmp_path / "a.csv").write_text("u,y\n")
     (tmp_path / "m.csv").write_text("specimen,file,input,output\nl,loop.csv,u,y\na,a.csv,u,y\n")

@@ -18,7 +18,7 @@ def outcome(k, nrmse=0.01, opening=0.3):
     )
 
 
-def test_the_specimen_that_is_far_off_is_an_outlier_and_no_other():
+def test_only_the_specimen_that_is_far_off_is_an_outlier():
     outcomes = [outcome(k) for k in range(20)] + [outcome(99, nrmse=0.2)]
     (found,) = Summary(outcomes).outliers()
     assert (found.specimen, found.figure) == ("s99", "nrmse")
@@ -32,7 +32,7 @@ def test_equal_specimens_have_no_outliers_and_few_are_not_judged():
     assert not Summary(few).outliers()
 
 
-def test_distributions_are_over_what_was_identified():
+def test_distributions_are_over_identified_specimens():
     outcomes = [*(outcome(k) for k in range(10)), Outcome("lost", error="no file")]
     summary = Summary(outcomes)
     values = [one.nrmse for one in outcomes[:10]]
@@ -44,7 +44,7 @@ def test_distributions_are_over_what_was_identified():
     assert "failed lost: no file" in str(summary)
 
 
-def test_a_figure_that_some_have_is_over_those():
+def test_a_figure_is_over_the_specimens_that_have_it():
     outcomes = [
         replace(outcome(k), nrmse_holdout=0.1 + 1e-3 * k if k % 2 else None) for k in range(20)
     ]

@@ -37,13 +37,13 @@ def test_is_the_weighted_sum_of_dead_zones(zones, x):
 
 
 @given(curves(), points)
-def test_inverse_both_ways(zones, x):
+def test_inverse_undoes_and_is_undone(zones, x):
     np.testing.assert_allclose(zones.invert(zones(x)), x, atol=1e-10)
     np.testing.assert_allclose(zones(zones.invert(x)), x, atol=1e-12)
     np.testing.assert_allclose(zones.inverse()(x), zones.invert(x), atol=1e-8)
 
 
-def test_one_sided_without_a_linear_term():
+def test_zones_on_one_side_have_no_linear_term():
     zones = DeadZones([-1.0, 2.0], [1.0, 3.0])
     np.testing.assert_array_equal(zones(np.array([-3.0, 0.0, 1.5, 3.0])), [-2.0, 0.0, 0.0, 3.0])
     np.testing.assert_array_equal(zones.slopes, [1.0, 0.0, 3.0])
@@ -58,12 +58,12 @@ def test_one_sided_without_a_linear_term():
     ("knots", "slopes", "what"),
     [([0.0], [1.0, 2.0], "knot is zero"), ([1.0], [1.0], "need \\(2,\\)")],
 )
-def test_refuses_bad_pieces(knots, slopes, what):
+def test_refuses_wrong_knots_and_slopes(knots, slopes, what):
     with pytest.raises(ParameterError, match=what):
         DeadZones.from_slopes(knots, slopes)
 
 
-def test_refuses_thresholds_out_of_order():
+def test_refuses_thresholds_that_do_not_increase():
     with pytest.raises(ParameterError, match="thresholds are not strictly increasing"):
         DeadZones([1.0, 0.0], [1.0, 1.0])
 

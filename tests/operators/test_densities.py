@@ -26,7 +26,7 @@ thresholds = st.floats(-5, 5)
 
 
 def half_plane(in_mean_and_half_width, order=300):
-    """Thresholds and quadrature weights; tangents of angles bring the tails in."""
+    """Thresholds and quadrature weights; tangents of angles reach into the tails."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     nodes, weights = (nodes + 1) / 2, weights / 2
     angle = (nodes[:, None] - 0.5) * np.pi
@@ -65,7 +65,7 @@ def test_most_relays_are_at_the_coercive_field(density):
     assert (density(alpha, beta) <= peak).all()
 
 
-def test_factored_is_a_product_and_its_widths_are_as_said():
+def test_factored_density_is_a_product_with_the_given_widths():
     gaussian, lorentzian = FactoredGaussianDensity(1.0, 0.2), FactoredLorentzianDensity(1.0, 0.2)
     assert gaussian(1.2, -1.0) == pytest.approx(gaussian(1.0, -1.0) * np.exp(-0.5))
     assert gaussian(1.2, -1.2) == pytest.approx(gaussian(1.0, -1.0) * np.exp(-1.0))
@@ -73,7 +73,7 @@ def test_factored_is_a_product_and_its_widths_are_as_said():
     assert lorentzian(1.2, -1.2) == pytest.approx(lorentzian(1.0, -1.0) / 4)
 
 
-def test_widths_in_mean_and_half_width_are_as_said():
+def test_densities_have_the_given_widths_in_mean_and_half_width():
     gaussian, lorentzian = GaussianDensity(1.0, 0.2, 0.1), LorentzianDensity(1.0, 0.2, 0.1)
     assert gaussian(1.2, -0.8) == pytest.approx(gaussian(1.0, -1.0) * np.exp(-0.5))
     assert gaussian(1.1, -1.1) == pytest.approx(gaussian(1.0, -1.0) * np.exp(-0.5))

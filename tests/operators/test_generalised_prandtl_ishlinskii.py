@@ -17,7 +17,7 @@ MODEL = GeneralisedPrandtlIshlinskii(
 
 
 def saturating_plant(u):
-    """Not of the family that is fitted: uneven plays under a shifted hyperbolic tangent."""
+    """A system outside the fitted family: uneven plays and a shifted hyperbolic tangent."""
     radii = np.array([0.0, 0.13, 0.29, 0.52, 0.81])
     weights = np.array([0.4, 0.25, 0.2, 0.2, 0.15])
     position, outputs = np.zeros(5), []
@@ -32,7 +32,7 @@ def nrmse(model, u, y):
 
 
 @given(signals)
-def test_is_the_curve_of_the_plays(u):
+def test_equals_the_curve_applied_to_the_plays(u):
     expected = 7.0 + MODEL.zones(MODEL.plays.simulate(u, "relaxed"))
     np.testing.assert_array_equal(MODEL.simulate(u, "relaxed"), expected)
 
@@ -44,14 +44,14 @@ def test_rate_independent(u):
 
 
 @given(signals)
-def test_a_larger_swing_wipes_out_the_past(u):
+def test_a_larger_input_wipes_out_the_past(u):
     swing = np.array([20.0, -20.0, 1.0])
     with_past = MODEL.simulate(np.concatenate([u, swing]), "relaxed")[-2:]
     np.testing.assert_array_equal(with_past, MODEL.simulate(swing, "relaxed")[-2:])
 
 
 @given(signals, signals)
-def test_inverse_both_ways_from_any_past(past, signal):
+def test_inverse_undoes_the_operator_from_any_past(past, signal):
     start = MODEL.plays.trace(past, "relaxed")[-1]
     result = MODEL.invert(signal, start)
     assert result.worst <= 1e-12 * 20
@@ -60,18 +60,18 @@ def test_inverse_both_ways_from_any_past(past, signal):
 
 
 @given(signals, st.floats(0, 10))
-def test_live_agrees_with_the_whole(u, target):
+def test_single_steps_equal_simulate(u, target):
     tracker = MODEL.track("relaxed")
     np.testing.assert_allclose([tracker.push(x) for x in u], MODEL.simulate(u, "relaxed"))
     assert tracker.copy().push(tracker.aim(target)) == pytest.approx(target)
 
 
-def test_signals_side_by_side():
+def test_signals_in_parallel_equal_single_signals():
     u = np.random.default_rng(0).normal(size=(5, 40))
     np.testing.assert_array_equal(MODEL.simulate(u), [MODEL.simulate(row) for row in u])
 
 
-def test_fit_beats_plain_plays_tenfold_on_a_saturating_asymmetric_loop_it_has_not_seen():
+def test_fit_is_ten_times_better_than_plays_alone_on_unseen_saturating_loops():
     time = np.linspace(0, 1, 2000)
     u = np.sin(2 * np.pi * 6 * time) * (1.2 - 1.1 * time)
     levels = np.random.default_rng(5).uniform(-1.15, 1.15, 25)
@@ -88,7 +88,7 @@ def test_fit_beats_plain_plays_tenfold_on_a_saturating_asymmetric_loop_it_has_no
     ("curve", "steepness", "shift"),
     [(np.tanh, 3.0, -0.8), (np.tanh, 4.0, 1.0), (np.tanh, 15.0, 0.0), (np.arctan, 12.0, 3.0)],
 )
-def test_fit_does_not_get_stuck_on_loops_that_saturate_hard(curve, steepness, shift):
+def test_fit_avoids_local_minima_on_strongly_saturating_loops(curve, steepness, shift):
     u = np.sin(np.linspace(0, 38, 1500)) * np.linspace(1.2, 0.1, 1500)
     radii = np.linspace(0.05, 0.9, 30)
     mean = PrandtlIshlinskii(radii, np.full(30, 1 / 30)).simulate(u, "relaxed")
@@ -122,7 +122,7 @@ def test_fit_survives_noise_and_gaps():
 @pytest.mark.parametrize(
     "shape", [np.negative, np.square, np.sign, np.random.default_rng(9).permutation]
 )
-def test_bending_never_fits_worse_than_plain_plays(shape):
+def test_dead_zones_never_fit_worse_than_plays_alone(shape):
     u = np.cumsum(np.random.default_rng(10).normal(size=300))
     y = shape(u - u.mean())
     plain = PrandtlIshlinskii.fit(u, y, start="relaxed")
@@ -131,7 +131,7 @@ def test_bending_never_fits_worse_than_plain_plays(shape):
     assert bent.invertible
 
 
-def test_without_thresholds_it_is_plain_plays():
+def test_without_thresholds_the_fit_is_that_of_plays_alone():
     u = np.random.default_rng(8).uniform(-6, 6, 300)
     truth = PrandtlIshlinskii([0.0, 1.0], [1.0, 2.0], -3.0)
     y = truth.simulate(u, "relaxed")
@@ -150,7 +150,7 @@ def test_predicts_the_minor_loops_of_a_measured_piezo_stage(shared_data):
     assert np.sqrt(np.mean(error**2)) / np.ptp(y[4300:]) < 0.006
 
 
-def test_refuses_to_invert_what_has_no_inverse():
+def test_refuses_to_invert_operators_without_an_inverse():
     flat = GeneralisedPrandtlIshlinskii(MODEL.plays, DeadZones([0.0, 1.0], [1.0, -1.0]))
     assert MODEL.invertible
     assert not flat.invertible
@@ -177,7 +177,7 @@ def test_refuses_bad_parameters():
         (np.arange(60.0), {"thresholds": 60}, SignalError, "60 measured samples for 73"),
     ],
 )
-def test_fit_refuses_what_it_cannot_use(y, options, error, what):
+def test_fit_refuses_unusable_records_and_options(y, options, error, what):
     with pytest.raises(error, match=what):
         GeneralisedPrandtlIshlinskii.fit(np.arange(60.0), y, **options)
 

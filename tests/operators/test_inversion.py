@@ -26,7 +26,7 @@ def test_targets_and_worst_follow_from_the_fields():
     assert inversion(0).worst == 0.0
 
 
-def test_prints_a_row_a_target_and_a_summary():
+def test_prints_a_row_for_each_target_and_a_summary():
     lines = str(inversion(5)).splitlines()
     assert len(lines) == 1 + 5 + 1
     assert [line.endswith("out of reach") for line in lines[1:-1]] == [True, *3 * [False], True]
@@ -34,7 +34,7 @@ def test_prints_a_row_a_target_and_a_summary():
     assert "2 of 5 out of reach" in lines[-1]
 
 
-def test_a_long_table_is_cut_short():
+def test_a_long_table_is_shortened():
     text = str(inversion(1000))
     assert len(text.splitlines()) < 20
     assert "988 more" in text
@@ -50,7 +50,7 @@ def test_draws_targets_outputs_and_inputs():
         assert any(np.array_equal(line, wanted) for line in drawn)
 
 
-def test_the_message_names_value_index_range_and_way_out():
+def test_the_message_names_value_index_range_and_remedy():
     targets = np.array([0.0, 1.0, 2.0, 12.4, -11.0])
     reachable = within_reach(targets, -9.8, 9.7)
     np.testing.assert_array_equal(reachable, [True, True, True, False, False])
@@ -85,14 +85,14 @@ def test_rounding_at_an_end_is_within_reach(low, width):
     assert not within_reach(ends + np.array([-1, 1]) * 1e-9 * width, low, high).any()
 
 
-def test_the_two_options():
+def test_unreachable_is_raise_or_clip():
     check_unreachable_option("raise")
     check_unreachable_option("clip")
     with pytest.raises(ParameterError, match="'raise', 'clip'"):
         check_unreachable_option("ignore")
 
 
-def test_one_sequence_of_targets():
+def test_targets_are_one_sequence():
     np.testing.assert_array_equal(as_signal(3, name="targets"), [3.0])
     with pytest.raises(SignalError, match="targets has shape"):
         as_signal([[1.0]], name="targets")

@@ -28,19 +28,19 @@ def remembered(history):
 
 
 @given(values)
-def test_is_what_nothing_later_passed(history):
+def test_memory_holds_extrema_that_nothing_later_exceeded(history):
     assert Memory.after(history, low=-1, high=1).extrema == remembered(history)
 
 
 @given(values)
-def test_goes_through_json_and_back(history):
+def test_a_memory_survives_json(history):
     memory = Memory.after(history, low=-1, high=1)
     assert Memory(json.loads(json.dumps(memory.extrema))) == memory
     assert hash(Memory(memory.extrema)) == hash(memory)
 
 
 @given(values)
-def test_a_memory_leaves_itself_behind(history):
+def test_the_extrema_of_a_memory_produce_the_same_memory(history):
     memory = Memory.after(history, low=-1, high=1)
     assert Memory.after(memory.extrema, low=-1, high=1) == memory
 
@@ -63,26 +63,26 @@ def test_demagnetised_is_next_to_the_middle():
 @pytest.mark.parametrize(
     "extrema", [[], [0, np.nan], [0, -1], [0, 1, 1], [0, 1, 0], [0, 2, 1, 3], [0, 2, 1, 2]]
 )
-def test_refuses_what_no_history_leaves(extrema):
+def test_refuses_extrema_of_no_history(extrema):
     with pytest.raises(ParameterError):
         Memory(extrema)
 
 
-def test_a_memory_of_another_plane_is_fitted_in():
+def test_a_memory_of_another_plane_is_clamped():
     model = Preisach([0.0, 1.0], [[1.0]])
     assert model.memory(Memory([-3.0, 0.5, 0.2])).extrema == (0.0, 0.5, 0.2)
 
 
 @pytest.mark.parametrize("inputs", [[np.nan], [0.5, np.nan, -0.5], [np.nan, 0.5, 0.2]])
-def test_refuses_an_input_that_is_no_number(inputs):
+def test_refuses_inputs_that_are_not_numbers(inputs):
     with pytest.raises(ParameterError, match="is NaN"):
         Memory.after(inputs, low=-1, high=1)
 
 
 @pytest.mark.parametrize("spread", [True, False])
 @given(values)
-def test_share_that_is_on_is_what_the_operator_adds_up(spread, history):
-    """Simulated by Everett differences, which know nothing of areas."""
+def test_the_share_switched_on_equals_that_of_the_operator(spread, history):
+    """Compared with a simulation by Everett differences, which does not use areas."""
     levels, rng = np.array([-1.0, -0.4, 0.3, 1.0]), np.random.default_rng(5)
     weights = np.tril(rng.uniform(size=(3, 3)))
     extrema = np.array(Memory.after(history, low=-1, high=1).extrema)

@@ -16,7 +16,7 @@ def test_nodes_are_sums_over_triangles():
             assert nodes[a, b] == pytest.approx(sum(cells))
 
 
-def test_nodes_and_weights_are_two_ways_to_say_the_same():
+def test_nodes_and_weights_convert_into_each_other():
     np.testing.assert_allclose(plane.weights_from_nodes(plane.nodes_from_weights(WEIGHTS)), WEIGHTS)
 
 
@@ -24,7 +24,7 @@ def test_areas_cover_the_triangle():
     assert plane.cell_areas(LEVELS).sum() == pytest.approx(3.5**2 / 2)
 
 
-def test_a_constant_density_weighs_as_much_as_its_area():
+def test_weights_of_a_constant_density_are_proportional_to_areas():
     weights = plane.integrate_density(LEVELS, lambda alpha, beta: 2.0)
     np.testing.assert_allclose(weights, 2 * plane.cell_areas(LEVELS))
 

@@ -15,7 +15,7 @@ QUADRATIC = Polynomial([0.34, 8.2, -0.35], -1.2, 1.2)
 inputs = st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=40).map(np.array)
 
 
-def test_ends_of_the_quadratic_of_an_ipmc():
+def test_range_of_the_quadratic_of_an_ipmc():
     low, high = QUADRATIC.range
     assert low == pytest.approx(-10.004)
     assert high == pytest.approx(9.676)
@@ -54,12 +54,12 @@ def test_refuses_targets_out_of_reach():
         QUADRATIC.invert([1.0, 12.4])
 
 
-def test_a_target_beyond_by_rounding_is_within_reach():
+def test_a_target_beyond_the_range_by_rounding_is_reachable():
     low, high = QUADRATIC.range
     assert QUADRATIC.invert([low - 1e-13, high + 1e-13]).reachable.all()
 
 
-def test_without_memory_history_does_not_matter():
+def test_history_does_not_matter():
     u = np.random.default_rng(0).uniform(-1.2, 1.2, 50)
     np.testing.assert_array_equal(QUADRATIC.simulate(u)[::-1], QUADRATIC.simulate(u[::-1]))
     np.testing.assert_array_equal(
@@ -84,7 +84,7 @@ def test_tracker_aims_and_saturates():
         ([0.0, 3.0, 0.0, -1.0], (-1.5, 2.5), (1.0, 2.5)),
     ],
 )
-def test_names_the_stretch_on_which_it_could_be_inverted(coefficients, ends, stretch):
+def test_the_message_names_the_widest_monotone_interval(coefficients, ends, stretch):
     model = Polynomial(coefficients, *ends)
     assert not model.invertible
     assert model.monotone_stretch == pytest.approx(stretch)
@@ -94,13 +94,13 @@ def test_names_the_stretch_on_which_it_could_be_inverted(coefficients, ends, str
     assert cut.invert([sum(cut.range) / 2]).worst < 1e-14
 
 
-def test_an_inflection_is_no_turn():
+def test_an_inflection_is_not_an_extremum():
     cube = Polynomial([0.0, 0.0, 0.0, 1.0], -1.0, 1.0)
     assert cube.invertible
     assert cube.invert([-0.001, 0.0, 0.008]).u == pytest.approx([-0.1, 0.0, 0.2])
 
 
-def test_a_leading_term_too_small_to_feel_does_no_harm():
+def test_a_negligible_leading_term_does_not_matter():
     model = Polynomial([0.0, 1.0, 1e-320, 1e-310], -1.0, 1.0)
     assert model.invert([0.5]).u == pytest.approx([0.5])
 
@@ -121,12 +121,12 @@ def test_fit_follows_a_polynomial(coefficients, low, width):
     y = np.polynomial.polynomial.polyval((u - low) / width, coefficients)
     model = Polynomial.fit(u, y, len(coefficients) - 1)
     assert (model.low, model.high) == (u[0], u[-1])
-    # Powers of an input far from zero cancel, by the ratio of its size to its swing.
+    # Powers of an input far from zero cancel, by the ratio of its size to its range.
     lost = (1 + abs(low) / width) ** (len(coefficients) - 1)
     np.testing.assert_allclose(model.simulate(u), y, atol=1e-12 * lost + 1e-11)
 
 
-def test_fit_leaves_out_gaps_and_takes_wider_ends():
+def test_fit_leaves_out_gaps_and_accepts_a_wider_range():
     u = np.linspace(-1, 1, 21)
     y = QUADRATIC.simulate(u)
     y[::4] = np.nan
@@ -146,7 +146,7 @@ def test_fit_leaves_out_gaps_and_takes_wider_ends():
         ([0.0, 1.0], [0.0, 1.0], True, ParameterError, "degree is True"),
     ],
 )
-def test_fit_refuses_what_it_cannot_use(u, y, degree, error, what):
+def test_fit_refuses_unusable_records_and_options(u, y, degree, error, what):
     with pytest.raises(error, match=what):
         Polynomial.fit(u, y, degree)
 

@@ -22,14 +22,14 @@ def operators(draw):
 
 @st.composite
 def started(draw):
-    """An operator with a start: a name, or what some past left behind."""
+    """An operator with a start: a name, or the state after some past."""
     model = draw(operators())
     past = draw(st.one_of(st.sampled_from(STARTS), signals))
     return model, past if isinstance(past, str) else model.trace(past, "relaxed")[-1]
 
 
 def one_play(u, radius, position):
-    """Backlash told as a story: a piston in a sleeve of half-width radius, pushed by its ends."""
+    """Backlash step by step: a piston in a sleeve of half-width ``radius``, pushed by its ends."""
     positions = []
     for sample in u:
         if sample - position > radius:
@@ -54,7 +54,7 @@ def test_equals_the_sum_of_single_plays():
 
 
 @given(started(), signals)
-def test_trace_weighs_up_to_the_output(case, u):
+def test_weighted_positions_add_up_to_the_output(case, u):
     model, start = case
     expected = model.offset + model.trace(u, start) @ model.weights
     np.testing.assert_allclose(model.simulate(u, start), expected, atol=1e-11)
@@ -68,7 +68,7 @@ def test_rate_independent(case, u):
 
 
 @given(operators(), signals, st.floats(10, 20))
-def test_a_larger_swing_wipes_out_the_past(model, u, peak):
+def test_a_larger_input_wipes_out_the_past(model, u, peak):
     swing = np.array([peak + model.radii[-1] * 2, -peak - model.radii[-1] * 2, 1.0])
     with_past = model.simulate(np.concatenate([u, swing]), "relaxed")[-3:]
     np.testing.assert_array_equal(with_past[1:], model.simulate(swing, "relaxed")[1:])
@@ -89,7 +89,7 @@ def test_loops_are_symmetric(model, u):
 
 
 @given(started(), signals)
-def test_steps_and_trackers_agree_with_the_whole(case, u):
+def test_steps_and_trackers_equal_simulate(case, u):
     model, memory = case
     tracker, stepped = model.track(memory), []
     for sample in u:
@@ -100,7 +100,7 @@ def test_steps_and_trackers_agree_with_the_whole(case, u):
     np.testing.assert_array_equal(stepped, model.simulate(u, case[1]))
 
 
-def test_a_step_leaves_the_memory_it_was_given_alone():
+def test_a_step_does_not_change_the_given_memory():
     model, memory = PrandtlIshlinskii([0.0, 1.0], [1.0, 1.0]), np.zeros(2)
     _, after = model.step(memory, 5.0)
     np.testing.assert_array_equal(memory, [0.0, 0.0])
@@ -125,7 +125,7 @@ def test_inputs_of_the_outputs_are_the_inputs(case, u):
 
 
 @given(started(), signals)
-def test_the_inverse_is_an_operator_of_the_same_kind(case, targets):
+def test_the_inverse_consists_of_weighted_plays(case, targets):
     model, start = case
     inverse, carried = model.inverse(), model.inverse_positions(start)
     u = inverse.simulate(targets, carried)
@@ -149,7 +149,7 @@ def test_inverse_weights_and_radii_in_closed_form():
 
 
 @given(started(), signals, st.floats(-10, 10))
-def test_aim_hits_without_committing(case, past, target):
+def test_aim_reaches_the_target_without_changing_the_memory(case, past, target):
     model, start = case
     tracker = model.track(start)
     for sample in past:
@@ -159,7 +159,7 @@ def test_aim_hits_without_committing(case, past, target):
     np.testing.assert_array_equal(tracker.memory, memory)
 
 
-def test_signals_side_by_side_equal_signals_one_by_one():
+def test_signals_in_parallel_equal_single_signals():
     rng = np.random.default_rng(2)
     model = PrandtlIshlinskii([0.0, 0.5], [1.0, 2.0])
     u = rng.normal(size=(7, 50))
@@ -176,7 +176,7 @@ def test_signals_side_by_side_equal_signals_one_by_one():
         ([0.0, 1.0], [1.0, -1.5], "weights up to index 1 add up to -0.5"),
     ],
 )
-def test_refuses_to_invert_what_has_no_inverse(radii, weights, what):
+def test_refuses_to_invert_operators_without_an_inverse(radii, weights, what):
     model = PrandtlIshlinskii(radii, weights)
     assert not model.invertible
     for attempt in (
@@ -214,11 +214,11 @@ def test_refuses_bad_parameters(radii, weights, offset, what):
         ([0.0], "give 2 play positions"),
         ([0.0, np.nan], "must be finite"),
         ([0.0, -np.inf], "must be finite"),
-        ([0.0, 1.5], "no input leaves that behind"),
+        ([0.0, 1.5], "no input leads to such positions"),
         ([None, "x"], "not an array of numbers"),
     ],
 )
-def test_refuses_starts_that_cannot_be(start, what):
+def test_refuses_impossible_start_positions(start, what):
     with pytest.raises(ParameterError, match=what):
         PrandtlIshlinskii([0.0, 1.0], [1.0, 1.0]).simulate([0.0], start)
 
@@ -259,13 +259,13 @@ def test_a_play_too_wide_to_move_gets_no_weight():
 
 
 @pytest.mark.parametrize("signed", [False, True])
-def test_rounding_in_a_play_that_stands_still_is_not_fitted(signed):
+def test_rounding_in_a_play_that_does_not_move_is_not_fitted(signed):
     u = 0.3 + np.cos(np.linspace(0, 20, 200)) * 1e-4
     model = PrandtlIshlinskii.fit(u, -u, radii=[0.0, 5e-5, 1e-3 / 3], signed=signed)
     assert model.weights[2] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_residual_stays_small_where_slopes_differ_by_five_decades():
+def test_residuals_are_small_for_slopes_that_differ_by_five_decades():
     rng = np.random.default_rng(11)
     slopes = 10 ** rng.uniform(-4, 1, 30)
     model = PrandtlIshlinskii(np.linspace(0, 2, 30), np.diff(slopes, prepend=0.0), 3.0)
@@ -308,7 +308,7 @@ def test_a_fit_can_always_be_inverted(signed):
         (np.arange(50.0), np.arange(50.0), {"radii": []}, ParameterError, "at least one"),
     ],
 )
-def test_fit_refuses_what_it_cannot_use(u, y, options, error, what):
+def test_fit_refuses_unusable_records_and_options(u, y, options, error, what):
     with pytest.raises(error, match=what):
         PrandtlIshlinskii.fit(u, y, **options)
 

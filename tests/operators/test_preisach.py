@@ -35,7 +35,7 @@ def span(model):
 
 @pytest.mark.parametrize(("relay", "diagonal"), KINDS)
 @given(u=inputs, seed=st.integers(0, 50), slope=st.sampled_from([0.0, 0.7]))
-def test_agrees_with_areas_worked_out_cell_by_cell(relay, diagonal, u, seed, slope):
+def test_equals_the_sum_of_areas_cell_by_cell(relay, diagonal, u, seed, slope):
     model = a_model(seed, relay=relay, diagonal=diagonal, slope=slope)
     np.testing.assert_allclose(
         model.simulate(u), oracles.outputs(model, u), atol=1e-12 * span(model), rtol=0
@@ -66,7 +66,7 @@ def test_starts_demagnetised():
 
 
 @pytest.mark.parametrize("scale", [1e-7, 1.0, 1e9])
-def test_levels_as_uneven_and_as_small_as_they_come(scale):
+def test_levels_may_be_uneven_and_very_small_or_large(scale):
     levels = scale * np.concatenate([[-1], -1 + np.logspace(-9, 0, 40)])
     model = a_model(1, levels=levels)
     rng = np.random.default_rng(2)
@@ -95,7 +95,7 @@ def test_the_inverse_is_exact(bands, relay, diagonal, slope):
 
 
 def test_the_inverse_takes_the_nearest_input():
-    """Of a flat stretch it takes the first end, and it does not move where nothing is asked."""
+    """It is the nearer end of a flat branch, and it does not change for the present output."""
     weights = np.zeros((4, 4))
     weights[0, 0] = weights[3, 3] = 1.0
     model = Preisach([0, 1, 2, 3, 4], weights)
@@ -107,7 +107,7 @@ def test_the_inverse_takes_the_nearest_input():
     assert moved.aim(moved.push(2.5)) == 2.5
 
 
-def test_a_model_of_nothing_reaches_its_offset():
+def test_a_model_without_weights_reaches_its_offset():
     model = Preisach(LEVELS, np.zeros((6, 6)), offset=2.0)
     assert model.invert([2.0, 2.0]).u.tolist() == [-1.0, -1.0]
     with pytest.raises(UnreachableError):
@@ -128,7 +128,7 @@ def test_unreachable_targets_are_refused_or_approached():
 
 @pytest.mark.parametrize("far", [1e30, 1e300, 1.7e308])
 @pytest.mark.parametrize("slope", [0.0, 0.7])
-def test_however_far_a_target_is_the_end_of_the_grid_is_nearest(far, slope):
+def test_for_distant_targets_the_end_of_the_grid_is_nearest(far, slope):
     model = a_model(slope=slope)
     clipped = model.invert([far, -far, far, 0.5 * sum(model.range)], unreachable="clip")
     np.testing.assert_array_equal(clipped.u[:3], [1, -1, 1])
@@ -147,7 +147,7 @@ def test_negative_weights_are_not_inverted_unless_monotone():
 
 
 @given(st.integers(0, 200), st.sampled_from(["uniform", "reversible"]), st.floats(0, 4))
-def test_monotone_is_what_no_branch_contradicts(seed, diagonal, slope):
+def test_monotone_means_that_no_branch_falls(seed, diagonal, slope):
     rng = np.random.default_rng(seed)
     levels = np.sort(rng.uniform(-1, 1, 4))
     model = Preisach(levels, np.tril(rng.uniform(-0.5, 1, (3, 3))), diagonal=diagonal, slope=slope)
@@ -220,7 +220,7 @@ def test_never_falls_while_the_input_rises(u):
 
 
 @given(inputs, st.integers(0, 40))
-def test_split_anywhere_and_resume(u, cut):
+def test_a_simulation_can_be_split_anywhere(u, cut):
     model = a_model(7)
     cut = min(cut, u.size)
     tracker = model.track()
@@ -230,7 +230,7 @@ def test_split_anywhere_and_resume(u, cut):
 
 
 @given(inputs)
-def test_step_track_and_simulate_agree_to_the_bit(u):
+def test_step_track_and_simulate_are_equal_to_the_bit(u):
     model, memory, stepped = a_model(8), Memory.negative(-1.0), []
     tracker = model.track()
     for value in u:
@@ -241,13 +241,13 @@ def test_step_track_and_simulate_agree_to_the_bit(u):
     assert tracker.memory == memory == Memory.after(u, low=-1.0, high=1.0)
 
 
-def test_signals_side_by_side_are_signals_one_by_one():
+def test_signals_in_parallel_equal_single_signals():
     model = a_model(9)
     u = np.random.default_rng(0).uniform(-1.2, 1.2, (7, 500))
     np.testing.assert_array_equal(model.simulate(u), [model.simulate(row) for row in u])
 
 
-def test_threads_do_not_disturb_each_other():
+def test_simulations_in_threads_are_independent():
     model = a_model(10)
     u = np.random.default_rng(0).uniform(-1.2, 1.2, (32, 2000))
     with ThreadPoolExecutor(8) as pool:
@@ -256,7 +256,7 @@ def test_threads_do_not_disturb_each_other():
 
 
 @pytest.mark.parametrize(("relay", "diagonal"), KINDS)
-def test_reversal_values_give_the_model_back(relay, diagonal):
+def test_the_model_is_recovered_from_its_reversal_values(relay, diagonal):
     model = a_model(11, relay=relay, diagonal=diagonal, slope=0.2)
     n = LEVELS.size
     f = np.full((n, n), np.nan)
@@ -280,14 +280,14 @@ def test_densities_are_integrated_over_each_cell():
     assert model.weights[4, 4] == pytest.approx(corner, rel=1e-12)
 
 
-def test_a_density_by_cell_is_times_the_area():
+def test_a_density_by_cell_is_multiplied_by_the_area():
     density = np.tril(np.random.default_rng(0).uniform(size=(6, 6)))
     model = Preisach.from_density(LEVELS, density, offset=1.0)
     np.testing.assert_allclose(model.weights, density * cell_areas(LEVELS))
     assert model.offset == 1.0
 
 
-def test_everett_is_half_of_what_a_fresh_branch_gives():
+def test_everett_is_half_the_change_along_a_new_branch():
     model = a_model(12)
     tracker = model.track("positive")
     before = tracker.push(-0.4)
@@ -315,13 +315,13 @@ def test_everett_is_half_of_what_a_fresh_branch_gives():
         ({"slope": 1.7e308}, "give them in a larger unit"),
     ],
 )
-def test_refuses_what_is_no_model(options, message):
+def test_refuses_wrong_parameters(options, message):
     with pytest.raises(ParameterError, match=message):
         Preisach(**{"levels": LEVELS, "weights": np.zeros((6, 6)), **options})
 
 
 @pytest.mark.parametrize("u", [[np.nan], [np.inf], ["a"], [[[1.0]]], 3.0])
-def test_refuses_what_is_no_signal(u):
+def test_refuses_wrong_signals(u):
     with pytest.raises(SignalError):
         a_model().simulate(u)
 

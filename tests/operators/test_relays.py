@@ -18,7 +18,7 @@ def a_plane(relay="bipolar", bands=6):
 
 
 def one_by_one(model, u):
-    """Every relay on its own: on at alpha, off below beta, else as it was."""
+    """Every relay on its own: on from alpha, off below beta, otherwise unchanged."""
     n = len(model.levels)
     state = {(a, b): 0 for a in range(n) for b in range(a + 1)}
     y = []
@@ -35,7 +35,7 @@ def one_by_one(model, u):
 
 @pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
 @given(picks)
-def test_acts_as_the_plane_does_at_level_inputs(relay, steps):
+def test_equals_the_preisach_operator_for_inputs_on_levels(relay, steps):
     plane, u = a_plane(relay), LEVELS[steps]
     dots = RelayModel.from_preisach(plane)
     np.testing.assert_allclose(
@@ -45,14 +45,14 @@ def test_acts_as_the_plane_does_at_level_inputs(relay, steps):
 
 @pytest.mark.parametrize("relay", ["bipolar", "unipolar"])
 @given(anywhere)
-def test_the_marker_does_what_relays_do_one_by_one(relay, u):
+def test_rows_and_columns_switch_as_single_relays_do(relay, u):
     weights = np.tril(np.random.default_rng(1).uniform(-1, 1, (7, 7)))
     model = RelayModel(LEVELS, weights, 0.1, relay)
     np.testing.assert_allclose(model.simulate(u), one_by_one(model, u), atol=1e-12)
 
 
-def test_the_marker_diagram_of_the_fibre_paper():
-    """After u4, u6, u2, u4 the left-hand two columns stay on, and what the last rise reached."""
+def test_reproduces_the_diagram_of_the_fibre_paper():
+    """After u4, u6, u2, u4 the two left columns and those that the last rise reached are on."""
     u = LEVELS[[3, 5, 1, 3]]  # u1 is the lowest of the paper's levels
     on = RelayModel(LEVELS, np.zeros((7, 7))).states(u)
     alpha, beta = np.meshgrid(np.arange(1, 8), np.arange(1, 8), indexing="ij")
@@ -69,7 +69,7 @@ def test_starts_saturated():
     np.testing.assert_array_equal(batch[1], model.simulate([0.7, 0.3]))
 
 
-def test_stepping_ends_at_the_last_level_and_says_so():
+def test_stepping_ends_at_the_last_level_and_marks_targets_unreachable():
     dots = RelayModel.from_preisach(a_plane())
     found = dots.stepping_inverse([1e3, -1e3])
     assert found.u.tolist() == [LEVELS[-1], LEVELS[0]]
@@ -86,9 +86,9 @@ def test_stepping_is_a_hundred_times_coarser_than_the_exact_inverse():
     assert 100 * rms[1] < rms[0] < 0.2 * np.ptp(plane.range)
 
 
-def test_equal_and_refusing():
+def test_compares_values_and_refuses_wrong_options():
     assert RelayModel.from_preisach(a_plane()) == RelayModel.from_preisach(a_plane())
-    with pytest.raises(ParameterError, match="relays cannot give"):
+    with pytest.raises(ParameterError, match="relays cannot represent"):
         RelayModel.from_preisach(Preisach([0, 1], [[1.0]], slope=1.0))
     with pytest.raises(ParameterError, match="start"):
         RelayModel(LEVELS, np.zeros((7, 7))).simulate([0.0], start="demagnetised")

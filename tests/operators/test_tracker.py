@@ -8,7 +8,7 @@ MODEL = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform
 U = np.random.default_rng(1).uniform(-1, 1, 400)
 
 
-def test_peeking_and_aiming_commit_nothing():
+def test_peeking_and_aiming_do_not_change_the_memory():
     tracker = MODEL.track()
     for value in U:
         before = tracker.memory
@@ -18,7 +18,7 @@ def test_peeking_and_aiming_commit_nothing():
         tracker.push(value)
 
 
-def test_aims_where_the_inverse_goes():
+def test_aim_equals_the_inverse():
     targets = np.random.default_rng(2).uniform(*MODEL.range, 200)
     tracker, aimed = MODEL.track(), []
     for target in targets:
@@ -27,13 +27,13 @@ def test_aims_where_the_inverse_goes():
     np.testing.assert_array_equal(aimed, MODEL.invert(targets).u)
 
 
-def test_aims_at_the_nearest_end_beyond_the_range():
+def test_aim_beyond_the_range_is_the_nearest_end():
     tracker = MODEL.track("demagnetised")
     low, high = MODEL.range
     assert (tracker.aim(low - 1), tracker.aim(high + 1)) == (-1.0, 1.0)
 
 
-def test_a_copy_goes_its_own_way():
+def test_a_copy_is_independent():
     tracker = MODEL.track()
     tracker.push(0.5)
     other = tracker.copy()
@@ -42,7 +42,7 @@ def test_a_copy_goes_its_own_way():
     assert other.memory.u == -0.5
 
 
-def test_remembers_as_many_extrema_as_there_are():
+def test_the_memory_grows_with_the_number_of_extrema():
     swing = np.linspace(1, 0, 2000) * np.where(np.arange(2000) % 2, -1, 1)
     tracker = MODEL.track()
     followed = [tracker.push(value) for value in swing]
@@ -51,7 +51,7 @@ def test_remembers_as_many_extrema_as_there_are():
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_refuses_what_is_no_number_and_stays_as_it_was(value):
+def test_refused_inputs_do_not_change_the_memory(value):
     tracker = MODEL.track()
     tracker.push(0.3)
     before = tracker.memory
@@ -69,7 +69,7 @@ def test_aiming_needs_a_monotone_model():
 
 
 @pytest.mark.parametrize("u", ["a", None, [1.0, 2.0], float("inf")])
-def test_what_is_no_number_is_refused_and_leaves_the_memory(u):
+def test_refuses_inputs_of_other_types(u):
     tracker = MODEL.track()
     before = tracker.push(0.3)
     with pytest.raises(ParameterError, match="u is"):

@@ -40,7 +40,7 @@ def test_refuses_a_checkpoint_of_another_or_a_damaged_one(change, complaint):
 
 
 @given(st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=12), st.sampled_from([-0.5, 0.0, 3.0]))
-def test_whatever_is_done_to_a_strip_is_restored(voltages, drift):
+def test_every_state_of_a_strip_is_restored(voltages, drift):
     twin = Ipmc(3, drift=drift)
     for voltage in voltages:
         twin.apply(voltage, 100.0, 100.0)

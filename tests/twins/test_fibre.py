@@ -51,7 +51,7 @@ def test_halving_the_step_changes_little(reference):
 
 
 @pytest.mark.parametrize(("start", "t63", "t95"), [(0.40, 27, 72), (0.50, 37, 102)])
-def test_steps_to_045_take_so_long(start, t63, t95):
+def test_steps_to_045_have_the_expected_rise_times(start, t63, t95):
     twin = Fibre()
     for u in [*REST, *np.arange(0.25, start + 0.01, 0.05)]:
         before = twin.apply(u, HOLD, HOLD).y[-1]
@@ -71,7 +71,7 @@ def test_the_loop_is_a_fifth_of_the_span_wide():
     assert up[-1] - up[0] > 0.01 * 15_000
 
 
-def test_is_no_preisach_operator_loops_are_not_congruent():
+def test_loops_are_not_congruent():
     heights = []
     for past in ([], [0.65]):
         y = settled([*past, 0.35, 0.45, 0.35, 0.45])
@@ -79,7 +79,7 @@ def test_is_no_preisach_operator_loops_are_not_congruent():
     assert abs(heights[1] / heights[0] - 1) > 0.03
 
 
-def test_is_no_preisach_operator_excursions_are_not_wiped_out():
+def test_excursions_are_not_wiped_out():
     straight, around = settled([0.4]), settled([0.4, 0.3, 0.4])
     later = settled([0.5, 0.55])[-1] - settled([0.5, 0.25, 0.5, 0.55])[-1]
     assert abs(around[-1] - straight[-1]) / 180 > 0.01
@@ -92,7 +92,7 @@ def test_keeps_to_its_voltages(u):
         Fibre().apply(u, 1.0, 1.0)
 
 
-def test_stands_behind_the_door():
+def test_is_opened_by_its_address():
     twin = Fibre()
     assert isinstance(twin, Actuator)
     record = twin.apply(0.5, 10.0, 2.0)
@@ -102,7 +102,7 @@ def test_stands_behind_the_door():
     assert twin.clock == pytest.approx(11.0)
 
 
-def test_a_waveform_begins_at_the_output_of_now():
+def test_a_waveform_begins_at_the_present_output():
     twin = Fibre()
     now = twin.apply(0.5, 30.0, 30.0).y[-1]
     record = twin.drive([0.0, 60.0], [0.5, 0.4])
@@ -137,7 +137,7 @@ def test_every_specimen_lengthens_with_the_voltage(specimen):
 
 
 @given(st.lists(st.floats(0.2, 0.65), min_size=1, max_size=12), st.integers(0, 20))
-def test_whatever_is_done_to_a_fibre_is_restored(voltages, specimen):
+def test_every_state_of_a_fibre_is_restored(voltages, specimen):
     twin = Fibre(specimen)
     for voltage in voltages:
         twin.apply(voltage, 300.0, 300.0)
@@ -147,13 +147,13 @@ def test_whatever_is_done_to_a_fibre_is_restored(voltages, specimen):
 
 
 @pytest.mark.parametrize(("index", "value"), [(0, 1.0), (0, 0.0), (1, -0.1), (2, 0.2), (3, 1.0)])
-def test_refuses_a_fibre_that_cannot_be(index, value):
+def test_refuses_an_impossible_state_of_a_fibre(index, value):
     wrong = Fibre().checkpoint()
     wrong["state"][index] = value
     with pytest.raises(ParameterError, match=rf"damaged: state \[{index}\]"):
         Fibre().restore(wrong)
 
 
-def test_drift_changes_the_gain_by_so_much_an_hour():
+def test_drift_changes_the_gain_per_hour():
     ratio = settled([0.5] * 9, drift=0.1)[-1] / settled([0.5] * 9)[-1]
     assert ratio == pytest.approx(1.1, abs=0.001)

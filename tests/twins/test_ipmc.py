@@ -93,7 +93,7 @@ def test_overshoots_then_relaxes_back_and_settles():
     assert y[-1] == pytest.approx(9.43, abs=0.02)
 
 
-def test_little_is_left_to_settle_after_a_hold():
+def test_the_output_is_nearly_settled_after_a_hold():
     twin, left = Ipmc(), []
     for u in (-1.2, -0.6, 0.0, 1.2, 0.0):
         y = twin.apply(u, HOLD, HOLD).y[-1]
@@ -111,7 +111,7 @@ def test_gain_grows_with_the_amplitude():
     assert 20 * np.log10(gains[1] / gains[0]) == pytest.approx(0.75, abs=0.1)
 
 
-def test_is_no_preisach_operator_loops_are_not_congruent():
+def test_loops_are_not_congruent():
     heights = []
     for past in ([-1.2], [-1.2, 1.2], [1.2, -1.2, 0.9, -0.9]):
         y = settled([*past, -0.24, 0.24, -0.24, 0.24])
@@ -119,7 +119,7 @@ def test_is_no_preisach_operator_loops_are_not_congruent():
     assert np.ptp(heights) / np.mean(heights) > 0.03
 
 
-def test_is_no_preisach_operator_excursions_are_not_wiped_out():
+def test_excursions_are_not_wiped_out():
     straight = settled([-1.2, 0.24])[-1]
     around = settled([-1.2, 0.24, -0.24, 0.24])[-1]
     later = settled([-1.2, 0.24, 0.96])[-1] - settled([-1.2, 0.24, -0.24, 0.24, 0.96])[-1]
@@ -141,7 +141,7 @@ def test_every_specimen_bends_with_the_voltage(specimen):
     assert np.all(np.diff(settled([-1.2, *LEVELS], specimen=specimen)[1:]) > 0)
 
 
-def test_senses_bending_and_forgets_it():
+def test_sensed_bending_fades():
     t = np.linspace(0, 40, 401)
     record = Ipmc().sense(t, np.minimum(t / 0.5, 1.0) * 10.0)
     assert (str(record.input), str(record.output)) == ("curvature [1/m]", "voltage [mV]")

@@ -47,7 +47,7 @@ def test_samples_come_at_each_interval_and_at_the_end(duration, interval, times)
     assert (str(record.input), str(record.output)) == ("voltage [V]", "curvature [1/m]")
 
 
-def test_a_waveform_that_rests_is_a_hold():
+def test_a_constant_waveform_equals_a_hold():
     twin, held = Ipmc(), Ipmc()
     t = np.linspace(0, 20, 201)
     wave = twin.drive(t + 5, np.full(t.size, 0.8))
@@ -57,7 +57,7 @@ def test_a_waveform_that_rests_is_a_hold():
     np.testing.assert_allclose(wave.y[1:], hold.y, atol=0.15)
 
 
-def test_exchange_is_a_hold_of_one_tick():
+def test_exchange_equals_a_hold_of_one_tick():
     loop, bench = Ipmc(tick=0.5), Ipmc()
     y = [loop.exchange(u) for u in (0.3, 0.6, -0.2)]
     expected = [bench.apply(u, 0.5, 0.5).y[0] for u in (0.3, 0.6, -0.2)]
@@ -98,7 +98,7 @@ def test_noise_is_gaussian_and_independent():
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.03
 
 
-def test_reset_goes_back_to_the_start():
+def test_reset_returns_to_the_start():
     twin = Ipmc(noise=0.1)
     first = twin.apply(1.0, 10.0, 1.0)
     twin.reset()
@@ -118,13 +118,13 @@ def test_specimens_differ_by_up_to_a_tenth_and_repeat():
     assert settled([1.2], specimen=1)[0] != settled([1.2], specimen=2)[0]
 
 
-def test_a_waveform_begins_at_the_output_of_now():
+def test_a_waveform_begins_at_the_present_output():
     twin = Ipmc(specimen=1, drift=0.5)
     now = twin.apply(1.0, 1000.0, 1000.0).y[-1]
     assert twin.drive([0.0, 1.0], [-1.0, -1.0]).y[0] == pytest.approx(now, rel=1e-12)
 
 
-def test_drift_changes_the_gain_by_so_much_an_hour():
+def test_drift_changes_the_gain_per_hour():
     steady, drifting = (
         settled([0.9] * 19, drift=drift) - Ipmc()._parameters["set"] for drift in (0.0, -0.05)
     )
@@ -133,7 +133,7 @@ def test_drift_changes_the_gain_by_so_much_an_hour():
 
 
 @pytest.mark.parametrize("u", [1.3, -1.2001, np.nan, np.inf])
-def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(u):
+def test_refused_inputs_do_not_change_the_twin(u):
     twin = Ipmc()
     twin.exchange(0.5)
     before = twin.checkpoint()
@@ -160,7 +160,7 @@ def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(u):
         (1e15, 1e15, "steps, more than"),
     ],
 )
-def test_refuses_times_that_are_none(duration, interval, complaint):
+def test_refuses_wrong_times(duration, interval, complaint):
     with pytest.raises(ParameterError, match=complaint):
         Ipmc().apply(0.0, duration, interval)
 
@@ -168,13 +168,13 @@ def test_refuses_times_that_are_none(duration, interval, complaint):
 @pytest.mark.parametrize(
     ("t", "u", "complaint"),
     [
-        ([0, 1], [0.0], r"t has shape \(2,\) and u \(1,\)"),
+        ([0, 1], [0.0], r"u has shape \(1,\) and t \(2,\)"),
         ([0], [0.0], "T at least 2"),
         ([0, 1, 1], [0.0, 0, 0], "does not increase at index 2"),
         ([0, np.nan], [0.0, 0.0], "t is nan"),
     ],
 )
-def test_refuses_waveforms_that_are_none(t, u, complaint):
+def test_refuses_wrong_waveforms(t, u, complaint):
     with pytest.raises(SignalError, match=complaint):
         Ipmc().drive(t, u)
     with pytest.raises(SignalError, match=complaint):

@@ -32,6 +32,8 @@ _REFUSED = 2
 _UNSAFE = 3
 _INTERRUPTED = 130
 _LONGEST = 800
+"""Characters of an error on one line, about ten lines of a terminal: a longer one loses its
+middle."""
 # The root of what the parser raises; typer exports its leaves only.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[2]
 

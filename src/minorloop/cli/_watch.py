@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from minorloop.lab.store import Store
 
 _WIDTH, _HEIGHT = 48, 10
+"""Characters of the drawing: it fits into a terminal of 80 columns and 24 lines with its labels."""
 _ENOUGH, _LOOP = 4, 20
 """Points from which bands are drawn; inputs of each branch of the loop drawn with them."""
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 NAME = "fleet"
 EXAMPLE = "minorloop fleet identify manifest.csv --out fleet --levels 20 --workers 2"
 _SHOWN = 10
+"""Most lines of each kind below the table; all are in the summary."""
 
 
 def run(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 NAME = "invert"
 EXAMPLE = "minorloop invert model.json targets.csv --target curvature --save inputs.csv"
 _SHOWN = 20
+"""Most rows of the printed table; ``--save`` and ``--json`` give all."""
 
 
 def run(

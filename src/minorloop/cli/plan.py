@@ -26,6 +26,7 @@ _PATTERNS = {
     "staircase": "staircase",
 }
 _SHOWN = 24
+"""Most inputs that are printed."""
 _RANKED = 60
 """Bands up to which computing what a plan determines takes seconds only."""
 _HOLD = "hold [s]"

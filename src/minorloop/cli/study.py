@@ -18,19 +18,19 @@ NAME = "study"
 EXAMPLE = "minorloop study ipmc --out ipmc --specimens 4"
 STUDIES = "minorloop.studies"
 _MOST, _MOST_SCENES = 1000, 100_000
+"""Largest counts: days of computation, so that more is a typing error."""
 
 
-def _registered() -> dict[str, str]:
-    """Return the module of each study by its name."""
-    from importlib.metadata import entry_points
+def _study_help() -> str:
+    from minorloop.connect import registered
 
-    return {point.name: point.value for point in entry_points(group=STUDIES)}
+    return f"Which one: {', '.join(registered(STUDIES))}."
 
 
 class StudyCommand(_common.LateHelp):
     """``minorloop study``; its help lists the studies that exist."""
 
-    late: ClassVar = {"name": lambda: f"Which one: {', '.join(_registered())}."}
+    late: ClassVar = {"name": _study_help}
 
 
 COMMAND = StudyCommand
@@ -94,10 +94,12 @@ def run(
 
 def _module_of(name: str) -> str:
     """Return the module of a study; the module of its report has ``_report`` at the end."""
-    studies = _registered()
+    from minorloop.connect import registered
+
+    studies = registered(STUDIES)
     if name not in studies:
         raise ParameterError(f"there is no study {name!r}; give one of {', '.join(studies)}")
-    return studies[name]
+    return studies[name].value
 
 
 def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> dict[str, int]:

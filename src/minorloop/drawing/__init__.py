@@ -1,7 +1,7 @@
 """Figures of models and results, one function for each class.
 
-A model or result draws itself by ``.plot()``, which looks its function up here; none of them
-imports this package. Matplotlib is imported only when something is drawn.
+The methods ``.plot()`` of models and results look up their function here. Matplotlib is imported
+only when something is drawn.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _FUNCTIONS = {
 
 
 def draw(result: object, **options: Any) -> Any:
-    """Figure of a model or a result.
+    """Return the figure of a model or a result.
 
     Parameters
     ----------
     result : model or result
         An object that has a ``plot`` method.
     **options
-        Of that method, such as ``input_label`` and ``output_label``.
+        Options of this method, such as ``input_label`` and ``output_label``.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Pictures of identifications. Matplotlib is imported only when one is drawn."""
+"""Figures of identifications."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.drawing.layout import new_figure
 from minorloop.drawing.operators import clip_to_plane, draw_density
 from minorloop.identification.bands import PER_DEVIATION
 
@@ -19,19 +20,17 @@ if TYPE_CHECKING:
 
 
 _MOST_BANDS = 1000
+"""Samples whose bands are computed for the residual: more cost time and show no more."""
 _FEW = 400
-"""Samples up to which measured points stand out, and the model is drawn between them."""
+"""Number of samples up to which points are large, and the model is drawn between them too."""
 _DOTS: dict[str, Any] = {"ms": 2.5, "color": "0.6"}
 
 
 def draw_identification(
     result: Identification, *, input_label: str = "input", output_label: str = "output"
 ) -> Any:
-    """Loop, plane, record and residual; gives the figure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 7.5), layout="constrained")
-    axes = figure.subplots(2, 2)
+    """Draw loop, plane, record and residual."""
+    figure, axes = new_figure(2, 2, 7.5, 10.5, grid=False)
     _draw_loop(axes[0, 0], result, input_label, output_label)
     draw_density(axes[0, 1], result.model, input_label=input_label)
     _grey_unexcited(axes[0, 1], result)
@@ -48,8 +47,8 @@ def _draw_loop(axes: Axes, result: Identification, input_label: str, output_labe
     few = result.u.size <= _FEW and not result.lag
     if few:
         axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
-        way = _between(result.u)
-        modelled = way, result.predict(way)
+        inputs = _interpolated(result.u)
+        modelled = inputs, result.predict(inputs)
     else:
         axes.plot(u, y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
         modelled = u, result.prediction[places + result.lag]
@@ -60,8 +59,8 @@ def _draw_loop(axes: Axes, result: Identification, input_label: str, output_labe
     axes.grid(alpha=0.25)
 
 
-def _between(u: FloatArray, points: int = 12) -> FloatArray:
-    """Inputs with others between them, on the way straight from one to the next."""
+def _interpolated(u: FloatArray, points: int = 12) -> FloatArray:
+    """Return inputs with others between them, linearly interpolated."""
     places = np.linspace(0, u.size - 1, (u.size - 1) * points + 1)
     return np.interp(places, np.arange(u.size), u)
 
@@ -70,10 +69,10 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
     from matplotlib.colors import ListedColormap
 
     levels = result.model.levels
-    untouched = np.tril(~result.excited)
-    if result.posterior is not None or not untouched.any():
-        return  # What the prior fills in has its bands.
-    shade = np.ma.masked_where(~untouched, np.ones(untouched.shape))
+    unexcited = np.tril(~result.excited)
+    if result.posterior is not None or not unexcited.any():
+        return  # With a prior, bands show what was not measured.
+    shade = np.ma.masked_where(~unexcited, np.ones(unexcited.shape))
     grey = ListedColormap(["0.85"])
     mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, alpha=0.8, lw=0)
     clip_to_plane(axes, mesh, result.model)
@@ -86,10 +85,10 @@ def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
     axes.plot(index, result.y, ".", label="measured", rasterized=True, **dots)
     axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
     if result.posterior is not None and 1 < index.size <= _FEW and not result.lag:
-        # Between the samples too: where nothing was measured, bands are wide.
-        shown = result.predict(_between(result.u), bands=0.9)
-        way = np.linspace(0, index[-1], shown.u.size)
-        axes.fill_between(way, shown.lower, shown.upper, color="C0", alpha=0.2, lw=0)
+        # Between samples too, where bands are wide.
+        between = result.predict(_interpolated(result.u), bands=0.9)
+        places = np.linspace(0, index[-1], between.u.size)
+        axes.fill_between(places, between.lower, between.upper, color="C0", alpha=0.2, lw=0)
     _shade_held_out(axes, result)
     axes.set(xlabel="sample", ylabel=output_label, title="Record")
     axes.grid(alpha=0.25)
@@ -119,12 +118,10 @@ def _shade_held_out(axes: Axes, result: Identification) -> None:
 
 
 def draw_excitation(report: ExcitationReport) -> Any:
-    """Excited cells by their band numbers; gives the figure."""
+    """Draw the excited cells by their band numbers."""
     from matplotlib.colors import ListedColormap
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.8, 4.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(height=4.6, width=4.8, grid=False)
     bands = len(report.excited)
     below = np.tril(np.ones((bands, bands), dtype=bool))
     shown = np.ma.masked_where(~below, report.excited.astype(float))
@@ -141,11 +138,8 @@ def draw_excitation(report: ExcitationReport) -> Any:
 
 
 def draw_prediction(result: Prediction, *, input_label: str, output_label: str) -> Any:
-    """Outputs with bands, sample after sample, and against the input."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.2, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    """Draw outputs with bands, sample by sample and against the input."""
+    figure, (left, right) = new_figure(1, 2, 3.8, sharey=True)
     sample = np.arange(result.y.size)
     label = f"{result.probability:.0%} band"
     left.fill_between(sample, result.lower, result.upper, color="C0", alpha=0.25, lw=0, label=label)
@@ -155,6 +149,4 @@ def draw_prediction(result: Prediction, *, input_label: str, output_label: str) 
     left.set(xlabel="sample", ylabel=output_label)
     right.set(xlabel=input_label)
     left.legend(frameon=False)
-    for axes in (left, right):
-        axes.grid(alpha=0.25)
     return figure

@@ -1,4 +1,4 @@
-"""Pictures of identified linear dynamics. Matplotlib is imported only when one is drawn."""
+"""Figures of identified linear dynamics."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.drawing.layout import new_figure
 from minorloop.identification.output_error import Coefficients
 
 if TYPE_CHECKING:
@@ -16,15 +17,14 @@ if TYPE_CHECKING:
     from minorloop.identification.rational import RationalFit
 
 _BAND = 2.0
+"""Half width of a band in standard deviations, as its title says."""
 _POINTS = 300
+"""Points of a curve: about one for each pixel of an axis."""
 
 
 def draw_linear_fit(result: LinearFit) -> Any:
-    """The record with the simulation, and the unit step response with its band."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    """Draw the record with the simulation, and the unit step response with its band."""
+    figure, (left, right) = new_figure(1, 2, 3.8, 10.5)
     interval = result.model.interval or 1.0
     found: Coefficients = result.candidate.coefficients
     for k, one in enumerate(result.stretches):
@@ -36,23 +36,17 @@ def draw_linear_fit(result: LinearFit) -> Any:
     left.legend(frameon=False)
     _draw_unit_step(right, result, "C0", "unit step response")
     right.set(xlabel="time [s]", ylabel="output", title="Unit step, band of 2 deviations")
-    for axes in (left, right):
-        axes.grid(alpha=0.25)
     return figure
 
 
 def draw_step_response(result: StepResponse) -> Any:
-    """Both responses with their bands."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-    axes = figure.subplots()
+    """Draw both responses with their bands."""
+    figure, axes = new_figure(height=4.0, width=6.4)
     for name, fit, colour in (("rising", result.rising, "C0"), ("falling", result.falling, "C3")):
         if fit is not None:
             _draw_unit_step(axes, fit, colour, name)
     axes.set(xlabel="time [s]", ylabel="share of the settled change", title="Unit step")
     axes.legend(frameon=False)
-    axes.grid(alpha=0.25)
     return figure
 
 
@@ -66,14 +60,12 @@ def _draw_unit_step(axes: Axes, fit: LinearFit, colour: str, label: str) -> None
 
 
 def draw_frequency_response(result: FrequencyResponse) -> Any:
-    """Gain and phase from input to output, and from the operator's output."""
-    from matplotlib.figure import Figure
-
+    """Draw gain and phase from input to output, and from the operator's output."""
     kinds = [("from input to output", result.plant)]
     if result.after is not None:
         kinds.append(("from operator to output", result.after))
-    figure = Figure(figsize=(4.6 * len(kinds) + 0.6, 5.6), layout="constrained")
-    grid = figure.subplots(2, len(kinds), squeeze=False, sharex=True)
+    width = 4.6 * len(kinds) + 0.6
+    figure, grid = new_figure(2, len(kinds), 5.6, width, squeeze=False, sharex=True)
     for (upper, lower), (title, gains) in zip(grid.T, kinds, strict=True):
         for amplitude, row in zip(result.amplitudes, gains, strict=True):
             phase = np.degrees(np.unwrap(np.angle(row)))
@@ -83,17 +75,12 @@ def draw_frequency_response(result: FrequencyResponse) -> Any:
         upper.set(ylabel="gain [dB]", title=title)
         lower.set(xlabel="frequency [Hz]", ylabel="phase [degrees]")
         upper.legend(frameon=False)
-    for axes in grid.ravel():
-        axes.grid(alpha=0.25)
     return figure
 
 
 def draw_rational_fit(result: RationalFit) -> Any:
-    """Measured points and the fitted curve, gain and phase."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.2, 3.6), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    """Draw gain and phase of the measured points and the fitted curve."""
+    figure, (left, right) = new_figure(1, 2)
     fine = np.geomspace(result.frequencies.min(), result.frequencies.max(), _POINTS)
     curve = result.model.response(fine)
     for x, gains, style in (
@@ -104,6 +91,4 @@ def draw_rational_fit(result: RationalFit) -> Any:
         right.semilogx(x, np.degrees(np.unwrap(np.angle(gains))), **style)
     left.set(xlabel="frequency [Hz]", ylabel="gain [dB]")
     right.set(xlabel="frequency [Hz]", ylabel="phase [degrees]")
-    for axes in (left, right):
-        axes.grid(alpha=0.25)
     return figure

@@ -1,4 +1,4 @@
-"""Pictures of operators and inversions. Matplotlib is imported only when one is drawn."""
+"""Figures of operators and inversions."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.drawing.layout import new_figure
 from minorloop.operators.plane import cell_areas
 
 if TYPE_CHECKING:
@@ -15,16 +16,14 @@ if TYPE_CHECKING:
     from minorloop.operators.preisach import Preisach
 
 _NESTED_LOOPS = 4
+"""Loops, the major one included: more would overlap."""
 
 
 def draw_preisach(
     model: Preisach, *, input_label: str = "input", output_label: str = "output"
 ) -> Any:
-    """Density on the plane beside nested minor loops; gives the figure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.6, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    """Draw the density on the plane beside nested minor loops."""
+    figure, (left, right) = new_figure(1, 2, 4.2, 9.6, grid=False)
     draw_density(left, model, input_label=input_label)
     draw_loops(right, model)
     right.set(xlabel=input_label, ylabel=output_label, title="Major and minor loops")
@@ -32,7 +31,7 @@ def draw_preisach(
 
 
 def draw_density(axes: Axes, model: Preisach, *, input_label: str = "input") -> Any:
-    """Density on the Preisach plane, with its colour bar; gives the mesh."""
+    """Draw the density on the Preisach plane with its colour bar, and return the mesh."""
     density = model.weights / np.where(cell_areas(model.levels) > 0, cell_areas(model.levels), 1.0)
     below = np.tril(np.ones(density.shape, dtype=bool))
     top = float(np.quantile(np.abs(density[below]), 0.995)) or 1.0
@@ -60,7 +59,7 @@ def draw_density(axes: Axes, model: Preisach, *, input_label: str = "input") -> 
 
 
 def clip_to_plane(axes: Axes, mesh: Any, model: Preisach) -> None:
-    """Show of a mesh only what has alpha >= beta: cells on the diagonal are triangles."""
+    """Clip a mesh to alpha >= beta: cells on the diagonal are triangles."""
     from matplotlib.patches import Polygon
 
     low, high = model.levels[[0, -1]]
@@ -69,12 +68,12 @@ def clip_to_plane(axes: Axes, mesh: Any, model: Preisach) -> None:
 
 
 def draw_loops(axes: Axes, model: Preisach) -> None:
-    """Major loop, and minor loops nested in it, closed on themselves."""
+    """Draw the major loop, and closed minor loops nested in it."""
     low, high = float(model.levels[0]), float(model.levels[-1])
     middle, half = (low + high) / 2, (high - low) / 2
     for turn in range(_NESTED_LOOPS):
-        swing = half * (1 - turn / _NESTED_LOOPS)
-        rise = np.linspace(middle - swing, middle + swing, 200)
+        amplitude = half * (1 - turn / _NESTED_LOOPS)
+        rise = np.linspace(middle - amplitude, middle + amplitude, 200)
         u = np.concatenate([rise[-1:], rise[::-1], rise, rise[::-1]])
         y = model.simulate(u)
         loop = slice(1, None) if turn else slice(0, None)
@@ -83,11 +82,8 @@ def draw_loops(axes: Axes, model: Preisach) -> None:
 
 
 def draw_inversion(inversion: Inversion, *, input_label: str, output_label: str) -> Any:
-    """Targets with outputs above, the inputs below; gives the figure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    """Draw targets with outputs above, and inputs below."""
+    figure, (upper, lower) = new_figure(2, 1, 5.0, 8.0, sharex=True)
     index = np.arange(inversion.u.size)
     upper.plot(index, inversion.targets, "o", color="C1", mfc="none", label="target")
     upper.step(index, inversion.y, where="mid", color="C0", label="output of the model")
@@ -97,6 +93,4 @@ def draw_inversion(inversion: Inversion, *, input_label: str, output_label: str)
     upper.legend(frameon=False)
     lower.step(index, inversion.u, where="mid", color="0.25")
     lower.set(xlabel="target number", ylabel=input_label)
-    for axes in (upper, lower):
-        axes.grid(alpha=0.25)
     return figure

@@ -1,4 +1,4 @@
-"""The compiled loop under linear systems: arrays in, arrays out."""
+"""Compiled loop of linear systems: takes and returns arrays only."""
 
 import numpy as np
 from numba import njit
@@ -6,11 +6,12 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def march(phi, at_begin, at_end, which, begin, end, x, states):
-    """States after each of K stretches of time.
+    """Compute the states after each of K time steps.
 
-    ``phi`` (M, n, n), ``at_begin`` and ``at_end`` (M, n) belong to M lengths of a stretch,
-    ``which`` (K,) says which of them each stretch has; ``begin`` and ``end`` (K,) are the
-    input at its two ends. ``x`` (n,) is changed in place, ``states`` (K, n) is filled.
+    The steps have M different lengths; ``which`` (K,) is the index of the length of each.
+    ``phi`` (M, n, n), ``at_begin`` and ``at_end`` (M, n) are the factors of the state and of the
+    input at both ends of a step; ``begin`` and ``end`` (K,) are these inputs. ``x`` (n,) is
+    changed in place, ``states`` (K, n) is filled.
     """
     order = x.size
     new = np.empty(order)

@@ -1,7 +1,7 @@
-"""An operator with linear dynamics behind or before it: Gamma then G, or G then Gamma.
+"""A hysteresis operator in series with linear dynamics, in either order.
 
-In an ionic polymer strip the hysteresis comes first and the linear part follows; in a shape
-memory wire the heating lags first and the hysteresis follows.
+In an ionic polymer strip the hysteresis comes first and the linear part follows. In a shape-memory
+wire the linear heating comes first and the hysteresis follows.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, as_finite, check_option
+from minorloop.arrays import BoolArray, FloatArray, as_finite, as_waveform, check_option
 from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.propagation import Between, as_waveform
+from minorloop.dynamics.propagation import Between
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.figures import figure_of
 from minorloop.operators.inversion import Unreachable
@@ -24,13 +24,14 @@ First: TypeAlias = Literal["operator", "linear"]
 
 _FILTER_SHARE = 0.2
 _INTERVALS = 5.0
-"""Default time constant of the filter of an inverse: this share of the fastest time constant, at
-least this many sampling intervals."""
+"""Default time constant of the filter of an inverse: this share of the fastest time constant, and
+at least this many sampling intervals. A choice: the filter adds little lag to that of the system,
+and the input stays smooth from sample to sample."""
 
 
 @dataclass(frozen=True, eq=False)
 class CascadeState:
-    """What a cascade remembers: the memory of the operator and the state of the linear part."""
+    """State of a cascade: the memory of the operator and the state of the linear part."""
 
     memory: Any
     linear: FloatArray
@@ -47,13 +48,13 @@ class CascadeInversion:
     u : (T,) array
         Inputs.
     y : (T,) array
-        What the cascade gives for them, with the input straight between the samples.
+        Outputs of the cascade for these inputs, linear between samples.
     targets : (T,) array
-        Outputs that were asked for.
+        Wanted outputs.
     reachable : (T,) array of bool
-        Where the operator could give what was asked of it.
+        Whether the operator can reach the output that it needs at each sample.
     filter_time : float
-        Time constant of the filter in seconds; 0 where none was needed.
+        Time constant of the filter in seconds; 0 if none is needed.
     """
 
     t: FloatArray
@@ -65,7 +66,7 @@ class CascadeInversion:
 
     @property
     def residual(self) -> FloatArray:
-        """(T,) outputs less targets; most of it is the lag of the filter and the dead time."""
+        """(T,) outputs minus targets, mostly from the lag of the filter and the dead time."""
         return self.y - self.targets
 
     @property
@@ -86,23 +87,22 @@ class CascadeInversion:
         return "\n".join(f"{name:<24} {value}" for name, value in rows)
 
     def plot(self) -> Any:
-        """Draw targets with outputs, and the input below; gives the matplotlib figure."""
+        """Draw targets with outputs, and the input below, in a matplotlib figure."""
         return figure_of(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Cascade:
-    """A hysteresis operator and a linear system, one after the other.
+    """A hysteresis operator and a linear system in series.
 
     Parameters
     ----------
     operator : Operator
         The hysteresis.
     linear : Linear
-        The dynamics, best with DC gain 1, so that the cascade is the operator alone when the
-        input is slow.
+        The dynamics. With DC gain 1 the cascade equals the operator for slow inputs.
     first : {"operator", "linear"}
-        Which of the two the input meets first.
+        Which of the two receives the input.
 
     Raises
     ------
@@ -111,7 +111,7 @@ class Cascade:
 
     References
     ----------
-    Chen, Tan and Shahinpoor, Proc. IEEE/ASME AIM 2005, section V: the operator first.
+    Chen, Tan and Shahinpoor, Proc. IEEE/ASME AIM 2005, section V: operator first.
     """
 
     operator: Operator
@@ -130,7 +130,7 @@ class Cascade:
         before: float | None = None,
         between: Between = "held",
     ) -> FloatArray:
-        """Outputs for a sampled input.
+        """Return the outputs for a sampled input.
 
         Parameters
         ----------
@@ -141,9 +141,9 @@ class Cascade:
         start : start state of the operator
             Memory before ``before`` was applied.
         before : float, optional
-            Input under which all had settled; the first of ``u`` if not given.
+            Input at which the cascade had settled before; the first of ``u`` if not given.
         between : {"held", "straight"}
-            As in `Linear.simulate`; what passes between the two parts is taken likewise.
+            As in `Linear.simulate`, for the signal between the two parts too.
 
         Returns
         -------
@@ -157,14 +157,14 @@ class Cascade:
         times, inputs = as_waveform(t, u)
         held = float(inputs[0]) if before is None else as_finite("before", before)
         if self.first == "linear":
-            felt = self.linear.simulate(times, inputs, before=held, between=between)
+            filtered = self.linear.simulate(times, inputs, before=held, between=between)
             settled = held * self.linear.dc_gain
-            return self.operator.simulate(np.append(settled, felt), start)[1:]
+            return self.operator.simulate(np.append(settled, filtered), start)[1:]
         w = self.operator.simulate(np.append(held, inputs), start)
         return self.linear.simulate(times, w[1:], before=float(w[0]), between=between)
 
     def begin(self, before: float, start: Any = "negative") -> CascadeState:
-        """State of a sampled cascade that has settled under an input.
+        """Return the state of a sampled cascade that has settled at an input.
 
         Parameters
         ----------
@@ -179,15 +179,15 @@ class Cascade:
             If the linear part is continuous; discretise it first.
         """
         if self.first == "linear":
-            felt = as_finite("before", before) * self.linear.dc_gain
-            return CascadeState(self.operator.step(start, felt)[1], self.linear.settled(before))
+            w = as_finite("before", before) * self.linear.dc_gain
+            return CascadeState(self.operator.step(start, w)[1], self.linear.settled(before))
         w, memory = self.operator.step(start, before)
         return CascadeState(memory, self.linear.settled(w))
 
     def step(self, state: CascadeState, u: float) -> tuple[float, CascadeState]:
-        """Output at the end of one interval with the input held, and the state then.
+        """Return output and state after one interval with a constant input.
 
-        Nothing is changed in place.
+        The given state is not changed.
 
         Parameters
         ----------
@@ -202,8 +202,8 @@ class Cascade:
             If the linear part is continuous; discretise it first.
         """
         if self.first == "linear":
-            felt, x = self.linear.step(state.linear, u)
-            y, memory = self.operator.step(state.memory, felt)
+            w, x = self.linear.step(state.linear, u)
+            y, memory = self.operator.step(state.memory, w)
             return y, CascadeState(memory, x)
         w, memory = self.operator.step(state.memory, u)
         y, x = self.linear.step(state.linear, w)
@@ -219,29 +219,29 @@ class Cascade:
         filter_time: float | None = None,
         unreachable: Unreachable = "raise",
     ) -> CascadeInversion:
-        """Input that makes the output follow a trajectory.
+        """Return the input with which the output follows a trajectory.
 
-        The inverse of the linear part would differentiate, so it is taken together with a
-        filter F(s) = 1 / (1 + filter_time s)^r, r being the poles of G less its zeros: F / G is
-        as steep as it may be, and the output follows F applied to the targets (to what the
-        operator needs for them, if the linear part is first). Dead time is not undone: the
-        output follows that much later.
+        The inverse of the linear part G differentiates. It is therefore combined with a filter
+        F(s) = 1 / (1 + filter_time s)^r, where r is the relative degree of G, so that F / G is
+        proper. The output follows the filtered targets; with the linear part first, the input of
+        the operator follows the filtered signal that the targets need. Dead time is not
+        compensated.
 
         Parameters
         ----------
         t : (T,) array_like
-            Strictly increasing times in seconds, close enough for straight lines in between.
+            Strictly increasing times in seconds; signals are linear between them.
         targets : (T,) array_like
-            Outputs wanted.
+            Wanted outputs.
         start : start state of the operator
             Memory before ``before`` was applied.
         before : float
-            Input under which all had settled.
+            Input at which the cascade had settled before.
         filter_time : float, optional
-            Seconds; longer is smoother and later. If not given, a fifth of the fastest time
-            constant of G, or five intervals of ``t`` if that is longer.
+            Seconds; a longer filter gives a smoother input and more lag. If not given, a fifth of
+            the fastest time constant of G, or five intervals of ``t`` if that is longer.
         unreachable : {"raise", "clip"}
-            What to do about targets beyond what the operator can give.
+            What to do about targets out of reach of the operator.
 
         Returns
         -------
@@ -250,25 +250,25 @@ class Cascade:
         Raises
         ------
         NotInvertibleError
-            If the linear part is unstable, or has zeros in the right half plane or on its edge,
-            or the operator is not monotone.
+            If the linear part is unstable or has zeros with a real part >= 0, or the operator is
+            not monotone.
         UnreachableError
-            If the operator cannot give what is asked of it and ``unreachable="raise"``.
+            If a target is out of reach of the operator and ``unreachable="raise"``.
         """
         times, wanted = as_waveform(t, targets, name="targets")
         linear = self.linear if self.linear.interval is None else self.linear.continuous()
         seconds = _filter_time(linear, times, filter_time)
-        undo = _filtered_inverse(linear, seconds)
+        inverse = _filtered_inverse(linear, seconds)
         gain = linear.dc_gain
         if self.first == "operator":
             w, memory = self.operator.step(start, before)
-            asked = undo.simulate(times, wanted, before=w * gain, between="straight")
-            found = self.operator.invert(asked, memory, unreachable)
+            needed = inverse.simulate(times, wanted, before=w * gain, between="straight")
+            found = self.operator.invert(needed, memory, unreachable)
             u = found.u
         else:
             memory = self.operator.step(start, before * gain)[1]
             found = self.operator.invert(wanted, memory, unreachable)
-            u = undo.simulate(times, found.u, before=before * gain, between="straight")
+            u = inverse.simulate(times, found.u, before=before * gain, between="straight")
         model = Cascade(self.operator, linear, self.first)
         y = model.simulate(times, u, start, before=before, between="straight")
         return CascadeInversion(times, u, y, wanted, found.reachable, seconds)
@@ -283,7 +283,7 @@ def _filter_time(linear: Linear, t: FloatArray, wanted: float | None) -> float:
     seconds = as_finite("filter_time", wanted)
     if seconds <= 0:
         raise ParameterError(
-            f"filter_time is {wanted:g} s; a system with more poles than zeros cannot be undone "
+            f"filter_time is {wanted:g} s; a system with more poles than zeros cannot be inverted "
             "without a filter, so give a positive time"
         )
     return seconds
@@ -291,12 +291,12 @@ def _filter_time(linear: Linear, t: FloatArray, wanted: float | None) -> float:
 
 def _filtered_inverse(linear: Linear, seconds: float) -> Linear:
     if not linear.stable:
-        raise NotInvertibleError("the linear part is unstable, and drifts whatever the input")
+        raise NotInvertibleError("the linear part is unstable; give one whose poles all decay")
     if linear.dc_gain == 0 or (linear.zeros.real >= 0).any():
         worst = linear.zeros[np.argmax(linear.zeros.real)] if linear.zeros.size else 0.0
         raise NotInvertibleError(
             f"the linear part has a zero at {worst:.4g} 1/s; with zeros in the right half plane "
-            "or on its edge the inverse grows without bound. Identify with fewer zeros"
+            "or on the imaginary axis the inverse grows without bound, so identify with fewer zeros"
         )
     numerator = linear.numerator[linear.relative_degree :]
     smooth = np.array([1.0])

@@ -1,4 +1,4 @@
-"""From continuous to sampled transfer functions and back, for inputs held over each interval."""
+"""Convert transfer functions between s and z, for inputs held over each interval."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from minorloop.dynamics.propagation import StateSpace
 from minorloop.errors import ParameterError
 
 _REAL = 1e-9
-_UNFELT = 1e-10
+"""Relative imaginary part up to which a pole counts as real: well above the rounding of roots."""
+_NEGLIGIBLE = 1e-10
+"""A coefficient adds less than this share of the largest term at the fastest pole: rounding."""
 
 
 def canonical(numerator: FloatArray, denominator: FloatArray) -> StateSpace:
-    """Controllable canonical form, whose settled state is known exactly.
+    """Return the controllable canonical form, whose settled state is known exactly.
 
     Parameters
     ----------
     numerator, denominator : (n + 1,) arrays
-        Highest power first; the first of the denominator is 1.
+        Coefficients, highest power first; the first of the denominator is 1.
 
     Returns
     -------
@@ -36,7 +38,7 @@ def canonical(numerator: FloatArray, denominator: FloatArray) -> StateSpace:
 def sampled(
     numerator: FloatArray, denominator: FloatArray, interval: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Numerator and denominator in z with the same outputs at the samples."""
+    """Return numerator and denominator in z with the same outputs at the samples."""
     from scipy.signal import cont2discrete
 
     a, b, c, d = canonical(numerator, denominator)
@@ -53,12 +55,12 @@ def continuous(
     denominator: FloatArray,
     interval: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Numerator and denominator in s, by the principal logarithm of the transition matrix.
+    """Return numerator and denominator in s, by the principal matrix logarithm.
 
     Raises
     ------
     ParameterError
-        If a pole is at 0 or on the negative real axis, where that logarithm does not exist.
+        If a pole is at 0 or on the negative real axis, where this logarithm does not exist.
     """
     from scipy.linalg import logm
 
@@ -70,7 +72,7 @@ def continuous(
     rate = np.real(logm(block)) / interval
     bottom = np.atleast_1d(np.real(np.poly(rate[:n, :n]))) if n else np.ones(1)
     top = _markov_numerator(bottom, rate[:n, :n], rate[:n, n], c, d)
-    return _without_noise(top, bottom), bottom
+    return _without_rounding(top, bottom), bottom
 
 
 def refuse_alternating(poles: npt.NDArray[np.complex128]) -> None:
@@ -79,8 +81,8 @@ def refuse_alternating(poles: npt.NDArray[np.complex128]) -> None:
     Raises
     ------
     ParameterError
-        If one is at 0 or on the negative real axis: its mode is gone at once, or turns its sign
-        at every sample.
+        If a pole is at 0 or on the negative real axis: its mode ends within one sample, or
+        changes its sign at every sample.
     """
     for pole in poles:
         if pole.real <= 0 and abs(pole.imag) <= _REAL * max(abs(pole), _REAL):
@@ -94,7 +96,7 @@ def refuse_alternating(poles: npt.NDArray[np.complex128]) -> None:
 def _markov_numerator(
     denominator: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, d: float
 ) -> FloatArray:
-    """Numerator from the first Markov parameters, which has no cancellation at its head."""
+    """Return the numerator from Markov parameters, without cancellation in the first ones."""
     markov, x = [d], b
     for _ in range(b.size):
         markov.append(float(c @ x))
@@ -102,10 +104,10 @@ def _markov_numerator(
     return np.convolve(denominator, markov)[: denominator.size]
 
 
-def _without_noise(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
-    """Without leading coefficients that rounding made, which no frequency of the system feels."""
+def _without_rounding(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
+    """Set leading coefficients to zero that are only rounding errors."""
     fastest = float(np.abs(np.roots(denominator)).max(initial=0.0)) or 1.0
-    felt = np.abs(numerator) * fastest ** -np.arange(numerator.size, dtype=np.float64)
-    keep = np.flatnonzero(felt > _UNFELT * felt.max(initial=0.0))
+    terms = np.abs(numerator) * fastest ** -np.arange(numerator.size, dtype=np.float64)
+    keep = np.flatnonzero(terms > _NEGLIGIBLE * terms.max(initial=0.0))
     first = int(keep[0]) if keep.size else numerator.size - 1
     return np.concatenate([np.zeros(first), numerator[first:]])

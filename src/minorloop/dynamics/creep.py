@@ -1,4 +1,4 @@
-"""Slow terms: what a plant still adds long after its input has stopped."""
+"""Creep: slow first-order lags, by which an output still changes long after its input stopped."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, frozen
-from minorloop.dynamics.propagation import as_times, as_waveform
+from minorloop.arrays import FloatArray, as_finite, as_times, as_waveform, as_whole, frozen
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import figure_of
 
 PER_DECADE = 2
-"""Default number of time constants a decade."""
+"""Default number of time constants per decade. Responses of lags that are closer than a factor of
+3 are almost collinear, so that a record cannot separate more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Creep:
     strengths : (n,) array_like
         c_i >= 0, in the unit of the output over that of x.
     gain : float
-        Of the prompt part.
+        Gain of the prompt part.
     offset : float
         Added to the output.
 
@@ -67,16 +67,16 @@ class Creep:
     def simulate(
         self, t: npt.ArrayLike, x: npt.ArrayLike, *, before: float | None = None
     ) -> FloatArray:
-        """Outputs for a signal that is held between samples.
+        """Return the outputs for a signal that is held between samples.
 
         Parameters
         ----------
         t : (T,) array_like
             Strictly increasing times in seconds.
         x : (T,) array_like
-            The signal; x[k] was on since the sample before, and x[0] for as long as x[1].
+            The signal; x[k] is the value since the sample before, and x[0] lasts as long as x[1].
         before : float, optional
-            Value under which all had settled; the first of ``x`` if not given.
+            Value at which the output had settled before; the first of ``x`` if not given.
 
         Returns
         -------
@@ -96,19 +96,19 @@ class Creep:
         )
 
     def compensate(self, t: npt.ArrayLike, targets: npt.ArrayLike, *, before: float) -> FloatArray:
-        """The signal for which the output is at its target at every sample.
+        """Return the signal with which the output meets its target at every sample.
 
-        At each sample the creep that the past has left behind is taken off the target, and the
-        rest is divided by what answers within one interval.
+        At each sample the remaining creep of the past is subtracted from the target. The rest is
+        divided by the gain within one interval.
 
         Parameters
         ----------
         t : (T,) array_like
             Strictly increasing times in seconds.
         targets : (T,) array_like
-            Outputs wanted.
+            Wanted outputs.
         before : float
-            Value of the signal under which all had settled.
+            Value of the signal at which the output had settled before.
 
         Returns
         -------
@@ -124,8 +124,8 @@ class Creep:
         times, wanted = as_waveform(t, targets, name="targets")
         if self.gain <= 0:
             raise NotInvertibleError(
-                f"the prompt gain is {self.gain:g}; without a positive one, each sample would "
-                "have to push against the creep of the sample before, harder and harder"
+                f"the prompt gain is {self.gain:g}; without a positive one the compensating "
+                "signal grows from sample to sample, so identify with a prompt part"
             )
         decay = _decay(times, self.times)
         crept = np.full(self.times.size, as_finite("before", before))
@@ -154,11 +154,11 @@ class CreepFit:
     Parameters
     ----------
     model : Creep
-        What was found.
+        The identified creep.
     t, x, y : (T,) arrays
         The record.
     before : float
-        Value under which all had settled.
+        Value of x at which the output had settled before.
     """
 
     model: Creep
@@ -182,7 +182,7 @@ class CreepFit:
         return f"{self.model}\n{'error':<24} {self.nrmse:.3%} of range"
 
     def plot(self) -> Any:
-        """Draw the record with the fit; gives the matplotlib figure."""
+        """Draw the record with the fit in a matplotlib figure."""
         return figure_of(self)
 
 
@@ -196,23 +196,24 @@ def fit_creep(
     longest: float | None = None,
     per_decade: int = PER_DECADE,
 ) -> CreepFit:
-    """Creep from a record of holds: least squares with strengths that are not negative.
+    """Fit creep to a record of holds, by least squares with non-negative strengths.
 
     Parameters
     ----------
     t : (T,) array_like
         Strictly increasing times in seconds.
     x : (T,) array_like
-        What the plant would do without creep, up to gain and offset, such as the output of an
-        operator; held between samples.
+        Output without creep, up to gain and offset, such as that of an operator; held between
+        samples.
     y : (T,) array_like
         Measured outputs.
     before : float, optional
-        Value of x under which all had settled; the first of ``x`` if not given.
+        Value of x at which the output had settled before; the first of ``x`` if not given.
     shortest, longest : float, optional
-        Time constants in seconds; twice the median interval and the longest hold if not given.
+        Limits of the time constants in seconds; twice the median interval and the longest hold if
+        not given.
     per_decade : int
-        Time constants to a decade.
+        Number of time constants per decade.
 
     Returns
     -------
@@ -228,7 +229,7 @@ def fit_creep(
     References
     ----------
     Lawson and Hanson, Solving Least Squares Problems, 1974, chapter 23: non-negative least
-    squares. Gain and offset are free, and projected out first.
+    squares. The unconstrained gain and offset are projected out first.
     """
     from scipy.optimize import nnls
 
@@ -241,7 +242,7 @@ def fit_creep(
     slow = _lagging(times, values, held, taus).T
     free = np.column_stack([values, np.ones(values.size)])
     basis = np.linalg.qr(free)[0] if np.ptp(values) else free[:, 1:] / np.sqrt(values.size)
-    strengths, _ = nnls(_beside(slow, basis), _beside(outputs, basis))
+    strengths, _ = nnls(_projected_out(slow, basis), _projected_out(outputs, basis))
     rest = outputs - slow @ strengths
     gain, offset = np.linalg.lstsq(free, rest, rcond=None)[0]
     return CreepFit(
@@ -249,7 +250,7 @@ def fit_creep(
     )
 
 
-def _beside(columns: FloatArray, basis: FloatArray) -> FloatArray:
+def _projected_out(columns: FloatArray, basis: FloatArray) -> FloatArray:
     return np.asarray(columns - basis @ (basis.T @ columns))
 
 
@@ -266,19 +267,18 @@ def _grid(
             f"creep times from {begin:g} to {end:g} s; give 0 < shortest <= longest, or a record "
             "with longer holds"
         )
-    if isinstance(per_decade, bool) or not isinstance(per_decade, int) or per_decade < 1:
-        raise ParameterError(f"per_decade is {per_decade!r}; give a whole number of at least 1")
-    return np.geomspace(begin, end, int(np.ceil(per_decade * np.log10(end / begin))) + 1)
+    count = np.ceil(as_whole("per_decade", per_decade, 1) * np.log10(end / begin))
+    return np.geomspace(begin, end, int(count) + 1)
 
 
 def _decay(t: FloatArray, taus: FloatArray) -> FloatArray:
-    """(T, n) share of each lag that is left one interval later."""
+    """(T, n) remaining share of each lag after one interval."""
     steps = np.diff(as_times(t), prepend=2 * t[0] - t[1])
     return np.exp(-steps[:, None] / taus)
 
 
 def _lagging(t: FloatArray, x: FloatArray, before: float, taus: FloatArray) -> FloatArray:
-    """(n, T) the signal through each lag."""
+    """(n, T) outputs of the lags for a signal."""
     decay, lagged = _decay(t, taus), np.empty((t.size, taus.size))
     now = np.full(taus.size, before)
     for k in range(t.size):

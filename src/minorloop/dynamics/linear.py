@@ -1,4 +1,4 @@
-"""Linear systems with one input and one output: thin wrappers on scipy.signal."""
+"""Linear systems with one input, one output and dead time, continuous or sampled."""
 
 from __future__ import annotations
 
@@ -9,13 +9,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_samples, check_option, frozen
+from minorloop.arrays import (
+    FloatArray,
+    as_finite,
+    as_samples,
+    as_seconds,
+    as_times,
+    as_waveform,
+    check_option,
+    frozen,
+)
 from minorloop.dynamics import _kernels, conversion
-from minorloop.dynamics.propagation import Between, StateSpace, as_times, as_waveform, propagate
+from minorloop.dynamics.propagation import Between, StateSpace, propagate
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import figure_of
 
 _WHOLE = 1e-6
+"""Share of an interval by which times may differ from whole intervals: recorded times are often
+rounded to the microsecond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +36,9 @@ class Linear:
     Parameters
     ----------
     numerator, denominator : array_like
-        Coefficients in descending powers of s, or of z for a sampled system; no more of the
-        numerator than of the denominator, whose first is not zero. They are stored with the
-        first of the denominator 1 and as many of both.
+        Coefficients in descending powers of s, or of z for a sampled system. The degree of the
+        numerator is at most that of the denominator, whose first coefficient is not zero. They are
+        stored in equal number, divided by the first coefficient of the denominator.
     interval : float, optional
         Time between samples in seconds; None for a continuous system. The input of a sampled
         system is held over each interval.
@@ -37,7 +48,7 @@ class Linear:
     Raises
     ------
     ParameterError
-        If a number is not finite, the system is not causal, or a time is not possible.
+        If a number is not finite, the system is not causal, or a time is out of its range.
     """
 
     numerator: FloatArray
@@ -60,7 +71,7 @@ class Linear:
         store(self, "numerator", frozen(padded / denominator[0]))
         store(self, "denominator", frozen(denominator / denominator[0]))
         if self.interval is not None:
-            store(self, "interval", _positive("interval", self.interval))
+            store(self, "interval", as_seconds("interval", self.interval))
         store(self, "delay", as_finite("delay", self.delay))
         if self.delay < 0:
             raise ParameterError(f"delay is {self.delay:g} s; give a dead time >= 0")
@@ -76,7 +87,7 @@ class Linear:
         interval: float | None = None,
         delay: float = 0.0,
     ) -> Linear:
-        """System with these poles and zeros, in 1/s, or in the z-plane if it is sampled.
+        """Return a system with these poles and zeros.
 
         Parameters
         ----------
@@ -85,7 +96,7 @@ class Linear:
         zeros : sequence of complex
             In the same plane.
         dc_gain : float
-            Output per input at rest.
+            Settled output per input.
         interval : float, optional
             Seconds between samples; continuous without it.
         delay : float
@@ -98,18 +109,18 @@ class Linear:
 
     @classmethod
     def lags(cls, *times: float, dc_gain: float = 1.0, delay: float = 0.0) -> Linear:
-        """First-order lags one after the other, by their time constants in seconds.
+        """Return first-order lags in series.
 
         Parameters
         ----------
         *times : float
             Time constants, in seconds.
         dc_gain : float
-            Output per input at rest.
+            Settled output per input.
         delay : float
             Dead time, in seconds.
         """
-        each = [-1 / _positive("time constant", time) for time in times]
+        each = [-1 / as_seconds("time constant", time) for time in times]
         return cls.from_poles(each, dc_gain=dc_gain, delay=delay)
 
     def __eq__(self, other: object) -> bool:
@@ -128,7 +139,7 @@ class Linear:
 
     @property
     def relative_degree(self) -> int:
-        """Poles less zeros."""
+        """Number of poles minus number of zeros."""
         return self.order - self.zeros.size
 
     @cached_property
@@ -150,7 +161,7 @@ class Linear:
 
     @property
     def time_constants(self) -> FloatArray:
-        """(n,) seconds in which each mode falls to 1/e, slowest first; infinite if it does not."""
+        """(n,) seconds in which each mode decays to 1/e, slowest first; infinite if it does not."""
         with np.errstate(divide="ignore"):
             if self.interval is None:
                 rates = -self.poles.real
@@ -166,7 +177,7 @@ class Linear:
         return top / bottom if bottom else np.inf
 
     def normalised(self) -> Linear:
-        """The same system with DC gain 1.
+        """Return the same system with DC gain 1.
 
         Raises
         ------
@@ -174,11 +185,11 @@ class Linear:
             If its DC gain is zero or infinite.
         """
         if self._finite_dc_gain == 0:
-            raise ParameterError("the DC gain is 0, which no factor makes 1")
+            raise ParameterError("the DC gain is 0 and cannot be made 1")
         return self._with_dc_gain(1.0)
 
     def response(self, frequency: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-        """Complex gain at frequencies in Hz, of the shape given.
+        """Return the complex gain at each frequency.
 
         Parameters
         ----------
@@ -198,20 +209,20 @@ class Linear:
         before: float = 0.0,
         between: Between = "held",
     ) -> FloatArray:
-        """Outputs for a sampled input, exact between the samples.
+        """Return the outputs for a sampled input; the simulation between samples is exact.
 
         Parameters
         ----------
         t : (T,) array_like
-            Strictly increasing times in seconds; every interval of a sampled system.
+            Strictly increasing times in seconds; the sampling times of a sampled system.
         u : (T,) array_like
             Inputs.
         before : float
-            Input under which the system had settled.
+            Input at which the system had settled before.
         between : {"held", "straight"}
-            ``"held"``: u[k] was on since the sample before, and u[0] for as long as u[1], which
-            is how an actuator records a hold. ``"straight"``: the input jumps to u[0] at t[0]
-            and runs straight from sample to sample; for continuous systems only.
+            ``"held"``: u[k] is the input since the sample before, and u[0] lasts as long as u[1];
+            actuators record holds in this way. ``"straight"``: the input jumps to u[0] at t[0]
+            and is linear between samples; for continuous systems only.
 
         Returns
         -------
@@ -220,9 +231,9 @@ class Linear:
         Raises
         ------
         SignalError
-            If the shapes differ, times do not increase, or do not fit a sampled system.
+            If the shapes differ, times do not increase, or are not those of a sampled system.
         ParameterError
-            If the system cannot have settled, or ``between`` does not suit it.
+            If the system integrates and ``before`` is not 0, or ``between`` does not suit it.
         """
         times, inputs = as_waveform(t, u)
         check_option("between", between, ("held", "straight"))
@@ -241,13 +252,13 @@ class Linear:
             raise ParameterError(
                 "a sampled system holds its input; simulate system.continuous() instead"
             )
-        self._check_clock(times)
+        self._check_sampling(times)
         return self._filter(inputs, before)
 
     def step_response(self, t: npt.ArrayLike) -> FloatArray:
-        """Outputs at times t (T,) after a unit step at 0 from rest; 0 until then.
+        """Return the outputs (T,) after a unit step at time 0; they are 0 before it.
 
-        Between the samples of a sampled system the line from one to the next is given.
+        Outputs of a sampled system are interpolated linearly between samples.
 
         Parameters
         ----------
@@ -263,13 +274,13 @@ class Linear:
         y = np.zeros(times.size)
         after = times > 0
         if after.any():
-            y[after] = self._rise(times[after])
+            y[after] = self._step_after(times[after])
         if self.delay == 0:
             y[times == 0] = self.numerator[0]
         return y
 
     def discretise(self, interval: float) -> Linear:
-        """The sampled system with the same outputs for inputs held over each interval.
+        """Return the sampled system with the same outputs for inputs held over each interval.
 
         Parameters
         ----------
@@ -279,25 +290,25 @@ class Linear:
         Raises
         ------
         ParameterError
-            If it is sampled already, or the dead time is no whole number of intervals.
+            If it is sampled already, or the dead time is not a whole number of intervals.
         """
         if self.interval is not None:
             raise ParameterError(f"the system is sampled already, every {self.interval:g} s")
-        step = _positive("interval", interval)
+        step = as_seconds("interval", interval)
         top, bottom = conversion.sampled(self.numerator, self.denominator, step)
         return Linear(top, bottom, step, self.delay)._with_dc_gain(self.dc_gain)
 
     def continuous(self) -> Linear:
-        """The continuous system which, with its input held over each interval, gives this one.
+        """Return the continuous system with the same outputs for inputs held over each interval.
 
-        By the principal logarithm of the transition matrix.
+        It is computed by the principal logarithm of the transition matrix.
 
         Raises
         ------
         ParameterError
             If it is continuous already, or has a pole at 0 or on the negative real axis, where
-            the principal logarithm does not exist: the mode turns its sign at every sample, and
-            no continuous system of the same order does that.
+            this logarithm does not exist. Such a mode ends within one sample or changes its sign
+            at every sample, which no continuous system of the same order does.
         """
         if self.interval is None:
             raise ParameterError("the system is continuous already")
@@ -305,12 +316,12 @@ class Linear:
         return Linear(top, bottom, None, self.delay)._with_dc_gain(self.dc_gain)
 
     def settled(self, u: float) -> FloatArray:
-        """State (n + delayed samples,) of a sampled system that has settled under an input.
+        """Return the state (n + delayed samples,) of a sampled system that has settled.
 
         Parameters
         ----------
         u : float
-            The input that was held.
+            The input at which it has settled.
 
         Raises
         ------
@@ -321,14 +332,14 @@ class Linear:
         return np.concatenate([self._settled(value), np.full(self.lag, value)])
 
     def step(self, state: FloatArray, u: float) -> tuple[float, FloatArray]:
-        """Output at the end of one interval with the input held, and the state then.
+        """Return output and state after one interval with a constant input.
 
-        Nothing is changed in place.
+        The given state is not changed.
 
         Parameters
         ----------
         state : (n + delayed samples,) array
-            As ``settled`` gives it.
+            As returned by ``settled``.
         u : float
             The input.
 
@@ -357,7 +368,7 @@ class Linear:
         return "\n".join(f"{name:<24} {value}" for name, value in rows)
 
     def plot(self) -> Any:
-        """Draw step response, gain and phase; gives the matplotlib figure."""
+        """Draw step response, gain and phase in a matplotlib figure."""
         return figure_of(self)
 
     @cached_property
@@ -379,19 +390,19 @@ class Linear:
         return round(self.delay / self.interval)
 
     def _with_dc_gain(self, gain: float) -> Linear:
-        """The same, with the rounding of the DC gain undone, or its factor changed."""
+        """Return the same system scaled to this DC gain, if both gains are finite and not 0."""
         own = self.dc_gain
         if not np.isfinite([gain, own]).all() or gain == 0 or own == 0:
             return self
         return Linear(self.numerator * (gain / own), self.denominator, self.interval, self.delay)
 
     def at_rest(self, coefficients: FloatArray) -> float:
-        """A polynomial of the system at s = 0 or z = 1.
+        """Return the value of a polynomial of the system at s = 0, or z = 1 if it is sampled.
 
         Parameters
         ----------
         coefficients : (n,) array
-            Of the numerator or the denominator, highest power first.
+            Numerator or denominator, highest power first.
         """
         return float(coefficients[-1] if self.interval is None else coefficients.sum())
 
@@ -400,12 +411,14 @@ class Linear:
         if u != 0 and self.order:
             rest = self.at_rest(self.denominator)
             if rest == 0:
-                raise ParameterError(f"the system integrates, and never settles under {u:g}")
+                raise ParameterError(
+                    f"the system integrates and does not settle at {u:g}; give 0 before"
+                )
             x[-1 if self.interval is None else slice(None)] = u / rest
         return x
 
-    def _rise(self, after: FloatArray) -> FloatArray:
-        """The step response at times after 0."""
+    def _step_after(self, after: FloatArray) -> FloatArray:
+        """Return the step response at times after 0."""
         if self.interval is None:
             times = np.concatenate([[0.0], after])
             return self.simulate(times, np.ones(times.size), between="straight")[1:]
@@ -416,21 +429,21 @@ class Linear:
         return np.asarray(np.interp(after, grid, rise))
 
     def _filter(self, u: FloatArray, before: float) -> FloatArray:
-        """Outputs of a sampled system at the ends of the intervals over which u is held."""
+        """Return the outputs of a sampled system at the ends of the intervals of u."""
         a, b, c, d = self.state_space
-        felt = np.concatenate([np.full(self.lag, before), u])[: u.size]
+        delayed = np.concatenate([np.full(self.lag, before), u])[: u.size]
         states = np.empty((u.size, self.order))
         first = np.zeros(u.size, dtype=np.int64)
         x = self._settled(before)
-        _kernels.march(a[None], np.zeros((1, b.size)), b[None], first, felt, felt, x, states)
-        return np.asarray(states @ c + d * felt)
+        _kernels.march(a[None], np.zeros((1, b.size)), b[None], first, delayed, delayed, x, states)
+        return np.asarray(states @ c + d * delayed)
 
-    def _check_clock(self, t: FloatArray) -> None:
+    def _check_sampling(self, t: FloatArray) -> None:
         step = self.interval or 0.0
         if not np.allclose(np.diff(t), step, rtol=_WHOLE, atol=1e-9 * abs(t[-1])):
             raise SignalError(
-                f"t does not go in steps of {step:g} s as the system does; resample the input, "
-                "or simulate system.continuous()"
+                f"t is not in steps of {step:g} s, the interval of the system; resample the "
+                "input, or simulate system.continuous()"
             )
 
     def _check_delay(self, interval: float | None) -> None:
@@ -454,17 +467,10 @@ def _coefficients(name: str, values: npt.ArrayLike) -> FloatArray:
     return numbers
 
 
-def _positive(name: str, value: float) -> float:
-    number = as_finite(name, value)
-    if number <= 0:
-        raise ParameterError(f"{name} is {value:g} s; give a positive number of seconds")
-    return number
-
-
 def _polynomial(name: str, roots: npt.NDArray[Any]) -> FloatArray:
     coefficients = np.atleast_1d(np.poly(roots))
     if np.iscomplexobj(coefficients) and np.abs(coefficients.imag).max() > 0:
-        raise ParameterError(f"complex {name} come in conjugate pairs; {roots} do not")
+        raise ParameterError(f"{name} are {roots}; give complex ones in conjugate pairs")
     return np.asarray(as_samples(np.real(coefficients), name=name))
 
 

@@ -7,51 +7,19 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples
+from minorloop.arrays import FloatArray
 from minorloop.dynamics import _kernels
-from minorloop.errors import SignalError
 from minorloop.threads import one_thread
 
 Between: TypeAlias = Literal["held", "straight"]
-"""What an input does between its samples: each sample was held over the interval before it,
-or the input runs straight from sample to sample."""
+"""Input between samples: each sample is held over the interval before it, or the input is linear
+from sample to sample."""
 StateSpace: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, float]
 """A (n, n), B (n,), C (n,) and D."""
 
 _DIGITS = 8
-
-
-def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
-    """Give strictly increasing times, (T,).
-
-    Raises
-    ------
-    SignalError
-        If they are fewer, not finite, or do not increase.
-    """
-    times = as_samples(t, name="t")
-    if times.ndim != 1 or times.size < fewest:
-        raise SignalError(f"t has shape {times.shape}; give (T,) times, T at least {fewest}")
-    if not (np.diff(times) > 0).all():
-        index = int(np.argmin(np.diff(times) > 0)) + 1
-        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
-    return times
-
-
-def as_waveform(
-    t: npt.ArrayLike, u: npt.ArrayLike, *, name: str = "u"
-) -> tuple[FloatArray, FloatArray]:
-    """Give times and one value at each of them, (T,) both.
-
-    Raises
-    ------
-    SignalError
-        If the shapes differ or the times do not increase.
-    """
-    times, values = as_times(t), as_samples(u, name=name)
-    if values.shape != times.shape:
-        raise SignalError(f"{name} has shape {values.shape} and t {times.shape}; give (T,) of both")
-    return times, values
+"""Time steps that agree to so many digits share a matrix exponential: the differences of sampled
+times have rounding errors of this order."""
 
 
 def propagate(
@@ -64,20 +32,20 @@ def propagate(
     before: float,
     between: Between,
 ) -> FloatArray:
-    """Outputs (T,) of a continuous system from state x.
+    """Return the outputs (T,) of a continuous system from state x.
 
     Parameters
     ----------
     system : tuple
         A, B, C, D.
     x : (n,) array
-        State at the first sample, or one interval before it for a held input.
+        State at the first sample, or for a held input one interval before it.
     t, u : (T,) arrays
         Times and inputs.
     delay : float
         Dead time at the input, in seconds.
     before : float
-        Input until the first sample took effect.
+        Input before the first sample.
     between : {"held", "straight"}
         See `Between`.
     """
@@ -98,17 +66,18 @@ def propagate(
 def transitions(
     a: FloatArray, b: FloatArray, steps: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.int64]]:
-    """What a stretch of each length does to the state, for inputs straight within it.
+    """Return the exact transitions over time steps, for inputs that are linear within a step.
 
-    Steps that agree to eight digits share one.
+    Steps that agree to eight digits share one transition.
 
     Returns
     -------
     phi : (M, n, n) array
+        Factors of the state.
     at_begin, at_end : (M, n) arrays
-        Factors of the input at the two ends of the stretch.
+        Factors of the input at both ends of a step.
     which : (K,) array of int
-        Which of the M each of the K steps is.
+        Index of the transition of each of the K steps.
 
     References
     ----------
@@ -132,20 +101,20 @@ def transitions(
 
 
 def _ends(
-    felt: FloatArray,
+    points: FloatArray,
     knots: FloatArray,
     t: FloatArray,
     u: FloatArray,
     before: float,
     between: Between,
 ) -> tuple[FloatArray, FloatArray]:
-    """Input at both ends of each stretch between the times ``felt`` on its own clock."""
-    # The middle of a stretch tells on which side of a jump it lies; its ends may not.
-    middle = (felt[1:] + felt[:-1]) / 2
+    """Return the input at both ends of each step between the times ``points``."""
+    # The middle of a step is never at a jump of the input; its ends may be.
+    middle = (points[1:] + points[:-1]) / 2
     early = middle < knots[0]
     if between == "held":
         value = u[np.minimum(np.searchsorted(t, middle), u.size - 1)]
         value = np.where(early, before, value)
         return value, value
-    value = np.interp(felt, t, u)
+    value = np.interp(points, t, u)
     return np.where(early, before, value[:-1]), np.where(early, before, value[1:])

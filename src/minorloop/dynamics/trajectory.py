@@ -1,4 +1,4 @@
-"""Steady values joined by transients: where a plant is between one settled value and the next."""
+"""Settled values of an operator, joined by step responses."""
 
 from __future__ import annotations
 
@@ -8,39 +8,39 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, check_option
+from minorloop.arrays import FloatArray, as_finite, as_waveform, check_option
 from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.propagation import as_waveform
 from minorloop.errors import ParameterError
 from minorloop.operators.operator import Operator
 
 Joining: TypeAlias = Literal["settled", "superposed"]
 
 _UNIT = 1e-6
+"""Largest difference of a DC gain from 1: far below what a record can show, above rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """An operator for the steady values and unit step responses for the ways between them.
+    """An operator for the settled values, and unit step responses for the transients.
 
     Parameters
     ----------
     operator : Operator
-        Gives the steady value of every input, memory included.
+        Gives the settled value for each input, with memory.
     rising : Linear
-        Response with DC gain 1 by which the output moves up.
+        Response with DC gain 1 of an output that rises.
     falling : Linear, optional
-        The same for moving down; that of ``rising`` if not given.
+        Response of an output that falls; ``rising`` if not given.
 
     Raises
     ------
     ParameterError
-        If a response is unstable or has another DC gain than 1.
+        If a response is unstable or its DC gain is not 1.
 
     References
     ----------
-    Sohn and colleagues, SWNT-reinforced polyaniline fibres, Fig. 5: steady values of a
-    Preisach model joined by one step response. Two responses are an extension of that.
+    Sohn and colleagues, SWNT-reinforced polyaniline fibres, Fig. 5: settled values of a
+    Preisach model joined by one step response. Two responses are an extension.
     """
 
     operator: Operator
@@ -68,25 +68,24 @@ class Trajectory:
         before: float | None = None,
         joining: Joining = "settled",
     ) -> FloatArray:
-        """Outputs for an input that is held in steps.
+        """Return the outputs for an input that is held in steps.
 
-        With steps at t_k to steady values Y_k, and s the response of its direction:
+        With steps at t_k to settled values Y_k, and the step response s of the direction:
 
-        - ``"settled"``: y(t) = y_k + (Y_k - y_k) s(t - t_k), where y_k is what the output has
-          come to at t_k. It forgets that the output may still have been moving.
-        - ``"superposed"``: y(t) = Y_0 + sum (Y_k - Y_k-1) s(t - t_k), for steps that come
-          before the one before has settled.
+        - ``"settled"``: y(t) = y_k + (Y_k - y_k) s(t - t_k), where y_k is the output at t_k. The
+          transient of the step before ends at t_k.
+        - ``"superposed"``: y(t) = Y_0 + sum (Y_k - Y_k-1) s(t - t_k). All transients continue.
 
         Parameters
         ----------
         t : (T,) array_like
             Strictly increasing times in seconds.
         u : (T,) array_like
-            Inputs; u[k] was on since the sample before, and u[0] for as long as u[1].
+            Inputs; u[k] is the input since the sample before, and u[0] lasts as long as u[1].
         start : start state of the operator
             Memory before ``before`` was applied.
         before : float, optional
-            Input under which all had settled; the first of ``u`` if not given.
+            Input at which the output had settled before; the first of ``u`` if not given.
         joining : {"settled", "superposed"}
             How transients are joined.
 

@@ -1,1 +1,1 @@
-"""Out of Python: models as C, as co-simulation units, and inside other libraries."""
+"""Export of models as C, as co-simulation units, and into other libraries."""

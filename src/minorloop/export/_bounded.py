@@ -1,4 +1,4 @@
-"""A memory of bounded length, as the exported C keeps it."""
+"""Limit the length of a memory, as the exported C does."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ def bounded(model: Preisach, memory: Memory, room: int) -> Memory:
     Parameters
     ----------
     model : Preisach
-        The operator; the loop is smallest whose relays weigh least, whatever their signs.
+        The operator; the smallest loop is that with the least sum of absolute weights.
     memory : Memory
-        What is remembered.
+        The memory.
     room : int
-        One more than the extrema that may be kept, the present input not counted; at least 4.
+        One more than the number of extrema to keep, without the present input; at least 4.
     """
     extrema = list(memory.extrema)
     if len(extrema) <= room:

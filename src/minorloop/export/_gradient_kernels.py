@@ -1,4 +1,4 @@
-"""Compiled loops of gradients in the input: arrays in, arrays out.
+"""Compiled loops of gradients in the input; they take and return arrays only.
 
 The tree is that of `minorloop.identification._kernels`: the output at a sample is that at its
 parent plus one Everett difference between the two.
@@ -15,7 +15,7 @@ ROOT = -1
 
 @njit(cache=True, nogil=True)
 def everett_rates(nodes, bow, i, s, j, f):
-    """Derivatives of `everett_inside` in the two fractions."""
+    """Return the derivatives of `everett_inside` in the two fractions."""
     if i == j:
         rate = nodes[i + 1, i] - bow[i] * (1.0 - 2.0 * (s - f))
         return rate, -rate
@@ -27,7 +27,7 @@ def everett_rates(nodes, bow, i, s, j, f):
 
 @njit(cache=True, nogil=True)
 def pull_inputs(plane, u, parent, samples, out):
-    """Gradient in the inputs, added to ``out``.
+    """Add the gradient in the inputs to ``out``.
 
     ``samples[t]`` is the sum of the cotangents of sample t and its descendants, which the transpose
     of the tree computes.
@@ -55,7 +55,7 @@ def pull_inputs(plane, u, parent, samples, out):
 
 @njit(cache=True, nogil=True)
 def pull_plays(u, radii, weights, positions, cotangents, for_weights, for_inputs, movers):
-    """Gradients of weighted plays in weights and inputs, added to the two arrays.
+    """Add the gradients of weighted plays in weights and inputs to the two arrays.
 
     ``movers`` (n,) holds the sample that moved each play last, -1 for none. A play that the input
     moves follows the input; otherwise it keeps its position.

@@ -6,28 +6,26 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import NotInvertibleError
-from minorloop.export._tables import Numbers, Parts
+from minorloop.export._tables import VECTORS, Numbers, Parts
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
-
-_VECTORS = 200
 
 
 def plays_parts(
     model: PrandtlIshlinskii | GeneralisedPrandtlIshlinskii, numbers: Numbers, inverse: bool
 ) -> Parts:
-    """Context, vectors and bytes of plays.
+    """Return context, inputs of the self-test and bytes of plays.
 
     Raises
     ------
     NotInvertibleError
-        If an inverse is asked for and there is none.
+        If ``inverse`` is true and there is none.
     """
     if inverse and not model.invertible:
         raise NotInvertibleError(
-            "the plays have no linear term, or a running sum of their weights or a slope of their "
-            "dead zones is not positive, so their C cannot have an inverse; export it without "
-            "(inverse=False, --no-inverse)"
+            "the plays have no linear term, or a cumulative sum of their weights or a slope of "
+            "their dead zones is not positive, so their C cannot have an inverse; export it "
+            "without (inverse=False, --no-inverse)"
         )
     bent = isinstance(model, GeneralisedPrandtlIshlinskii)
     plays = model.plays if isinstance(model, GeneralisedPrandtlIshlinskii) else model
@@ -65,6 +63,6 @@ def plays_parts(
 
 
 def _inputs(model: PrandtlIshlinskii) -> FloatArray:
-    """Inputs that move every play."""
+    """Return inputs that move every play."""
     reach = 2 * float(model.radii[-1]) or 1.0
-    return np.random.default_rng(0).uniform(-reach, reach, _VECTORS)
+    return np.random.default_rng(0).uniform(-reach, reach, VECTORS)

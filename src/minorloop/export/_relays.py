@@ -6,22 +6,22 @@ import numpy as np
 
 from minorloop.errors import NotInvertibleError, ParameterError
 from minorloop.export._selftest import check_digits
-from minorloop.export._tables import Numbers, Parts, wrapped
+from minorloop.export._tables import VECTORS, Numbers, Parts, wrapped
 from minorloop.operators.relays import RelayModel
 
-_VECTORS = 200
-_MOST = 32_000
+_MOST_LEVELS = 32_000
+"""Numbers of levels fit into 16 bits with sign."""
 
 
 def relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
-    """Context, vectors and bytes of relays.
+    """Return context, inputs of the self-test and bytes of relays.
 
     Raises
     ------
     NotInvertibleError
-        If an inverse is asked for.
+        If ``inverse`` is true.
     ParameterError
-        If levels coincide in the type chosen, or there are too many.
+        If levels coincide in the type of the C, or there are too many.
     """
     if inverse:
         raise NotInvertibleError(
@@ -30,14 +30,15 @@ def relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
         )
     count = int(model.levels.size)
     levels = numbers.array(model.levels)
-    if count > _MOST or not (np.diff(levels) > 0).all():
+    if count > _MOST_LEVELS or not (np.diff(levels) > 0).all():
         raise ParameterError(
-            f"{count} levels, of which the closest are {np.diff(model.levels).min():g} apart, "
-            f"cannot be told apart; give at most {_MOST}, and export doubles"
+            f"{count} levels, of which the closest are {np.diff(model.levels).min():g} apart, are "
+            f"too many or too close for a {numbers.type}; give at most {_MOST_LEVELS}, and export "
+            "doubles"
         )
     check_digits(numbers, levels)
     swing, off = model.line()
-    # How much of a column is on when its relays up to a row are; columns after each other.
+    # Cumulative weights of each column, which are on up to a row; columns after each other.
     columns = np.cumsum(model.weights, axis=0)
     packed = np.concatenate([columns[b:, b] for b in range(count)])
     begins = np.cumsum([0, *range(count, 1, -1)])
@@ -62,7 +63,7 @@ def relay_parts(model: RelayModel, numbers: Numbers, inverse: bool) -> Parts:
         table_bytes=numbers.size * (count + packed.size) + 4 * count,
         state_bytes=-(-whole // numbers.size) * numbers.size + numbers.size,
         memory=count,
-        inputs=np.random.default_rng(0).uniform(low - 0.1 * reach, low + 1.1 * reach, _VECTORS),
+        inputs=np.random.default_rng(0).uniform(low - 0.1 * reach, low + 1.1 * reach, VECTORS),
         start="negative",
         template="relays",
         title="weighted relays on level pairs",

@@ -13,29 +13,30 @@ from minorloop.arrays import FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeState, First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
-from minorloop.export._tables import Numbers, wrapped
+from minorloop.export._tables import VECTORS, Numbers, wrapped
 from minorloop.export._templates import render
 from minorloop.operators.preisach import Preisach
 
-_VECTORS = 200
 _COARSEST = 0.01
-"""Largest tolerance of a self-test, as a share of the range."""
+"""Largest tolerance of a self-test, as a share of the range. A choice: more rounding than this
+would be a large part of the error of a good model."""
 _NEAR, _STEEPEST = 1e-4, 10.0
-"""Shares of both ranges: the output changes by at least a tenth of the input, this near."""
+"""The inverse is compared at outputs where, within this share of the range on either side, the
+slope of the inverse is at most 10 in shares of both ranges: rounding is amplified by no more."""
 _DIGITS, _DIGITS_LINEAR = 8, 32
-"""Last digits of inputs, and of outputs, that what is computed of them may be off by together;
-a linear part loses more of those of outputs."""
+"""Errors allowed in units of the last digit of inputs and of outputs. A choice: a few operations
+round between them, and those of the recursion of a linear part add up."""
 
 
 def examples(
     model: Preisach, numbers: Numbers, memory: int, linear: Linear | None, first: First
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Inputs as the C can have them, their outputs, and what the last digits of inputs are worth.
+    """Return inputs rounded to the type of the C, their outputs, and the effect of a last digit.
 
     Raises
     ------
     ParameterError
-        If these digits are worth more of the range than anyone would accept.
+        If the last digit of an input changes the output by too large a share of its range.
     """
     typed = numbers.array(_inputs(model, memory))
     ways = np.where(np.random.default_rng(1).random(typed.size) < 0.5, -np.inf, np.inf)
@@ -57,12 +58,12 @@ def examples(
 
 
 def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
-    """Refuse thresholds that differ in the last digits of their type only.
+    """Refuse thresholds that differ only in the last digits of their type.
 
     Raises
     ------
     ParameterError
-        If a last digit is worth more of the range of the levels than anyone would accept.
+        If a last digit is too large a share of the range of the levels.
     """
     largest = np.abs(levels).max()
     digit = float(np.spacing(largest)) / float(np.ptp(levels.astype(np.float64)))
@@ -76,13 +77,13 @@ def check_digits(numbers: Numbers, levels: npt.NDArray[Any]) -> None:
 
 
 def output_error(numbers: Numbers, y: FloatArray, width: float, linear: bool = False) -> float:
-    """Rounding error of outputs in the type, as a share of the range.
+    """Return the rounding error of outputs in the type of the C, as a share of their range.
 
     Raises
     ------
     ParameterError
-        If that is more than anyone would accept: with an offset far larger than the range, the
-        output is in the last digits of its numbers.
+        If it is too large: with an offset far larger than its range, an output changes only in
+        its last digits.
     """
     largest = float(np.abs(y).max())
     digit = float(np.spacing(numbers.array(largest))) / (width or 1.0)
@@ -98,7 +99,7 @@ def output_error(numbers: Numbers, y: FloatArray, width: float, linear: bool = F
 
 
 def width_of(model: Preisach, linear: Linear | None) -> float:
-    """Range of the output, which errors are shares of."""
+    """Return the range of the output, to which errors are related."""
     low, high = model.range
     return (high - low) * (1.0 if linear is None else abs(linear.dc_gain)) or 1.0
 
@@ -113,10 +114,10 @@ def selftest(
     digit: float = 0.0,
     asked: Asked | None = None,
 ) -> str:
-    """The self-test: what Python gave for these inputs, whose last digits are worth so much.
+    """Return the self-test, which compares the C with outputs of Python within a tolerance.
 
-    Targets are chased both ways. Where a linear part keeps the output from its target for a while,
-    what the C asks for is compared instead, along the inputs.
+    The inverse is tested with the outputs as targets. With a linear part, the output reaches a
+    target later only; so the inputs that the C computes are compared instead.
     """
     width = width or 1.0
     rounding = float(np.finfo(np.float32 if numbers.single else np.float64).eps)
@@ -175,9 +176,9 @@ class Asked:
 
 
 def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> Asked | None:
-    """What the inverse of the operator asks for on the way, wherever the output is steep enough.
+    """Return inputs of the inverse of the operator for targets where its output is steep enough.
 
-    Where it is flat, the last digit of a target moves the input by much. None where it is flat
+    Where it is flat, the last digit of a target changes the input by much. None if it is flat
     everywhere.
     """
     (low, high), cascade = map(float, model.levels[[0, -1]]), Cascade(model, linear, first)
@@ -201,10 +202,10 @@ def asked_of(model: Preisach, linear: Linear, first: First, u: FloatArray) -> As
 
 
 def _inputs(model: Preisach, memory: int) -> FloatArray:
-    """Inputs over the whole plane whose histories fit into a bounded memory."""
+    """Return inputs over the whole plane whose histories fit into a bounded memory."""
     low, high = map(float, model.levels[[0, -1]])
     rng, tracker, chosen = np.random.default_rng(0), model.track(), []
-    for share in rng.beta(0.7, 0.7, _VECTORS):
+    for share in rng.beta(0.7, 0.7, VECTORS):
         u = low + float(share) * (high - low)
         for wanted in (u, high):
             trial = tracker.copy()
@@ -217,7 +218,7 @@ def _inputs(model: Preisach, memory: int) -> FloatArray:
 
 
 def _stepped(cascade: Cascade, u: FloatArray) -> FloatArray:
-    """Outputs of a cascade from negative saturation."""
+    """Return the outputs of a cascade from negative saturation."""
     state, y = _begun(cascade), np.empty(u.size)
     for k, sample in enumerate(u):
         y[k], state = cascade.step(state, float(sample))
@@ -225,6 +226,6 @@ def _stepped(cascade: Cascade, u: FloatArray) -> FloatArray:
 
 
 def _begun(cascade: Cascade) -> CascadeState:
-    """A settled cascade in negative saturation."""
+    """Return the state of a cascade that is settled in negative saturation."""
     low = float(cascade.operator.levels[0])  # type: ignore[attr-defined]
     return cascade.begin(low if cascade.first == "operator" else low / cascade.linear.dc_gain)

@@ -1,4 +1,4 @@
-"""Numbers as C writes them, and the tables that the exported operator reads."""
+"""Format numbers and tables of the exported operator in C."""
 
 from __future__ import annotations
 
@@ -14,9 +14,13 @@ from minorloop.errors import ParameterError
 from minorloop.operators import plane
 from minorloop.operators.preisach import Preisach
 
+VECTORS = 200
+"""Inputs of a self-test, in about 10 kB of C."""
 _COLUMNS = 100
+"""Longest line of a table."""
 _MOST_SINGLE, _MOST_DOUBLE = 1e15, 1e150
-"""Largest range of a signal, and one over its least, by the type of the C."""
+"""Largest range of a signal, and inverse of the least, by the type of the C: their squares are
+within 1e38 and 1e308, the largest numbers of these types."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Numbers:
         return 4 if self.single else 8
 
     def array(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
-        """Numbers rounded to the type.
+        """Return numbers rounded to the type.
 
         Raises
         ------
@@ -68,14 +72,14 @@ class Numbers:
         most = _MOST_SINGLE if self.single else _MOST_DOUBLE
         if high / 2 - low / 2 > most / 2 or 0 < high - low < 1 / most:
             raise ParameterError(
-                f"the {what} goes from {low:g} to {high:g}, and C with a {self.type} carries "
+                f"the {what} goes from {low:g} to {high:g}, and C with a {self.type} can have "
                 f"ranges from {1 / most:g} to {most:g}; "
                 + ("export doubles, or " if self.single else "")
                 + "identify in another unit"
             )
 
     def one(self, value: float) -> str:
-        """Literal that is read as the same number; in brackets if it is negative."""
+        """Return a literal of exactly this number, in brackets if it is negative."""
         number = self.array(value)
         text = f"{float(number):.9g}" if self.single else repr(float(number))
         if not set(text) & {".", "e"}:
@@ -84,7 +88,7 @@ class Numbers:
         return f"({text})" if text.startswith("-") else text
 
     def table(self, values: Iterable[float]) -> str:
-        """Content of an initialiser."""
+        """Return the content of an initialiser."""
         return wrapped(self.one(value).strip("()") for value in values)
 
 
@@ -103,7 +107,7 @@ class Parts:
 
 
 def wrapped(words: Iterable[str]) -> str:
-    """Words with commas, in lines of bounded length."""
+    """Return words with commas, in lines of bounded length."""
     lines, line = [], ""
     for word in words:
         if line and len(line) + len(word) + 2 > _COLUMNS - 4:
@@ -114,18 +118,18 @@ def wrapped(words: Iterable[str]) -> str:
 
 
 def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], int]:
-    """Template context of an operator, and the bytes of its tables.
+    """Return the template context of an operator, and the bytes of its tables.
 
     Raises
     ------
     ParameterError
-        If levels coincide or numbers overflow in the type chosen.
+        If levels coincide or numbers overflow in the type of the C.
     """
     levels = numbers.array(model.levels)
     if not (np.diff(levels) > 0).all():
         raise ParameterError(
             f"levels are only {np.diff(model.levels).min():g} apart around "
-            f"{np.abs(model.levels).max():g}, which a float cannot tell apart; export doubles"
+            f"{np.abs(model.levels).max():g}, which a float cannot distinguish; export doubles"
         )
     begun, per_unit = plane.buckets(levels)
     nodes = model.tables.nodes
@@ -167,7 +171,7 @@ def operator_tables(model: Preisach, numbers: Numbers) -> tuple[dict[str, Any], 
 
 
 def text_only(words: Mapping[str, str]) -> dict[str, str]:
-    """Texts made safe for a comment in C."""
+    """Return texts that are safe in a comment in C."""
     return {
         name: " ".join("".join(c if c.isprintable() else " " for c in text).split())
         .replace("*/", "* /")
@@ -177,5 +181,5 @@ def text_only(words: Mapping[str, str]) -> dict[str, str]:
 
 
 def _packed(nodes: FloatArray) -> FloatArray:
-    """The rows of a lower triangle one after the other."""
+    """Return the rows of a lower triangle one after the other."""
     return np.asarray(nodes[np.tril_indices(len(nodes))])

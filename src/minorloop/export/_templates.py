@@ -1,4 +1,4 @@
-"""The templates that C, its self-test and its descriptions are rendered from."""
+"""Render C, its self-test and its descriptions from templates."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ def _environment() -> Any:
 
 
 def render(template: str, context: dict[str, Any]) -> str:
-    """A file from its template."""
+    """Return the text of a file."""
     return str(_environment().get_template(template).render(context))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from minorloop.arrays import check_option
+from minorloop.arrays import as_whole, check_option
 from minorloop.dynamics.cascade import First
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import NotInvertibleError, ParameterError
@@ -22,7 +22,7 @@ from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.export._templates import render
 from minorloop.files import PathLike, make_folder, write_atomically
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
-from minorloop.operators.memory import ROOM
+from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
@@ -30,33 +30,34 @@ from minorloop.version import __version__
 
 __all__ = ["CSource", "export_c", "source"]
 
-LEAST_MEMORY = 6
-MOST_MEMORY = 10_000
-_RESERVED = 40
+_LONGEST_NAME = 40
+"""Characters of the name, so that public names have fewer than 63, as many as C99 distinguishes."""
 _COMMENT = 96
+"""Characters of a line in a comment."""
 _MOST_LAG = 100_000
+"""Intervals of dead time, each of which takes a number in a state."""
 _OTHERS = (PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, RelayModel)
 
 
 @dataclass(frozen=True)
 class CSource:
-    """C for a model.
+    """The C of a model.
 
     Parameters
     ----------
     files : dict of str to str
         Text of each file, by its name.
     table_bytes : int
-        Of constant tables, which a linker puts into flash.
+        Bytes of constant tables, which a linker puts into flash.
     state_bytes : int
-        Of one state, in RAM.
+        Bytes of one state, in RAM.
     memory : int
         Extrema that a state remembers.
     drop_error : float
-        Most that dropping one pair of extrema can change the output by, in its unit.
+        Largest change of the output by dropping one pair of extrema, in its unit.
     input_error : float
-        Most that rounding the input to the type of the C changes the output by, on the inputs of
-        the self-test, as a share of its range; 0 for relays and plays, for which it is not weighed.
+        Largest change of the output by rounding the input to the type of the C, for the inputs of
+        the self-test, as a share of its range; 0 for relays and plays, where it is not computed.
     """
 
     files: dict[str, str]
@@ -67,14 +68,14 @@ class CSource:
     input_error: float
 
     def write(self, folder: PathLike, *, force: bool = False) -> Path:
-        """Write the files into a folder, which is made or has to be empty.
+        """Write the files into a new or empty folder.
 
         Parameters
         ----------
         folder : str or path
-            Where they go.
+            The folder.
         force : bool
-            Whether the folder may hold files, of which those of the same names are replaced.
+            Whether the folder may contain files; those of the same names are replaced.
 
         Raises
         ------
@@ -88,18 +89,18 @@ class CSource:
 
 
 def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:
-    """Write a model as C into a folder.
+    """Write the C of a model into a folder.
 
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii or GeneralisedPrandtlIshlinskii
         The model.
     folder : str or path
-        Where the files go; it is made, or has to be empty.
+        New or empty folder.
     force : bool
-        Whether it may hold files, of which those of the same names are replaced.
+        Whether the folder may contain files; those of the same names are replaced.
     **options
-        Of `source`.
+        Options of `source`.
 
     Returns
     -------
@@ -132,17 +133,17 @@ def source(
     firmware: bool = False,
     warnings: Sequence[str] = (),
 ) -> CSource:
-    """A model as C99.
+    """Return the C99 of a model.
 
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii or GeneralisedPrandtlIshlinskii
-        The operator; all but the first without linear part, and relays without inverse.
+        The operator. Only a Preisach operator can have a linear part; relays have no inverse.
     name : str
-        Of the files, and what every public name in them begins with.
+        Name of the files, and prefix of all public names in them.
     memory : int
-        Remembered extrema of the input, at least 6. When a history has more, the pair that
-        matters least is dropped; the C says by how much the output can be off.
+        Remembered extrema of the input, at least 6. When a history has more, the pair with the
+        least effect is dropped; the C computes a bound of the output error.
     float32 : bool
         Whether to compute in single precision.
     inverse : bool
@@ -150,21 +151,21 @@ def source(
     linear : Linear, optional
         A sampled linear part with a DC gain, stepped together with the operator.
     first : {"operator", "linear"}
-        Which of the two the input meets first.
+        Which of the two receives the input.
     input, output : str
-        What the model maps, for the comments.
+        Names of input and output, for the comments.
     largest : int, optional
-        Most bytes that tables and one state may take together.
+        Most bytes of tables and one state together.
     firmware : bool
-        Whether to write a sketch of firmware too, which speaks the serial protocol of
+        Whether to write a sketch of firmware too, with the serial protocol of
         `minorloop.lab.drivers.serial_line`.
     warnings : sequence of str
-        Why the model is not to be trusted; a comment at the top of header and source says so.
+        Why the model is not to be trusted, for a comment at the top of header and source.
 
     Raises
     ------
     NotInvertibleError
-        If an inverse is asked for and the model has none.
+        If ``inverse`` is true and the model has none.
     ParameterError
         If C of this kind cannot hold the model, rounding inputs or outputs to its type costs
         more than 1 % of the output's range, it needs more bytes than allowed, or an option is
@@ -173,48 +174,30 @@ def source(
     _check_options(name, memory)
     check_option("first", first, ("operator", "linear"))
     words = {"name": name, "input": input, "output": output, "notice": "; ".join(warnings)}
+    numbers = Numbers(float32)
     if isinstance(model, _OTHERS):
         if linear is not None or firmware:
             raise ParameterError(
                 f"C of a {type(model).__name__} has no linear part and no firmware; identify a "
                 "Preisach model for these"
             )
-        return _other_source(model, Numbers(float32), inverse, largest, words)
+        return _other_source(model, numbers, inverse, largest, words)
     operator = _as_preisach(model, inverse)
-    numbers = Numbers(float32)
-    numbers.check_range("input", operator.levels)
-    numbers.check_range("output", operator.range)
-    context, table_bytes = operator_tables(operator, numbers)
-    state_bytes = _state_bytes(numbers.size, memory)
-    if linear is not None:
-        context["linear"], tables = _linear_context(linear, first, numbers)
-        context["tables"] |= tables
-        states = context["linear"]["order"] + context["linear"]["lag"]
-        table_bytes += 2 * numbers.size * context["linear"]["order"]
-        state_bytes += numbers.size * (states + (context["linear"]["lag"] > 0))
+    context, table_bytes, state_bytes = _preisach_tables(operator, linear, first, numbers, memory)
     _check_bytes(table_bytes, state_bytes, largest)
     drop_error = context["swing"] / (memory - 3)
     u, y, digit = examples(operator, numbers, memory, linear, first)
     context |= {
         "single": f"{drop_error:.3g}",
-        "sqrt": "sqrtf" if float32 else "sqrt",
-        "memory": memory,
         "input_error": f"{digit:.2g}",
-        "linear": context.get("linear"),
-        "about": about(operator, linear, first),
         **_common("a Preisach operator with piecewise uniform density", numbers, inverse, words),
     }
-    both_ways = inverse and operator.range[0] < operator.range[1]
-    asked = None
-    if both_ways and linear is not None:
-        asked, both_ways = asked_of(operator, linear, first, u), False
-    files = {
-        f"{name}.h": render("model.h", context),
-        f"{name}.c": render("model.c", context),
-        f"{name}_selftest.c": selftest(
-            context, numbers, u, y, width_of(operator, linear), both_ways, digit, asked
-        ),
-    }
+    invertible = inverse and operator.range[0] < operator.range[1]
+    asked = asked_of(operator, linear, first, u) if invertible and linear is not None else None
+    both_ways = invertible and linear is None
+    width = width_of(operator, linear)
+    test = selftest(context, numbers, u, y, width, both_ways, digit, asked)
+    files = _files("model", context, test)
     if firmware:
         low, high = map(float, operator.levels[[0, -1]])
         safe = numbers.one(min(max(0.0, low), high))
@@ -229,7 +212,7 @@ def _other_source(
     largest: int | None,
     words: Mapping[str, str],
 ) -> CSource:
-    """C of plays, with or without dead zones, and of relays; their memory has a fixed size."""
+    """Return the C of plays and of relays, whose memory has a fixed size."""
     if isinstance(model, RelayModel):
         numbers.check_range("input", model.levels)
     make: Any = relay_parts if isinstance(model, RelayModel) else plays_parts
@@ -237,22 +220,51 @@ def _other_source(
     _check_bytes(parts.table_bytes, parts.state_bytes, largest)
     context = parts.context | _common(parts.title, numbers, inverse, words)
     u = numbers.array(parts.inputs).astype(np.float64)
-    if isinstance(model, RelayModel):  # whose outputs jump where the C has its thresholds
+    if isinstance(model, RelayModel):  # outputs jump at the thresholds as the C rounds them
         model = replace(model, levels=numbers.array(model.levels).astype(np.float64))
     y = model.simulate(u, parts.start)
     numbers.check_range("input", u)
     numbers.check_range("output", y)
-    name = words["name"]
-    files = {
-        f"{name}.h": render(f"{parts.template}.h", context),
-        f"{name}.c": render(f"{parts.template}.c", context),
-        f"{name}_selftest.c": selftest(context, numbers, u, y, float(np.ptp(y)), inverse),
-    }
+    test = selftest(context, numbers, u, y, float(np.ptp(y)), inverse)
+    files = _files(parts.template, context, test)
     return CSource(files, parts.table_bytes, parts.state_bytes, parts.memory, 0.0, 0.0)
 
 
+def _files(template: str, context: dict[str, Any], test: str) -> dict[str, str]:
+    """Return header, source and self-test by their names."""
+    name = context["name"]
+    return {
+        f"{name}.h": render(f"{template}.h", context),
+        f"{name}.c": render(f"{template}.c", context),
+        f"{name}_selftest.c": test,
+    }
+
+
+def _preisach_tables(
+    operator: Preisach, linear: Linear | None, first: First, numbers: Numbers, memory: int
+) -> tuple[dict[str, Any], int, int]:
+    """Return the context of operator and linear part, and the bytes of tables and of a state."""
+    numbers.check_range("input", operator.levels)
+    numbers.check_range("output", operator.range)
+    context, table_bytes = operator_tables(operator, numbers)
+    state_bytes = _state_bytes(numbers.size, memory)
+    context |= {
+        "sqrt": "sqrtf" if numbers.single else "sqrt",
+        "memory": memory,
+        "linear": None,
+        "about": about(operator, linear, first),
+    }
+    if linear is not None:
+        part, tables = _linear_context(linear, first, numbers)
+        context["linear"] = part
+        context["tables"] |= tables
+        table_bytes += 2 * numbers.size * part["order"]
+        state_bytes += numbers.size * (part["order"] + part["lag"] + (part["lag"] > 0))
+    return context, table_bytes, state_bytes
+
+
 def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]) -> dict[str, Any]:
-    """Context for all templates."""
+    """Return the context that all templates have in common."""
     return {
         "guard": words["name"].upper(),
         "real": numbers.type,
@@ -264,7 +276,7 @@ def _common(what: str, numbers: Numbers, inverse: bool, words: Mapping[str, str]
 
 
 def _notice(warnings: str) -> str:
-    """Say in a comment why the model is not to be trusted; nothing where nothing is wrong."""
+    """Return a comment that says why the model is not to be trusted; empty if nothing does."""
     if not warnings:
         return ""
     lines = textwrap.wrap(f"WARNING: this model is not to be trusted: {warnings}", _COMMENT)
@@ -288,17 +300,12 @@ def _as_preisach(model: Any, inverse: bool) -> Preisach:
 
 
 def _check_options(name: str, memory: int) -> None:
-    if not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or len(name) > _RESERVED:
+    if not re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]*", name) or len(name) > _LONGEST_NAME:
         raise ParameterError(
             f"name {name!r} cannot begin the names in C; give a letter, then letters, digits and "
-            f"underscores, {_RESERVED} at most"
+            f"underscores, {_LONGEST_NAME} at most"
         )
-    if isinstance(memory, bool) or not isinstance(memory, int | np.integer):
-        raise ParameterError(f"memory is {memory!r}; give a whole number of extrema")
-    if not LEAST_MEMORY <= memory <= MOST_MEMORY:
-        raise ParameterError(
-            f"memory is {memory} extrema; give {LEAST_MEMORY} to {MOST_MEMORY}, 32 serve most"
-        )
+    as_whole("memory", memory, LEAST_ROOM, MOST_ROOM)
 
 
 def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> None:
@@ -313,7 +320,7 @@ def _check_bytes(table_bytes: int, state_bytes: int, largest: int | None) -> Non
 
 
 def _state_bytes(size: int, memory: int) -> int:
-    """Of a state without linear part, padded as compilers do."""
+    """Return the bytes of a state without linear part, padded as by compilers."""
     extremum = 20 if size == 4 else 40
     return (memory + 1) * extremum + 8 + 4 * size
 
@@ -328,13 +335,13 @@ def _linear_context(
         )
     if linear.lag > _MOST_LAG:
         raise ParameterError(
-            f"the linear part has a delay of {linear.delay:g} s, and the C would have to "
-            f"remember {linear.lag} intervals; give at most {_MOST_LAG}"
+            f"the linear part has a delay of {linear.delay:g} s, for which the C would have to "
+            f"store {linear.lag} intervals; give at most {_MOST_LAG}"
         )
     if not np.isfinite(linear.dc_gain) or linear.dc_gain == 0:
         raise ParameterError(
-            f"the linear part has a DC gain of {linear.dc_gain:g}; there is nothing settled to "
-            "begin from, so give one whose DC gain is finite and not zero"
+            f"the linear part has a DC gain of {linear.dc_gain:g} and no settled state to begin "
+            "from; give one whose DC gain is finite and not zero"
         )
     if not linear.stable:
         raise ParameterError("the linear part is unstable; give one that settles")
@@ -355,7 +362,7 @@ def _linear_context(
 
 
 def about(model: Preisach, linear: Linear | None, first: First) -> str:
-    """Comment that describes the model."""
+    """Return a comment that describes the model."""
     parts = f"{model.bands} bands, {model.relay} relays, {model.diagonal} diagonal"
     if linear is None:
         return f"{parts}."

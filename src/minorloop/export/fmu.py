@@ -1,4 +1,4 @@
-"""A model as a co-simulation unit: FMI 2.0, from the same C, with no Python inside."""
+"""Export of a model as an FMI 2.0 co-simulation unit, from the same C, without Python."""
 
 from __future__ import annotations
 
@@ -31,8 +31,10 @@ from minorloop.operators.preisach import Preisach
 __all__ = ["export_fmu"]
 
 _PATIENCE = 120
+"""Seconds after which a compiler counts as hanging."""
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-Wall", "-Wextra")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The earliest time of a zip file, so that equal models give equal bytes."""
 
 
 def export_fmu(
@@ -51,9 +53,9 @@ def export_fmu(
 ) -> list[str]:
     """Write a model as an FMI 2.0 co-simulation unit.
 
-    The unit has the input and the output under their names, and ``error_bound``, which says how
-    far the output can be off because memory is bounded. In each communication step the input
-    that was set is held. It holds the source too, so that it can be compiled for other platforms.
+    The variables of the unit are input, output, and ``error_bound``, a bound of the output error
+    from dropped extrema. The input is held over each communication step. The unit contains the
+    source too, so that it can be compiled for other platforms.
 
     Parameters
     ----------
@@ -62,18 +64,17 @@ def export_fmu(
     path : str or path
         The file to write, ``*.fmu``.
     name : str
-        Of the unit and of the files in it.
+        Name of the unit and of the files in it.
     memory : int
-        Extrema of the input that are remembered.
+        Remembered extrema of the input.
     linear : Linear, optional
-        A sampled linear part; communication steps are whole numbers of its interval then.
+        A sampled linear part; communication steps are then whole numbers of its interval.
     first : {"operator", "linear"}
-        Which of the two the input meets first.
+        Which of the two receives the input.
     input, output : str or Quantity
         Names and units, such as ``voltage [V]``.
     interval : float, optional
-        Step that a simulator should take by default, in seconds; that of the linear part, or
-        0.01.
+        Default step of a simulator in seconds; if not given, that of the linear part, or 0.01.
     compiler : str, optional
         The C compiler, and options for it; ``$CC`` or ``cc`` if not given.
     force : bool
@@ -82,7 +83,7 @@ def export_fmu(
     Returns
     -------
     list of str
-        Platforms that the unit has been compiled for, in the words of the standard.
+        Platforms of the compiled unit, as the standard names them.
 
     Raises
     ------
@@ -93,11 +94,11 @@ def export_fmu(
     """
     target = check_writable(path, force=force)
     if target.suffix != ".fmu":
-        raise ParameterError(f"{target.name} is no name for a unit; give one that ends in .fmu")
+        raise ParameterError(f"the unit is named {target.name}; give a name that ends in .fmu")
     if not isinstance(model, Preisach):
         raise ParameterError(
-            f"units are written for Preisach models, and this is a {type(model).__name__}; "
-            "identify a Preisach model from the same record"
+            f"the model is a {type(model).__name__}, and units can contain Preisach models only; "
+            "identify one from the same record"
         )
     named = [q if isinstance(q, Quantity) else Quantity.parse(q) for q in (input, output)]
     code = source(
@@ -179,7 +180,7 @@ def _context(
 
 
 def _distinct(*names: str) -> list[str]:
-    """Names that are no two alike, and none that of the axis that all units share."""
+    """Return the names with underscores, so that all differ, also from ``time`` in all units."""
     found = ["time"]
     for name in names:
         while name in found:
@@ -189,7 +190,7 @@ def _distinct(*names: str) -> list[str]:
 
 
 def _prototypes() -> list[str]:
-    """Declarations of the public functions that the template defines."""
+    """Return the declarations of the public functions that the template defines."""
     text = _render_source()
     pattern = r"^((?:fmi2\w+|const char \*|void)\s?\*?fmi2\w+\([^{]*?\))\n\{"
     return [f"API {' '.join(p.split())}" for p in re.findall(pattern, text, flags=re.MULTILINE)]
@@ -209,18 +210,17 @@ def _render_source() -> str:
 
 
 def _platform() -> tuple[str, str]:
-    """The standard's word for this platform, and how its libraries end."""
+    """Return the standard's name of this platform, and the suffix of its libraries."""
     bits = "64" if sys.maxsize > 2**32 else "32"
     system = {"Linux": "linux", "Darwin": "darwin", "Windows": "win"}.get(platform.system())
     if system is None:
-        raise ParameterError(f"FMI 2.0 has no word for the platform {platform.system()!r}")
+        raise ParameterError(f"FMI 2.0 has no name for the platform {platform.system()!r}")
     return f"{system}{bits}", {"linux": ".so", "darwin": ".dylib", "win": ".dll"}[system]
 
 
 def _compiled(files: dict[str, str], name: str, suffix: str, compiler: str | None) -> bytes:
-    """The unit as a shared library."""
-    wanted = compiler or os.environ.get("CC") or "cc"
-    found, options = _split(wanted)
+    """Return the unit as a shared library."""
+    found, options = _compiler(compiler or os.environ.get("CC") or "cc")
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for file, text in files.items():
@@ -233,14 +233,14 @@ def _compiled(files: dict[str, str], name: str, suffix: str, compiler: str | Non
                 command, cwd=folder, capture_output=True, text=True, timeout=_PATIENCE, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise OutputError(f"the compiler {found} did not work: {error}") from None
+            raise OutputError(f"the compiler {found} failed: {error}") from None
         if done.returncode or not library.exists():
-            raise OutputError(f"the compiler {found} refused the unit: {done.stderr.strip()[:300]}")
+            raise OutputError(f"the compiler {found} failed: {done.stderr.strip()[:300]}")
         return library.read_bytes()
 
 
-def _split(wanted: str) -> tuple[str, list[str]]:
-    """A compiler as it is found, and the options that follow its name."""
+def _compiler(wanted: str) -> tuple[str, list[str]]:
+    """Return the path of a compiler, and the options that follow its name."""
     try:
         name, *options = [wanted] if shutil.which(wanted) else shlex.split(wanted)
     except ValueError:
@@ -252,7 +252,7 @@ def _split(wanted: str) -> tuple[str, list[str]]:
 
 
 def _archive(files: dict[str, bytes]) -> bytes:
-    """The files as a zip whose bytes depend on nothing but them."""
+    """Return the files as a zip; equal files give equal bytes."""
     store = io.BytesIO()
     with zipfile.ZipFile(store, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():

@@ -1,4 +1,4 @@
-"""A model as a differentiable function in JAX, to sit inside a larger learned model.
+"""Convert a model to a differentiable function in JAX, for use in a larger learned model.
 
 JAX calls the compiled loops of the operator; gradients are compiled loops too, their exact
 transpose. Nothing is smoothed. The output is linear in the weights; their gradient is exact.

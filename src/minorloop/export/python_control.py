@@ -1,4 +1,4 @@
-"""A model as an input-output system of python-control, with its memory as the state."""
+"""Convert a model to a system of python-control, with its memory as the state."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite, as_whole
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.export._bounded import bounded
-from minorloop.operators.memory import ROOM, Memory, Start
+from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Start
 from minorloop.operators.prandtl_ishlinskii import PlayStart, PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 
 __all__ = ["as_memory", "as_state", "as_system"]
 
-LEAST_ROOM, MOST_ROOM = 6, 10_000
 Update = Callable[[float, FloatArray, FloatArray, Mapping[str, Any]], Any]
 
 
@@ -31,26 +30,26 @@ def as_system(
     input: str = "u",
     output: str = "y",
 ) -> Any:
-    """A model as a discrete-time ``control.NonlinearIOSystem``.
+    """Return a model as a discrete-time ``control.NonlinearIOSystem``.
 
-    Its update and output are pure functions of state and input, so it can be simulated,
-    connected and simulated again. Begin a simulation from `as_state` with the same room. A state
-    that is no memory of the operator, such as one of zeros, is refused; so a Preisach operator
-    can neither be linearised nor searched for operating points, which try such states.
+    Update and output are pure functions of state and input, so the system can be connected and
+    simulated any number of times. Begin a simulation from `as_state` with the same room. A state
+    that is not a memory of the operator, such as zeros, is refused. So a Preisach operator cannot
+    be linearised and has no search for operating points, which try such states.
 
     Parameters
     ----------
     model : Preisach or PrandtlIshlinskii
         The operator.
     interval : float or True
-        Seconds between samples; True where it does not matter.
+        Seconds between samples; True if it does not matter.
     room : int
-        Extrema that the state of a Preisach operator has room for, at least 6. When a history
-        has more, the smallest loop is dropped.
+        Extrema in the state of a Preisach operator, at least 6. When a history has more, the
+        smallest loop is dropped.
     feedthrough : bool
-        Whether the output answers to the input of the same instant, as a hysteresis does. If
-        not, it is that of the input before, which breaks algebraic loops; the linear part of a
-        Preisach operator then sees inputs beyond the levels clamped to them, as the state does.
+        Whether the output depends on the input at the same instant, as that of a hysteresis does.
+        If not, it belongs to the input before, which breaks algebraic loops. The linear part of a
+        Preisach operator then has clamped inputs beyond the levels, as the state does.
     name, input, output : str
         Names of the system and its signals.
 
@@ -63,8 +62,8 @@ def as_system(
     MissingExtraError
         If python-control is not installed.
     ParameterError
-        If the model is of another kind, there is too little room, or the interval is not
-        positive; while it is simulated, if a state is no memory.
+        If the model is of another class, there is too little room, or the interval is not
+        positive; in a simulation, if a state is not a memory.
     """
     if interval is not True and not as_finite("interval", interval) > 0:
         raise ParameterError(f"interval is {interval!r} s; give a positive time, or True")
@@ -100,7 +99,7 @@ def as_state(
     *,
     room: int = ROOM,
 ) -> FloatArray:
-    """Initial state of `as_system`.
+    """Return an initial state of `as_system`.
 
     Parameters
     ----------
@@ -122,7 +121,7 @@ def as_state(
     Raises
     ------
     ParameterError
-        If the model is of another kind, or there is too little room.
+        If the model is of another class, or there is too little room.
     """
     if isinstance(model, PrandtlIshlinskii):
         plays = "demagnetised" if start is None else start
@@ -137,12 +136,12 @@ def as_state(
 
 
 def as_memory(state: npt.ArrayLike) -> Memory:
-    """The memory that a state of a Preisach operator stands for.
+    """Return the memory in a state of a Preisach operator.
 
     Raises
     ------
     ParameterError
-        If the state is no memory.
+        If the state is not a memory.
     """
     values = np.asarray(state, dtype=np.float64)
     changes = np.flatnonzero(np.diff(values))
@@ -151,18 +150,18 @@ def as_memory(state: npt.ArrayLike) -> Memory:
         return Memory(extrema.tolist())
     except ParameterError as error:
         raise ParameterError(
-            "a state is no memory; begin from as_state(model) with the room of the system, which "
-            f"python-control fills up with zeros otherwise ({error})"
+            "a state is not a memory; begin from as_state(model) with the room of the system, or "
+            f"python-control fills it up with zeros ({error})"
         ) from None
 
 
 def _memory_of(model: Preisach, state: FloatArray) -> Memory:
-    """The memory that a state stands for, if it is one of this operator."""
+    """Return the memory in a state; refuse one of another operator."""
     low = float(model.levels[0])
     if state[0] != low:
         raise ParameterError(
-            f"a state begins with {float(state[0])!r} and not with the lower end of the plane, "
-            f"{low!r}; begin from as_state(model)"
+            f"a state begins with {float(state[0])!r} and not with the lowest level, {low!r}; "
+            "begin from as_state(model)"
         )
     return as_memory(state)
 
@@ -193,7 +192,7 @@ def _plays_step(
 
 
 def _rest(model: Preisach | PrandtlIshlinskii, x: FloatArray) -> float:
-    """Output that goes with a state."""
+    """Return the output in a state."""
     if isinstance(model, Preisach):
         memory = _memory_of(model, x)
         return float(model.step(memory, memory.u)[0])

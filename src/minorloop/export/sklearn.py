@@ -1,8 +1,7 @@
-"""A model as a scikit-learn regressor, and a splitter that keeps sequences whole.
+"""A scikit-learn regressor for the Preisach operator, and a splitter into contiguous blocks.
 
-Rows are samples in the order of time. A hysteresis remembers, so what a row is predicted as
-depends on the rows before it; the checks of scikit-learn that deny this are named in
-`EXPECTED_FAILURES`, each with its reason.
+Rows are samples in the order of time. The prediction of a row depends on the rows before it. The
+checks of scikit-learn that exclude this are named in `EXPECTED_FAILURES`, each with its reason.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ EXPECTED_FAILURES: dict[str, str] = {
     "check_methods_sample_order_invariance": _REMEMBERS.format("their order matters"),
     "check_methods_subset_invariance": _REMEMBERS.format("a part of them is another history"),
 }
-"""Checks of ``sklearn.utils.estimator_checks.check_estimator`` that memory makes meaningless."""
+"""Checks of ``sklearn.utils.estimator_checks.check_estimator`` that a memory fails, and why."""
 
 
 class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -48,15 +47,15 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     start : {"negative", "positive", "demagnetised"}
         Memory before the first row of what is fitted.
     predict_from : {"start", "end"}
-        Whether the rows to predict begin from ``start``, or follow on from the last row fitted,
-        as the blocks of `ContiguousSplit` do.
+        Whether the rows to predict begin from ``start``, or follow the last fitted row, as the
+        blocks of `ContiguousSplit` do.
 
     Attributes
     ----------
     model_ : Preisach
         The operator.
     memory_ : Memory
-        What the rows fitted left behind.
+        Memory after the last fitted row.
     n_features_in_ : int
         Columns of ``X``.
     """
@@ -127,7 +126,7 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return self
 
     def predict(self, X: Any) -> FloatArray:
-        """Outputs for inputs in the order of time.
+        """Return the outputs for inputs in the order of time.
 
         Parameters
         ----------
@@ -149,22 +148,22 @@ class PreisachRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
-        tags.regressor_tags.poor_score = True  # rows of the checks come in no order of time
+        tags.regressor_tags.poor_score = True  # the rows of the checks are not ordered in time
         return tags
 
 
 class ContiguousSplit:
-    """Fit on all rows up to a time, test on the block that follows; then move on.
+    """Contiguous blocks, each tested after a fit to all rows before it.
 
-    No block is shuffled and none lies before what was fitted, so that a test begins with the
-    memory that the rows fitted left behind; use ``PreisachRegressor(predict_from="end")``.
+    A test begins with the memory after the last fitted row; use
+    ``PreisachRegressor(predict_from="end")``.
 
     Parameters
     ----------
     n_splits : int
-        Blocks to test.
+        Number of blocks to test.
     first : float
-        Share of the rows that the first fit has, above 0 and below 1.
+        Share of the rows in the first fit, above 0 and below 1.
 
     Raises
     ------
@@ -187,7 +186,7 @@ class ContiguousSplit:
         y: Any = None,
         groups: Any = None,
     ) -> Iterator[tuple[IntArray, IntArray]]:
-        """Row numbers to fit and to test, block by block.
+        """Yield the row numbers to fit and to test, block by block.
 
         Raises
         ------
@@ -205,5 +204,5 @@ class ContiguousSplit:
             yield np.arange(low), np.arange(low, high)
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
-        """How many blocks there are."""
+        """Return the number of blocks."""
         return self.n_splits

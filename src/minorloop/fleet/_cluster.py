@@ -26,6 +26,7 @@ from minorloop.fleet._worker import Work
 CONNECT = 10.0
 """Seconds to wait for the first answer of a scheduler."""
 _TICK = 0.2
+"""Seconds between rounds: short against all limits of time."""
 _CLOSE = 1.0
 """Seconds to wait for the disconnection from a scheduler."""
 _AHEAD = 3

@@ -75,7 +75,7 @@ def identify_one(task: Task, scratch: Path) -> Found:
 
 
 def opening(model: Preisach) -> float:
-    """Widest gap between the two major branches, as a share of the range."""
+    """Return the widest gap between the two major branches, as a share of the range."""
     up = model.simulate(model.levels)
     down = model.simulate(model.levels[::-1], "positive")[::-1]
     width = float(np.ptp(model.range))

@@ -28,6 +28,7 @@ ATTEMPTS = 2
 STARTS = 3
 """Workers in a row that may end before they are ready."""
 _TICK = 0.2
+"""Seconds between rounds: short against all limits of time."""
 _LONGEST_TICK = 1.0
 """Longest time that one round counts, so that a sleeping machine does not use up a limit."""
 
@@ -41,11 +42,11 @@ class _Slot:
     task: Task | None = None
     spent: float = 0.0
     stopped: float = 0.0
-    told: float = 0.0
+    noticed: float = 0.0
 
     def begin(self, answer: Future[Any], task: Task | None = None) -> None:
         self.answer, self.task = answer, task
-        self.spent = self.stopped = self.told = 0.0
+        self.spent = self.stopped = self.noticed = 0.0
 
     def end(self) -> str:
         worker, self.worker, self.answer, self.task = self.worker, None, None, None
@@ -72,7 +73,7 @@ class Pool:
         self._slots = [_Slot() for _ in range(workers)]
         self._ends: Counter[str] = Counter()
         self._bad_starts = 0
-        self._said = float("-inf")
+        self._last_notice = float("-inf")
 
     def __enter__(self) -> Pool:
         return self
@@ -207,8 +208,8 @@ class Pool:
                 "allow more time"
             }
         now = time.monotonic()
-        if slot.spent >= max(NOTICE, 2 * slot.told) and now - self._said >= APART:
-            slot.told, self._said = slot.spent, now
+        if slot.spent >= max(NOTICE, 2 * slot.noticed) and now - self._last_notice >= APART:
+            slot.noticed, self._last_notice = slot.spent, now
             self.say(
                 f"specimen {name} has run for {slot.spent:.0f} s; the limit is {self.limit:g} s"
             )

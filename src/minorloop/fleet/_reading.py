@@ -17,7 +17,9 @@ APART = 4.0
 _SOON, _SOON_IF_LATE = 1.0, 0.1
 """Seconds after which the next record is read first; fewer while one is late already."""
 _TICK = 0.2
+"""Seconds between rounds: short against all limits of time."""
 _MOST_LATE = 64
+"""Records that are waited for at the same time, each by a thread of its own."""
 
 
 @dataclass
@@ -27,7 +29,7 @@ class _Reading:
     specimen: Specimen
     data: Future[bytes]
     began: float
-    told: bool = False
+    noticed: bool = False
 
     @classmethod
     def of(cls, specimen: Specimen) -> _Reading:
@@ -77,7 +79,7 @@ def read_records(
         Called with each specimen whose record cannot be read, and the reason.
     """
     late: list[_Reading] = []
-    coming, said = iter(specimens), float("-inf")
+    coming, last_notice = iter(specimens), float("-inf")
     more = True
     while more or late:
         one = next(coming, None) if len(late) < _MOST_LATE else None
@@ -104,8 +106,8 @@ def read_records(
                 fail(it.specimen, TimeoutError(reason))
             else:
                 late.append(it)
-                if not it.told and now - it.began >= NOTICE and now - said >= APART:
-                    it.told, said = True, now
+                if not it.noticed and now - it.began >= NOTICE and now - last_notice >= APART:
+                    it.noticed, last_notice = True, now
                     say(
                         f"the record of specimen {name} has not been read for "
                         f"{now - it.began:.0f} s; the limit is {limit:g} s"

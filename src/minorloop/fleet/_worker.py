@@ -57,14 +57,14 @@ class Worker:
 
     def __init__(self, work: Work, limit: float) -> None:
         self._scratch = Path(tempfile.gettempdir(), f"minorloop-{os.urandom(8).hex()}.csv")
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115
         alive, self._alive = os.pipe()
         self._process = subprocess.Popen(
             [sys.executable, "-c", _COMMAND, str(alive), *sys.path],
             pass_fds=(alive,),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._said,
+            stderr=self._stderr,
             env={**os.environ, **dict.fromkeys(_ONE_THREAD, "1")},
             process_group=0,
         )
@@ -115,13 +115,13 @@ class Worker:
             with suppress(OSError, ValueError):
                 if stream is not None:
                     stream.close()
-        if self._said.closed:
+        if self._stderr.closed:
             return ""
         os.close(self._alive)
         self._scratch.unlink(missing_ok=True)
-        self._said.seek(0)
-        last = self._said.read()[-2000:].decode(errors="replace").strip().splitlines()[-1:]
-        self._said.close()
+        self._stderr.seek(0)
+        last = self._stderr.read()[-2000:].decode(errors="replace").strip().splitlines()[-1:]
+        self._stderr.close()
         return ": ".join([_exit_text(status), *last])
 
 

@@ -22,7 +22,9 @@ COLUMNS = ("specimen", "file", "input", "output")
 LARGEST = 64 * 2**20
 """Bytes of the largest manifest."""
 _MOST_COLUMNS, _MOST_LINES = 1000, 1_000_000
+"""Largest table of a manifest, far beyond real fleets."""
 _LONGEST_KEY = 120
+"""Bytes of the name of a file: file systems allow 255, with suffixes."""
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,13 @@ from minorloop.fleet.manifest import Specimen
 from minorloop.fleet.summary import Outcome, Summary
 
 _LONGEST = 400
+"""Characters of a reason or a warning."""
 _READING = 5.0
 """Seconds after which a record that was identified before is read like a new one."""
 
 
 def write_result(place: Path, one: Specimen, found: Mapping[str, Any]) -> Outcome:
-    """Write the result of a worker."""
+    """Write the result of a worker, and return the outcome."""
     digest = found.get("sha256")
     if "error" in found:
         return fail(place, one, found["error"], digest)
@@ -135,7 +136,7 @@ def earlier_outcomes(
 
 
 def strays(place: Path, specimens: Sequence[Specimen]) -> list[str]:
-    """Files of specimens that are not in the manifest, such as ``models/old.json``."""
+    """Return files of specimens that are not in the manifest, such as ``models/old.json``."""
     known = {f"{one.key}.json" for one in specimens}
     found = (place / folder for folder in ("models", "results"))
     files = (file for folder in found for file in folder.glob("*.json"))
@@ -143,7 +144,7 @@ def strays(place: Path, specimens: Sequence[Specimen]) -> list[str]:
 
 
 def open_folder(place: Path, specimens: Sequence[Specimen], options: Mapping[str, Any]) -> Path:
-    """Make the folder, or continue one with the same options; returns its path."""
+    """Make the folder, or continue one with the same options; return its path."""
     content = {
         "format": "minorloop fleet",
         "version": 1,
@@ -189,6 +190,6 @@ def write_summary(place: Path, summary: Summary) -> None:
 
 
 def one_line(text: str) -> str:
-    """Text on one line, shortened to 400 characters."""
+    """Return a text on one line, shortened to 400 characters."""
     line = " ".join(text.split())
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 4]} ..."

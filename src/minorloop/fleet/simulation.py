@@ -12,14 +12,15 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.fleet import _kernels
 from minorloop.operators import plane
 from minorloop.operators._parallel import in_parallel
-from minorloop.operators.memory import ROOM, Memory, Start
+from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Start
 from minorloop.operators.preisach import Preisach
 
 __all__ = ["FleetState", "simulate_fleet"]
 
-LEAST_ROOM, MOST_ROOM = 6, 10_000
 MOST_OPERATORS = 2**31
+"""A choice: with the least room, their memory takes 412 GB."""
 _CHUNK = 16_384
+"""Operators of one task of a thread: enough that starting a task costs little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +88,11 @@ class FleetState:
         return len(self.rows)
 
     def memory(self, operator: int) -> Memory:
-        """What one operator remembers."""
+        """Return the memory of one operator."""
         return Memory(self.stacks[operator, : self.rows[operator], 0].tolist())
 
     def copy(self) -> FleetState:
-        """An independent state."""
+        """Return an independent state."""
         stacks, rows, lost, within = _parts(self)
         return FleetState(self.model, stacks.copy(), rows.copy(), lost.copy(), within.copy())
 
@@ -127,7 +128,7 @@ def simulate_fleet(
     SignalError
         If the inputs are not finite numbers, or not for as many operators as the state has.
     ParameterError
-        If the model is of another kind, or the state is of another model, damaged, or may not
+        If the model is of another class, or the state is of another model, damaged, or may not
         be overwritten.
     """
     check_kind("model", model, Preisach)

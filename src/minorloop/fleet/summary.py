@@ -14,8 +14,11 @@ WORDS = ("min", "quarter", "median", "three_quarters", "max")
 FAR = 5.0
 """Robust standard deviations from the median from which a specimen is an outlier."""
 _FEWEST = 8
+"""Specimens below which none is an outlier: a median deviation of fewer is too uncertain."""
 _TO_SD = 1.4826
+"""Standard deviation over median absolute deviation of a normal distribution."""
 _LEAST_SPREAD = 1e-9
+"""Relative spread below which values count as equal: rounding is no outlier."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Outcome:
     specimen : str
         Its name.
     error : str, optional
-        Why there is no model; None where there is one.
+        Why there is no model; None if there is one.
     nrmse : float, optional
         Error of the model on the fitted samples, over the range of the output.
     nrmse_holdout : float, optional

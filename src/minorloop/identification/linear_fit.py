@@ -9,9 +9,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, as_times
 from minorloop.dynamics.linear import Linear
-from minorloop.dynamics.propagation import as_times
 from minorloop.errors import ParameterError
 from minorloop.figures import figure_of
 from minorloop.identification.output_error import Coefficients, Stretch, Structure

@@ -8,8 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, check_option
-from minorloop.dynamics.propagation import as_waveform
+from minorloop.arrays import FloatArray, as_waveform, check_option
 from minorloop.errors import SignalError
 from minorloop.identification.output_error import Stretch
 

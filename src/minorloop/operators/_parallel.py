@@ -1,4 +1,4 @@
-"""Independent signals, side by side."""
+"""Run a loop over independent signals on all cores."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 
 def in_parallel(work: Callable[[int], None], rows: int) -> None:
-    """Call ``work(row)`` for every row, on all cores: the kernels release the GIL."""
+    """Call ``work(row)`` for every row in threads; compiled loops release the GIL."""
     workers = min(rows, os.cpu_count() or 1)
     if workers < 2:
         for row in range(rows):

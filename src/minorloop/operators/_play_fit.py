@@ -1,7 +1,7 @@
-"""Least squares for weighted plays, plain and bent by dead zones.
+"""Least squares for weighted plays, with or without dead zones.
 
-Everything is solved in normalised units, input and output both divided by half their swing,
-so that a field in 1e5 A/m and a moment in 1e-7 A m2 cost no digits.
+Input and output are both divided by half their range, so that no digits are lost for a field in
+1e5 A/m or a moment in 1e-7 A m2.
 """
 
 from __future__ import annotations
@@ -11,19 +11,23 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples, frozen
+from minorloop.arrays import FloatArray, as_pair, frozen
 from minorloop.errors import ParameterError, SignalError
 
 LEAST_SLOPE = 1e-4
-"""Of plays, in output swing over input swing: what keeps a fitted operator invertible."""
+"""Least slope of plays, in ranges of the output over that of the input: a fitted operator stays
+invertible, and the slope is too small to show in a record."""
 
 _FLATTEST, _STEEPEST = 1e-3, 1e2
-"""Bounds of the slopes of the dead zones."""
+"""Bounds of the slopes of the dead zones: far beyond those of loops that saturate."""
 _STILL = 1e-9
+"""A play that moves by a smaller share of half the input range does not move: rounding."""
+_MOST_STEPS = 100
+"""Evaluations of the refinement, which converges within a few tens."""
 
 
 class BentPlays(NamedTuple):
-    """A fit of plays bent by dead zones, in the units of the record."""
+    """A fit of plays followed by dead zones, in the units of the record."""
 
     weights: FloatArray
     shift: float
@@ -33,28 +37,24 @@ class BentPlays(NamedTuple):
 
 
 def as_record(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Inputs and outputs of one length, neither constant; NaN marks a gap in y.
+    """Return inputs and outputs of one length; NaN marks a gap in y.
 
     Raises
     ------
     SignalError
-        If they are not that.
+        If lengths differ, or the input or output is empty or constant.
     """
-    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
-    if inputs.ndim != 1 or inputs.shape != outputs.shape:
-        raise SignalError(
-            f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
-        )
+    inputs, outputs = as_pair(u, y)
     if inputs.size == 0 or inputs.min() == inputs.max():
-        raise SignalError("u is constant or empty; a fit needs an input that moves")
+        raise SignalError("u is constant or empty; give an input that changes")
     known = outputs[~np.isnan(outputs)]
     if known.size == 0 or known.min() == known.max():
-        raise SignalError("y is constant or has no measured sample; a fit needs outputs that move")
+        raise SignalError("y is constant or has no measured sample; give outputs that change")
     return inputs, outputs
 
 
 def choose_radii(u: FloatArray, radii: npt.ArrayLike) -> FloatArray:
-    """Radii as given, or so many, evenly from zero to just below half the swing of u.
+    """Return the given radii, or this number of them from zero to just below half the range of u.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def choose_radii(u: FloatArray, radii: npt.ArrayLike) -> FloatArray:
 
 
 def choose_knots(y: FloatArray, thresholds: npt.ArrayLike) -> FloatArray:
-    """Thresholds as given, or so many, inside the range of y and denser towards its ends.
+    """Return the given thresholds, or this number of them, denser towards the ends of the range.
 
     Raises
     ------
@@ -94,16 +94,16 @@ def choose_knots(y: FloatArray, thresholds: npt.ArrayLike) -> FloatArray:
 def fit_plays(
     u: FloatArray, y: FloatArray, positions: FloatArray, *, signed: bool
 ) -> tuple[FloatArray, float]:
-    """Weights and offset of plays that bring them nearest to a record.
+    """Return the weights and the offset of plays that fit a record best.
 
     Parameters
     ----------
     u, y : (T,) arrays
         Record; NaN in y is left out.
     positions : (T, n) array
-        Of the plays.
+        Positions of the plays.
     signed : bool
-        Whether running sums are bounded from below, instead of the weights themselves.
+        Whether cumulative sums are bounded from below, instead of the weights themselves.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def fit_plays(
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]
     _require_samples(y.size, plays.shape[1] + 1)
-    across, up = _half_swing(u), _half_swing(y)
+    across, up = _half_range(u), _half_range(y)
     basis, least = _basis(plays.shape[1], signed)
     columns = _columns(plays, across, basis)
     weights = basis @ _bounded(columns, (y - y.mean()) / up, least) * up / across
@@ -128,14 +128,14 @@ def fit_plays(
 def fit_bent_plays(
     u: FloatArray, y: FloatArray, positions: FloatArray, knots: FloatArray, *, signed: bool
 ) -> BentPlays:
-    """Plays and dead zones that bring ``centre + S(shift + plays)`` nearest to a record.
+    """Return plays and dead zones with which ``centre + S(shift + plays)`` fits a record best.
 
     Parameters
     ----------
     u, y : (T,) arrays
         Record; NaN in y is left out.
     positions : (T, n) array
-        Of the plays.
+        Positions of the plays.
     knots : (K,) array
         Outputs at which the slope of S changes, increasing.
     signed : bool
@@ -149,8 +149,8 @@ def fit_bent_plays(
     known = ~np.isnan(y)
     plays, y = positions[known], y[known]
     _require_samples(y.size, plays.shape[1] + knots.size + 1)
-    across, up = _half_swing(u), _half_swing(y)
-    centre = _straight_part(y, knots)
+    across, up = _half_range(u), _half_range(y)
+    centre = _middle_piece(y, knots)
     basis, least = _basis(plays.shape[1], signed)
     mean = plays.mean(axis=0)
     problem = _Bent(
@@ -171,10 +171,10 @@ def fit_bent_plays(
 
 
 class _Bent(NamedTuple):
-    """The normalised problem: nearest ``S(shift + columns @ theta)`` to y.
+    """The normalised problem: fit ``S(shift + columns @ theta)`` to y.
 
-    S is described by its inverse, whose pieces lie between fixed knots in y and have slopes
-    (compliances) to be found, 1 at the origin. So ``shift + columns @ theta`` equals the sum
+    S is described by its inverse, whose pieces lie between fixed knots in y. Their slopes
+    (compliances) are unknown, and 1 at the origin. So ``shift + columns @ theta`` equals the sum
     of compliances times the lengths of y within the pieces, which is linear in all unknowns.
     """
 
@@ -184,12 +184,12 @@ class _Bent(NamedTuple):
     least: FloatArray
 
     def solve(self) -> tuple[FloatArray, float, FloatArray]:
-        """Parameters of the plays, shift, compliances, with the least output error found.
+        """Return parameters of the plays, shift and compliances with the least output error.
 
-        The descent begins at the joint fit and at plain plays: on some loops that saturate hard
-        one of them ends in a local minimum, and not always the same one.
+        The descent begins at the linear fit and at plays without dead zones: on some loops with
+        strong saturation one of both ends in a local minimum, and not always the same one.
         """
-        found = [self._refined(start) for start in (self._joint(), self._straight())]
+        found = [self._refined(start) for start in (self._linear_fit(), self._plain_plays())]
         theta, shift, compliance = self._parts(min(found, key=self._squared_error))
         return theta, shift, compliance
 
@@ -205,7 +205,7 @@ class _Bent(NamedTuple):
             self._jacobian,
             bounds=(low, high),
             x_scale="jac",
-            max_nfev=100,
+            max_nfev=_MOST_STEPS,
         )
         return np.asarray(found.x)
 
@@ -213,14 +213,14 @@ class _Bent(NamedTuple):
         return float(np.sum(self._residual(p) ** 2))
 
     def corners(self, compliance: FloatArray) -> FloatArray:
-        """(K,) places of the knots on the axis of the plays."""
+        """Return the (K,) knots as outputs of the plays."""
         return self._lengths(self.knots) @ compliance
 
     @property
     def _centre(self) -> int:
         return int(np.count_nonzero(self.knots < 0))
 
-    def _joint(self) -> FloatArray:
+    def _linear_fit(self) -> FloatArray:
         lengths = self._lengths(self.y)
         others = np.delete(lengths, self._centre, axis=1)
         columns = np.hstack([self.columns, -others])
@@ -231,8 +231,8 @@ class _Bent(NamedTuple):
         plays = self.columns.shape[1]
         return np.insert(found, plays, target.mean() - mean @ found)
 
-    def _straight(self) -> FloatArray:
-        """Plain plays: what bending must not make worse."""
+    def _plain_plays(self) -> FloatArray:
+        """Plays without dead zones, the least that a fit has to reach."""
         mean = float(self.y.mean())
         theta = _bounded(self.columns, self.y - mean, self.least)
         return np.concatenate([theta, [mean], np.ones(self.knots.size)])
@@ -242,13 +242,13 @@ class _Bent(NamedTuple):
         return p[:plays], float(p[plays]), np.insert(p[plays + 1 :], self._centre, 1.0)
 
     def _lengths(self, y: FloatArray) -> FloatArray:
-        """(T, K + 1) signed lengths of the way from the origin to y within each piece."""
+        """(T, K + 1) signed lengths of the interval from the origin to y within each piece."""
         low = np.concatenate([[-np.inf], self.knots])
         high = np.concatenate([self.knots, [np.inf]])
         return np.asarray(np.clip(y[:, None], low, high) - np.clip(0.0, low, high))
 
     def _output(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(T,) outputs, and the compliance of the piece that each lies on."""
+        """Return the (T,) outputs, and the compliances of their pieces."""
         theta, shift, compliance = self._parts(p)
         x = shift + self.columns @ theta
         corners = self.corners(compliance)
@@ -268,7 +268,7 @@ class _Bent(NamedTuple):
 
 
 def _basis(plays: int, signed: bool) -> tuple[FloatArray, FloatArray]:
-    """Weights as a linear map of bounded parameters, and the lower bounds of those."""
+    """Return the linear map from bounded parameters to weights, and the lower bounds."""
     if signed:
         return np.eye(plays) - np.eye(plays, k=-1), np.full(plays, LEAST_SLOPE)
     least = np.zeros(plays)
@@ -277,15 +277,15 @@ def _basis(plays: int, signed: bool) -> tuple[FloatArray, FloatArray]:
 
 
 def _columns(plays: FloatArray, across: float, basis: FloatArray) -> FloatArray:
-    """Plays about their means, in terms of the bounded parameters."""
+    """Return the plays less their means, as columns of the bounded parameters."""
     columns = (plays - plays.mean(axis=0)) / across @ basis
-    # A play that never moves leaves a column of rounding, which must not attract a weight.
+    # The column of a play that never moves is only rounding, and must get no weight.
     still = np.ptp(columns, axis=0) <= _STILL
     return np.where(still, 0.0, columns)
 
 
 def _bounded(columns: FloatArray, target: FloatArray, least: FloatArray) -> FloatArray:
-    """Least squares with lower bounds, on the triangular factor: a few rows, not T."""
+    """Return the least squares with lower bounds, on the triangular factor with its few rows."""
     from scipy.optimize import nnls
 
     table = np.column_stack([columns, target - columns @ least])
@@ -294,15 +294,15 @@ def _bounded(columns: FloatArray, target: FloatArray, least: FloatArray) -> Floa
     return np.asarray(least + above)
 
 
-def _straight_part(y: FloatArray, knots: FloatArray) -> float:
-    """Middle of the piece between knots that holds the middle of y."""
+def _middle_piece(y: FloatArray, knots: FloatArray) -> float:
+    """Return the middle of the piece between knots that contains the middle of y."""
     low, high = float(y.min()), float(y.max())
     ends = np.concatenate([[low], knots, [high]])
     piece = int(np.searchsorted(knots, (low + high) / 2))
     return float(ends[piece] + ends[piece + 1]) / 2
 
 
-def _half_swing(values: FloatArray) -> float:
+def _half_range(values: FloatArray) -> float:
     return float(values.max() - values.min()) / 2
 
 

@@ -1,8 +1,8 @@
-"""Compiled loops of weighted plays: arrays in, arrays out.
+"""Compiled loops of weighted plays: they take and return arrays only.
 
-``positions`` (n,) holds where the plays are; the loops leave it as it is after the last
-sample. ``slopes[i]`` is the sum of the weights up to play i: the slope of the output while
-exactly the plays up to i are carried along.
+``positions`` (n,) are the positions of the plays, which the loops update to those after the last
+sample. ``slopes[i]`` is the sum of the weights up to play i, the slope of the output while exactly
+the plays up to i move.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ def invert(targets, radii, slopes, offset, positions, u):
 
 @njit(cache=True, nogil=True)
 def move(u, radii, positions):
-    """Carry every play along with one sample."""
+    """Update the position of every play for one sample."""
     for i in range(radii.size):
         positions[i] = min(max(positions[i], u - radii[i]), u + radii[i])
 
 
 @njit(cache=True, nogil=True)
 def weigh(slopes, places):
-    """Weighted sum of places, one a play.
+    """Return the weighted sum of places, one for each play.
 
-    Weights of either sign cancel; running sums and gaps between neighbours do not.
+    The sum is over slopes times gaps between neighbours: weights of both signs would cancel.
     """
     last = slopes.size - 1
     total = slopes[last] * places[last]
@@ -59,11 +59,10 @@ def weigh(slopes, places):
 
 @njit(cache=True, nogil=True)
 def aim(target, radii, slopes, positions):
-    """Input for one target, along the branch that leads there from the present state.
+    """Return the input for one target, along the branch from the present state.
 
-    On it the plays are picked up in the order of their radii, one after the other: the
-    pieces of this branch are those of the analytic inverse, but here a steep piece does not
-    magnify what was rounded on a flat one.
+    On this branch the plays begin to move in the order of their radii. The pieces of the branch are
+    those of the analytic inverse, but a steep piece does not amplify rounding errors of a flat one.
     """
     last = radii.size - 1
     if math.isinf(positions[0]):

@@ -12,7 +12,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def move(levels, on, level, u):
-    """Move the marker to u, one level at a time; returns its last level."""
+    """Move the input to u, one level at a time; return the highest level that it reaches."""
     while level + 1 < levels.size and u >= levels[level + 1]:
         level += 1
         on[level, : level + 1] = 1.0
@@ -24,7 +24,7 @@ def move(levels, on, level, u):
 
 @njit(cache=True, nogil=True)
 def total(weights, on):
-    """Weight that is switched on."""
+    """Return the weight that is switched on."""
     out = 0.0
     for a in range(weights.shape[0]):
         for b in range(a + 1):
@@ -34,7 +34,7 @@ def total(weights, on):
 
 @njit(cache=True, nogil=True)
 def simulate(levels, weights, on, level, u, y):
-    """Outputs for a whole input, into y."""
+    """Fill y with the outputs for an input signal."""
     for t in range(u.size):
         level = move(levels, on, level, u[t])
         y[t] = total(weights, on)
@@ -42,7 +42,7 @@ def simulate(levels, weights, on, level, u, y):
 
 @njit(cache=True, nogil=True)
 def stepping_inverse(levels, weights, on, level, targets, u, y, reachable):
-    """Step level by level until each target is passed; fills inputs, outputs and success."""
+    """Step level by level until each target is passed; fill inputs, outputs and ``reachable``."""
     for t in range(targets.size):
         now = total(weights, on)
         way = 1 if targets[t] > now else -1

@@ -17,7 +17,7 @@ from minorloop.errors import NotInvertibleError, ParameterError
 
 @dataclass(frozen=True, eq=False)
 class DeadZones:
-    """Weighted sum of one-sided dead zones.
+    """A weighted sum of one-sided dead zones.
 
     ``S(x) = sum of weights[k] * d_k(x)``, where ``d_k(x)`` is ``max(x - s, 0)`` for a threshold
     s > 0, ``min(x - s, 0)`` for s < 0, and ``x`` for s = 0.
@@ -27,13 +27,13 @@ class DeadZones:
     thresholds : (K,) array_like
         Strictly increasing, in the unit of x; a zero among them is the linear term.
     weights : (K,) array_like
-        Change of slope at each threshold, outwards; at zero the slope through the origin.
+        Change of slope at each threshold, away from the origin; for threshold zero the slope at
+        the origin.
 
     Raises
     ------
     ParameterError
-        If there is none, thresholds do not increase, lengths disagree, or a number is not
-        finite.
+        If there is no threshold, they do not increase, lengths differ, or a number is not finite.
 
     References
     ----------
@@ -50,19 +50,19 @@ class DeadZones:
 
     @classmethod
     def from_slopes(cls, knots: npt.ArrayLike, slopes: npt.ArrayLike) -> DeadZones:
-        """Dead zones from the slope of each piece.
+        """Return dead zones from the slope of each piece.
 
         Parameters
         ----------
         knots : (K,) array_like
             Where the slope changes, strictly increasing, none of them zero; may be empty.
         slopes : (K + 1,) array_like
-            Slope of each piece, from the leftmost to the rightmost.
+            Slope of each piece, from left to right.
 
         Raises
         ------
         ParameterError
-            If a knot is zero or the lengths disagree.
+            If a knot is zero or the lengths differ.
         """
         knots, slopes = np.asarray(knots, dtype=np.float64), np.asarray(slopes, dtype=np.float64)
         if knots.ndim != 1 or slopes.shape != (knots.size + 1,):
@@ -86,12 +86,12 @@ class DeadZones:
 
     @cached_property
     def knots(self) -> FloatArray:
-        """Where the slope changes: the thresholds without the zero."""
+        """Points where the slope changes: the thresholds without zero."""
         return frozen(self.thresholds[self.thresholds != 0])
 
     @cached_property
     def slopes(self) -> FloatArray:
-        """Slope of each piece, one more than there are knots."""
+        """Slope of each piece, one more than knots."""
         negative, positive = self.thresholds < 0, self.thresholds > 0
         straight = self.weights[~(negative | positive)].sum()
         below = straight + np.cumsum(self.weights[negative][::-1])[::-1]
@@ -104,11 +104,11 @@ class DeadZones:
         return bool((self.slopes > 0).all())
 
     def __call__(self, x: npt.ArrayLike) -> FloatArray:
-        """Value of the curve at x, of any shape."""
+        """Return the values of the curve at x, of any shape."""
         return _follow(np.asarray(x, dtype=np.float64), self.knots, self.slopes, self.heights)
 
     def invert(self, y: npt.ArrayLike) -> FloatArray:
-        """The x at which the curve has the value y, of any shape.
+        """Return the x at which the curve has the values y, of any shape.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class DeadZones:
         return _follow(np.asarray(y, dtype=np.float64), self.heights, 1 / self.slopes, self.knots)
 
     def inverse(self) -> DeadZones:
-        """The inverse curve, which is of the same kind.
+        """Return the inverse curve, also as dead zones.
 
         Raises
         ------
@@ -145,20 +145,20 @@ class DeadZones:
         if not self.invertible:
             piece = int(np.argmin(self.slopes))
             raise NotInvertibleError(
-                f"piece {piece} of the dead zones has slope {self.slopes[piece]:g}; every slope "
-                "must be positive, so give weights whose running sums from zero outwards are"
+                f"piece {piece} of the dead zones has slope {self.slopes[piece]:g}; give weights "
+                "whose cumulative sums from zero outwards are all positive"
             )
 
 
 def as_paired(
     places: npt.ArrayLike, weights: npt.ArrayLike, *, name: str
 ) -> tuple[FloatArray, FloatArray]:
-    """Strictly increasing places with a weight each, both read-only.
+    """Return strictly increasing places and their weights, both read-only.
 
     Raises
     ------
     ParameterError
-        If there is none, they do not increase, lengths disagree, or a number is not finite.
+        If there is none, they do not increase, lengths differ, or a number is not finite.
     """
     try:
         first, second = frozen(places), frozen(weights)
@@ -185,9 +185,9 @@ def as_paired(
 def _follow(
     x: FloatArray, knots: FloatArray, slopes: FloatArray, heights: FloatArray
 ) -> FloatArray:
-    """Piecewise linear curve through the origin and (knots, heights)."""
+    """Return the values at x of the piecewise linear curve through the origin and the knots."""
     centre = int(np.count_nonzero(knots < 0))
-    # Each piece starts from its corner nearer to the origin, where the curve is known best.
+    # Each piece begins at its corner nearer to the origin, where rounding errors are smallest.
     corner_x = np.insert(knots, centre, 0.0)
     corner_y = np.insert(heights, centre, 0.0)
     piece = np.searchsorted(knots, x)

@@ -2,13 +2,13 @@
 
 Each is a callable ``density(alpha, beta)``, vectorised, in the unit of the output over that of
 the input squared; zero where alpha < beta. ``mass`` is its integral over the half-plane
-alpha >= beta, in the unit of the output. All but the uniform one have tails: what falls beyond
-the levels of a model is not part of that model, little for a Gaussian, much for a Lorentzian.
+alpha >= beta, in the unit of the output. All but the uniform one have tails. A model does not
+contain the part beyond its levels, which is small for a Gaussian and large for a Lorentzian.
 
-Two pairs of coordinates are in use. A relay has thresholds alpha (up) and beta (down), or
-equivalently the mean ``m = (alpha + beta) / 2``, which in magnetism is minus the interaction
-field, and the half-width ``h = (alpha - beta) / 2``, the coercive field; d alpha d beta is
-2 dm dh. A ``centre`` of zero gives loops that are symmetric about the origin.
+A relay is described by its thresholds alpha (up) and beta (down), or by their mean
+``m = (alpha + beta) / 2``, in magnetism minus the interaction field, and their half-width
+``h = (alpha - beta) / 2``, the coercive field; d alpha d beta = 2 dm dh. With a ``centre`` of zero,
+loops are symmetric about the origin.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from minorloop.errors import ParameterError
 
 
 class _Density:
-    """Checks that all share: numbers finite, spreads positive, no negative coercive field."""
+    """Checks of all densities: finite numbers, positive spreads, no negative coercive field."""
 
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]
@@ -38,9 +38,9 @@ class _Density:
 
 @dataclass(frozen=True)
 class UniformDensity(_Density):
-    """The same everywhere on the triangle low <= beta <= alpha <= high.
+    """A constant density on the triangle low <= beta <= alpha <= high.
 
-    ``2 mass / (high - low)^2`` there, zero elsewhere. Its loops are parabolic.
+    It is ``2 mass / (high - low)^2`` there and zero elsewhere. Its loops are parabolic.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class UniformDensity(_Density):
 
     References
     ----------
-    Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1: it gives Rayleigh's loops.
+    Mayergoyz, Mathematical Models of Hysteresis, 1991, chapter 1: loops of Rayleigh's law.
     """
 
     low: float
@@ -69,7 +69,7 @@ class UniformDensity(_Density):
             raise ParameterError(f"thresholds from {self.low:g} to {self.high:g}; give low < high")
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Density at thresholds of equal or broadcastable shapes."""
+        """Return the density at thresholds of equal or broadcastable shapes."""
         alpha, beta = np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
         inside = (beta >= self.low) & (alpha <= self.high)
         value = 2 * self.mass / (self.high - self.low) ** 2
@@ -78,7 +78,7 @@ class UniformDensity(_Density):
 
 @dataclass(frozen=True)
 class FactoredGaussianDensity(_Density):
-    """A Gaussian in each threshold, ``A f(alpha - centre) f(centre - beta)``.
+    """A product of Gaussians in both thresholds, ``A f(alpha - centre) f(centre - beta)``.
 
     ``f(x) = exp(-(x - coercive)^2 / (2 spread^2))`` and
     ``A = mass / (2 pi spread^2 Phi(sqrt(2) coercive / spread))`` with the normal
@@ -87,9 +87,9 @@ class FactoredGaussianDensity(_Density):
     Parameters
     ----------
     coercive : float
-        Where most relays switch up, measured from the centre, and down, measured backwards.
+        Mean threshold up above the centre, and mean threshold down below it.
     spread : float
-        Standard deviation of either threshold; positive.
+        Standard deviation of each threshold; positive.
     mass : float
         Integral over the half-plane alpha >= beta, in the unit of the output.
     centre : float
@@ -112,10 +112,10 @@ class FactoredGaussianDensity(_Density):
     centre: float = 0.0
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Density at thresholds of equal or broadcastable shapes."""
+        """Return the density at thresholds of equal or broadcastable shapes."""
         up, down = _thresholds(alpha, beta, self.centre)
-        share = _normal(math.sqrt(2) * self.coercive / self.spread)
-        values = _bell((up - self.coercive) / self.spread) * _bell(
+        share = _normal_distribution(math.sqrt(2) * self.coercive / self.spread)
+        values = _normal_density((up - self.coercive) / self.spread) * _normal_density(
             (-down - self.coercive) / self.spread
         )
         return _half_plane(alpha, beta, values) * (self.mass / (share * self.spread**2))
@@ -123,7 +123,7 @@ class FactoredGaussianDensity(_Density):
 
 @dataclass(frozen=True)
 class GaussianDensity(_Density):
-    """A Gaussian in the mean and one in the half-width of the thresholds.
+    """A product of Gaussians in the mean and in the half-width of the thresholds.
 
     ``A exp(-(m - centre)^2 / (2 spread_mean^2)) exp(-(h - coercive)^2 / (2 spread_width^2))``
     with ``A = mass / (4 pi spread_mean spread_width Phi(coercive / spread_width))`` and the
@@ -160,10 +160,10 @@ class GaussianDensity(_Density):
     centre: float = 0.0
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Density at thresholds of equal or broadcastable shapes."""
+        """Return the density at thresholds of equal or broadcastable shapes."""
         up, down = _thresholds(alpha, beta, self.centre)
-        share = 2 * _normal(self.coercive / self.spread_width)
-        values = _bell((up + down) / 2 / self.spread_mean) * _bell(
+        share = 2 * _normal_distribution(self.coercive / self.spread_width)
+        values = _normal_density((up + down) / 2 / self.spread_mean) * _normal_density(
             ((up - down) / 2 - self.coercive) / self.spread_width
         )
         scale = self.mass / (share * self.spread_mean * self.spread_width)
@@ -172,7 +172,7 @@ class GaussianDensity(_Density):
 
 @dataclass(frozen=True)
 class LorentzianDensity(_Density):
-    """A Lorentzian in the mean and one in the half-width of the thresholds.
+    """A product of Lorentzians in the mean and in the half-width of the thresholds.
 
     ``A / [(1 + ((m - centre) / spread_mean)^2) (1 + ((h - coercive) / spread_width)^2)]`` with
     ``A = mass / [2 pi spread_mean spread_width (pi/2 + arctan(coercive / spread_width))]``.
@@ -184,7 +184,7 @@ class LorentzianDensity(_Density):
     spread_mean : float
         Half-width at half-maximum in the mean of the thresholds; positive.
     spread_width : float
-        The same in their half-width; positive.
+        Half-width at half-maximum in their half-width; positive.
     mass : float
         Integral over the half-plane alpha >= beta, in the unit of the output.
     centre : float
@@ -207,10 +207,10 @@ class LorentzianDensity(_Density):
     centre: float = 0.0
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Density at thresholds of equal or broadcastable shapes."""
+        """Return the density at thresholds of equal or broadcastable shapes."""
         up, down = _thresholds(alpha, beta, self.centre)
-        share = 2 * _cauchy(self.coercive / self.spread_width)
-        values = _witch((up + down) / 2 / self.spread_mean) * _witch(
+        share = 2 * _cauchy_distribution(self.coercive / self.spread_width)
+        values = _cauchy_density((up + down) / 2 / self.spread_mean) * _cauchy_density(
             ((up - down) / 2 - self.coercive) / self.spread_width
         )
         scale = self.mass / (share * self.spread_mean * self.spread_width)
@@ -219,7 +219,7 @@ class LorentzianDensity(_Density):
 
 @dataclass(frozen=True)
 class FactoredLorentzianDensity(_Density):
-    """A Lorentzian in each threshold, ``A f(alpha - centre) f(centre - beta)``.
+    """A product of Lorentzians in both thresholds, ``A f(alpha - centre) f(centre - beta)``.
 
     ``f(x) = 1 / (1 + ((x - coercive) / spread)^2)`` and
     ``A = mass / [pi^2 spread^2 (1/2 + arctan(coercive / spread) / pi)]``.
@@ -227,9 +227,9 @@ class FactoredLorentzianDensity(_Density):
     Parameters
     ----------
     coercive : float
-        Where most relays switch up, measured from the centre, and down, measured backwards.
+        Most frequent threshold up above the centre, and threshold down below it.
     spread : float
-        Half-width at half-maximum in either threshold; positive.
+        Half-width at half-maximum in each threshold; positive.
     mass : float
         Integral over the half-plane alpha >= beta, in the unit of the output.
     centre : float
@@ -252,10 +252,10 @@ class FactoredLorentzianDensity(_Density):
     centre: float = 0.0
 
     def __call__(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Density at thresholds of equal or broadcastable shapes."""
+        """Return the density at thresholds of equal or broadcastable shapes."""
         up, down = _thresholds(alpha, beta, self.centre)
-        share = _cauchy(self.coercive / self.spread)
-        values = _witch((up - self.coercive) / self.spread) * _witch(
+        share = _cauchy_distribution(self.coercive / self.spread)
+        values = _cauchy_density((up - self.coercive) / self.spread) * _cauchy_density(
             (-down - self.coercive) / self.spread
         )
         return _half_plane(alpha, beta, values) * (self.mass / (share * self.spread**2))
@@ -264,7 +264,7 @@ class FactoredLorentzianDensity(_Density):
 def _thresholds(
     alpha: npt.ArrayLike, beta: npt.ArrayLike, centre: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Both thresholds, measured from the centre."""
+    """Return both thresholds relative to the centre."""
     up, down = np.asarray(alpha, dtype=np.float64), np.asarray(beta, dtype=np.float64)
     return up - centre, down - centre
 
@@ -273,21 +273,17 @@ def _half_plane(alpha: npt.ArrayLike, beta: npt.ArrayLike, values: FloatArray) -
     return np.where(np.asarray(alpha) >= np.asarray(beta), values, 0.0)
 
 
-def _bell(x: FloatArray) -> FloatArray:
-    """Normal density."""
+def _normal_density(x: FloatArray) -> FloatArray:
     return np.asarray(np.exp(-0.5 * x * x) / math.sqrt(2 * math.pi))
 
 
-def _witch(x: FloatArray) -> FloatArray:
-    """Cauchy density."""
+def _cauchy_density(x: FloatArray) -> FloatArray:
     return np.asarray(1 / (math.pi * (1 + x * x)))
 
 
-def _normal(x: float) -> float:
-    """Normal distribution function."""
+def _normal_distribution(x: float) -> float:
     return 0.5 * math.erfc(-x / math.sqrt(2))
 
 
-def _cauchy(x: float) -> float:
-    """Cauchy distribution function."""
+def _cauchy_distribution(x: float) -> float:
     return 0.5 + math.atan(x) / math.pi

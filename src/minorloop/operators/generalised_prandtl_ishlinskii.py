@@ -1,4 +1,4 @@
-"""Plays bent by dead zones: a Prandtl-Ishlinskii operator for loops that saturate."""
+"""The generalised Prandtl-Ishlinskii operator: plays and dead zones, for loops that saturate."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from minorloop.operators.step_tracker import StepTracker
 
 @dataclass(frozen=True, eq=False)
 class GeneralisedPrandtlIshlinskii:
-    """Plays bent by dead zones, ``y = offset + S(H[u])``: loops that saturate, not symmetric.
+    """Plays followed by dead zones, ``y = offset + S(H[u])``, for asymmetric, saturating loops.
 
-    H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. The memory is that of
-    the plays, and a start is given as for H.
+    H is a `PrandtlIshlinskii` operator and S a curve of `DeadZones`. Memory and start states are
+    those of H.
 
     Parameters
     ----------
     plays : PrandtlIshlinskii
-        H; its own offset shifts where on the curve the loop lies.
+        H; its offset shifts the loop along the curve S.
     zones : DeadZones
         S.
     offset : float
@@ -35,7 +35,7 @@ class GeneralisedPrandtlIshlinskii:
     Raises
     ------
     ParameterError
-        If the offset is not finite, or one of the others is not of its kind.
+        If the offset is not finite, or plays or zones are of another class.
 
     References
     ----------
@@ -65,12 +65,12 @@ class GeneralisedPrandtlIshlinskii:
         start: PlayStart = "negative",
         signed: bool = False,
     ) -> GeneralisedPrandtlIshlinskii:
-        """Operator nearest to a record: a joint linear fit, then refined on the output.
+        """Fit the operator to a record, first by a linear problem, then by a nonlinear one.
 
-        H on the inputs and the inverse of S on the outputs are fitted to each other first,
-        which is linear; from there, and from plays that are not bent, bounded least squares
-        brings the model's output to the record, and the nearer of the two is given. S has
-        slope 1 about its origin, so H is in the unit of the output.
+        The linear problem fits H of the inputs to the inverse of S of the outputs. From its
+        solution, and from plays without dead zones, bounded least squares fits the output; the
+        better of both results is returned. S has slope 1 at its origin, so H is in the unit of the
+        output.
 
         Parameters
         ----------
@@ -81,10 +81,10 @@ class GeneralisedPrandtlIshlinskii:
         radii : int or (n,) array_like
             As for `PrandtlIshlinskii.fit`.
         thresholds : int or (K,) array_like
-            Outputs at which the slope of S changes, strictly increasing, or how many of
-            them: spread over the range of the outputs, denser towards its ends.
+            Outputs at which the slope of S changes, strictly increasing, or their number: spread
+            over the range of the outputs, denser towards its ends.
         start : start state
-            Of the plays, before the first sample.
+            State of the plays before the first sample.
         signed : bool
             As for `PrandtlIshlinskii.fit`.
 
@@ -95,10 +95,9 @@ class GeneralisedPrandtlIshlinskii:
         Raises
         ------
         SignalError
-            If the record is too short, its input or output is constant, or its lengths
-            disagree.
+            If the record is too short, its input or output is constant, or its lengths differ.
         ParameterError
-            If the radii or thresholds cannot be used.
+            If the radii or thresholds are out of range.
         """
         inputs, outputs = as_record(u, y)
         places = choose_radii(inputs, radii)
@@ -121,11 +120,11 @@ class GeneralisedPrandtlIshlinskii:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Unbounded: the outer pieces of the curve go on for ever."""
+        """Infinite in both directions, because the outer pieces of the curve have no end."""
         return -np.inf, np.inf
 
     def positions(self, start: PlayStart) -> FloatArray:
-        """(n,) play positions of a start state, as `PrandtlIshlinskii.positions`.
+        """Return the (n,) play positions of a start state, as `PrandtlIshlinskii.positions`.
 
         Parameters
         ----------
@@ -135,7 +134,7 @@ class GeneralisedPrandtlIshlinskii:
         return self.plays.positions(start)
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
-        """Outputs for whole input signals, as `PrandtlIshlinskii.simulate`.
+        """Return the outputs for input signals, as `PrandtlIshlinskii.simulate`.
 
         Parameters
         ----------
@@ -152,7 +151,7 @@ class GeneralisedPrandtlIshlinskii:
         start: PlayStart = "negative",
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Inputs that bring the output to each target in turn, by the analytic inverses.
+        """Return inputs that bring the output to each target in turn, by the analytic inverses.
 
         Parameters
         ----------
@@ -176,7 +175,7 @@ class GeneralisedPrandtlIshlinskii:
         return Inversion(inner.u, y, y - wanted, inner.reachable)
 
     def step(self, memory: PlayStart, u: float) -> tuple[float, FloatArray]:
-        """Output and play positions after one input, as `PrandtlIshlinskii.step`.
+        """Return output and play positions after one input, as `PrandtlIshlinskii.step`.
 
         Parameters
         ----------
@@ -189,20 +188,20 @@ class GeneralisedPrandtlIshlinskii:
         return self.offset + float(self.zones(inner)), after
 
     def aim(self, memory: PlayStart, y: float) -> float:
-        """Input that brings the output to y from a start state.
+        """Return the input that brings the output to y from a start state.
 
         Parameters
         ----------
         memory : (n,) array_like or state by name
             Positions of the plays.
         y : float
-            Output wanted.
+            Wanted output.
         """
         inner = self.zones.invert(as_finite("target", y) - self.offset)
         return self.plays.aim(memory, float(inner))
 
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
-        """Follow a live input sample by sample.
+        """Return a tracker that follows a live input sample by sample.
 
         Parameters
         ----------

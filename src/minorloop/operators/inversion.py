@@ -1,4 +1,4 @@
-"""What an inversion gives: inputs, what they achieve, and how near that is."""
+"""Result of an inversion, and checks that all inversions share."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from minorloop.figures import figure_of
 Unreachable: TypeAlias = Literal["raise", "clip"]
 
 REACH_TOLERANCE = 1e-12
-"""A target beyond the range by this fraction of its width still counts as reachable."""
+"""A target counts as reachable up to this share of the range beyond it: rounding of outputs."""
 
 _SHOWN = 12
+"""Rows of a printed table: half of a terminal of 24 lines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +30,15 @@ class Inversion:
     u : (T,) array
         Inputs, in order.
     y : (T,) array
-        What the model gives for them.
+        Outputs of the model for these inputs.
     residual : (T,) array
         ``y - target``.
     reachable : (T,) array of bool
         Whether the target lies within what the model can reach.
     sd : (T,) array, optional
-        Standard deviation of the output that the actuator will really have, where it is known.
+        Standard deviation of the actuator's output, where it is known.
     warnings : tuple of str
-        Why the model that gave the inputs is not to be trusted.
+        Why the model that was inverted is not to be trusted.
     """
 
     u: FloatArray
@@ -49,7 +50,7 @@ class Inversion:
 
     @property
     def targets(self) -> FloatArray:
-        """(T,) outputs that were asked for."""
+        """(T,) wanted outputs."""
         return self.y - self.residual
 
     @property
@@ -76,7 +77,7 @@ class Inversion:
         return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
-        """Draw targets with outputs, and the inputs below; gives the matplotlib figure.
+        """Draw targets with outputs, and the inputs below, in a matplotlib figure.
 
         Parameters
         ----------
@@ -89,17 +90,17 @@ class Inversion:
 
 
 def check_unreachable_option(value: str) -> None:
-    """Refuse anything but ``"raise"`` and ``"clip"``."""
+    """Refuse an option that is neither ``"raise"`` nor ``"clip"``."""
     check_option("unreachable", value, ("raise", "clip"))
 
 
 def as_signal(values: npt.ArrayLike, *, name: str) -> FloatArray:
-    """Give one sequence of samples, (T,); a single number counts as one sample.
+    """Return one sequence of samples, (T,); a single number counts as one sample.
 
     Raises
     ------
     SignalError
-        If the values are not finite numbers, or in more than one dimension.
+        If the values are not finite numbers, or have more than one dimension.
     """
     samples = as_samples(np.atleast_1d(values), name=name)
     if samples.ndim != 1:
@@ -108,7 +109,7 @@ def as_signal(values: npt.ArrayLike, *, name: str) -> FloatArray:
 
 
 def within_reach(targets: FloatArray, low: float, high: float) -> BoolArray:
-    """Which targets lie between the least and the greatest output, to within rounding."""
+    """Return which targets lie between the least and the greatest output, except for rounding."""
     slack = REACH_TOLERANCE * (high - low)
     return (targets >= low - slack) & (targets <= high + slack)
 
@@ -121,7 +122,7 @@ def refuse_unreachable(
     Raises
     ------
     UnreachableError
-        Naming the first of them.
+        The message names the first of them.
     """
     if reachable.all():
         return
@@ -135,7 +136,7 @@ def refuse_unreachable(
 
 
 def _in_few_digits(target: float, low: float, high: float) -> tuple[str, str, str]:
-    """The three as text, with enough digits to show that the target is outside."""
+    """Return the numbers as text, with enough digits to show that the target is outside."""
     for digits in (6, 9, 12, 17):
         texts = [f"{number:.{digits}g}" for number in (target, low, high)]
         shown, bottom, top = map(float, texts)

@@ -25,6 +25,9 @@ DEMAGNETISING_TURNS = 512
 """Turns of the oscillation: the middle output is reached to about 1/512 of the range."""
 ROOM = 32
 """Default number of extrema that a memory of bounded length holds."""
+LEAST_ROOM, MOST_ROOM = 6, 10_000
+"""Bounds of that number: dropping a loop needs four extrema between the start and the present
+input; 10,000 extrema take 400 kB, more than a history needs."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The contract that every rate-independent operator keeps."""
+"""The protocol of rate-independent operators."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ class Operator(Protocol):
     """A rate-independent operator, such as `Preisach`, `PrandtlIshlinskii` or `Polynomial`."""
 
     def simulate(self, u: npt.ArrayLike, start: Any = ...) -> Samples:
-        """Outputs for a whole input."""
+        """Return the outputs for an input signal."""
 
     def invert(
         self, targets: npt.ArrayLike, start: Any = ..., unreachable: Unreachable = ...
     ) -> Inversion:
-        """Inputs that bring the output to each target."""
+        """Return inputs that bring the output to each target."""
 
     def step(self, memory: Any, u: float) -> tuple[float, Any]:
-        """Output and memory after one input."""
+        """Return output and memory after one input."""

@@ -19,40 +19,42 @@ from minorloop.errors import ParameterError
 
 Density = Callable[[FloatArray, FloatArray], npt.ArrayLike]
 Relay: TypeAlias = Literal["bipolar", "unipolar"]
-"""Whether a relay gives -1 and +1, or 0 and 1."""
+"""Whether the output of a relay is -1 or +1, or 0 or 1."""
 
 _QUADRATURE_ORDER = 8
+"""Exact for polynomials up to degree 15 in each cell, so also for densities that change much
+within a cell."""
 
 
 def swing(relay: Relay) -> float:
-    """Output change of a relay of unit weight that switches.
+    """Return the output change of a relay of unit weight that switches.
 
     Parameters
     ----------
     relay : {"bipolar", "unipolar"}
-        Whether it gives -1 and +1, or 0 and 1.
+        Whether its output is -1 or +1, or 0 or 1.
     """
     return 2.0 if relay == "bipolar" else 1.0
 
 
 def off_output(relay: Relay) -> float:
-    """Output of a relay of unit weight that is off: -1 or 0.
+    """Return the output of a relay of unit weight that is off: -1 or 0.
 
     Parameters
     ----------
     relay : {"bipolar", "unipolar"}
-        Whether it gives -1 and +1, or 0 and 1.
+        Whether its output is -1 or +1, or 0 or 1.
     """
     return 1.0 - swing(relay)
 
 
 def relay_outputs(relay: Relay, on: FloatArray) -> FloatArray:
-    """Mean output of relays of unit weight of which a share is on.
+    """Return the mean output of relays of unit weight of which a share is on.
 
     Parameters
     ----------
     relay : {"bipolar", "unipolar"}
-        Whether a relay gives -1 and +1, or 0 and 1.
+        Whether the output of a relay is -1 or +1, or 0 or 1.
     on : array
         Shares, from 0 to 1.
     """
@@ -60,17 +62,17 @@ def relay_outputs(relay: Relay, on: FloatArray) -> FloatArray:
 
 
 def nodes_from_weights(weights: FloatArray) -> FloatArray:
-    """Everett values at the nodes from cell weights.
+    """Return the Everett values at the nodes from cell weights.
 
     Parameters
     ----------
     weights : (L, L) array
-        Lower triangle: cell weights, in the unit of the output.
+        Cell weights in the lower triangle, in the unit of the output.
 
     Returns
     -------
     (L + 1, L + 1) array
-        ``nodes[a, b]``: sum of the cells i < a, j >= b.
+        ``nodes[a, b]`` is the sum of the cells i < a, j >= b.
     """
     bands = len(weights)
     nodes = np.zeros((bands + 1, bands + 1))
@@ -79,7 +81,7 @@ def nodes_from_weights(weights: FloatArray) -> FloatArray:
 
 
 def weights_from_nodes(nodes: FloatArray) -> FloatArray:
-    """Cell weights from Everett values at the nodes: their mixed differences.
+    """Return the cell weights from Everett values at the nodes, their mixed differences.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ def weights_from_nodes(nodes: FloatArray) -> FloatArray:
 
 
 def cell_areas(levels: Levels) -> FloatArray:
-    """Area of each cell, (L, L), zero above the diagonal; unit of the input squared."""
+    """Return the area of each cell, (L, L), zero above the diagonal; unit of the input squared."""
     heights = np.diff(levels)
     areas = np.tril(np.outer(heights, heights))
     areas[np.diag_indices_from(areas)] /= 2
@@ -103,15 +105,15 @@ def cell_areas(levels: Levels) -> FloatArray:
 
 
 def integrate_density(levels: Levels, density: Density) -> FloatArray:
-    """Cell weights of a density, by Gauss-Legendre quadrature of order 8 a side.
+    """Return the cell weights of a density, by Gauss-Legendre quadrature of order 8 per axis.
 
     Parameters
     ----------
     levels : (L + 1,) array
         Thresholds.
     density : callable
-        ``density(alpha, beta)``, vectorised over equal shapes, output unit per input unit
-        squared.
+        ``density(alpha, beta)``, vectorised over equal shapes; unit of the output per squared unit
+        of the input.
 
     Returns
     -------
@@ -133,7 +135,7 @@ def integrate_density(levels: Levels, density: Density) -> FloatArray:
         beta = np.broadcast_to(points[j][:, None, :], alpha.shape)
         square = np.einsum("kab,a,b->k", _evaluate(density, alpha, beta), w, w)
         weights[i, j] = square * heights[i] * heights[j]
-    # Collapsed coordinates take a unit square onto the triangle beta <= alpha of a band.
+    # Collapsed coordinates map a unit square onto the triangle beta <= alpha of a band.
     alpha = lower[:, None, None] + heights[:, None, None] * np.broadcast_to(
         x[:, None], (len(heights), x.size, x.size)
     )
@@ -156,17 +158,17 @@ def _evaluate(density: Density, alpha: FloatArray, beta: FloatArray) -> FloatArr
 
 
 def slack(levels: Levels, weights: FloatArray, slope: float, swing: float, bow: bool) -> float:
-    """Smallest rate dy/du over every branch of every history, in output per input.
+    """Return the smallest slope dy/du over all branches of all histories, in output per input.
 
-    Negative where the model is not monotone. On a rising branch the rate is the integral of
-    the density along the row it moves, which is linear along every piece; so it is enough to
-    look at the ends of the pieces, and the same along columns for falling branches.
+    It is negative if the model is not monotone. The slope of a rising branch is the integral of the
+    density along a part of a row of the plane. It changes linearly within a cell, so that only the
+    ends of cells are compared. Falling branches move along columns.
     """
     heights = np.diff(levels)
     diagonal = np.diag(weights)
     ends = np.stack([0 * diagonal, 2 * diagonal]) if bow else diagonal[None]
     strict = np.tril(weights, -1)
-    # Row i over columns j..i-1 and column j over rows j+1..i, whichever part is swept.
+    # Row i over columns j..i-1 and column j over rows j+1..i, for every j.
     rows = np.cumsum(strict[:, ::-1], axis=1).min(axis=1)
     columns = np.cumsum(strict, axis=0).min(axis=0)
     swept = np.minimum(np.minimum(rows, columns), 0.0) + ends.min(axis=0)
@@ -176,11 +178,11 @@ def slack(levels: Levels, weights: FloatArray, slope: float, swing: float, bow: 
 def extremes(
     levels: Levels, weights: FloatArray, slope: float, swing: float
 ) -> tuple[float, float]:
-    """Least and greatest of slope*u plus the switched-on weight times ``swing``.
+    """Return the least and greatest of slope*u plus the switched-on weight times ``swing``.
 
-    Over every memory whose extrema are thresholds. The switched-on region is a staircase that
-    falls from left to right and ends at the present input; columns are added from the
-    diagonal outwards, keeping the best staircase for each height.
+    All memories whose extrema are thresholds are compared. The switched-on region is a staircase
+    that falls from left to right and ends at the present input. Dynamic programming adds columns
+    from the diagonal outwards and keeps the best staircase of each height.
     """
     low = _best_staircase(levels, -swing * weights, -slope)
     return -low, _best_staircase(levels, swing * weights, slope)
@@ -199,10 +201,10 @@ def _best_staircase(levels: Levels, weights: FloatArray, slope: float) -> float:
 
 
 def buckets(levels: FloatArray) -> tuple[IntArray, float]:
-    """For each of 4 L equal slices, the last band begun before it; and slices per unit.
+    """Return the last band that begins before each of 4 L equal slices, and slices per unit.
 
-    Which slice a threshold is in is worked out as the kernel does it for an input, so that
-    rounding cannot put the two on different sides of an edge.
+    The slice of a threshold is computed with the same arithmetic as that of an input in the
+    kernel, so that rounding cannot separate the two.
     """
     count = 4 * (levels.size - 1)
     per_unit = count / (levels[-1] - levels[0])

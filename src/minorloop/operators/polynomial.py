@@ -1,4 +1,4 @@
-"""The memoryless baseline: a polynomial, which a model with memory has to beat."""
+"""A polynomial without memory: the baseline for models with hysteresis."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import polynomial
 
-from minorloop.arrays import FloatArray, Samples, as_finite, as_samples, frozen
+from minorloop.arrays import FloatArray, Samples, as_finite, as_pair, as_samples, as_whole, frozen
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.operators.inversion import (
     Inversion,
@@ -22,24 +22,28 @@ from minorloop.operators.inversion import (
 from minorloop.operators.step_tracker import StepTracker
 
 _HALVINGS = 64
+"""Bisections: more than the 53 bits of a float."""
 _LARGEST = 1e300
+"""Largest sum of the terms of an output, as for `Preisach`."""
 _FLAT = 1e-12
-_UNFELT = 1e-17
+"""Changes by a smaller share of the output range are rounding and have no direction."""
+_NEGLIGIBLE = 1e-17
+"""A term of the slope below this share of the largest is less than its rounding error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Polynomial:
     """A curve without memory, ``y = sum of coefficients[k] * u**k`` on [low, high].
 
-    Inputs beyond [low, high] count as the nearer end. Wherever a ``start`` or a ``memory`` can
-    be given it is ignored: it is there so that the baseline stands wherever an operator does.
+    Inputs beyond [low, high] are clamped. The methods ignore ``start`` and ``memory``, which they
+    have in common with those of operators.
 
     Parameters
     ----------
     coefficients : (degree + 1,) array_like
         Constant first, in the unit of the output over powers of that of the input.
     low, high : float
-        Inputs between which the curve holds.
+        Range of inputs in which the curve is valid.
 
     Raises
     ------
@@ -89,16 +93,16 @@ class Polynomial:
         low: float | None = None,
         high: float | None = None,
     ) -> Polynomial:
-        """Plain least squares.
+        """Fit a polynomial to a record, by least squares.
 
         Parameters
         ----------
         u, y : (T,) array_like
             Inputs, and outputs with NaN where nothing was measured.
         degree : int
-            Of the polynomial, at least 1.
+            Degree of the polynomial, at least 1.
         low, high : float, optional
-            Inputs between which it shall hold; those of the record if not given.
+            Range of inputs; that of the record if not given.
 
         Returns
         -------
@@ -109,15 +113,10 @@ class Polynomial:
         ParameterError
             If the degree is not a whole number of at least 1.
         SignalError
-            If lengths disagree, or there are too few different inputs for the degree.
+            If lengths differ, or there are too few different inputs for the degree.
         """
-        if isinstance(degree, bool) or not isinstance(degree, int | np.integer) or degree < 1:
-            raise ParameterError(f"degree is {degree!r}; give a whole number of at least 1")
-        inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
-        if inputs.ndim != 1 or inputs.shape != outputs.shape:
-            raise SignalError(
-                f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
-            )
+        degree = as_whole("degree", degree, 1)
+        inputs, outputs = as_pair(u, y)
         known = ~np.isnan(outputs)
         places = np.unique(inputs[known]).size
         if places <= degree:
@@ -125,8 +124,8 @@ class Polynomial:
                 f"{places} different inputs with a measured output; degree {degree} needs "
                 f"at least {degree + 1}"
             )
-        scaled = np.polynomial.Polynomial.fit(inputs[known], outputs[known], int(degree))
-        coefficients = np.zeros(int(degree) + 1)
+        scaled = np.polynomial.Polynomial.fit(inputs[known], outputs[known], degree)
+        coefficients = np.zeros(degree + 1)
         raw = scaled.convert().coef
         coefficients[: raw.size] = raw
         return cls(
@@ -149,18 +148,18 @@ class Polynomial:
 
     @cached_property
     def monotone_stretch(self) -> tuple[float, float]:
-        """The inputs between which the curve rises or falls throughout, widest in output."""
+        """Of the intervals in which the curve is monotone, that with the widest range of output."""
         turns = self._turns
         outputs = self._at(turns)
         flat = _FLAT * (outputs.max() - outputs.min())
-        best, begin, heading = (self.low, self.low), 0, 0.0
+        best, begin, direction = (self.low, self.low), 0, 0.0
         span = 0.0
         for k in range(1, turns.size):
             change = float(outputs[k] - outputs[k - 1])
             if abs(change) > flat:
-                if change * heading < 0:
+                if change * direction < 0:
                     begin = k - 1
-                heading = change
+                direction = change
             if abs(outputs[k] - outputs[begin]) > span:
                 span = abs(float(outputs[k] - outputs[begin]))
                 best = (float(turns[begin]), float(turns[k]))
@@ -168,11 +167,11 @@ class Polynomial:
 
     @property
     def invertible(self) -> bool:
-        """Whether the curve rises, or falls, throughout [low, high]."""
+        """Whether the curve is monotone in [low, high]."""
         return self.monotone_stretch == (self.low, self.high)
 
     def simulate(self, u: npt.ArrayLike, start: object = None) -> Samples:
-        """Outputs for whole input signals.
+        """Return the outputs for input signals.
 
         Parameters
         ----------
@@ -198,16 +197,16 @@ class Polynomial:
         start: object = None,
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Inputs in [low, high] that bring the output to each target.
+        """Return inputs in [low, high] that bring the output to each target.
 
         Parameters
         ----------
         targets : (T,) array_like
-            Outputs wanted.
+            Wanted outputs.
         start : object
             Ignored.
         unreachable : {"raise", "clip"}
-            What to do about targets beyond `range`: refuse, or go as near as the curve does.
+            What to do about targets beyond `range`: refuse them, or go as near as possible.
 
         Returns
         -------
@@ -216,7 +215,7 @@ class Polynomial:
         Raises
         ------
         NotInvertibleError
-            If the curve turns round inside [low, high]; `monotone_stretch` is where it does not.
+            If the curve is not monotone in [low, high]; `monotone_stretch` is where it is.
         UnreachableError
             If a target is beyond the range and ``unreachable="raise"``.
         SignalError
@@ -234,12 +233,12 @@ class Polynomial:
         return Inversion(u, y, y - wanted, reachable)
 
     def step(self, memory: object, u: float) -> tuple[float, object]:
-        """Output for one input, and the memory as it was.
+        """Return the output for one input, and the memory unchanged.
 
         Parameters
         ----------
         memory : object
-            Given back as it is.
+            Ignored.
         u : float
             The input, in its unit.
 
@@ -251,43 +250,43 @@ class Polynomial:
         return float(self.simulate([as_finite("u", u)])[0]), memory
 
     def aim(self, memory: object, y: float) -> float:
-        """Input whose output comes nearest to y.
+        """Return the input whose output is nearest to y.
 
         Parameters
         ----------
         memory : object
-            Not looked at.
+            Ignored.
         y : float
-            Output wanted.
+            Wanted output.
 
         Raises
         ------
         NotInvertibleError
-            If the curve turns round inside [low, high].
+            If the curve is not monotone in [low, high].
         ParameterError
             If the target is not a finite number.
         """
         return float(self.invert([as_finite("target", y)], unreachable="clip").u[0])
 
     def track(self, start: object = None) -> StepTracker[object]:
-        """Follow a live input sample by sample; there is nothing to remember.
+        """Return a tracker that follows a live input sample by sample.
 
         Parameters
         ----------
         start : object
-            Not looked at.
+            Ignored.
         """
         return StepTracker(self, start)
 
     @cached_property
     def _turns(self) -> FloatArray:
-        """Ends of the range, and every place between them where the curve may turn round."""
+        """Ends of the range, and the candidates for extrema of the curve between them."""
         slope = polynomial.polyder(self.coefficients)
-        # A leading term too small to be felt on the range would put roots near infinity.
-        felt = np.abs(slope) * max(abs(self.low), abs(self.high)) ** np.arange(slope.size)
-        slope = slope[: np.max(np.nonzero(felt > _UNFELT * felt.max())[0], initial=0) + 1]
-        # The real part of a complex root splits a stretch in two that head the same way, which
-        # does no harm; a double root that rounding made complex must not be missed.
+        # A leading term that is negligible on the range would put roots near infinity.
+        terms = np.abs(slope) * max(abs(self.low), abs(self.high)) ** np.arange(slope.size)
+        slope = slope[: np.max(np.nonzero(terms > _NEGLIGIBLE * terms.max())[0], initial=0) + 1]
+        # Rounding can make a double root complex, so real parts of complex roots are used too. If
+        # the curve has no extremum there, an interval is only split into two.
         places = np.real(polynomial.polyroots(slope)) if slope.size > 1 else np.empty(0)
         inside = places[(places > self.low) & (places < self.high)]
         return np.concatenate([[self.low], np.unique(inside), [self.high]])
@@ -296,7 +295,7 @@ class Polynomial:
         return np.asarray(polynomial.polyval(u, self.coefficients), dtype=np.float64)
 
     def _solve(self, targets: FloatArray) -> FloatArray:
-        """Bisection: as near as a float can be, whatever the degree and however flat."""
+        """Return the nearest floats to the inputs of the targets, by bisection."""
         rising = self._at(np.array(self.high)) > self._at(np.array(self.low))
         low, high = np.full(targets.shape, self.low), np.full(targets.shape, self.high)
         for _ in range(_HALVINGS):
@@ -310,10 +309,10 @@ class Polynomial:
     def _require_monotone(self) -> None:
         low, high = self.monotone_stretch
         if low == high:
-            raise NotInvertibleError("the polynomial is constant, so no input has an effect")
+            raise NotInvertibleError("the polynomial is constant; fit one of a higher degree")
         if not self.invertible:
             raise NotInvertibleError(
-                f"the polynomial turns round inside [{self.low:g}, {self.high:g}]; the widest "
-                f"stretch on which it does not is [{low:g}, {high:g}], so use "
-                "Polynomial(coefficients, *model.monotone_stretch), or a lower degree"
+                f"the polynomial is not monotone in [{self.low:g}, {self.high:g}] but in "
+                f"[{low:g}, {high:g}]; use Polynomial(coefficients, *model.monotone_stretch), or a "
+                "lower degree"
             )

@@ -1,6 +1,6 @@
 """The Prandtl-Ishlinskii operator: weighted plays, with an analytic inverse.
 
-Its loops are symmetric and do not saturate; `GeneralisedPrandtlIshlinskii` bends them.
+Its loops are symmetric and do not saturate; those of `GeneralisedPrandtlIshlinskii` can do both.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ PlayStart: TypeAlias = "npt.ArrayLike | Literal['negative', 'positive', 'demagne
 """Positions of the plays before the first sample, or the name of a start state."""
 
 _CONSISTENT = 1e-12
+"""Share of the largest position by which positions may be inconsistent: rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class PrandtlIshlinskii:
-    """Weighted sum of plays: ``y = offset + sum of weights[i] * play(radii[i])[u]``.
+    """A weighted sum of plays: ``y = offset + sum of weights[i] * play(radii[i])[u]``.
 
-    A play of radius r follows its input with a slack of r on either side; a play of radius
-    zero is the input itself, so ``weights[0]`` with ``radii[0] == 0`` is the linear term.
+    A play of radius r follows its input with a slack of r on either side. A play of radius zero
+    equals the input, so ``weights[0]`` with ``radii[0] == 0`` is the linear term.
 
-    Wherever a start is asked for, it is one of
+    A start state is one of
 
     - an (n,) array of play positions in the unit of the input,
     - ``"negative"`` or ``"positive"``: the input came from far below, or from far above,
@@ -57,7 +58,7 @@ class PrandtlIshlinskii:
     Raises
     ------
     ParameterError
-        If there is no play, radii do not increase or are negative, lengths disagree, or a
+        If there is no play, radii do not increase or are negative, lengths differ, or a
         number is not finite.
 
     References
@@ -88,7 +89,7 @@ class PrandtlIshlinskii:
         start: PlayStart = "negative",
         signed: bool = False,
     ) -> PrandtlIshlinskii:
-        """Operator nearest to a record, by constrained least squares.
+        """Fit the operator to a record, by constrained least squares.
 
         Parameters
         ----------
@@ -97,14 +98,14 @@ class PrandtlIshlinskii:
         y : (T,) array_like
             Outputs; NaN where nothing was measured.
         radii : int or (n,) array_like
-            Radii, the first of them zero, or how many of them: evenly spaced from zero to
-            just below half the swing of the input.
+            Radii, the first of them zero, or their number: evenly spaced from zero to just below
+            half the range of the input.
         start : start state
-            Before the first sample; positions belong to the radii.
+            State before the first sample.
         signed : bool
-            Whether weights may be negative, as long as every running sum of them is
-            positive. Without it no weight is negative. Either way the result has an inverse:
-            the slope after a reversal is at least 1e-4 of output swing over input swing.
+            Whether weights may be negative, as long as all their cumulative sums are positive. The
+            result always has an inverse: the slope after a reversal is at least 1e-4 times the
+            range of the output over that of the input.
 
         Returns
         -------
@@ -113,9 +114,9 @@ class PrandtlIshlinskii:
         Raises
         ------
         SignalError
-            If the record is too short, its input or output constant, or its lengths disagree.
+            If the record is too short, its input or output constant, or its lengths differ.
         ParameterError
-            If the radii cannot be used.
+            If the radii are out of range.
         """
         inputs, outputs = as_record(u, y)
         places = choose_radii(inputs, radii)
@@ -140,21 +141,21 @@ class PrandtlIshlinskii:
 
     @cached_property
     def slopes(self) -> FloatArray:
-        """(n,) running sums of the weights: slope while the plays up to the i-th move."""
+        """(n,) cumulative sums of the weights: slopes while the plays up to the i-th move."""
         return frozen(np.cumsum(self.weights))
 
     @property
     def invertible(self) -> bool:
-        """Whether there is a linear term and every running sum of the weights is positive."""
+        """Whether there is a linear term and all cumulative sums of the weights are positive."""
         return bool(self.radii[0] == 0 and (self.slopes > 0).all())
 
     @property
     def range(self) -> tuple[float, float]:
-        """Unbounded: plays do not saturate."""
+        """Infinite in both directions, because plays do not saturate."""
         return -np.inf, np.inf
 
     def positions(self, start: PlayStart) -> FloatArray:
-        """(n,) play positions of a start state; infinite for the two saturations.
+        """Return the (n,) play positions of a start state; infinite for both saturations.
 
         Parameters
         ----------
@@ -164,8 +165,8 @@ class PrandtlIshlinskii:
         Raises
         ------
         ParameterError
-            If the name is unknown, or the positions are not what any input leaves behind:
-            neighbours never lie further apart than their radii differ.
+            If the name is unknown, or no input leads to these positions: neighbours lie no further
+            apart than the difference of their radii.
         """
         if isinstance(start, str):
             names = ("negative", "positive", "demagnetised", "relaxed")
@@ -185,7 +186,7 @@ class PrandtlIshlinskii:
         return positions
 
     def simulate(self, u: npt.ArrayLike, start: PlayStart = "negative") -> Samples:
-        """Outputs for whole input signals.
+        """Return the outputs for input signals.
 
         Parameters
         ----------
@@ -193,7 +194,7 @@ class PrandtlIshlinskii:
             Inputs; the rows of a two-dimensional array are independent signals, computed in
             parallel.
         start : start state
-            Before the first sample.
+            State before the first sample.
 
         Returns
         -------
@@ -205,7 +206,7 @@ class PrandtlIshlinskii:
         SignalError
             If the inputs are not finite numbers of one of these shapes.
         ParameterError
-            If the start cannot be used.
+            If the start state is out of range.
         """
         inputs, before = as_samples(u, name="u"), self.positions(start)
         y = np.empty_like(inputs)
@@ -226,19 +227,19 @@ class PrandtlIshlinskii:
         start: PlayStart = "negative",
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Inputs that bring the output to each target in turn: what `inverse` gives.
+        """Return inputs that bring the output to each target in turn, the outputs of `inverse`.
 
-        They are computed branch by branch, which keeps the residual at rounding level even
-        where the slopes of the operator differ by many orders of magnitude.
+        They are computed branch by branch. So residuals are rounding errors even if the slopes of
+        the operator differ by many orders of magnitude.
 
         Parameters
         ----------
         targets : (T,) array_like
-            Outputs wanted, in order.
+            Wanted outputs, in order.
         start : start state
-            Of this operator, before the first input.
+            State of this operator before the first input.
         unreachable : {"raise", "clip"}
-            As for the other operators; every target is within reach of plays.
+            As for the other operators; plays reach every target.
 
         Returns
         -------
@@ -247,7 +248,7 @@ class PrandtlIshlinskii:
         Raises
         ------
         NotInvertibleError
-            If there is no linear term, or a running sum of the weights is not positive.
+            If there is no linear term, or a cumulative sum of the weights is not positive.
         SignalError
             If the targets are not finite numbers in one dimension.
         """
@@ -260,15 +261,15 @@ class PrandtlIshlinskii:
         return Inversion(u, y, y - wanted, np.ones(wanted.shape, dtype=np.bool_))
 
     def inverse(self) -> PrandtlIshlinskii:
-        """The inverse operator, which is of the same kind; see `inverse_positions`.
+        """Return the inverse operator, also weighted plays; `inverse_positions` is its start.
 
-        With W the running sums of the weights, the j-th radius is
-        ``sum over i < j of W_i (r_(i+1) - r_i)`` and the running sums are 1 / W.
+        With W the cumulative sums of the weights, the j-th radius of the inverse is
+        ``sum over i < j of W_i (r_(i+1) - r_i)`` and its cumulative sums are 1 / W.
 
         Raises
         ------
         NotInvertibleError
-            If there is no linear term, or a running sum of the weights is not positive.
+            If there is no linear term, or a cumulative sum of the weights is not positive.
         """
         self._require_invertible()
         slopes = 1 / self.slopes
@@ -278,7 +279,7 @@ class PrandtlIshlinskii:
         )
 
     def inverse_positions(self, start: PlayStart) -> FloatArray:
-        """(n,) start of `inverse` that belongs to a start of this operator.
+        """Return the (n,) start positions of `inverse` for a start state of this operator.
 
         Parameters
         ----------
@@ -291,22 +292,22 @@ class PrandtlIshlinskii:
             If the operator has no inverse.
         """
         self._require_invertible()
-        return self._carried_over(self.positions(start)) + self.offset
+        return self._inverse_positions(self.positions(start)) + self.offset
 
     def trace(self, u: npt.ArrayLike, start: PlayStart = "negative") -> FloatArray:
-        """Positions of the plays along a whole input signal.
+        """Return the positions of the plays along an input signal.
 
         Parameters
         ----------
         u : (T,) array_like
             Inputs.
         start : start state
-            Before the first sample.
+            State before the first sample.
 
         Returns
         -------
         (T, n) array
-            In the unit of the input; the weights do not enter.
+            In the unit of the input; they do not depend on the weights.
 
         Raises
         ------
@@ -319,12 +320,12 @@ class PrandtlIshlinskii:
         return out
 
     def step(self, memory: PlayStart, u: float) -> tuple[float, FloatArray]:
-        """Output and play positions after one input; nothing is changed in place.
+        """Return output and play positions after one input.
 
         Parameters
         ----------
         memory : start state
-            Before the input.
+            State before the input; it is not changed.
         u : float
             The input.
 
@@ -340,14 +341,14 @@ class PrandtlIshlinskii:
         return float(y[0]), frozen(after)
 
     def aim(self, memory: PlayStart, y: float) -> float:
-        """Input that brings the output to y from a start state.
+        """Return the input that brings the output to y from a start state.
 
         Parameters
         ----------
         memory : (n,) array_like or state by name
             Positions of the plays.
         y : float
-            Output wanted.
+            Wanted output.
 
         Raises
         ------
@@ -359,12 +360,12 @@ class PrandtlIshlinskii:
         return float(self.invert([as_finite("target", y)], memory).u[0])
 
     def track(self, start: PlayStart = "negative") -> StepTracker[PlayStart]:
-        """Follow a live input sample by sample.
+        """Return a tracker that follows a live input sample by sample.
 
         Parameters
         ----------
         start : start state
-            Before the first sample.
+            State before the first sample.
         """
         return StepTracker(self, self.positions(start))
 
@@ -379,11 +380,11 @@ class PrandtlIshlinskii:
             raise ParameterError(
                 f"play positions {positions[i]:g} and {positions[i + 1]:g} (start[{i}] and "
                 f"start[{i + 1}]) lie further apart than their radii, {self.radii[i]:g} and "
-                f"{self.radii[i + 1]:g}; no input leaves that behind"
+                f"{self.radii[i + 1]:g}; no input leads to such positions"
             )
 
-    def _carried_over(self, positions: FloatArray) -> FloatArray:
-        """Positions of the plays of the inverse, which sees the output without the offset."""
+    def _inverse_positions(self, positions: FloatArray) -> FloatArray:
+        """Return the positions of the plays of the inverse for an operator without offset."""
         if np.isinf(positions[0]):
             return positions.copy()
         gaps = np.append(positions[:-1] - positions[1:], positions[-1])
@@ -394,11 +395,11 @@ class PrandtlIshlinskii:
             return
         if self.radii[0] != 0:
             raise NotInvertibleError(
-                f"the smallest radius is {self.radii[0]:g}, so the output stands still after a "
+                f"the smallest radius is {self.radii[0]:g}, so the output does not move after a "
                 "reversal; add a play of radius 0 with a positive weight"
             )
         index = int(np.argmax(self.slopes <= 0))
         raise NotInvertibleError(
-            f"the weights up to index {index} add up to {self.slopes[index]:g}; every running "
-            "sum must be positive for an inverse to exist"
+            f"the weights up to index {index} add up to {self.slopes[index]:g}; there is an "
+            "inverse only if every cumulative sum is positive"
         )

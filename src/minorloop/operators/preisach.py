@@ -39,11 +39,15 @@ from minorloop.operators.tracker import Tracker
 Diagonal: TypeAlias = Literal["uniform", "reversible"]
 
 _LARGEST = 1e300
+"""Largest sum of the terms of an output: far enough below the largest float, 1.8e308, for sums and
+differences of outputs."""
+_ROUNDING = 1e-13
+"""A slope may be negative by this share of the steepest one: rounding of sums of weights."""
 
 
 @dataclass(frozen=True, eq=False)
 class Preisach:
-    """A weighted continuum of relays: output depends on the remembered extrema of the input.
+    """A weighted continuum of relays; the output depends on remembered extrema of the input.
 
     Parameters
     ----------
@@ -56,13 +60,13 @@ class Preisach:
     offset : float
         Added to the output.
     relay : {"bipolar", "unipolar"}
-        Whether a relay gives -1 and +1, or 0 and 1.
+        Whether the output of a relay is -1 or +1, or 0 or 1.
     diagonal : {"uniform", "reversible"}
         Whether the weight of a diagonal cell is spread evenly over its triangle, or lies on
         the line alpha = beta.
     slope : float
-        Of a memoryless linear part, output per input. It sees inputs beyond the levels as
-        they are; the relays see them clamped.
+        Slope of a memoryless linear part, output per input. Inputs beyond the levels are clamped
+        for the relays, but not for this part.
 
     Raises
     ------
@@ -97,15 +101,15 @@ class Preisach:
     def from_density(
         cls, levels: npt.ArrayLike, density: npt.ArrayLike | plane.Density, **options: Any
     ) -> Preisach:
-        """Operator from a density instead of cell weights.
+        """Return the operator with a density instead of cell weights.
 
         Parameters
         ----------
         levels : (L + 1,) array_like
             Thresholds.
         density : (L, L) array_like or callable
-            The value in each cell, or ``density(alpha, beta)``, vectorised, which is
-            integrated over each cell; output unit per input unit squared.
+            The value in each cell, or ``density(alpha, beta)``, vectorised, which is integrated
+            over each cell; unit of the output per squared unit of the input.
         **options
             ``offset``, ``relay``, ``diagonal``, ``slope`` of `Preisach`.
         """
@@ -125,7 +129,7 @@ class Preisach:
         diagonal: Diagonal = "uniform",
         slope: float = 0.0,
     ) -> Preisach:
-        """Operator that reproduces first-order reversal curves measured on the levels.
+        """Return the operator that reproduces first-order reversal curves on the levels.
 
         Parameters
         ----------
@@ -133,19 +137,19 @@ class Preisach:
             Thresholds.
         f : (L + 1, L + 1) array_like
             ``f[a, b]``, b <= a: output after rising from negative saturation to level a and
-            falling to level b. Above the diagonal it is not read.
+            falling to level b. Values above the diagonal are ignored.
         relay, diagonal, slope
             As in `Preisach`; the offset follows from ``f[0, 0]``.
 
         Raises
         ------
         ParameterError
-            If the shape is wrong or a value that is read is not finite.
+            If the shape is wrong or a value on or below the diagonal is not finite.
 
         References
         ----------
-        Mayergoyz, 1991, eq. 1.24: the mixed difference of reversal curves is the weight of a
-        relay's whole swing, hence half of it for relays that swing from -1 to +1.
+        Mayergoyz, 1991, eq. 1.24: the mixed difference of reversal curves is the weight times the
+        swing of a relay, which is 2 for relays between -1 and +1.
         """
         levels = as_levels(levels)
         values = np.asarray(f, dtype=np.float64)
@@ -207,15 +211,15 @@ class Preisach:
 
     @cached_property
     def monotone(self) -> bool:
-        """Whether no branch of any history falls while the input rises."""
+        """Whether no branch of any history has a negative slope."""
         rate = plane.slack(
             self.levels, self.weights, self.slope, self.swing, self.diagonal == "uniform"
         )
         steepest = np.abs(self.weights).sum() / np.diff(self.levels).min() + abs(self.slope)
-        return bool(rate >= -1e-13 * steepest)
+        return bool(rate >= -_ROUNDING * steepest)
 
     def everett(self, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> FloatArray:
-        """Integral of the density over the triangle between beta and alpha.
+        """Return the integral of the density over the triangle between beta and alpha.
 
         Parameters
         ----------
@@ -225,8 +229,8 @@ class Preisach:
         Returns
         -------
         array
-            In the unit of the output. Rising from beta to alpha on a fresh branch changes the
-            output by this much for unipolar relays, twice as much for bipolar ones.
+            In the unit of the output. After a reversal at beta, rising to alpha changes the output
+            by this value for unipolar relays and by twice this value for bipolar relays.
 
         Raises
         ------
@@ -244,7 +248,7 @@ class Preisach:
         return out.reshape(pair[0].shape) / self.swing
 
     def simulate(self, u: npt.ArrayLike, start: Start = "negative") -> Samples:
-        """Outputs for whole input signals.
+        """Return the outputs for input signals.
 
         Parameters
         ----------
@@ -281,25 +285,24 @@ class Preisach:
         start: Start = "negative",
         unreachable: Unreachable = "raise",
     ) -> Inversion:
-        """Inputs that bring the output to each target in turn: the exact right inverse.
+        """Return inputs that bring the output to each target in turn, by the exact right inverse.
 
-        Every input is the nearest to the one before it that does so; a target equal to the
-        present output leaves the input where it is.
+        Of all such inputs, each is the nearest to the input before it. For a target equal to the
+        present output, the input does not change.
 
         Parameters
         ----------
         targets : (T,) array_like
-            Outputs wanted, in order.
+            Wanted outputs, in order.
         start : {"negative", "positive", "demagnetised"} or Memory
             Memory before the first input.
         unreachable : {"raise", "clip"}
-            What to do about targets beyond `range`: refuse, or go as near as the grid allows.
+            What to do about targets beyond `range`: refuse them, or go as near as possible.
 
         Returns
         -------
         Inversion
-            Inputs inside the grid, the outputs the model gives for them, residuals, and
-            which targets were reachable.
+            Inputs inside the grid, their outputs, residuals, and which targets were reachable.
 
         Raises
         ------
@@ -322,12 +325,12 @@ class Preisach:
         return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
 
     def step(self, memory: Start, u: float) -> tuple[float, Memory]:
-        """Output and memory after one input; nothing is changed in place.
+        """Return output and memory after one input.
 
         Parameters
         ----------
         memory : Memory or name of a start state
-            Before the input.
+            Memory before the input; it is not changed.
         u : float
             The input.
 
@@ -340,7 +343,7 @@ class Preisach:
         return tracker.push(u), tracker.memory
 
     def track(self, start: Start = "negative") -> Tracker[Preisach]:
-        """Follow a live input sample by sample.
+        """Return a tracker that follows a live input sample by sample.
 
         Parameters
         ----------
@@ -350,7 +353,7 @@ class Preisach:
         return Tracker(self, start)
 
     def memory(self, start: Start) -> Memory:
-        """A start state by name, or a memory fitted to the range of this plane.
+        """Return the memory of a start state, within the levels of this operator.
 
         Parameters
         ----------
@@ -368,7 +371,7 @@ class Preisach:
         return Memory.positive(low, high) if start == "positive" else Memory.demagnetised(low, high)
 
     def plot(self, **options: Any) -> Any:
-        """Draw the density on the plane and the major loop; gives the matplotlib figure.
+        """Draw the density on the plane and the major loop in a matplotlib figure.
 
         Parameters
         ----------
@@ -384,7 +387,7 @@ class Preisach:
 
     @cached_property
     def tables(self) -> _kernels.Plane:
-        """What compiled loops and exports read: thresholds, nodes and how a band is found."""
+        """Tables for compiled loops and exports: thresholds, nodes, and the search for a band."""
         buckets, per_unit = plane.buckets(self.levels)
         nodes = self.swing * plane.nodes_from_weights(self.weights)
         diagonal = nodes.diagonal(-1).copy()
@@ -401,21 +404,21 @@ class Preisach:
         )
 
     def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
-        """State of the compiled loops for a start memory.
+        """Return the state of the compiled loops for a start memory.
 
         Parameters
         ----------
         start : {"negative", "positive", "demagnetised"} or Memory
             The start state.
         room : int
-            Reversals that it has room for beyond that.
+            Number of further reversals that the state has room for.
 
         Returns
         -------
         stack : (rows, 4) array
             As `minorloop.operators._kernels` describes it.
         rows : int
-            How many rows are in use.
+            Number of rows in use.
         """
         extrema = np.array(self.memory(start).extrema)
         stack = np.empty((extrema.size + room + 2, 4))

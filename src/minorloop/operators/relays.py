@@ -1,8 +1,8 @@
-"""The relay-by-relay model: dots on level pairs, switched by a moving marker.
+"""The relay-by-relay model: one relay for each pair of levels.
 
-Many papers draw and program the Preisach model in this way. It is here for comparison: each relay
-is a dot at (alpha, beta) = (levels[a], levels[b]), inputs act only when they cross levels, and the
-resolution of the stepping inverse is that of the levels.
+Many papers draw and program the Preisach model in this way; it is here for comparison. Each relay
+has the thresholds (alpha, beta) = (levels[a], levels[b]). Inputs act only when they cross a level,
+and the resolution of the stepping inverse is that of the levels.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class RelayModel:
     """Weighted relays on level pairs.
 
     A relay at (alpha, beta) switches on when the input reaches alpha and off when it falls
-    below beta; in between it keeps its state. In terms of the marker, moving up to level
-    k switches on the row alpha = levels[k], moving down from level k switches off the column
+    below beta; in between it keeps its state. So an input that rises to level k switches on the
+    row alpha = levels[k], and one that falls below level k switches off the column
     beta = levels[k].
 
     Parameters
@@ -46,12 +46,12 @@ class RelayModel:
     levels : (N,) array_like
         Thresholds in the unit of the input, strictly increasing.
     weights : (N, N) array_like
-        ``weights[a, b]``, b <= a, of the relay at (levels[a], levels[b]), in the unit of the
-        output; zero above the diagonal.
+        ``weights[a, b]``, b <= a, is the weight of the relay at (levels[a], levels[b]), in the unit
+        of the output; zero above the diagonal.
     offset : float
         Added to the output.
     relay : {"bipolar", "unipolar"}
-        Whether a relay gives -1 and +1, or 0 and 1.
+        Whether the output of a relay is -1 or +1, or 0 or 1.
 
     Raises
     ------
@@ -86,11 +86,11 @@ class RelayModel:
 
     @classmethod
     def from_preisach(cls, model: Preisach) -> RelayModel:
-        """Relays that are equivalent to a plane for inputs on the levels.
+        """Return relays that are equivalent to a Preisach operator for inputs on the levels.
 
-        The weight of cell (i, j) goes to the dot (i + 1, j + 1): it is on when the input has
+        The weight of cell (i, j) goes to the relay (i + 1, j + 1): it is on when the input has
         reached the upper end of band i, off when it has fallen to the lower end of band j. The
-        column at the lowest level is empty, because it would never switch off.
+        column at the lowest level is empty, because its relays never switch off.
 
         Parameters
         ----------
@@ -100,11 +100,11 @@ class RelayModel:
         Raises
         ------
         ParameterError
-            If the model has a slope, which relays cannot give.
+            If the model has a slope, which relays cannot represent.
         """
         if model.slope:
             raise ParameterError(
-                f"slope is {model.slope:g}, which relays cannot give; give a model without slope"
+                f"the model has slope {model.slope:g}, which relays cannot represent; give slope 0"
             )
         weights = np.zeros((model.levels.size, model.levels.size))
         weights[1:, 1:] = model.weights
@@ -113,14 +113,14 @@ class RelayModel:
     def states(
         self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
     ) -> FloatArray:
-        """(N, N) array of relays after an input: 1 on, 0 off, zero above the diagonal.
+        """Return the (N, N) relays after an input: 1 if on, 0 if off or above the diagonal.
 
         Parameters
         ----------
         u : float or (T,) array_like
             Inputs, in order.
         start : {"negative", "positive"}
-            Relays before them.
+            Saturation before the first input.
         """
         on, level = self._start(start)
         inputs = as_signal(u, name="u")
@@ -130,7 +130,7 @@ class RelayModel:
     def simulate(
         self, u: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
     ) -> Samples:
-        """Outputs for a whole input.
+        """Return the outputs for input signals.
 
         Parameters
         ----------
@@ -158,15 +158,15 @@ class RelayModel:
     def stepping_inverse(
         self, targets: npt.ArrayLike, start: Literal["negative", "positive"] = "negative"
     ) -> Inversion:
-        """Find inputs level by level until the output passes each target.
+        """Move the input level by level until the output passes each target.
 
-        The search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6, on a copy of the relays; it stops
-        at the last level. It overshoots by up to one level; `Preisach.invert` is exact.
+        This is the search of Boudjabi, Ferreira and Krupa, 2003, Fig. 6, on a copy of the relays;
+        it stops at the last level. It overshoots by up to one level; `Preisach.invert` is exact.
 
         Parameters
         ----------
         targets : (T,) array_like
-            Outputs wanted, in order.
+            Wanted outputs, in order.
         start : {"negative", "positive"}
             Saturation before the first input.
 
@@ -187,14 +187,14 @@ class RelayModel:
         return Inversion(u=u, y=y, residual=y - wanted, reachable=reachable)
 
     def _start(self, start: str) -> tuple[FloatArray, int]:
-        """Relays, and the level of the marker (-1: below the lowest)."""
+        """Return the relays, and the highest level that is reached (-1 if none)."""
         check_option("start", start, ("negative", "positive"))
         if start == "negative":
             return np.zeros(self.weights.shape), -1
         return np.tril(np.ones(self.weights.shape)), self.levels.size - 1
 
     def line(self) -> tuple[float, float]:
-        """Swing of a relay and output when all are off."""
+        """Return the swing of a relay, and the output when all are off."""
         off = off_output(self.relay) * float(self.weights.sum())
         return swing(self.relay), self.offset + off
 

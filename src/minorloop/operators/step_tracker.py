@@ -1,4 +1,4 @@
-"""Follow a live input with any operator that has a pure step."""
+"""Follow a live input with an operator whose step is a pure function."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ Memory = TypeVar("Memory")
 
 
 class Stepping(Protocol[Memory]):
-    """An operator with a pure step and the one-sample inverse."""
+    """An operator whose step and one-sample inverse are pure functions."""
 
     def step(self, memory: Memory, u: float) -> tuple[float, Memory]:
-        """Output and memory after one input."""
+        """Return output and memory after one input."""
 
     def aim(self, memory: Memory, y: float) -> float:
-        """Input that brings the output to y."""
+        """Return the input that brings the output to y."""
 
 
 class StepTracker(Generic[Memory]):
@@ -35,18 +35,18 @@ class StepTracker(Generic[Memory]):
         self.memory = memory
 
     def push(self, u: float) -> float:
-        """Output after the next input, which is committed to memory."""
+        """Return the output after the next input, and update the memory."""
         y, self.memory = self.model.step(self.memory, u)
         return y
 
     def peek(self, u: float) -> float:
-        """Output that the next input would give; nothing is committed."""
+        """Return the output for a next input; the memory stays as it is."""
         return self.model.step(self.memory, u)[0]
 
     def aim(self, y: float) -> float:
-        """Input that brings the output to y; nothing is committed."""
+        """Return the input that brings the output to y; the memory stays as it is."""
         return self.model.aim(self.memory, y)
 
     def copy(self) -> StepTracker[Memory]:
-        """An independent tracker with the same memory."""
+        """Return an independent tracker with the same memory."""
         return StepTracker(self.model, self.memory)

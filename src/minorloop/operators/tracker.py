@@ -16,14 +16,14 @@ class Tracked(Protocol):
 
     @property
     def tables(self) -> _kernels.Plane:
-        """What the compiled loops read."""
+        """Tables of the compiled loops."""
 
     @property
     def range(self) -> tuple[float, float]:
         """Least and greatest output over the grid."""
 
     def stack(self, start: Start, room: int) -> tuple[FloatArray, int]:
-        """State of the compiled loops for a start memory."""
+        """Return the state of the compiled loops for a start memory."""
 
     def require_monotone(self) -> None:
         """Refuse a model that cannot be inverted."""
@@ -57,7 +57,7 @@ class Tracker(Generic[Model]):
         return Memory(self._stack[: self._rows, _kernels.VALUE].tolist())
 
     def push(self, u: float) -> float:
-        """Output after the next input, which is committed to memory.
+        """Return the output after the next input, and update the memory.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class Tracker(Generic[Model]):
         return float(self._y[0])
 
     def peek(self, u: float) -> float:
-        """Output that the next input would give; nothing is committed.
+        """Return the output for a next input; the memory stays as it is.
 
         Parameters
         ----------
@@ -93,14 +93,14 @@ class Tracker(Generic[Model]):
         return self.copy().push(u)
 
     def aim(self, y: float) -> float:
-        """Nearest input that brings the output to y; nothing is committed.
+        """Return the nearest input that brings the output to y; the memory stays as it is.
 
-        Beyond the range of the model it is the end of the grid that comes nearest.
+        For outputs beyond the range of the model it is the nearer end of the grid.
 
         Parameters
         ----------
         y : float
-            Output wanted, in its unit.
+            Wanted output, in its unit.
 
         Raises
         ------
@@ -117,8 +117,8 @@ class Tracker(Generic[Model]):
         )
 
     def copy(self) -> Tracker[Model]:
-        """An independent tracker with the same memory."""
-        twin = object.__new__(type(self))
-        twin.model, twin._tables, twin._rows = self.model, self._tables, self._rows
-        twin._stack, twin._u, twin._y = self._stack.copy(), np.empty(1), np.empty(1)
-        return twin
+        """Return an independent tracker with the same memory."""
+        copy = object.__new__(type(self))
+        copy.model, copy._tables, copy._rows = self.model, self._tables, self._rows
+        copy._stack, copy._u, copy._y = self._stack.copy(), np.empty(1), np.empty(1)
+        return copy

@@ -7,24 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from minorloop.drawing.layout import new_figure
 from minorloop.report import Picture
 from minorloop.studies.claims import Claim, figure
 
+__all__ = ["COLOURS", "HOUR", "MINUTE", "draw_specimens", "every_specimen", "new_figure"]
+
 COLOURS = {"Preisach": "C0", "quadratic": "C3", "plays": "C2", "polynomial": "C3"}
 MINUTE, HOUR = 60.0, 3600.0
-
-
-def new_figure(
-    rows: int = 1, columns: int = 1, height: float = 3.6, **options: Any
-) -> tuple[Any, Any]:
-    """Return a figure as wide as a page, and its axes with a grid."""
-    from matplotlib.figure import Figure
-
-    drawn = Figure(figsize=(9.2, height), layout="constrained")
-    axes = drawn.subplots(rows, columns, **options)
-    for one in np.atleast_1d(axes).ravel():
-        one.grid(alpha=0.25)
-    return drawn, axes
 
 
 def every_specimen(

@@ -15,6 +15,7 @@ from minorloop.lab.actuator import ROUNDING, Channel
 LONGEST_CLOCK = 1e12
 """In seconds: beyond it, rounding of the clock loses steps of a millisecond."""
 _MOST_SAMPLES = 2**62
+"""Most samples of a clock: a counter of 64 bits does not overflow."""
 
 
 class Checkpoint:

@@ -45,20 +45,11 @@ class Fibre(SimulatedActuator):
 
     Parameters
     ----------
-    specimen : int, optional
-        Seed of a specimen: all twelve physical parameters (potential, width of the isotherm,
-        times of doping, undoping, diffusion and creep, creep, stretch, two pinning potentials
-        and their two rates of release) are drawn within +-10 % of nominal. Nominal if not given.
-    noise : float
-        Standard deviation of the measured length, in um.
-    seed : int
-        Seed of the noise.
-    tick : float
-        How long one ``exchange`` takes, in seconds.
-    drift : float
-        Relative change of the stretch per hour, compounding.
-    substeps : int
-        Number of parts of each time step of the integration.
+    specimen, noise, seed, tick, drift, substeps
+        As in `SimulatedActuator`. All twelve physical parameters differ between specimens:
+        potential, width of the isotherm, times of doping, undoping, diffusion and creep, creep,
+        stretch, two pinning potentials and their rates of release. Noise is in um. A tick is 1 s if
+        not given. Drift acts on the stretch.
 
     Raises
     ------
@@ -86,30 +77,12 @@ class Fibre(SimulatedActuator):
     kind = "fibre"
     inputs = (Channel("voltage", "V", 0.2, 0.65),)
     outputs = (Channel("length change", "um"),)
+    _nominal = _NOMINAL
+    _default_tick = 1.0
     _rest = (0.05, 0.05, 0.0, 0.0, 0.0)
     _rest_input = 0.2
     _first_step = 0.05
     _longest_step = 1.0
-
-    def __init__(
-        self,
-        specimen: int | None = None,
-        noise: float = 0.0,
-        seed: int = 0,
-        *,
-        tick: float = 1.0,
-        drift: float = 0.0,
-        substeps: int = 1,
-    ) -> None:
-        super().__init__(
-            _NOMINAL,
-            specimen=specimen,
-            noise=noise,
-            seed=seed,
-            tick=tick,
-            drift=drift,
-            substeps=substeps,
-        )
 
     def _run(self, u: FloatArray, h: FloatArray, gain: FloatArray) -> FloatArray:
         linear = tuple(self._parameters[name] for name in _LINEAR)

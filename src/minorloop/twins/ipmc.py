@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, as_waveform
 from minorloop.lab.actuator import Channel
 from minorloop.lab.records import Record
 from minorloop.twins import _kernels
-from minorloop.twins.simulated_actuator import SimulatedActuator, as_waveform, prefixed
+from minorloop.twins.simulated_actuator import SimulatedActuator, prefixed
 
 _NOMINAL = {
     "charging_time": 0.35,  # s
@@ -55,22 +55,12 @@ class Ipmc(SimulatedActuator):
 
     Parameters
     ----------
-    specimen : int, optional
-        Seed of a specimen: all seventeen physical parameters (times of charging, relaxation,
-        creep and sensing, saturation, drag, bending, asymmetry, set, creep, three pinning
-        potentials and their three rates of release, sensing gain) are drawn within +-10 % of
-        nominal. Nominal if not given.
-    noise : float
-        Standard deviation of the measured curvature, in 1/m. An error of 1 um of a
-        laser 15 mm above the clamp is 0.009 1/m.
-    seed : int
-        Seed of the noise.
-    tick : float
-        How long one ``exchange`` takes, in seconds.
-    drift : float
-        Relative change of the bending per volt and hour, compounding: -0.05 loses 5 % an hour.
-    substeps : int
-        Number of parts of each time step of the integration.
+    specimen, noise, seed, tick, drift, substeps
+        As in `SimulatedActuator`. All seventeen physical parameters differ between specimens: times
+        of charging, relaxation, creep and sensing, saturation, drag, bending, asymmetry, set,
+        creep, three pinning potentials and their rates of release, and sensing gain. Noise is in
+        1/m; an error of 1 um of a laser 15 mm above the clamp is 0.009 1/m. A tick is 0.1 s if not
+        given. Drift acts on the bending per volt.
 
     Raises
     ------
@@ -97,30 +87,12 @@ class Ipmc(SimulatedActuator):
     kind = "ipmc"
     inputs = (Channel("voltage", "V", -1.2, 1.2),)
     outputs = (Channel("curvature", "1/m"),)
+    _nominal = _NOMINAL
+    _default_tick = 0.1
     _rest = (0.0,) * 6
     _rest_input = 0.0
     _first_step = 0.02
     _longest_step = 3.0
-
-    def __init__(
-        self,
-        specimen: int | None = None,
-        noise: float = 0.0,
-        seed: int = 0,
-        *,
-        tick: float = 0.1,
-        drift: float = 0.0,
-        substeps: int = 1,
-    ) -> None:
-        super().__init__(
-            _NOMINAL,
-            specimen=specimen,
-            noise=noise,
-            seed=seed,
-            tick=tick,
-            drift=drift,
-            substeps=substeps,
-        )
 
     def sense(self, t: npt.ArrayLike, curvature: npt.ArrayLike) -> Record:
         """Return the voltage of the open strip while it is bent from outside.

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_samples
-from minorloop.errors import ParameterError, SignalError
+from minorloop.arrays import FloatArray, as_finite, as_seconds, as_waveform, as_whole
+from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
 from minorloop.twins.checkpoints import Checkpoint, check_within
@@ -21,10 +21,12 @@ MAX_SAMPLES = 20_000_000
 """Most samples of one call: 480 MB of a record."""
 MAX_STEPS = 200_000_000
 """Most time steps of one call, to bound its duration."""
+_SEEDS = 2**64 - 1
+"""Largest seed: a key of the generator of the noise has 64 bits."""
 
 
 class SimulatedPlant(ABC):
-    """A plant that lives in simulated time: its clock, holds, waveforms and checkpoints.
+    """A plant in simulated time: its clock, holds, waveforms and checkpoints.
 
     The physics is hidden: the parameters and the output without noise are private attributes, for
     scoring after a run and not for estimators.
@@ -61,15 +63,13 @@ class SimulatedPlant(ABC):
         tick: float,
         substeps: int,
     ) -> None:
-        self.specimen = None if specimen is None else whole_number("specimen", specimen)
+        self.specimen = None if specimen is None else as_whole("specimen", specimen, 0, _SEEDS)
         self.noise = as_finite("noise", noise)
-        self.seed = whole_number("seed", seed)
-        self.tick = positive("tick", tick)
-        self.substeps = whole_number("substeps", substeps)
+        self.seed = as_whole("seed", seed, 0, _SEEDS)
+        self.tick = as_seconds("tick", tick)
+        self.substeps = as_whole("substeps", substeps, 1)
         if self.noise < 0:
             raise ParameterError(f"noise is {noise}; give a standard deviation >= 0")
-        if self.substeps < 1:
-            raise ParameterError(f"substeps is {substeps}; give a whole number of at least 1")
         self._parameters = spread(parameters, self.specimen)
         self._one_tick = np.array([self.tick])
         self._clock = 0.0
@@ -110,14 +110,14 @@ class SimulatedPlant(ABC):
         return self._record(began + ends, np.tile(value, (ends.size, 1)), y)
 
     def drive(self, t: npt.ArrayLike, u: npt.ArrayLike) -> Record:
-        """Drive with a sampled waveform, straight from sample to sample.
+        """Apply a sampled waveform, linear between samples, and record it and the output.
 
         Parameters
         ----------
         t : (T,) array_like
-            Strictly increasing times in seconds; the first is now, whatever its value. The
-            steps of the integration end at these times, and at others in between if they are
-            far apart; 240 samples a period are enough for a sine.
+            Strictly increasing times in seconds; the first is the present time, whatever its
+            value. Steps of the integration end at these times, and between distant ones. 240
+            samples a period are enough for a sine.
         u : (T,) or (channels, T) array_like
             Input at these times, in the units of the channels. The step to the first value
             takes no time.
@@ -134,7 +134,7 @@ class SimulatedPlant(ABC):
         SignalError
             If the shapes differ, a number is not finite, or time does not increase.
         """
-        times, given = as_waveform(t, u, len(self.inputs))
+        times, given = as_waveform(t, u, channels=len(self.inputs))
         values = np.ascontiguousarray(given.reshape(-1, times.size).T)
         for extreme in (values.min(axis=0), values.max(axis=0)):
             check_input(self.inputs, extreme)
@@ -143,7 +143,7 @@ class SimulatedPlant(ABC):
         return self._record(began + times - times[0], values, y)
 
     def exchange(self, u: Value) -> Value:
-        """Hold an input for one tick and give the output at its end.
+        """Hold an input for one tick and return the output at its end.
 
         Returns
         -------
@@ -159,49 +159,49 @@ class SimulatedPlant(ABC):
         return float(read[0]) if len(self.outputs) == 1 else read
 
     def checkpoint(self) -> dict[str, Any]:
-        """All that a later ``restore`` needs to go on exactly from here, ready for JSON.
+        """Return the complete state for a later ``restore``, ready for JSON.
 
-        It holds the hidden state of the physics: keep it, do not look into it.
+        It contains the hidden state of the physics, which estimators must not read.
         """
         return {**self._identity(), "clock": self._clock, **self._snapshot()}
 
     def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go back to a checkpoint; what follows repeats exactly.
+        """Return to a checkpoint; further outputs are repeated exactly.
 
         Raises
         ------
         ParameterError
             If the checkpoint is damaged or impossible, or was taken from a twin with other
-            options; the twin stays as it was then.
+            options; the twin does not change then.
         """
         self._take_up(Checkpoint(checkpoint, self._identity()))
 
     @abstractmethod
     def reset(self) -> None:
-        """Go back to the start: the state at rest, clock at 0, the noise from its beginning."""
+        """Return to the start: state at rest, clock at 0, noise from its beginning."""
 
     @abstractmethod
     def safe(self) -> None:
-        """Go to the resting input; it takes no time, and is not sampled."""
+        """Apply the resting input; this takes no time and is not sampled."""
 
     @abstractmethod
     def _hold(self, value: FloatArray, ends: FloatArray) -> FloatArray:
-        """Readings (T, channels) at times ``ends`` (T,) from now, under a constant input."""
+        """Return readings (T, channels) at times ``ends`` (T,) from now, at a constant input."""
 
     @abstractmethod
     def _follow(self, t: FloatArray, u: FloatArray) -> FloatArray:
-        """Readings (T, channels) under a waveform (T, channels); the first is of now."""
+        """Return readings (T, channels) for a waveform (T, channels); the first is the present."""
 
     @abstractmethod
     def _snapshot(self) -> dict[str, Any]:
-        """The parts of a checkpoint beside the options and the clock."""
+        """Return the parts of a checkpoint other than options and clock."""
 
     @abstractmethod
     def _take_up(self, found: Checkpoint) -> None:
         """Continue from a checkpoint with the options of this twin."""
 
     def _identity(self) -> dict[str, Any]:
-        """What must agree for a checkpoint to be taken up."""
+        """Return the options that must be equal in a checkpoint."""
         return {
             "twin": self.kind,
             "specimen": self.specimen,
@@ -222,12 +222,28 @@ class SimulatedActuator(SimulatedPlant):
 
     Parameters
     ----------
-    parameters, specimen, noise, seed, tick, substeps
-        As in ``SimulatedPlant``.
+    specimen : int, optional
+        Seed of a specimen, whose physical parameters are drawn within +-10 % of nominal. Nominal if
+        not given.
+    noise : float
+        Standard deviation of the sensor, in the unit of the output.
+    seed : int
+        Seed of the noise.
+    tick : float, optional
+        How long one ``exchange`` takes, in seconds; the default belongs to the actuator.
     drift : float
-        Relative change of the coupling gain per hour, compounding.
+        Relative change of the coupling gain per hour, compounding: -0.05 loses 5 % an hour.
+    substeps : int
+        Number of parts of each time step of the integration.
+
+    Raises
+    ------
+    ParameterError
+        If an option is out of its range.
     """
 
+    _nominal: dict[str, float]
+    _default_tick: float
     _rest: tuple[float, ...]
     _rest_input: float
     _first_step: float
@@ -236,17 +252,21 @@ class SimulatedActuator(SimulatedPlant):
 
     def __init__(
         self,
-        parameters: dict[str, float],
+        specimen: int | None = None,
+        noise: float = 0.0,
+        seed: int = 0,
         *,
-        specimen: int | None,
-        noise: float,
-        seed: int,
-        tick: float,
-        drift: float,
-        substeps: int,
+        tick: float | None = None,
+        drift: float = 0.0,
+        substeps: int = 1,
     ) -> None:
         super().__init__(
-            parameters, specimen=specimen, noise=noise, seed=seed, tick=tick, substeps=substeps
+            self._nominal,
+            specimen=specimen,
+            noise=noise,
+            seed=seed,
+            tick=self._default_tick if tick is None else tick,
+            substeps=substeps,
         )
         self.drift = as_finite("drift", drift)
         if self.drift <= -1:
@@ -384,8 +404,8 @@ def spread(parameters: dict[str, float], specimen: int | None) -> dict[str, floa
 def sample_times(duration: float, sample_interval: float) -> FloatArray:
     """Return the times of the samples of a hold from its beginning, the last at its end."""
     length, interval = (
-        positive("duration", duration),
-        positive("sample_interval", sample_interval),
+        as_seconds("duration", duration),
+        as_seconds("sample_interval", sample_interval),
     )
     check_count(length / interval, MAX_SAMPLES, "samples")
     whole = round(length / interval)
@@ -394,39 +414,6 @@ def sample_times(duration: float, sample_interval: float) -> FloatArray:
     times = interval * np.arange(1, whole + 1, dtype=np.float64)
     times[-1] = length
     return times
-
-
-def as_waveform(
-    t: npt.ArrayLike, u: npt.ArrayLike, channels: int = 1
-) -> tuple[FloatArray, FloatArray]:
-    """Return times (T,) and values (T,) or (channels, T); refuse times that do not increase."""
-    times, values = as_samples(t, name="t"), as_samples(u, name="u")
-    wanted = times.shape if channels == 1 else (channels, *times.shape)
-    if times.ndim != 1 or values.shape != wanted or times.size < 2:
-        needed = "(T,) of both" if channels == 1 else f"(T,) times and ({channels}, T) inputs"
-        raise SignalError(
-            f"t has shape {times.shape} and u {values.shape}; give {needed}, T at least 2"
-        )
-    if not (np.diff(times) > 0).all():
-        index = int(np.argmin(np.diff(times) > 0)) + 1
-        raise SignalError(f"t does not increase at index {index}; give strictly increasing times")
-    return times, values
-
-
-def positive(name: str, value: float) -> float:
-    """Return a time in seconds as a float; refuse it unless it is positive."""
-    number = as_finite(name, value)
-    if number <= 0:
-        raise ParameterError(f"{name} is {value}; give a positive number of seconds")
-    return number
-
-
-def whole_number(name: str, value: int) -> int:
-    """Return a number that can seed a generator; refuse others."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not 0 <= value < 2**64:
-        raise ParameterError(f"{name} is {value!r}; give a whole number from 0 to 2^64 - 1")
-    return int(value)
 
 
 def check_count(count: float, most: int, what: str) -> None:

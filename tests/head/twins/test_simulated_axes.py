@@ -192,7 +192,7 @@ def test_refuses_an_input_beyond_its_limits_and_stays_where_it_is(kind, wrong):
 def test_refuses_inputs_for_another_number_of_channels(kind):
     with pytest.raises(ParameterError, match="give one number for each of"):
         kind().exchange(np.zeros(3))
-    with pytest.raises(SignalError, match="T at least 2"):
+    with pytest.raises(SignalError, match="give u of shape"):
         kind().drive([0.0, 1.0], np.zeros((3, 2)))
 
 

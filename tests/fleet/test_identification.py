@@ -29,7 +29,7 @@ def six(tmp_path):
     return write_manifest(tmp_path, ["s0", "s1", "gone", "bad", "s2", "s3"])
 
 
-def test_failures_are_reported_the_rest_is_identified_and_a_stopped_fleet_goes_on(six, tmp_path):
+def test_failures_are_reported_and_a_stopped_fleet_continues(six, tmp_path):
     out, seen = tmp_path / "out", []
     summary = identify_fleet(
         six, out, workers=1, watch=lambda done, of, last: seen.append((done, of)), **OPTIONS
@@ -80,7 +80,7 @@ def test_without_dask_the_extra_is_named(six, tmp_path, monkeypatch):
         identify_fleet(six, tmp_path / "out", address="tcp://127.0.0.1:1", **OPTIONS)
 
 
-def test_what_goes_wrong_in_a_fit_comes_back_as_text(six, tmp_path):
+def test_errors_in_a_fit_are_returned_as_text(six, tmp_path):
     tasks = [Task(one, one.read(), OPTIONS) for one in six if one.file.exists()]
 
     def fit(task, **options):
@@ -95,7 +95,7 @@ def test_what_goes_wrong_in_a_fit_comes_back_as_text(six, tmp_path):
 
 
 def outcomes_of(seen):
-    """In place of workers: says what is to be identified and identifies it here."""
+    """Return a replacement of the workers that keeps names and identifies in this process."""
 
     def outcomes(pending, options, place, start, *reading):
         for one in pending:
@@ -108,7 +108,7 @@ def outcomes_of(seen):
 
 
 @pytest.mark.parametrize("change", ["input", "output", "file"])
-def test_what_is_to_be_identified_from_other_columns_is_done_again(change, tmp_path, monkeypatch):
+def test_specimens_with_other_columns_are_identified_again(change, tmp_path, monkeypatch):
     seen = []
     monkeypatch.setattr(identification, "_outcomes", outcomes_of(seen))
     write_record(tmp_path / "s0.csv", 0)
@@ -125,9 +125,7 @@ def test_what_is_to_be_identified_from_other_columns_is_done_again(change, tmp_p
     assert seen == ["a", "a"]
 
 
-def test_a_folder_holds_models_of_what_is_identified_and_says_what_else_it_holds(
-    tmp_path, monkeypatch
-):
+def test_the_folder_has_only_current_models_and_lists_strays(tmp_path, monkeypatch):
     seen, out = [], tmp_path / "out"
     monkeypatch.setattr(identification, "_outcomes", outcomes_of(seen))
     for name in "abc":
@@ -175,7 +173,7 @@ def test_the_first_model_is_written_alone(tmp_path, monkeypatch):
         others.set()
 
 
-def test_a_pipe_is_no_record(tmp_path):
+def test_refuses_a_pipe_as_record(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     one = Specimen("a", tmp_path / "pipe.csv", "u", "y")
     summary = identify_fleet([one], tmp_path / "out", **OPTIONS)
@@ -198,7 +196,7 @@ def test_a_pipe_is_no_record(tmp_path):
         ({"lag": -1}, "lag is -1"),
     ],
 )
-def test_options_that_make_no_sense(options, message, six, tmp_path):
+def test_refuses_wrong_options(options, message, six, tmp_path):
     with pytest.raises(ParameterError, match=message):
         identify_fleet(six, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
@@ -210,18 +208,18 @@ def test_workers_of_a_cluster_are_not_counted_here(six, tmp_path):
 
 
 @pytest.mark.parametrize("patience", [0, -1.0, float("nan"), float("inf")])
-def test_a_patience_that_makes_no_sense(patience, six, tmp_path):
+def test_refuses_a_wrong_patience(patience, six, tmp_path):
     with pytest.raises(ParameterError, match="patience is"):
         identify_fleet(six, tmp_path / "out", patience=patience, **OPTIONS)
 
 
 @pytest.mark.parametrize("limit", [0, -1.0, float("nan")])
-def test_a_limit_that_makes_no_sense(limit, six, tmp_path):
+def test_refuses_a_wrong_limit(limit, six, tmp_path):
     with pytest.raises(ParameterError, match="limit is"):
         identify_fleet(six, tmp_path / "out", limit=limit, **OPTIONS)
 
 
-def test_folders_that_hold_something_else(six, tmp_path):
+def test_refuses_folders_with_other_content(six, tmp_path):
     with pytest.raises(ParameterError, match="no specimen"):
         identify_fleet([], tmp_path / "out")
     with pytest.raises(OutputError, match="not empty"):

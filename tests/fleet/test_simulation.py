@@ -22,7 +22,7 @@ def operator(signed=False, **options):
     "options", [{}, {"slope": 0.3, "relay": "unipolar", "diagonal": "reversible"}]
 )
 @pytest.mark.parametrize("start", ["negative", "positive"])
-def test_each_operator_does_what_it_does_alone(options, start):
+def test_each_operator_equals_a_single_one(options, start):
     model, u = operator(**options), RNG.uniform(-1.1, 1.1, (300, 20))
     state = FleetState.begin(model, 300, start=start, room=30)
     y, after = simulate_fleet(model, u, state)
@@ -128,7 +128,7 @@ def test_a_read_only_state_is_not_overwritten():
 
 
 @pytest.mark.parametrize("end", [0, -1])
-def test_what_was_lost_heals_when_the_input_passes_it(end):
+def test_the_error_ends_when_the_input_passes_the_dropped_extrema(end):
     model, state = operator(), None
     u = RNG.uniform(*model.levels[[0, -1]], (20, 300))
     state = FleetState.begin(model, 20, room=6)

@@ -1,0 +1,27 @@
+import numpy as np
+
+from minorloop.identification import identify
+from minorloop.operators.preisach import Preisach
+
+TRUTH = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
+U = np.array([-1.0, 0.6, -0.4, 1.0, -1.0, 0.1, -0.7, 0.9, -1.0])
+FIT = identify(U, TRUTH.simulate(U) + 0.1 * U**2, levels=4, prior="none", smoothness=0.1)
+
+
+def test_record_and_residual_are_those_of_the_identification():
+    _, _, record, residual = FIT.plot().axes[:4]
+    measured, model = (line.get_ydata() for line in record.lines)
+    np.testing.assert_array_equal(measured, FIT.y)
+    np.testing.assert_array_equal(model, FIT.prediction)
+    share = 100 * (FIT.prediction - FIT.y) / np.ptp(FIT.y)
+    np.testing.assert_allclose(residual.lines[0].get_ydata(), share)
+
+
+def test_cells_that_are_not_excited_are_grey():
+    found = identify(U[:3], TRUTH.simulate(U[:3]), levels=4, prior="none", smoothness=0.1)
+    plane = found.plot().axes[1]
+    grey = np.ma.masked_array(plane.collections[1].get_array()).reshape(4, 4)
+    unexcited = np.tril(~found.excited)
+    assert unexcited.any()
+    np.testing.assert_array_equal(~np.ma.getmaskarray(grey), unexcited)
+    assert "grey" in plane.get_title()

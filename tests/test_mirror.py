@@ -1,0 +1,64 @@
+"""Every public module has a test file of its name, or is listed with the file that tests it."""
+
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+SOURCE = TESTS.parent / "src/minorloop"
+
+ELSEWHERE = {
+    "drawing/layout.py": "drawing/test_dynamics.py",
+    "drawing/linear.py": "identification/test_linear_fit.py",
+    "errors.py": "test_public_names.py",
+    "figures.py": "drawing/test_operators.py",
+    "head/console/admission.py": "head/console/test_server.py",
+    "head/console/imaging.py": "head/console/test_server.py",
+    "head/console/scan_echoes.py": "head/console/test_depth_work.py",
+    "head/control/head.py": "head/control/test_head_control.py",
+    "head/control/transient.py": "head/control/test_heating.py",
+    "head/studies/detection.py": "head/studies/test_inspection_parts.py",
+    "head/studies/detection_report.py": "head/studies/test_inspection_parts.py",
+    "head/studies/head.py": "head/studies/test_head_study.py",
+    "head/studies/head_loop.py": "head/studies/test_head_study.py",
+    "head/studies/head_report.py": "head/studies/test_head_study.py",
+    "head/studies/head_static.py": "head/studies/test_head_study.py",
+    "head/studies/inspection.py": "head/studies/test_inspection_parts.py",
+    "head/studies/inspection_report.py": "head/studies/test_inspection_parts.py",
+    "head/studies/mission.py": "head/studies/test_inspection_parts.py",
+    "head/studies/mission_cracks.py": "head/studies/test_inspection_parts.py",
+    "head/studies/mission_scene.py": "head/studies/test_inspection_parts.py",
+    "head/studies/mission_steps.py": "head/studies/test_inspection_parts.py",
+    "head/studies/ultrasonic_scan.py": "head/studies/test_inspection_parts.py",
+    "identification/active_set.py": "identification/test_least_squares.py",
+    "identification/baseline.py": "identification/test_screening.py",
+    "identification/diagnosis.py": "identification/test_excitation.py",
+    "identification/fitted.py": "identification/test_advising.py",
+    "identification/result.py": "identification/test_fit.py",
+    "identification/rough_model.py": "identification/test_screening.py",
+    "operators/operator.py": "dynamics/test_cascade.py",
+    "studies/design_report.py": "studies/test_design.py",
+    "studies/drawing.py": "studies/test_design.py",
+    "studies/fibre_report.py": "studies/test_fibre.py",
+    "studies/ipmc_report.py": "studies/test_ipmc.py",
+    "version.py": "cli/test_main.py",
+}
+
+
+def untested():
+    """Public modules without a test file of their name."""
+    modules = (path.relative_to(SOURCE) for path in SOURCE.rglob("*.py") if path.stem[0] != "_")
+    return {
+        module.as_posix()
+        for module in modules
+        if not (TESTS / module.parent / f"test_{module.name}").exists()
+    }
+
+
+def test_every_module_without_a_test_file_of_its_name_is_listed():
+    assert untested() == ELSEWHERE.keys()
+
+
+@pytest.mark.parametrize("file", sorted(set(ELSEWHERE.values())))
+def test_the_files_that_test_other_modules_exist(file):
+    assert (TESTS / file).exists()
