@@ -26,8 +26,18 @@ from minorloop.lab.records import Record
 from minorloop.operators.relays import RelayModel
 from minorloop.studies.claims import Claim
 from minorloop.studies.facts import ProbeInputs, twin_facts
-from minorloop.studies.fibre_steady import HIGH, HOLD, LOW, VALIDATION, Steady, run_steady
-from minorloop.studies.holds import hold_each
+from minorloop.studies.fibre_steady import (
+    HIGH,
+    HOLD,
+    LOW,
+    NOISE,
+    VALIDATION,
+    Steady,
+    fibre_at_rest,
+    new_fibre,
+    run_steady,
+)
+from minorloop.studies.holds import hold_each, settled_value
 from minorloop.twins.fibre import Fibre
 
 TITLE = "Hysteresis and step response of a polyaniline fibre"
@@ -161,7 +171,7 @@ def run_study(seed: int) -> FibreStudy:
     up = step_response(*_joined(steps[0], steps[1])).rising
     assert up is not None
     after = steps[2].t - steps[1].t[-1]
-    validation, _ = hold_each(_at_rest(seed), VALIDATION, HOLD, INTERVAL)
+    validation, _ = hold_each(fibre_at_rest(seed, 6), VALIDATION, HOLD, INTERVAL)
     model = steady.curves.model
     joined = [
         Trajectory(model, up.model, falling).simulate(validation.t, validation.u, before=LOW)
@@ -172,7 +182,7 @@ def run_study(seed: int) -> FibreStudy:
         seed=seed,
         facts={**twin_facts(Fibre, PROBES), **_times(Fibre())},
         steady=steady,
-        major=hold_each(_fibre(seed), np.concatenate([grid, grid[::-1]]), HOLD, HOLD)[0],
+        major=hold_each(new_fibre(seed, 8), np.concatenate([grid, grid[::-1]]), HOLD, HOLD)[0],
         steps=steps,
         fit=fit,
         responses=StepResponse(up, down),
@@ -205,23 +215,14 @@ def marker_diagrams() -> list[tuple[str, FloatArray]]:
 
 
 def unit_step(before: Record, after: Record) -> FloatArray:
-    """(T,) the hold ``after``, from 0 at the end of the hold ``before`` to 1 at its own end."""
-    rest = float(before.y[-1])
-    return np.asarray((after.y - rest) / (after.y[-1] - rest))
-
-
-def _fibre(seed: int) -> Actuator:
-    return connect("twin:fibre", specimen=seed, seed=seed)
-
-
-def _at_rest(seed: int) -> Actuator:
-    fibre = _fibre(seed)
-    fibre.apply(LOW, HOLD, INTERVAL)
-    return fibre
+    """(T,) the hold ``after``, from 0 where ``before`` settled to 1 where it settled itself."""
+    span = float(np.ptp(np.concatenate([before.y, after.y])))
+    rest, end = settled_value(before, span), settled_value(after, span)
+    return np.asarray((after.y - rest) / (end - rest))
 
 
 def _steps(seed: int) -> tuple[Record, ...]:
-    fibre = _at_rest(seed)
+    fibre = fibre_at_rest(seed, 7)
     return tuple(
         fibre.apply(voltage, REST if k == 0 else HOLD, INTERVAL) for k, voltage in enumerate(STEPS)
     )
