@@ -15,13 +15,11 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.connect import connect
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.trajectory import Trajectory
 from minorloop.identification.arx import arx, step_response
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.linear_fit import LinearFit, StepResponse
-from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
 from minorloop.operators.relays import RelayModel
 from minorloop.studies.claims import Claim
@@ -30,7 +28,6 @@ from minorloop.studies.fibre_steady import (
     HIGH,
     HOLD,
     LOW,
-    NOISE,
     VALIDATION,
     Steady,
     fibre_at_rest,
@@ -135,7 +132,7 @@ class FibreStudy:
         """Every number by the name under which it is printed."""
         y = self.validation.y
         single, updown = (nrmse(joined - y, y) for joined in (self.single, self.updown))
-        measured = unit_step(self.steps[1], self.steps[2])
+        measured = _averaged(unit_step(self.steps[1], self.steps[2]))
         return {
             "twin": self.facts,
             **self.steady.figures(),
@@ -147,7 +144,7 @@ class FibreStudy:
             "arx": {
                 "dc_gain_error": max(abs(self.fit.model.dc_gain - 1), self.known["dc_gain_error"]),
                 "linear_pole_error": self.known["pole_error"],
-                "free_run_nrmse": nrmse(self.free_run - measured, measured),
+                "free_run_nrmse": nrmse(_averaged(self.free_run) - measured, measured),
                 "order": self.fit.model.order,
             },
             "seconds": self.seconds,
@@ -226,6 +223,11 @@ def _steps(seed: int) -> tuple[Record, ...]:
     return tuple(
         fibre.apply(voltage, REST if k == 0 else HOLD, INTERVAL) for k, voltage in enumerate(STEPS)
     )
+
+
+def _averaged(y: FloatArray) -> FloatArray:
+    """Means over ten samples: the noise of a sample is 3 % of a step, that of the mean 1 %."""
+    return y[: y.size // 10 * 10].reshape(-1, 10).mean(axis=1)
 
 
 def _joined(before: Record, after: Record) -> tuple[FloatArray, FloatArray, FloatArray]:
