@@ -7,7 +7,7 @@ from minorloop.head.twins.sensor import Fault
 from minorloop.head.twins.surroundings import Surroundings, convection
 from minorloop.lab.actuator import Actuator
 
-TWINS = ("ipmc", "fibre", "wire", "head", "catheter")
+TWINS = ("ipmc", "ipmc-laser", "fibre", "wire", "head", "catheter")
 
 
 @pytest.mark.parametrize("name", TWINS)

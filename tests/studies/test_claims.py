@@ -16,7 +16,7 @@ def test_verdicts():
         FIGURES,
     ).rows
     assert [row[-1] for row in rows] == ["met", "short", "reported", "reported", "met", "short"]
-    assert rows[0][2:4] == ("2.00%", "<= 3.00%")
+    assert rows[0][2:4] == ("2.00%", "<= 3.00% (ours)")
     assert rows[3][2] == "no"
     assert [row[3] for row in rows[3:]] == ["-", "no", "yes"]
 
@@ -32,16 +32,16 @@ def test_bounds_are_said_as_short_as_they_can_be():
     figures = {"bias": -2.0, "wrong": 0}
     bias = Claim("bias", "bias", "-", least=-10, most=10)
     wrong = Claim("wrong", "wrong", "-", most=0)
-    assert bias.row(figures)[3:] == ("-10 to 10", "met")
-    assert wrong.row(figures)[3:] == ("0", "met")
-    assert wrong.row(figures | {"wrong": 1})[3:] == ("0", "short")
-    assert Claim("sign", "bias", "-", most=0).row(figures)[3:] == ("<= 0", "met")
+    assert bias.row(figures)[3:] == ("-10 to 10 (ours)", "met")
+    assert wrong.row(figures)[3:] == ("0 (ours)", "met")
+    assert wrong.row(figures | {"wrong": 1})[3:] == ("0 (ours)", "short")
+    assert Claim("sign", "bias", "-", most=0).row(figures)[3:] == ("<= 0 (ours)", "met")
 
 
 def test_of_too_few_nothing_is_said():
     claim = Claim("cover", "cover", "-", 0.85, 0.95, percent=True, count="scans", enough=100)
     assert claim.row({"cover": 1.0, "scans": 6})[2:] == (
-        "100.00% (of 6)", "85.00% to 95.00%", "too few"
+        "100.00% (of 6)", "85.00% to 95.00% (ours)", "too few"
     )  # fmt: skip
     assert claim.row({"cover": 1.0, "scans": 100})[-1] == "short"
     spread = Claim("spread", "spread", "-", most=20.0, count="scans", enough=2)

@@ -40,5 +40,5 @@ def test_the_report_shows_every_figure_of_the_paper(study):
     html = study_report(study, figures, [figures]).html()
     for number in range(2, 6):
         assert f"Fig {number}" in html
-    assert html.count("<img") == 6
+    assert html.count("<img") == 8
     assert "Eq. (2)" in html

@@ -13,6 +13,7 @@ import typer
 from minorloop.cli import (
     console,
     demo,
+    drive,
     export,
     fleet,
     identify,
@@ -45,7 +46,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 _VERBS = (
-    *(identify, simulate, invert, plan, run_verb, resume, runs),
+    *(identify, simulate, invert, plan, run_verb, drive, resume, runs),
     *(export, fleet, study, console, demo),
 )
 for _verb in _VERBS:

@@ -29,6 +29,12 @@ def run(
         bool, typer.Option("--clip", help="Go as near as possible to targets out of reach.")
     ] = False,
     start: _common.Start = "negative",
+    hold: Annotated[
+        float | None,
+        _common.number_option(
+            "Seconds to hold each input: with it, what --save writes is a plan for run."
+        ),
+    ] = None,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -44,6 +50,8 @@ def run(
         result = _inverted(known, model, targets, start, clip)
         if save is not None:
             columns = known.inverse_columns(targets, result)
+            if hold is not None:
+                columns["hold [s]"] = [hold] * targets.size
             _common.write_csv(save, columns, force=force)
     if as_json:
         inputs = {} if save is not None else {"u": result.u, "y": result.y}

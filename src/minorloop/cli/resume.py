@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from minorloop.cli import _common
+from minorloop.cli import _common, drive
 from minorloop.cli.run import carry_out
 
 NAME = "resume"
@@ -25,4 +25,7 @@ def run(
         setup = opened.setup
         options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
         with _common.connected(setup.address, **options) as plant:
-            carry_out(plant, opened, as_json)
+            if drive.is_drive(setup):
+                drive.carry_out(plant, opened, as_json)
+            else:
+                carry_out(plant, opened, as_json)

@@ -16,8 +16,10 @@ from minorloop.cli._watch import as_duration, watching
 from minorloop.errors import InstrumentError, ParameterError, StoreError
 
 if TYPE_CHECKING:
+    from minorloop.identification.adaptive import Adaptive
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.plan import Plan
+    from minorloop.lab.run import Choose, ResumeMode
     from minorloop.lab.store import Setup, Store
 
 NAME = "run"
@@ -150,50 +152,32 @@ def run(
 
 def _wanted(plan: str, setup: Setup, longest: float, settings: dict[str, Any]) -> Plan:
     """Return the plan of a file, or one whose levels are open."""
+    from minorloop.lab.columns import read_headers
     from minorloop.lab.plan import Plan
 
     if setup.design is None:
-        return Plan.from_csv(plan, **settings)
+        known = setup.input in read_headers(Path(plan))
+        return Plan.from_csv(plan, input=setup.input if known else None, **settings)
     levels_left_open = [float("nan")] * _adaptive.chooser_of(setup, []).most
     return Plan(levels_left_open, longest, input=setup.input, **settings)
 
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Carry out the rest of the plan in a store, and print the results."""
-    from minorloop.lab.run import run as carry
-
     chooser = (
         None if store.setup.design is None else _adaptive.chooser_of(store.setup, store.points())
     )
     choose = None if chooser is None else partial(_adaptive.next_level, chooser)
-    try:
-        with watching(store, chooser) as watch:
-            mode = carry(plant, store.plan, store, choose=choose, watch=watch)
-    except InstrumentError as error:
-        left = (
-            ""
-            if store.finished
-            else f"; continue with minorloop resume --store {shlex.quote(str(store.path))}"
-        )
-        kept = f"{len(store)} of {len(store.plan)} levels are kept"
-        raise type(error)(f"{error}; {kept}{left}") from None
+    mode = carry_out_levels(plant, store, choose, chooser)
     figures = summary(store)
     found = None if chooser is None else _adaptive.findings_of(chooser, store)
     if found is not None:
         figures |= _adaptive.as_json(found)
-    figures["warnings"] = [
-        *getattr(plant, "warnings", ()),
-        *figures.get("warnings", []),
-        *_unsettled(figures),
-        *_slow(figures),
-    ]
+    figures["warnings"] = [*figures.get("warnings", []), *run_warnings(plant, figures)]
     if as_json:
         _common.print_json({**figures, "way": mode})
         return
-    if mode == "finished":
-        typer.echo("this run was finished already; nothing was applied")
-    if mode == "replayed":
-        typer.echo("first the recorded inputs were applied again, unmeasured")
+    print_mode(mode)
     levels = f"{figures['points']} of {figures['levels']} levels measured"
     typer.echo(
         f"{levels if chooser is None else _adaptive.progress(figures)}, "
@@ -206,6 +190,38 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
         _adaptive.print_findings(found)
     _common.print_advice(figures["warnings"])
     typer.echo(f"kept in {store.path}; next: minorloop identify {store.path}")
+
+
+def carry_out_levels(
+    plant: Actuator, store: Store, choose: Choose | None, chooser: Adaptive | None
+) -> ResumeMode:
+    """Carry out the rest of a run and show its progress; an error says how to continue."""
+    from minorloop.lab.run import run as carry
+
+    try:
+        with watching(store, chooser) as watch:
+            return carry(plant, store.plan, store, choose=choose, watch=watch)
+    except InstrumentError as error:
+        left = (
+            ""
+            if store.finished
+            else f"; continue with minorloop resume --store {shlex.quote(str(store.path))}"
+        )
+        kept = f"{len(store)} of {len(store.plan)} levels are kept"
+        raise type(error)(f"{error}; {kept}{left}") from None
+
+
+def print_mode(mode: ResumeMode) -> None:
+    """Say how the actuator was brought to the first level, where that is not obvious."""
+    if mode == "finished":
+        typer.echo("this run was finished already; nothing was applied")
+    if mode == "replayed":
+        typer.echo("first the recorded inputs were applied again, unmeasured")
+
+
+def run_warnings(plant: Actuator, figures: dict[str, Any]) -> list[str]:
+    """Return what the user of a finished run must know: of the bench, the holds and the meter."""
+    return [*getattr(plant, "warnings", ()), *_unsettled(figures), *_slow(figures)]
 
 
 def _refuse(options: dict[str, Any], plan: str) -> None:

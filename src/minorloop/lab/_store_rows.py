@@ -67,7 +67,8 @@ class Setup:
     options : dict
         Further options of `connect`, such as ``noise``; ready for JSON.
     design : dict, optional
-        Parameters of what chooses the levels that the plan leaves open; ready for JSON.
+        Parameters of what chooses the levels that the plan leaves open: of an adaptive run or,
+        under ``drive``, of a drive; ready for JSON.
     """
 
     address: str

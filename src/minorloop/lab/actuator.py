@@ -21,6 +21,8 @@ Value: TypeAlias = float | FloatArray
 
 ROUNDING = 1e-12
 """Share of a channel's range by which an input may exceed a limit, because of rounding."""
+SIX_DIGITS = 5e-6
+"""Share of the range by which a written input may differ: the rounding of six digits."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,14 @@ class Timed(Protocol):
 
     def answer_time(self) -> float:
         """Return how long one reading takes, in seconds: the median of the latest."""
+
+
+@runtime_checkable
+class Rounding(Protocol):
+    """A plant whose source writes an input with few digits, so that a plan can be checked first."""
+
+    def written(self, u: float) -> float:
+        """Return the input that the source writes for ``u``; nothing is applied."""
 
 
 @runtime_checkable

@@ -17,7 +17,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreError
-from minorloop.lab.actuator import Actuator, Timed, check_input
+from minorloop.lab.actuator import SIX_DIGITS, Actuator, Rounding, Timed, check_input
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
 from minorloop.lab.settling import judge, trend
@@ -171,6 +171,7 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
     ParameterError
         If the plan has another unit, the actuator has several channels, or its meter is too slow
         for the plan.
+        A level that its source would write as another input is refused too.
     LimitError
         If a level is beyond the limits.
     """
@@ -188,7 +189,22 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
     known = plan.inputs[np.isfinite(plan.inputs)]
     for level in (known.min(), known.max()) if known.size else ():
         check_input(actuator.inputs, level)
+    if isinstance(actuator, Rounding):
+        _check_written(actuator, plan.inputs, channel.high - channel.low)
     plan.check_answers(answer_time(actuator))
+
+
+def _check_written(actuator: Rounding, levels: FloatArray, span: float) -> None:
+    """Refuse a level that the source would write as another input."""
+    for index in np.flatnonzero(np.isfinite(levels)):
+        level = float(levels[index])
+        written = actuator.written(level)
+        if abs(written - level) > SIX_DIGITS * span:
+            raise ParameterError(
+                f"level {index + 1} of the plan is {level:.9g} and the source would write "
+                f"{written:.9g}; write more digits in the command that sets it, such as {{:.9g}}, "
+                "or give levels that need fewer"
+            )
 
 
 def answer_time(actuator: Actuator) -> float:

@@ -38,6 +38,8 @@ class Claim:
         Name of the figure with the size of the sample, which is shown beside this one.
     enough : int
         Least sample for a verdict.
+    bound : str
+        Whose the bound is, as it is shown: the paper's or ours.
     """
 
     what: str
@@ -48,6 +50,7 @@ class Claim:
     percent: bool = False
     count: str = ""
     enough: int = 0
+    bound: str = "ours"
 
     def row(self, figures: Mapping[str, Any]) -> tuple[str, str, str, str, str]:
         """Return the cells of the row: figure, paper, this run, required, verdict."""
@@ -58,7 +61,7 @@ class Claim:
             wanted = self.least > 0 if math.isfinite(self.least) else self.most > 0
             verdict = "reported" if not known else "met" if value == wanted else "short"
             words = ("no", "yes")
-            asked = words[wanted] if known else "-"
+            asked = f"{words[wanted]} ({self.bound})" if known else "-"
             return self.what, self.paper, words[value], asked, verdict
         verdict = "reported"
         count = figure(figures, self.count) if self.count else math.inf
@@ -72,7 +75,11 @@ class Claim:
         return self.what, self.paper, shown, asked or "-", verdict
 
     def _asked(self, value: float) -> str:
-        """Return the bounds as a short text."""
+        """Return the bounds and whose they are as a short text; empty where there is none."""
+        bounds = self._bounds(value)
+        return f"{bounds} ({self.bound})" if bounds else ""
+
+    def _bounds(self, value: float) -> str:
         if math.isfinite(self.least) and math.isfinite(self.most):
             return f"{self._text(self.least)} to {self._text(self.most)}"
         if math.isfinite(self.least):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.drawing.operators import draw_density
+from minorloop.operators.relays import RelayModel
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.drawing import COLOURS, MINUTE, every_specimen, new_figure
@@ -49,7 +50,7 @@ def study_report(
         f"them within {joined:.1%} if rising and falling steps have separate responses.",
     )
     _add_overview(report, study, figures, runs)
-    _add_marker(report)
+    _add_marker(report, study)
     _add_steady(report, study)
     _add_steps(report, study)
     _add_trajectory(report, study)
@@ -90,14 +91,21 @@ def _add_overview(
     )
 
 
-def _add_marker(report: Report) -> None:
+def _add_marker(report: Report, study: FibreStudy) -> None:
     report.add(
         "Fig 2: the marker",
         text="The paper draws relays as dots (beta, alpha) and moves a marker along the diagonal: "
         "up a level, the row that it enters switches on; down a level, the column that it leaves "
         "switches off. "
         "After the inputs u4, u6, u2, u4 the left two columns are still on up to row 6.",
-        pictures=[Picture(draw_marker(), "Relays that are on (filled) after each input.")],
+        pictures=[
+            Picture(draw_marker(), "Relays that are on (filled) after each input."),
+            Picture(
+                draw_dots(study),
+                "The same for the relays of this fibre, one for each cell of its model, after "
+                "the first four of the seven voltages; the area of a dot is its weight.",
+            ),
+        ],
     )
 
 
@@ -121,7 +129,7 @@ def _add_steady(report: Report, study: FibreStudy) -> None:
         table=Table(columns, rows),
         pictures=[
             Picture(draw_loops(study), "Fig 3(a): the major loop, and the path of the seven."),
-            Picture(draw_predictions(study), "Fig 3(b): measured and predicted lengths."),
+            Picture(draw_predictions(study), "Fig 3(b): measured and predicted lengths; errors."),
         ],
     )
     rms = study.figures()["inverse"]
@@ -145,7 +153,12 @@ def _add_steps(report: Report, study: FibreStudy) -> None:
         "step; order and sampling are not given. Here order and dead time are chosen by the "
         f"Bayesian criterion among {len(study.fit.candidates)} candidates and refined for the "
         f"simulation error: time constants of {times} s, DC gain 1.",
-        pictures=[Picture(draw_steps(study), "Fig 4: the step, its model, and steps not fitted.")],
+        pictures=[
+            Picture(
+                draw_step(study), "Fig 4: (a) length, (b) input, (c) unit step of the model."
+            ),
+            Picture(draw_steps(study), "The step, its model, and steps that were not fitted."),
+        ],
     )
 
 
@@ -197,22 +210,50 @@ def draw_loops(study: FibreStudy) -> Any:
     return figure
 
 
+def draw_dots(study: FibreStudy) -> Any:
+    """Draw the relays of the model as dots, filled where on, after the first four voltages."""
+    model = study.steady.curves.model
+    centres = (model.levels[1:] + model.levels[:-1]) / 2
+    areas = 160 * model.weights / model.weights.max()
+    relays = RelayModel(centres, model.weights)
+    there = np.tril(np.ones_like(areas, dtype=bool))
+    alpha, beta = np.meshgrid(centres, centres, indexing="ij")
+    figure, axes = new_figure(1, 4, height=2.9, sharey=True)
+    for count, one in enumerate(axes, start=1):
+        on = relays.states(VALIDATION[:count]) > 0
+        for state, face in ((on, "C0"), (~on, "white")):
+            shown = there & state
+            size = 4 + areas[shown]
+            one.scatter(beta[shown], alpha[shown], s=size, c=face, edgecolors="C0", linewidths=0.8)
+        now = VALIDATION[count - 1]
+        one.plot(now, now, "s", ms=9, mec="C1", mfc="none", mew=1.6)
+        one.set(title=f"({'abcd'[count - 1]}) {now:g} V", xlabel="beta [V]", aspect="equal")
+        one.set(xlim=(LOW - 0.02, HIGH + 0.02), ylim=(LOW - 0.02, HIGH + 0.02))
+    axes[0].set_ylabel("alpha [V]")
+    return figure
+
+
 def draw_predictions(study: FibreStudy) -> Any:
-    """Draw the errors of the four models at the seven voltages."""
-    figure, axes = new_figure()
+    """Draw measured and predicted lengths at the seven voltages, and the errors of four models."""
+    figure, (left, right) = new_figure(1, 2, height=3.8)
     steady = study.steady
     place = np.arange(len(VALIDATION)) + 1
+    left.plot(place, steady.validation, "s", ms=8, mec="0.3", mfc="none", label="measured")
+    left.plot(place, steady.predictions["curves"], "o", ms=4, color="C0", label="predicted")
+    left.set(ylabel="settled change of length [um]")
     colours = ("C0", "C4", COLOURS["plays"], COLOURS["polynomial"])
     shifts = np.array([-0.3, -0.1, 0.1, 0.3])
     for shift, colour, (name, words) in zip(shifts, colours, _NAMES.items(), strict=True):
         error = steady.predictions[name] - steady.validation
         rms = float(np.sqrt(np.mean(error**2)))
         label = f"{words}: {rms:.1f} um rms"
-        axes.bar(place + shift, error, width=0.2, color=colour, label=label)
-    axes.axhline(0.0, color="0.3", lw=0.8)
-    axes.set_xticks(place, [f"{voltage:g} V" for voltage in VALIDATION])
-    axes.set(xlabel="voltage, in this order", ylabel="predicted minus measured [um]")
-    axes.legend(frameon=False)
+        right.bar(place + shift, error, width=0.2, color=colour, label=label)
+    right.axhline(0.0, color="0.3", lw=0.8)
+    right.set(ylabel="predicted minus measured [um]")
+    for axes in (left, right):
+        axes.set_xticks(place, [f"{voltage:g}" for voltage in VALIDATION])
+        axes.set_xlabel("voltage [V], in this order")
+        axes.legend(frameon=False, fontsize=8)
     return figure
 
 
@@ -235,6 +276,24 @@ def draw_inverse(study: FibreStudy) -> Any:
     right.set(xlabel="target", ylabel="achieved minus target [um]")
     right.set_xticks(place)
     right.legend(frameon=False)
+    return figure
+
+
+def draw_step(study: FibreStudy) -> Any:
+    """Draw the step as the paper does: measured length, input, and unit step of the model."""
+    figure, (first, middle, last) = new_figure(1, 3, height=3.0)
+    rest, up = study.steps[:2]
+    near = rest.t > rest.t[-1] - 60.0
+    t = np.concatenate([rest.t[near], up.t]) - rest.t[-1]
+    first.plot(t, np.concatenate([rest.y[near], up.y]), color="C1", lw=1.0)
+    first.set(title="(a)", ylabel="change of length [um]")
+    middle.step(t, np.concatenate([rest.u[near], up.u]), color="0.3", where="pre")
+    middle.set(title="(b)", ylabel="voltage [V]")
+    after = up.t - rest.t[-1]
+    last.plot(after, study.fit.model.step_response(after), color="C0", lw=1.2)
+    last.set(title="(c)", ylabel="unit step of the ARX model")
+    for axes in (first, middle, last):
+        axes.set_xlabel("time since the step [s]")
     return figure
 
 

@@ -25,6 +25,10 @@ from minorloop.studies.holds import hold_each
 LOW, HIGH, BANDS, HOLD = 0.20, 0.65, 9, 300.0
 VALIDATION = (0.45, 0.28, 0.34, 0.20, 0.60, 0.36, 0.54)
 """The seven voltages of the paper, in V."""
+NOISE = 1.0
+"""Standard deviation of the measured length, in um: that of a good laser extensometer."""
+FURTHER = 1_000_003
+"""Distance between the noise seeds of experiments on one specimen."""
 _DEGREE, _TARGETS = 3, 14
 _MARGIN = 0.1
 
@@ -72,8 +76,8 @@ class Steady:
 def run_steady(seed: int) -> Steady:
     """Identify one specimen twice, predict the seven voltages, and drive it to targets."""
     grid = uniform_levels(LOW, HIGH, BANDS)
-    curves = _identified(seed, grid, excitation.reversal_curves(grid))
-    staircase = _identified(seed, grid, excitation.decaying_staircase(grid))
+    curves = _identified(seed, 0, grid, excitation.reversal_curves(grid))
+    staircase = _identified(seed, 1, grid, excitation.decaying_staircase(grid))
     plays = GeneralisedPrandtlIshlinskii.fit(curves.u, curves.y)
     polynomial = Polynomial.fit(curves.u, curves.y, degree=_DEGREE, low=LOW, high=HIGH)
     models: dict[str, Preisach | GeneralisedPrandtlIshlinskii | Polynomial] = {
@@ -82,15 +86,15 @@ def run_steady(seed: int) -> Steady:
         "plays": plays,
         "polynomial": polynomial,
     }
-    _, validation = hold_each(_at_rest(seed), VALIDATION, HOLD)
+    _, validation = hold_each(fibre_at_rest(seed, 2), VALIDATION, HOLD)
     low, high = curves.model.range
     edge = _MARGIN * (high - low)
     targets = np.random.default_rng(seed).uniform(low + edge, high - edge, _TARGETS)
     inputs, achieved = {}, {}
-    for name in ("curves", "plays", "polynomial"):
+    for experiment, name in enumerate(("curves", "plays", "polynomial"), start=3):
         wanted = models[name].invert(targets, unreachable="clip").u
         inputs[name] = np.clip(wanted, LOW, HIGH)
-        _, achieved[name] = hold_each(_at_rest(seed), inputs[name], HOLD)
+        _, achieved[name] = hold_each(fibre_at_rest(seed, experiment), inputs[name], HOLD)
     return Steady(
         curves=curves,
         staircase=staircase,
@@ -104,18 +108,20 @@ def run_steady(seed: int) -> Steady:
     )
 
 
-def _fibre(seed: int) -> Actuator:
-    return connect("twin:fibre", specimen=seed, seed=seed)
+def new_fibre(seed: int, experiment: int) -> Actuator:
+    """Return a specimen with a noisy sensor; every experiment has noise of its own."""
+    noise_seed = seed + FURTHER * experiment
+    return connect("twin:fibre", specimen=seed, noise=NOISE, seed=noise_seed)
 
 
-def _at_rest(seed: int) -> Actuator:
+def fibre_at_rest(seed: int, experiment: int) -> Actuator:
     """Return the fibre settled at the lowest voltage: negative saturation."""
-    fibre = _fibre(seed)
+    fibre = new_fibre(seed, experiment)
     fibre.apply(LOW, HOLD, 1.0)
     return fibre
 
 
-def _identified(seed: int, grid: Levels, voltages: FloatArray) -> Identification:
-    _, lengths = hold_each(_fibre(seed), voltages, HOLD)
+def _identified(seed: int, experiment: int, grid: Levels, voltages: FloatArray) -> Identification:
+    _, lengths = hold_each(new_fibre(seed, experiment), voltages, HOLD)
     # Part of the doping responds to the smallest reversal at once.
     return identify(voltages, lengths, levels=grid, smoothness=0.0, diagonal="reversible")

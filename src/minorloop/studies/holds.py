@@ -1,6 +1,8 @@
-"""Settled measurements on an actuator."""
+"""Settled measurements on an actuator, judged as ``minorloop run`` judges them."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -8,10 +10,21 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
+from minorloop.lab.run import SPAN_SHARE
+from minorloop.lab.settling import judge
+
+WINDOWS = 10
+"""Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise."""
+FEWEST = 12
+"""Least samples of a hold that are judged; of fewer the last one counts."""
 
 
 def hold_each(
-    actuator: Actuator, inputs: npt.ArrayLike, hold: float, sample_interval: float = 1.0
+    actuator: Actuator,
+    inputs: npt.ArrayLike,
+    hold: float,
+    sample_interval: float = 1.0,
+    convert: Callable[[Record], Record] = lambda record: record,
 ) -> tuple[Record, FloatArray]:
     """Apply inputs one after the other, and return the settled outputs.
 
@@ -25,14 +38,36 @@ def hold_each(
         Seconds for each.
     sample_interval : float
         Seconds between samples.
+    convert : callable
+        Turns a record of the sensor into one of the output wanted.
 
     Returns
     -------
     record : Record
-        Every sample.
+        Every sample, converted.
     settled : (n,) array
-        The last sample of each hold.
+        The settled value of each hold, from all its samples.
     """
     values = np.asarray(inputs, dtype=np.float64)
-    holds = [actuator.apply(float(u), hold, sample_interval) for u in values]
-    return Record.joined(holds), np.array([record.y[-1] for record in holds])
+    holds = [convert(actuator.apply(float(u), hold, sample_interval)) for u in values]
+    whole = Record.joined(holds)
+    span = float(np.ptp(whole.y))
+    return whole, np.array([settled_value(each, span) for each in holds])
+
+
+def settled_value(hold: Record, span: float) -> float:
+    """Return the settled output of a hold.
+
+    Parameters
+    ----------
+    hold : Record
+        The samples of one hold, evenly spaced, the first one interval after its beginning.
+    span : float
+        Range of the output in the experiment, in its unit.
+    """
+    if hold.t.size < FEWEST:
+        return float(hold.y[-1])
+    times = hold.t - hold.t[0] + (hold.t[1] - hold.t[0])
+    length = float(times[-1])
+    tolerance = SPAN_SHARE * span / length
+    return judge(times, hold.y, tolerance=tolerance, window=length / WINDOWS).value

@@ -282,6 +282,17 @@ class Bench:
             self._read_timed()
         return self._usual()
 
+    def written(self, u: float) -> float:
+        """Return the input that the source writes for ``u``; nothing is applied.
+
+        Parameters
+        ----------
+        u : float
+            The input, in its unit.
+        """
+        written = getattr(self._source, "written", None)
+        return u if written is None else float(written(u))
+
     def check(self) -> float:
         """Make the source safe, and read the output a few times; return the last reading.
 

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from string import Formatter
 
 from minorloop.errors import InstrumentError, ParameterError
+from minorloop.lab.actuator import SIX_DIGITS
 from minorloop.lab.drivers.link import Link
 
 __all__ = ["ScpiMeter", "ScpiSource"]
 
-_ROUNDED = 5e-6
-"""Rounding error of an input with six digits, as a share of the range."""
 _MOST_ERRORS = 30
 """Most errors in the queue of an instrument."""
 _NO_ERROR = re.compile(r"[+-]?0+(?=[ \t,]|$)", re.ASCII)
@@ -89,7 +88,7 @@ class ScpiSource:
                 "neither"
             )
         self._link, self._set, self._span = link, set, span
-        self._written(1.0)
+        self._numbers(1.0)
         self._on, self._safe = tuple(on), tuple(safe)
         self._confirm, self._tolerance, self._errors = confirm, tolerance, errors
         self._rest, self._safe_query, self._safe_answer = rest, safe_query, safe_answer
@@ -114,9 +113,9 @@ class ScpiSource:
         """
         if not math.isfinite(value):
             raise InstrumentError(f"{value} is not a valid input; nothing was sent")
-        said = self._written(value)
+        said = self._numbers(value)
         width = abs(value) if self._span is None else self._span
-        if any(abs(number - value) > _ROUNDED * width for number in said):
+        if any(abs(number - value) > SIX_DIGITS * width for number in said):
             raise ParameterError(
                 f"{self._set!r} makes {self._set.format(value)!r} of {value:.9g}, which is another "
                 "input; write more digits, such as {:.9g}, or give inputs that need fewer"
@@ -205,7 +204,11 @@ class ScpiSource:
                 f"{self._link.name} reports {first[:100]!r} after it was made safe"
             )
 
-    def _written(self, value: float) -> list[float]:
+    def written(self, value: float) -> float:
+        """Return the input that the command contains for ``value``; nothing is sent."""
+        return self._numbers(value)[0]
+
+    def _numbers(self, value: float) -> list[float]:
         """Return the numbers in the command for an input."""
         found = []
         for _, name, spec, conversion in Formatter().parse(self._set):

@@ -1,0 +1,183 @@
+"""``minorloop drive``: bring an actuator to targets with the inverse of a model."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.cli.run import carry_out_levels, print_mode, run_warnings, summary
+from minorloop.errors import ParameterError, StoreError
+
+if TYPE_CHECKING:
+    from minorloop.drive import DriveResult
+    from minorloop.lab.actuator import Actuator
+    from minorloop.lab.run import ResumeMode
+    from minorloop.lab.store import Setup, Store
+    from minorloop.modelfile import ModelFile
+
+NAME = "drive"
+EXAMPLE = (
+    "minorloop drive model.json targets.csv --target curvature --actuator twin:ipmc "
+    "--store drive.sqlite"
+)
+
+
+def run(
+    model: _common.ModelFile,
+    file: _common.DataFile,
+    target: Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")],
+    actuator: Annotated[
+        str,
+        typer.Option(show_default=False, help="Its address, such as twin:ipmc or visa:bench.json."),
+    ],
+    store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
+    corrections: Annotated[
+        int,
+        _common.whole_option(
+            "Further holds of a target, at most, that correct its error by the sensor; 0 is open "
+            "loop."
+        ),
+    ] = 0,
+    within: Annotated[
+        float, _common.number_option("Error that is not corrected, in the unit of the output.")
+    ] = 0.0,
+    absolute: Annotated[
+        bool,
+        typer.Option(
+            "--absolute",
+            help="Targets count from the zero of the sensor; otherwise from that of the model.",
+        ),
+    ] = False,
+    hold: Annotated[
+        float, _common.number_option("Longest hold of a target, in seconds.")
+    ] = _common.HOLD,
+    tolerance: Annotated[
+        float | None,
+        _common.number_option("Slope of a settled output, in its unit per second, as for run."),
+    ] = None,
+    saturation: Annotated[
+        float | None,
+        _common.number_option(
+            "Input that saturates the actuator before the first target; the lowest level of the "
+            "model if not given."
+        ),
+    ] = None,
+    specimen: Annotated[
+        int | None, _common.whole_option("Seed of a twin's specimen; nominal if not given.")
+    ] = None,
+    noise: Annotated[
+        float, _common.number_option("Standard deviation of a twin's sensor, in its unit.")
+    ] = 0.0,
+    seed: Annotated[int, _common.whole_option("Seed of a twin's noise.")] = 0,
+    report: Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")] = None,
+    force: _common.Force = False,
+    as_json: _common.Json = False,
+) -> None:
+    """Saturate an actuator, then bring it to each target; resume continues a stopped drive."""
+    from minorloop import modelfile
+    from minorloop.drive import TargetDrive, saturation_of
+    from minorloop.lab.run import check_plan
+    from minorloop.lab.store import Setup, Store
+
+    if store.exists():
+        raise StoreError(
+            f"{store} exists already; continue it with minorloop resume --store {store}, "
+            "or give another name"
+        )
+    _common.check_outputs([store, report], inputs=[model, file], force=force)
+    known = modelfile.read(model)
+    targets = _common.read_column(file, target, known.output.unit)
+    with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
+        names = str(plant.inputs[0]), str(plant.outputs[0])
+        _check_units(known, plant)
+        chosen = TargetDrive(
+            known.model,
+            targets,
+            saturation_of(known.model, plant.inputs[0]) if saturation is None else saturation,
+            corrections=corrections,
+            within=within,
+            absolute=absolute,
+            written=getattr(plant, "written", float),
+        )
+        chosen.check(plant.inputs[0])
+        plan = chosen.plan(hold, input=names[0], tolerance=tolerance)
+        check_plan(plant, plan)
+        design = {"drive": chosen.to_json()}
+        setup = Setup(actuator, *names, specimen, seed, {"noise": noise}, design)
+        _common.print_warnings(known.warnings)
+        with Store.create(store, plan, setup) as opened:
+            carry_out(plant, opened, as_json, report, force)
+
+
+def carry_out(
+    plant: Actuator,
+    store: Store,
+    as_json: bool,
+    report: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
+    from minorloop.drive import TargetDrive
+    from minorloop.drive_report import drive_report
+
+    chosen = TargetDrive.from_json(
+        (store.setup.design or {})["drive"], getattr(plant, "written", float)
+    )
+    mode = carry_out_levels(plant, store, chosen.choose, None)
+    result, figures = chosen.result(store.points()), summary(store)
+    warnings = run_warnings(plant, figures)
+    if report is not None:
+        drive_report(result, figures, warnings).write(report, force=force)
+    if as_json:
+        _common.print_json({**figures, **result.to_dict(), "warnings": warnings, "way": mode})
+    else:
+        _print(result, figures, warnings, mode)
+
+
+def is_drive(setup: Setup) -> bool:
+    """Whether the store of a run belongs to a drive."""
+    return "drive" in (setup.design or {})
+
+
+def _check_units(known: ModelFile, plant: Actuator) -> None:
+    """Refuse a model in other units than those of the actuator."""
+    for what, mine, its in (
+        ("input", known.input, plant.inputs[0]),
+        ("output", known.output, plant.outputs[0]),
+    ):
+        if mine.unit and its.unit and mine.unit != its.unit:
+            raise ParameterError(
+                f"the {what} of the model is '{mine}' and that of the actuator '{its}'; identify a "
+                f"model in {its.unit}"
+            )
+
+
+def _print(
+    result: DriveResult, known: dict[str, Any], warnings: list[str], mode: ResumeMode
+) -> None:
+    print_mode(mode)
+    unit = known["output"]
+    rows = [
+        [
+            f"{arrival.target:.6g}",
+            f"{arrival.input:.6g}",
+            f"{arrival.achieved:.6g}",
+            f"{arrival.error:+.3g}",
+            str(arrival.tries),
+            arrival.verdict,
+        ]
+        for arrival in result.arrivals
+    ]
+    columns = [f"target {unit}", str(known["input"]), "achieved", "error", "holds", ""]
+    _common.print_table(columns, rows)
+    score = result.summary()
+    if score["rms"] is not None:
+        typer.echo(f"error: {score['rms']:.3g} rms, {score['worst']:.3g} at most, in {unit}")
+    if math.isfinite(result.offset):
+        typer.echo(f"the sensor reads {result.offset:+.4g} more than the model in saturation")
+    _common.print_advice(warnings)
+    typer.echo(f"kept in {known['store']}")

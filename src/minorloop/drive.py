@@ -1,0 +1,342 @@
+"""Drive an actuator to targets with the inverse of a model, in open loop or corrected by a sensor.
+
+The actuator is first saturated, so that the model knows its memory. Then each target is inverted
+from the memory that the inputs so far have left, and its input is held until the output settles.
+With corrections, the error of a hold is added to what the model is asked for, and the target is
+tried again. Because the next input depends only on the points so far, a run that was stopped
+continues as it would have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from minorloop._modelschema import AnyModel, build, kind_of, plain
+from minorloop.arrays import FloatArray, as_finite, as_samples
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
+from minorloop.lab.actuator import Channel
+from minorloop.lab.plan import Plan
+from minorloop.lab.store import Point
+from minorloop.modelfile import Model
+from minorloop.operators.relays import RelayModel
+
+__all__ = ["Arrival", "DriveResult", "TargetDrive"]
+
+SURE = 2.0
+"""An error below this many standard deviations of the measured value is not corrected."""
+
+SLOWEST, STEEPEST = 0.5, 10.0
+"""The actuator moves by at least and at most so many times what the model predicts. Less would
+make corrections explode; more than ten times is not seen on reversals of a reversible actuator."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """How one target was reached.
+
+    Parameters
+    ----------
+    target : float
+        The output wanted, in its unit, as the model counts it.
+    input : float
+        The input that was applied last.
+    achieved : float
+        The settled output, less the offset of the sensor; NaN where nothing was measured.
+    sd : float
+        Its standard deviation.
+    tries : int
+        Holds that this target took.
+    verdict : str
+        Of the last hold: ``settled``, ``extrapolated`` or ``unsettled``.
+    """
+
+    target: float
+    input: float
+    achieved: float
+    sd: float
+    tries: int
+    verdict: str
+
+    @property
+    def error(self) -> float:
+        """Achieved minus target."""
+        return self.achieved - self.target
+
+
+@dataclass(frozen=True)
+class DriveResult:
+    """What the points of a drive show.
+
+    Parameters
+    ----------
+    offset : float
+        Output measured in saturation minus that of the model; NaN before it was measured.
+    arrivals : tuple of Arrival
+        The targets that are done, in order.
+    """
+
+    offset: float
+    arrivals: tuple[Arrival, ...]
+
+    @property
+    def errors(self) -> FloatArray:
+        """(n,) achieved minus target; NaN where nothing was measured."""
+        return np.array([arrival.error for arrival in self.arrivals])
+
+    def summary(self) -> dict[str, float | None]:
+        """Return rms and largest error over the measured targets, by name; None without any."""
+        errors = self.errors[np.isfinite(self.errors)]
+        if not errors.size:
+            return {"rms": None, "worst": None}
+        return {
+            "rms": float(np.sqrt(np.mean(errors**2))),
+            "worst": float(np.abs(errors).max()),
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return offset, errors and every target with what was achieved, ready for JSON."""
+        targets = [asdict(arrival) for arrival in self.arrivals]
+        return {"offset": self.offset, **self.summary(), "targets": targets}
+
+
+@dataclass(frozen=True, eq=False)
+class TargetDrive:
+    """Chooses the inputs that bring an actuator to targets.
+
+    Parameters
+    ----------
+    model : Preisach, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
+        Maps settled inputs to settled outputs.
+    targets : (n,) array_like
+        Outputs wanted, in order, in the unit of the output.
+    saturation : float
+        Input that saturates the actuator before the first target.
+    corrections : int
+        Most further holds of a target to correct its error by the sensor; 0 is open loop.
+    within : float
+        An error up to this is not corrected, in the unit of the output.
+    absolute : bool
+        Whether targets count from the zero of the sensor. Otherwise they count from that of the
+        model, and the offset of the sensor is subtracted from what it measures.
+    written : callable
+        Returns the input that the source really gives for one that it is asked for.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of range.
+    NotInvertibleError
+        If the model has no exact inverse.
+    """
+
+    model: Any
+    targets: FloatArray
+    saturation: float
+    corrections: int = 0
+    within: float = 0.0
+    absolute: bool = False
+    written: Callable[[float], float] = field(default=float)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.model, RelayModel):
+            raise NotInvertibleError(
+                "a relay-by-relay model has no exact inverse; identify a Preisach model on the "
+                "same levels"
+            )
+        object.__setattr__(self, "targets", np.atleast_1d(as_samples(self.targets, name="targets")))
+        as_finite("saturation", self.saturation)
+        if self.targets.size < 1:
+            raise ParameterError("there are no targets; give at least one")
+        if not 0 <= self.corrections <= 100:
+            raise ParameterError(f"corrections is {self.corrections}; give 0 to 100")
+        if not (np.isfinite(self.within) and self.within >= 0):
+            raise ParameterError(f"within is {self.within}; give a finite error of at least 0")
+
+    @classmethod
+    def from_json(cls, fields: dict[str, Any], written: Callable[[float], float]) -> TargetDrive:
+        """Return the drive that ``to_json`` described."""
+        model = build(msgspec.convert(fields["model"], AnyModel))
+        return cls(**{**fields, "model": model}, written=written)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything but ``written``, ready for JSON."""
+        return {
+            "model": {"kind": kind_of(self.model), **plain(self.model)},
+            "targets": self.targets.tolist(),
+            "saturation": self.saturation,
+            "corrections": self.corrections,
+            "within": self.within,
+            "absolute": self.absolute,
+        }
+
+    def plan(self, hold: float, *, input: str, **settings: Any) -> Plan:
+        """Return the plan of a run: the saturation, twice as long, then holds that are open.
+
+        Parameters
+        ----------
+        hold : float
+            Longest hold, in seconds.
+        input : str
+            Name and unit of the input.
+        **settings
+            As in `Plan`.
+        """
+        count = self.targets.size * (1 + self.corrections)
+        levels = np.r_[self.saturation, np.full(count, np.nan)]
+        holds = np.r_[2 * hold, np.full(count, hold)]
+        return Plan(levels, holds, input=input, **settings)
+
+    def check(self, channel: Channel) -> None:
+        """Refuse a model or targets that this actuator cannot serve, before anything is applied.
+
+        Parameters
+        ----------
+        channel : Channel
+            The input of the actuator.
+
+        Raises
+        ------
+        ParameterError
+            If the limits of the actuator do not include the saturation of the model.
+        UnreachableError
+            If targets are beyond what the model reaches within the limits. Targets from the zero
+            of the sensor are not checked: its offset is not known yet.
+        """
+        if not channel.low <= self.saturation <= channel.high:
+            raise ParameterError(
+                f"the model is saturated at {self.saturation:g} {channel.unit}, and {channel.name} "
+                f"is limited to [{channel.low:g}, {channel.high:g}]; identify a model within the "
+                "limits, or give another saturation"
+            )
+        if self.absolute:
+            return
+        low, high = self.reach(channel)
+        outside = np.flatnonzero((self.targets < low) | (self.targets > high))
+        if outside.size:
+            raise UnreachableError(self._outside(outside, low, high))
+
+    def reach(self, channel: Channel) -> tuple[float, float]:
+        """Return the least and the greatest output from saturation, within the limits."""
+        memory = self.model.step("negative", self.saturation)[1]
+        ends = [self.model.step(memory, self.saturation)[0]]
+        top = max(self.saturation, min(channel.high, _highest(self.model, channel)))
+        ends.append(self.model.step(memory, top)[0])
+        return min(ends), max(ends)
+
+    def choose(self, points: Sequence[Point]) -> float | None:
+        """Return the input to hold next; None when every target is done.
+
+        Parameters
+        ----------
+        points : sequence of Point
+            The points so far; the same points give the same input.
+        """
+        state = self._replayed(points)
+        if len(state.arrivals) == self.targets.size:
+            return None
+        if not points:
+            return self.saturation
+        aim = self._target(len(state.arrivals), state.offset) + state.correction
+        found = self.model.invert([aim], state.memory, "clip").u[0]
+        return self.written(float(found))
+
+    def result(self, points: Sequence[Point]) -> DriveResult:
+        """Return what the points so far show."""
+        state = self._replayed(points)
+        return DriveResult(state.offset, tuple(state.arrivals))
+
+    def _replayed(self, points: Sequence[Point]) -> _DriveState:
+        memory, predicted = _saturated(self.model, self.saturation)
+        state = _DriveState(memory)
+        for point in points[:1]:
+            state.offset = point.value - predicted
+        for point in points[1:]:
+            self._take(state, point)
+        return state
+
+    def _take(self, state: _DriveState, point: Point) -> None:
+        """Count a hold: the memory that it leaves, and whether its target is done."""
+        predicted, state.memory = self.model.step(state.memory, point.input)
+        state.tries += 1
+        target = float(self.targets[len(state.arrivals)])
+        achieved = point.value - (0.0 if self.absolute else state.offset)
+        error = achieved - target
+        near = abs(error) <= max(self.within, SURE * point.sd)
+        if not near and self.corrections:
+            if np.isfinite(error):
+                state.correct(error, achieved, float(predicted))
+            if state.tries <= self.corrections:
+                return
+        state.arrivals.append(
+            Arrival(target, point.input, achieved, point.sd, state.tries, point.verdict)
+        )
+        state.tries, state.before = 0, None
+
+    def _target(self, index: int, offset: float) -> float:
+        """Return a target as the model counts it."""
+        shift = offset if self.absolute and np.isfinite(offset) else 0.0
+        return float(self.targets[index]) - shift
+
+    def _outside(self, outside: npt.NDArray[np.intp], low: float, high: float) -> str:
+        first = int(outside[0])
+        least, most = float(self.targets.min()), float(self.targets.max())
+        said = (
+            f"target {first + 1} is {self.targets[first]:g} and the actuator reaches {low:g} to "
+            f"{high:g} ({outside.size} of {self.targets.size} targets are out of reach); "
+        )
+        if most - least > high - low:
+            return said + "the targets span more than that: give nearer ones"
+        shift = low - least if least < low else high - most
+        return said + f"adding {shift:.6g} to every target would bring them in"
+
+
+@dataclass
+class _DriveState:
+    """Where a drive stands after some points."""
+
+    memory: Any
+    offset: float = float("nan")
+    correction: float = 0.0
+    tries: int = 0
+    before: tuple[float, float] | None = None
+    arrivals: list[Arrival] = field(default_factory=list)
+
+    def correct(self, error: float, achieved: float, predicted: float) -> None:
+        """Shift what the model is asked for, by the secant through the last two holds."""
+        gain = 1.0
+        if self.before is not None and predicted != self.before[1]:
+            gain = (achieved - self.before[0]) / (predicted - self.before[1])
+        self.before = achieved, predicted
+        self.correction -= error / min(max(gain, SLOWEST), STEEPEST)
+
+
+def saturation_of(model: Model, channel: Channel) -> float:
+    """Return the input that saturates a model: its lowest level, or the actuator's lower limit.
+
+    Parameters
+    ----------
+    model : Model
+        A model with or without levels.
+    channel : Channel
+        The input of the actuator.
+    """
+    levels = getattr(model, "levels", None)
+    low = getattr(model, "low", channel.low) if levels is None else levels[0]
+    return float(low)
+
+
+def _highest(model: Any, channel: Channel) -> float:
+    levels = getattr(model, "levels", None)
+    return float(getattr(model, "high", channel.high) if levels is None else levels[-1])
+
+
+def _saturated(model: Any, saturation: float) -> tuple[Any, float]:
+    """Return the memory and the output of a model in saturation."""
+    output, memory = model.step("negative", saturation)
+    return memory, float(output)

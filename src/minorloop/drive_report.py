@@ -1,0 +1,85 @@
+"""Report of a drive: targets and what was achieved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from minorloop.drawing.layout import new_figure
+from minorloop.drive import DriveResult
+from minorloop.report import Picture, Report, Table
+
+
+def drive_report(
+    result: DriveResult, run: Mapping[str, Any], warnings: Sequence[str] = ()
+) -> Report:
+    """Return a drive as a page: the targets, what was achieved, and the errors.
+
+    Parameters
+    ----------
+    result : DriveResult
+        What the points show.
+    run : mapping
+        Actuator, input and output of the run by name, as the command line prints them.
+    warnings : sequence of str
+        What the user must know.
+    """
+    score, output = result.summary(), run["output"]
+    rms = "nothing was measured" if score["rms"] is None else f"{score['rms']:.3g} rms"
+    report = Report(
+        f"{len(result.arrivals)} targets on {run['actuator']}",
+        f"Error: {rms}, in the unit of {output}. In saturation the sensor read "
+        f"{result.offset:+.4g} more than the model; targets and outputs here count from the zero "
+        "that was chosen for the drive.",
+    )
+    rows = [
+        (
+            f"{arrival.target:.6g}",
+            f"{arrival.input:.6g}",
+            f"{arrival.achieved:.6g}",
+            f"{arrival.error:+.3g}",
+            f"{arrival.sd:.2g}",
+            str(arrival.tries),
+            arrival.verdict,
+        )
+        for arrival in result.arrivals
+    ]
+    columns = ("target", str(run["input"]), "achieved", "error", "sd", "holds", "last hold")
+    report.add(
+        "Targets",
+        pictures=[Picture(draw_drive(result, output), "Targets, achieved outputs, and errors.")],
+        table=Table(columns, rows),
+        notes=list(warnings),
+    )
+    return report
+
+
+def draw_drive(result: DriveResult, output: str) -> Any:
+    """Draw targets and achieved outputs in order, and the errors with two standard deviations.
+
+    Parameters
+    ----------
+    result : DriveResult
+        What is drawn.
+    output : str
+        Name and unit of the output.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    number = np.arange(1, len(result.arrivals) + 1)
+    targets = [arrival.target for arrival in result.arrivals]
+    achieved = [arrival.achieved for arrival in result.arrivals]
+    doubt = [2 * arrival.sd for arrival in result.arrivals]
+    figure, (above, below) = new_figure(1, 2)
+    above.plot(number, targets, "_", color="black", markersize=14, label="target")
+    above.plot(number, achieved, "o", color="C0", markersize=4, label="achieved")
+    above.set(xlabel="target number", ylabel=output)
+    above.legend()
+    below.axhline(0, color="black", linewidth=0.8)
+    below.errorbar(number, result.errors, yerr=doubt, fmt="o", color="C0", markersize=4, capsize=2)
+    below.set(xlabel="target number", ylabel=f"error of {output}")
+    return figure

@@ -1,0 +1,61 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+from minorloop.operators.preisach import Preisach
+
+MODEL = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
+TWIN = "--actuator twin:ipmc --specimen 1001 --noise 0.02"
+DRIVE = f"drive strip.json wanted.csv --target curvature {TWIN} --hold 60 --store d.sqlite"
+
+
+@pytest.fixture(autouse=True)
+def _strip(_somewhere):
+    modelfile.save(MODEL, "strip.json", input="voltage [V]", output="curvature [1/m]")
+    Path("wanted.csv").write_text("curvature [1/m]\n2\n-3\n")
+
+
+def test_targets_and_what_was_achieved_are_printed_kept_and_reported(run, answer):
+    status, out, _ = run(f"{DRIVE} --corrections 4 --within 0.2 --report d.html")
+    assert status == 0
+    for said in ("target", "achieved", "rms", "in saturation", "kept in d.sqlite"):
+        assert said in out
+    assert Path("d.html").read_text().count("<img") == 1
+    again = answer("resume --store d.sqlite")
+    assert again["way"] == "finished"
+    assert again["worst"] <= 0.2
+    assert [target["target"] for target in again["targets"]] == [2, -3]
+    assert again["warnings"] == []
+
+
+def test_a_plan_of_inputs_is_what_run_takes(run, answer):
+    assert run("invert strip.json wanted.csv --target curvature --hold 30 --save in.csv")[0] == 0
+    assert run(f"run {TWIN} --plan in.csv --store runs.sqlite")[0] == 0
+    points = answer("runs export --store runs.sqlite")["columns"]
+    np.testing.assert_allclose(points["voltage [V]"], MODEL.invert([2.0, -3.0]).u)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("2\n-3", "2\n-30"), "target 2 is -30 and the actuator reaches"),
+        (("1/m", "1/cm"), "is in 1/cm and the model in 1/m"),
+    ],
+)
+def test_targets_that_cannot_be_are_refused_before_anything_is_applied(change, says, refused):
+    table = Path("wanted.csv")
+    table.write_text(table.read_text().replace(*change))
+    assert says in refused(DRIVE)
+    assert not Path("d.sqlite").exists()
+
+
+def test_a_model_of_another_actuator_is_refused(refused):
+    assert "identify a model in um" in refused(DRIVE.replace("ipmc", "fibre"))
+
+
+def test_a_store_that_exists_is_not_replaced(refused):
+    Path("d.sqlite").write_text("kept")
+    assert "d.sqlite exists already; continue it with minorloop resume" in refused(DRIVE)
+    assert Path("d.sqlite").read_text() == "kept"

@@ -1,0 +1,174 @@
+import numpy as np
+import pytest
+
+from minorloop.connect import connect
+from minorloop.drive import TargetDrive, saturation_of
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
+from minorloop.lab.actuator import Channel
+from minorloop.lab.run import run
+from minorloop.lab.store import Point, Setup, Store
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
+
+MODEL = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)), offset=0.5)
+VOLTAGE = Channel("voltage", "V", -1.2, 1.2)
+TARGETS = (3.0, -4.0, 6.0, 0.5, -7.0)
+
+
+def drive(targets=TARGETS, **options):
+    return TargetDrive(MODEL, np.asarray(targets), -1.2, **options)
+
+
+def point(index, u, y, sd=0.0):
+    return Point(
+        index=index,
+        input=u,
+        value=y,
+        sd=sd,
+        verdict="settled",
+        t=float(index),
+        held=1.0,
+        checkpoint=None,
+        sample_interval=0.1,
+        time_uncertainty=0.0,
+    )
+
+
+def driven(chosen, plant):
+    """Carry a drive out on a function from memory and input to the measured output."""
+    points, memory = [], "negative"
+    while (u := chosen.choose(points)) is not None:
+        y, memory = plant(memory, u)
+        points.append(point(len(points), u, y))
+    return chosen.result(points)
+
+
+def test_open_loop_on_the_model_itself_meets_every_target():
+    result = driven(drive(), MODEL.step)
+    np.testing.assert_allclose(result.errors, 0, atol=1e-12)
+    np.testing.assert_array_equal([a.target for a in result.arrivals], TARGETS)
+    assert result.offset == 0
+    assert [a.tries for a in result.arrivals] == [1] * 5
+
+
+def test_the_inputs_of_open_loop_are_those_of_the_inverse():
+    whole = MODEL.invert(TARGETS, MODEL.step("negative", -1.2)[1])
+    found = [arrival.input for arrival in driven(drive(), MODEL.step).arrivals]
+    np.testing.assert_array_equal(found, whole.u)
+
+
+@pytest.mark.parametrize("absolute", [False, True])
+def test_the_offset_of_a_sensor_is_found_and_subtracted(absolute):
+    def shifted(memory, u):
+        y, after = MODEL.step(memory, u)
+        return y + 1.5, after
+
+    result = driven(drive(TARGETS[:4], absolute=absolute), shifted)
+    assert result.offset == pytest.approx(1.5)
+    np.testing.assert_allclose(result.errors, 0, atol=1e-12)
+
+
+def weak(memory, u):
+    """A plant of 90 % of the model's output."""
+    y, after = MODEL.step(memory, u)
+    return 0.9 * y, after
+
+
+def test_corrections_bring_a_plant_of_another_gain_to_its_targets():
+    open_loop = driven(drive(), weak).summary()
+    closed = driven(drive(corrections=8, within=1e-3), weak).summary()
+    assert open_loop["worst"] > 0.3
+    assert closed["worst"] <= 1e-3
+
+
+def test_an_error_within_the_band_or_the_noise_is_not_corrected():
+    assert {a.tries for a in driven(drive(corrections=5, within=9.0), weak).arrivals} == {1}
+
+
+def test_what_was_not_measured_is_tried_again_and_counts_as_not_reached():
+    chosen = drive([1.0], corrections=1)
+    points = [point(0, -1.2, MODEL.step("negative", -1.2)[0]), point(1, 0.3, np.nan)]
+    again = chosen.choose(points)
+    assert np.isfinite(again)
+    result = chosen.result([*points, point(2, again, np.nan)])
+    assert np.isnan(result.errors).all()
+    assert result.summary() == {"rms": None, "worst": None}
+
+
+def test_inputs_are_those_that_the_source_writes():
+    result = driven(drive(written=lambda u: round(u, 2)), MODEL.step)
+    inputs = np.array([a.input for a in result.arrivals])
+    np.testing.assert_array_equal(inputs, inputs.round(2))
+
+
+def test_a_stopped_drive_continues_with_the_same_inputs():
+    chosen, points, memory = drive(corrections=2), [], "negative"
+    while (u := chosen.choose(points)) is not None:
+        again = TargetDrive.from_json(chosen.to_json(), float)
+        assert again.choose(points) == u
+        y, memory = weak(memory, u)
+        points.append(point(len(points), u, y))
+
+
+def test_it_runs_on_a_twin_through_the_store(tmp_path):
+    plant = connect("twin:ipmc", specimen=1002, noise=0.02)
+    chosen = drive([2.0, -3.0], corrections=6, within=0.1)
+    plan = chosen.plan(200.0, input="voltage [V]", sample_interval=2.0)
+    setup = Setup("twin:ipmc", "voltage [V]", "curvature [1/m]", 1002, 0, {}, None)
+    with Store.create(tmp_path / "drive.sqlite", plan, setup) as store:
+        run(plant, plan, store, choose=chosen.choose)
+        result = chosen.result(store.points())
+        assert store.finished
+    assert np.abs(result.errors).max() <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("targets", "said"),
+    [
+        ([1.0, 99.0], r"target 2 is 99 .* reaches -8.14 to 9.14 \(1 of 2 targets"),
+        ([5.0, 12.0], r"target 2 is 12 .*adding -\S+ to every target would bring them in"),
+        ([-10.0, 10.0], "the targets span more than that: give nearer ones"),
+    ],
+)
+def test_targets_out_of_reach_are_refused_with_the_shift_that_helps(targets, said):
+    with pytest.raises(UnreachableError, match=said):
+        drive(targets).check(VOLTAGE)
+
+
+def test_the_shift_that_is_named_brings_the_targets_in():
+    low, high = drive().reach(VOLTAGE)
+    targets = np.array([high - 1.0, high + 2.0])
+    with pytest.raises(UnreachableError) as caught:
+        drive(targets).check(VOLTAGE)
+    shift = float(str(caught.value).split("adding ")[1].split(" ")[0])
+    drive(targets + shift * (1 + 1e-4)).check(VOLTAGE)
+    assert low < high
+
+
+def test_a_model_beyond_the_limits_of_the_actuator_is_refused():
+    with pytest.raises(ParameterError, match=r"saturated at -1.2 V, .* limited to \[-1, 1\]"):
+        drive().check(Channel("voltage", "V", -1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"targets": []}, "there are no targets"),
+        ({"corrections": -1}, "corrections is -1; give 0 to 100"),
+        ({"within": np.nan}, "within is nan"),
+    ],
+)
+def test_refuses_parameters_out_of_range(options, said):
+    with pytest.raises(ParameterError, match=said):
+        drive(**options)
+
+
+def test_refuses_a_model_without_an_inverse():
+    with pytest.raises(NotInvertibleError, match="no exact inverse"):
+        TargetDrive(RelayModel(np.arange(3.0), np.tril(np.ones((3, 3)))), np.ones(1), 0.0)
+
+
+def test_a_model_without_levels_is_saturated_at_its_own_or_the_actuators_limit():
+    assert saturation_of(MODEL, VOLTAGE) == -1.2
+    assert saturation_of(Polynomial([0.0, 1.0], -1.0, 1.0), VOLTAGE) == -1.0
