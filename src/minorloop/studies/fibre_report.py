@@ -154,9 +154,7 @@ def _add_steps(report: Report, study: FibreStudy) -> None:
         f"Bayesian criterion among {len(study.fit.candidates)} candidates and refined for the "
         f"simulation error: time constants of {times} s, DC gain 1.",
         pictures=[
-            Picture(
-                draw_step(study), "Fig 4: (a) length, (b) input, (c) unit step of the model."
-            ),
+            Picture(draw_step(study), "Fig 4: (a) length, (b) input, (c) unit step of the model."),
             Picture(draw_steps(study), "The step, its model, and steps that were not fitted."),
         ],
     )
