@@ -18,6 +18,7 @@ from minorloop.cli import (
     identify,
     invert,
     plan,
+    reduce,
     resume,
     runs,
     simulate,
@@ -43,7 +44,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 _VERBS = (
-    *(identify, simulate, invert, plan, run_verb, resume, runs),
+    *(reduce, identify, simulate, invert, plan, run_verb, resume, runs),
     *(export, fleet, study, console, demo),
 )
 for _verb in _VERBS:

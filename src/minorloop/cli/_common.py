@@ -80,6 +80,12 @@ Start = Annotated[
     str,
     typer.Option(help="Memory before the first row: negative, positive or demagnetised."),
 ]
+Time = Annotated[
+    str | None,
+    typer.Option(
+        help="Column of time, in s, ms, us, min, h or d by its header, or date and time (ISO)."
+    ),
+]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]

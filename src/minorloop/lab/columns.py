@@ -7,7 +7,7 @@ import difflib
 import os
 import re
 import stat
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import islice
@@ -36,7 +36,12 @@ _LONGEST_CELL = 1000
 
 
 def read_columns(
-    path: PathLike, names: Sequence[str], *, gaps: Collection[str] = ()
+    path: PathLike,
+    names: Sequence[str],
+    *,
+    gaps: Collection[str] = (),
+    dates: Collection[str] = (),
+    progress: Callable[[str], None] | None = None,
 ) -> dict[str, FloatArray]:
     """Read columns of numbers from a CSV file.
 
