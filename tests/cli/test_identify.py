@@ -129,7 +129,7 @@ def test_the_rank_of_a_large_plane_is_worked_out_when_asked(monkeypatch, run):
         ("voltage,length\n1,2\n3,inf\n", "'inf' in row 3"),
         ("voltage,length\n1,2\n3,x y\n", "'x y' in row 3"),
         ("voltage,length\n1,2\n1_000,3\n", "'1_000' in row 3"),
-        ("voltage;length\n1;2\n0,5;3\n", "'0,5' in row 3; write decimals with a point"),
+        ('voltage,length\n1,2\n"0,5",3\n', "'0,5' in row 3; write decimals with a point"),
         ("voltage,length\n1,2\n" + "z" * 5000 + ",3\n", "zzz...' in row 3"),
         ("voltage,length\n1,2\n" + "z" * 200_000 + ",3\n", "not a table"),
         ("voltage,length\n1,2\n3,4\n", "2 outputs are finite; at least 3 are needed"),
