@@ -41,7 +41,7 @@ DELIMITERS = ",;\t"
 COMMENTS = ("#", "%", "//")
 _UNITS = """
 s ms us µs μs ns min h d V mV uV µV kV A mA uA µA nA m cm mm um µm nm 1/m Hz kHz MHz N mN uN µN kN
-Pa kPa MPa bar mbar T mT uT µT G Oe kOe A/m kA/m emu Am2 K mK C °C degC F deg ° rad mrad urad µrad W mW
+Pa kPa MPa bar mbar T mT uT µT G Oe kOe A/m kA/m emu Am2 K mK C °C degC F deg ° rad mrad W mW
 J mJ Ohm ohm Ω kg g mg % ppm dB a.u. arb. counts
 """
 UNITS = frozenset(_UNITS.split())
