@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification.curves import Curves
 
 _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
+_MOST = 20_000
+"""Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
 DEGREES = range(1, 8)
 DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
@@ -20,7 +23,13 @@ def delayed(values: FloatArray, lag: int) -> FloatArray:
     return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
 
 
-def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: BoolArray) -> float:
+def polynomial_nrmse(
+    u: FloatArray,
+    y: FloatArray,
+    train: BoolArray,
+    scored: BoolArray,
+    curves: Curves | None = None,
+) -> float:
     """Error of the best polynomial of degree 1 to 7 of the input delayed by 0 to 20 samples.
 
     Parameters
@@ -31,6 +40,8 @@ def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: Boo
         Samples that the polynomial is fitted to, and the degree and the delay chosen on.
     scored : (T,) array of bool
         Samples that it is scored on.
+    curves : Curves, optional
+        Parts of the record within which the input is delayed.
 
     Returns
     -------
@@ -41,20 +52,23 @@ def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: Boo
     x = (u - centre) / half
     # A polynomial is arbitrary beyond the inputs that it was fitted to.
     x = np.clip(x, x[train].min(), x[train].max())
-    least, predicted = np.inf, np.zeros(0)
+    delay_within = delayed if curves is None else curves.delayed
+    rows = np.flatnonzero(train)
+    rows = rows[:: max(rows.size // _MOST, 1)]
+    least, best_delay, best = np.inf, 0, np.zeros(1)
     for delay in DELAYS:
         if delay >= u.size:
             break
-        basis = np.polynomial.chebyshev.chebvander(delayed(x, delay), max(DEGREES))
-        fitted = basis[train]
+        basis = np.polynomial.chebyshev.chebvander(delay_within(x, delay)[rows], max(DEGREES))
         for degree in DEGREES:
-            if degree + 1 > fitted.shape[0]:
+            if degree + 1 > rows.size:
                 break
             columns = slice(0, degree + 1)
-            coefficients, *_ = np.linalg.lstsq(fitted[:, columns], y[train], rcond=None)
-            error = float(np.sum((fitted[:, columns] @ coefficients - y[train]) ** 2))
+            coefficients, *_ = np.linalg.lstsq(basis[:, columns], y[rows], rcond=None)
+            error = float(np.sum((basis[:, columns] @ coefficients - y[rows]) ** 2))
             if error < least:
-                least, predicted = error, basis[scored, columns] @ coefficients
+                least, best_delay, best = error, delay, np.asarray(coefficients)
+    predicted = np.polynomial.chebyshev.chebval(delay_within(x, best_delay)[scored], best)
     return nrmse(predicted - y[scored], y[scored])
 
 

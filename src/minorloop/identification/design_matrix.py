@@ -93,7 +93,7 @@ class DesignMatrix:
     """
 
     def __init__(self, spec: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start) -> None:
-        self.spec, self.u = spec, u[measured]
+        self.spec, self.u, self.start = spec, u[measured], start
         self._record = (u, measured, start)
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
         past = np.array(blank.memory(start).extrema[1:])

@@ -11,6 +11,7 @@ levels: levels that are dense where relays switch make the plane smooth in these
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -66,6 +67,15 @@ class Problem:
         if smoothness == "auto":
             return self._fit_chosen()
         return _System(self, np.ones(self.y.size)).solve(_as_strength(smoothness))
+
+    def fit_part(
+        self, kept: BoolArray, strengths: Sequence[float], guess: FloatArray | None = None
+    ) -> Iterator[FloatArray]:
+        """Fit some of the samples with one smoothness after the other; gives the unknowns."""
+        part = _System(self, kept.astype(np.float64))
+        for strength in strengths:
+            guess = part.solve(strength, guess).x
+            yield guess
 
     def coarser(self) -> Problem:
         """Problem of the same samples with every other threshold."""

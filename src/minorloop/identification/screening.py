@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification.curves import Curves
 from minorloop.identification.flat_stretches import clipped, stuck
 from minorloop.identification.late_output import LONGEST_LAG, lagging
 from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
-from minorloop.operators.memory import Start
 from minorloop.threads import one_thread
 
 OVERLOAD = 9e36
@@ -75,7 +75,7 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
 
 
 def record_faults(
-    u: FloatArray, y: FloatArray, start: Start, lag: int, *, sought: bool = False
+    u: FloatArray, y: FloatArray, curves: Curves, lag: int, *, sought: bool = False
 ) -> tuple[RecordFault, ...]:
     """Find the faults of a record, most important first.
 
@@ -83,8 +83,8 @@ def record_faults(
     ----------
     u, y : (T,) arrays
         The record, without codes; y is NaN where nothing was measured.
-    start : start state
-        Memory before the first sample.
+    curves : Curves
+        Where the memory is set anew.
     lag : int
         Lag of the model in samples.
     sought : bool
@@ -95,22 +95,22 @@ def record_faults(
     tuple of RecordFault
     """
     known = np.isfinite(y)
-    known[:lag] = False
+    known[curves.positions(u.size) < lag] = False
     if np.count_nonzero(known) < _FEWEST:
         return ()
     with one_thread():
-        return _faults(u, y, known, start, lag, sought)
+        return _faults(u, y, known, curves, lag, sought)
 
 
 def _faults(
-    u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int, sought: bool
+    u: FloatArray, y: FloatArray, known: BoolArray, curves: Curves, lag: int, sought: bool
 ) -> tuple[RecordFault, ...]:
-    record = RoughRecord.of(u, y, known, start, lag)
+    record = RoughRecord.of(u, y, known, curves, lag)
     far = _far_outside(record)
     sound = known.copy()
     sound[far] = False
     if far.size:
-        record = RoughRecord.of(u, y, sound, start, lag)
+        record = RoughRecord.of(u, y, sound, curves, lag)
     cut = [*clipped(record)]
     flat = [*cut, *stuck(record, {k for one in cut for k in one.samples})]
     sound[[k for one in flat if one.kind == "stuck" for k in one.samples]] = False
