@@ -34,7 +34,7 @@ _SAMPLES_EACH = 2
 """Samples for each cell of the coarse plane."""
 _FEWEST = 20
 """Samples below which nothing is compared."""
-_FEWEST_FOR_LAG = 200
+_FEWEST_FOR_LAG = 100
 _STRENGTHS = (0.0, 1e-6, 1e-4)
 _PROMISING = 0.9
 """Ratio of the error to that of a coarse plane below which more levels are tried."""
@@ -65,7 +65,10 @@ class Choice:
     other_error: float
 
     def __str__(self) -> str:
-        return f"{self.chosen} ({percent(self.error)}; {self.other}: {percent(self.other_error)})"
+        return (
+            f"{self.name}: {self.chosen}, {percent(self.error)} of range on left-out parts; "
+            f"{self.other}: {percent(self.other_error)}"
+        )
 
 
 @dataclass(frozen=True, eq=False)

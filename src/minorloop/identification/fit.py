@@ -17,7 +17,6 @@ from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.fitting import (
     FitRecord,
     Regularisation,
-    best_lag,
     fit_plane,
 )
 from minorloop.identification.leave_out import validate
@@ -88,8 +87,8 @@ def identify(
         Standard deviation of a measured output, in its unit, where it is known; used by the
         prior only.
     lag : int or "auto"
-        Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples. Where
-        another option is ``"auto"`` too, it must reduce the error on left-out parts by a fifth.
+        Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples, and
+        keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise.
     start : {"negative", "positive", "demagnetised"} or Memory
         Memory before the first sample.
     offset : bool
@@ -146,10 +145,8 @@ def identify(
     specs = _structures(grids[0], relay, diagonal, slope, bool(offset))
     automatic = len(specs) > 1 or len(grids) > 1
     delay = None if lag == "auto" else checks.as_lag(lag, inputs.size)
-    if delay is None and not automatic:
-        delay = best_lag(specs[0], record)
     chosen = Chosen(specs[0], delay or 0, ())
-    if automatic:
+    if automatic or delay is None:
         chosen = choose(specs, record, delay, group, grids[1] if len(grids) > 1 else None)
     spec, delay, choices = chosen.spec, chosen.lag, chosen.choices
     found = fit_plane(spec, record, delay, smoothness, prior, sensor)

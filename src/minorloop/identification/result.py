@@ -156,6 +156,7 @@ class Identification(Fit):
     def __str__(self) -> str:
         rows = [("model", repr(self.model)), *score_rows(self)]
         lines = [f"{name:<24} {value}" for name, value in rows]
+        lines += [f"chosen {choice}" for choice in self.choices]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:

@@ -44,13 +44,12 @@ def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
         ("lag", f"{found.lag} samples"),
         ("samples fitted", f"{found.samples}"),
         *([("samples held out", f"{held}")] if held else []),
-        *[(f"chosen {one.name}", str(one)) for one in found.choices],
         *([("rows skipped", f"{found.skipped}")] if found.skipped else []),
-        *_residual_rows(found),
         ("unknowns", f"{found.unknowns}"),
         *([("rank", rank)] if rank else []),
         ("cells excited", f"{found.excited_fraction:.0%}"),
         ("optimality (KKT)", f"{found.kkt:.1e}{'' if found.converged else ', not converged'}"),
+        *_residual_rows(found),
     ]
 
 
@@ -62,9 +61,9 @@ def _group_row(found: Fit) -> list[tuple[str, str]]:
 
 def _residual_rows(found: Fit) -> list[tuple[str, str]]:
     residual = found.residual
-    rows = [("worst sample", f"{residual.worst_sample}: {residual.worst:+.2%} of range")]
+    rows = [("worst error", f"{residual.worst:+.1%}, sample {residual.worst_sample}")]
     if residual.startup is not None:
         rows.append(("start-up", f"{residual.startup.rows} rows"))
     if isfinite(residual.autocorrelation):
-        rows.append(("autocorrelation of residual", f"{residual.autocorrelation:.2f}"))
+        rows.append(("residual autocorrelation", f"{residual.autocorrelation:.2f}"))
     return rows
