@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.curves import Curves
 
 _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
 _MOST = 20_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
+_DEPENDENT = 1e-10
+"""Part of a polynomial that the lower ones do not explain, below which it is rounding."""
 DEGREES = range(1, 8)
 DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
@@ -52,24 +54,34 @@ def polynomial_nrmse(
     x = (u - centre) / half
     # A polynomial is arbitrary beyond the inputs that it was fitted to.
     x = np.clip(x, x[train].min(), x[train].max())
-    delay_within = delayed if curves is None else curves.delayed
+    first = np.zeros(u.size, dtype=np.int64) if curves is None else curves.first_rows(u.size)
+
+    def late(places: IntArray, delay: int) -> FloatArray:
+        return np.asarray(x[np.maximum(places - delay, first[places])])
+
     rows = np.flatnonzero(train)
     rows = rows[:: max(rows.size // _MOST, 1)]
-    least, best_delay, best = np.inf, 0, np.zeros(1)
-    for delay in DELAYS:
-        if delay >= u.size:
-            break
-        basis = np.polynomial.chebyshev.chebvander(delay_within(x, delay)[rows], max(DEGREES))
-        for degree in DEGREES:
-            if degree + 1 > rows.size:
-                break
-            columns = slice(0, degree + 1)
-            coefficients, *_ = np.linalg.lstsq(basis[:, columns], y[rows], rcond=None)
-            error = float(np.sum((basis[:, columns] @ coefficients - y[rows]) ** 2))
+    wanted = y[rows]
+    highest = min(max(DEGREES), rows.size - 1)
+    least, chosen = np.inf, (0, min(DEGREES))
+    for delay in DELAYS[: u.size]:
+        basis = np.polynomial.chebyshev.chebvander(late(rows, delay), highest)
+        for degree, error in enumerate(_errors(basis, wanted), start=min(DEGREES)):
             if error < least:
-                least, best_delay, best = error, delay, np.asarray(coefficients)
-    predicted = np.polynomial.chebyshev.chebval(delay_within(x, best_delay)[scored], best)
+                least, chosen = error, (delay, degree)
+    best_delay, degree = chosen
+    basis = np.polynomial.chebyshev.chebvander(late(rows, best_delay), min(degree, highest))
+    best, *_ = np.linalg.lstsq(basis, wanted, rcond=None)
+    predicted = np.polynomial.chebyshev.chebval(late(np.flatnonzero(scored), best_delay), best)
     return nrmse(predicted - y[scored], y[scored])
+
+
+def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:
+    """Sum of squared errors of the polynomials of each degree from 1 on."""
+    q, r = np.linalg.qr(basis)
+    size = np.abs(r.diagonal())
+    explained = np.where(size > _DEPENDENT * size[0], (q.T @ y) ** 2, 0.0)
+    return np.asarray(y @ y - np.cumsum(explained))[min(DEGREES) :]
 
 
 def nrmse(residual: FloatArray, y: FloatArray) -> float:

@@ -14,7 +14,8 @@ import numpy as np
 
 from minorloop.arrays import IntArray, Levels
 from minorloop.identification import fitting
-from minorloop.identification.baseline import percent
+from minorloop.identification.baseline import nrmse, percent
+from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import PlaneSpec
 from minorloop.identification.fitting import FitRecord, FittedPlane, coarser_spec, needs_prior
 from minorloop.identification.least_squares import Problem
@@ -27,8 +28,8 @@ _SEGMENTS = 5
 """Contiguous segments of each part, for the lag and the levels, which need no extrapolation."""
 LEVELS = 25
 """Bands with which ``levels="auto"`` begins; twice as many are compared with it."""
-_MOST_ROWS = 50_000
-"""Samples, the first ones, that a lag is searched on."""
+_MOST_ROWS = 100_000
+"""Samples, the first ones, that options are compared on."""
 _COARSE_BANDS = 15
 _SAMPLES_EACH = 2
 """Samples for each cell of the coarse plane."""
@@ -135,7 +136,8 @@ def choose(
     spec, choices = specs[0], []
     if np.count_nonzero(record.fitted) < _FEWEST:
         return Chosen(spec, lag or 0, (), parts_of(record, groups))
-    settled = without_startup(spec, record)
+    settled = without_startup(spec, _first(record))
+    groups = None if groups is None else groups[: settled.u.size]
     fold, spread = parts_of(settled, groups), parts_of(settled, groups, _SEGMENTS)
     if lag is None:
         lag, found = _choose_lag(specs[-1], settled, spread)
@@ -148,6 +150,16 @@ def choose(
         spec, found = _choose_levels(spec, replace(spec, levels=finer), settled, lag, spread)
         choices += found
     return Chosen(spec, lag, tuple(choices), fold)
+
+
+def _first(record: FitRecord) -> FitRecord:
+    """Return the first samples of a long record, which are enough to compare options."""
+    rows = np.flatnonzero(record.fitted)
+    if rows.size <= _MOST_ROWS:
+        return record
+    size = int(rows[_MOST_ROWS])
+    curves = Curves(record.curves.begins[record.curves.begins < size], record.curves.start)
+    return FitRecord(record.u[:size], record.y[:size], record.fitted[:size], curves, record.signed)
 
 
 def structure(spec: PlaneSpec) -> str:
@@ -165,30 +177,26 @@ def choose_prior(
         return fit, ()
     smooth = fitting.fit_smooth(fit.regression.matrix.spec, record, lag, "auto")
     errors = {
-        name: _left_out_error(one, record, fold)
+        name: _left_out_error(one, record, lag, fold)
         for name, one in (("gaussian", fit), ("none", smooth))
     }
     choice = _choice("prior", errors, "gaussian")
     return fit if choice.chosen == "gaussian" else smooth, (choice,)
 
 
-def _left_out_error(found: FittedPlane, record: FitRecord, fold: IntArray) -> float:
-    regression = found.regression
-    part = fold[regression.rows]
-    scored = part >= 0
-    left = (left_out(found, record.signed, part) - regression.y)[scored]
-    return float(np.sqrt(np.mean(left**2))) / (float(np.ptp(regression.y)) or 1.0)
+def _left_out_error(found: FittedPlane, record: FitRecord, lag: int, fold: IntArray) -> float:
+    scored = record.fitted & (fold >= 0)
+    left = (left_out(record, found, lag, fold) - record.y)[scored]
+    known = left[np.isfinite(left)]
+    return nrmse(known, record.y[scored])
 
 
 def _choose_lag(spec: PlaneSpec, record: FitRecord, fold: IntArray) -> tuple[int, list[Choice]]:
     rows = np.flatnonzero(record.fitted)
     if rows.size < _FEWEST_FOR_LAG:
         return 0, []
-    first = replace(
-        record, fitted=record.fitted & (np.arange(record.u.size) <= rows[:_MOST_ROWS][-1])
-    )
     coarse = _coarse(spec, record)
-    lag = fitting.best_lag(coarse, first)
+    lag = fitting.best_lag(coarse, record)
     if not lag:
         return 0, []
     errors = {f"{k} samples": error(coarse, record, k, fold) for k in (0, lag)}
@@ -243,16 +251,20 @@ def error(
     parts: int = PARTS,
 ) -> float:
     """Least error on left-out parts of several strengths of smoothing, over the range."""
-    regression = record.regression(spec, lag)
+    regression = record.regression(spec, lag, fold)
     part = fold[regression.rows]
+    counts = regression.matrix.counts
+    weight = np.ones(part.size) if counts is None else counts
     problem = Problem(regression.matrix, regression.y, record.signed)
-    squares, scored = np.zeros(len(strengths)), 0
+    squares, scored = np.zeros(len(strengths)), 0.0
     x = None
     for k in np.unique(part)[:parts]:
         left = part == k
-        scored += int(np.count_nonzero(left))
+        scored += float(weight[left].sum())
         # Without smoothing, cells without samples would keep the weights of the previous part.
         guess = x if strengths[0] else None
         for place, x in enumerate(problem.fit_part(~left, strengths, guess)):
-            squares[place] += np.sum((regression.matrix.forward(x) - regression.y)[left] ** 2)
-    return float(np.sqrt(squares.min() / scored)) / (float(np.ptp(regression.y)) or 1.0)
+            off = (regression.matrix.forward(x) - regression.y)[left]
+            squares[place] += float(weight[left] @ off**2)
+    mean = squares.min() / scored + regression.within
+    return float(np.sqrt(mean)) / (float(np.ptp(regression.y)) or 1.0)

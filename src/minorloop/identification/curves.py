@@ -41,6 +41,8 @@ class Curves:
 
     def first_rows(self, samples: int) -> IntArray:
         """(T,) for each row, the first row of its curve."""
+        if self.begins.size == 1:
+            return np.zeros(samples, dtype=np.int64)
         return np.asarray(self.begins[self._number(samples)])
 
     def positions(self, samples: int) -> IntArray:
@@ -51,6 +53,8 @@ class Curves:
         """Delay samples (T,) within each curve; its first value is used for those before it."""
         if lag == 0:
             return values
+        if self.begins.size == 1:
+            return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
         rows = np.maximum(np.arange(values.size) - lag, self.first_rows(values.size))
         return np.asarray(values[rows])
 

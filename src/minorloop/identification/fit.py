@@ -149,7 +149,7 @@ def identify(
     if automatic or delay is None:
         chosen = choose(specs, record, delay, group, grids[1] if len(grids) > 1 else None)
     spec, delay, choices = chosen.spec, chosen.lag, chosen.choices
-    found = fit_plane(spec, record, delay, smoothness, prior, sensor)
+    found = fit_plane(spec, record, delay, smoothness, prior, sensor, group)
     if automatic and prior == "auto":
         found, compared = choose_prior(found, record, delay, chosen.fold)
         choices += compared

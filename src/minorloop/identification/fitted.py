@@ -134,7 +134,7 @@ class Fit:
     @property
     def samples(self) -> int:
         """Samples that the model was fitted to."""
-        return self.matrix.samples
+        return self.matrix.measurements
 
     @property
     def rank(self) -> int:

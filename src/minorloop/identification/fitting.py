@@ -11,6 +11,7 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_levels
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.active_set import ACCEPTABLE
+from minorloop.identification.condensing import LONG, Condensed, condense
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
@@ -75,8 +76,17 @@ class FitRecord:
             return np.flatnonzero(self.fitted)
         return np.flatnonzero(self.fitted & (self.curves.positions(self.u.size) >= lag))
 
-    def regression(self, spec: PlaneSpec, lag: int) -> Regression:
-        """Return the regression of the outputs on the unknowns.
+    def regression(self, spec: PlaneSpec, lag: int, labels: IntArray | None = None) -> Regression:
+        """Return the regression of the outputs on the unknowns, condensed for a long record.
+
+        Parameters
+        ----------
+        spec : PlaneSpec
+            Structure of the model.
+        lag : int
+            Samples by which the output follows the input.
+        labels : (T,) array of int, optional
+            Samples with different labels are not condensed together.
 
         Raises
         ------
@@ -92,15 +102,43 @@ class FitRecord:
         inputs, places = self.curves.driven(self.u, spec.levels, lag)
         measured = np.zeros(inputs.size, dtype=np.bool_)
         measured[places[rows]] = True
+        short = self._condensed(spec, inputs, places, measured, labels)
+        if short is not None:
+            matrix = DesignMatrix(spec, short.u, short.measured, "negative", short.counts)
+            row = np.searchsorted(places, short.rows)
+            return Regression(matrix, short.y, row, short.u, short.measured, short.within)
         matrix = DesignMatrix(spec, inputs, measured, self.curves.start)
         return Regression(matrix, self.y[rows], rows, inputs, measured)
+
+    def _condensed(
+        self,
+        spec: PlaneSpec,
+        inputs: FloatArray,
+        places: IntArray,
+        measured: BoolArray,
+        labels: IntArray | None,
+    ) -> Condensed | None:
+        if np.count_nonzero(measured) < LONG:
+            return None
+        y = self.y
+        if inputs.size != y.size:
+            y = np.full(inputs.size, np.nan)
+            y[places] = self.y
+            if labels is not None:
+                everywhere = np.full(inputs.size, -1)
+                everywhere[places] = labels
+                labels = everywhere
+        return condense(spec.levels, self.curves.start, inputs, y, measured, labels)
 
 
 @dataclass(frozen=True, eq=False)
 class Regression:
     """Outputs ``y`` (M,) of the samples ``rows`` (M,), and their regressors.
 
-    ``inputs`` and ``measured`` are what the matrix was made from.
+    In a condensed record, each output stands for several samples, one of which is in ``rows``.
+
+    ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
+    the outputs about the condensed ones.
     """
 
     matrix: DesignMatrix
@@ -108,6 +146,12 @@ class Regression:
     rows: IntArray
     inputs: FloatArray
     measured: BoolArray
+    within: float = 0.0
+
+    def squared_error(self, x: FloatArray) -> float:
+        """Sum of squared errors, without that within condensed samples."""
+        off = self.matrix.forward(x) - self.y
+        return float(off @ off if self.matrix.counts is None else self.matrix.counts @ off**2)
 
     @cached_property
     def dense(self) -> tuple[FloatArray, FloatArray] | None:
@@ -145,6 +189,7 @@ def fit_plane(
     smoothness: Smoothness,
     prior: Regularisation,
     noise: float | None,
+    labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with the prior, or with smoothness."""
     if prior == "gaussian" and spec.cells > _MOST_CELLS:
@@ -160,7 +205,7 @@ def fit_plane(
             if reproduces(found.regression.matrix, found.x, found.regression.y):
                 return found
         return _fit_with_prior(spec, record, lag, noise)
-    return fit_smooth(spec, record, lag, smoothness)
+    return fit_smooth(spec, record, lag, smoothness, labels)
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:
@@ -168,9 +213,15 @@ def needs_prior(spec: PlaneSpec, samples: int) -> bool:
     return samples < _SAMPLES_EACH * spec.unknowns and spec.cells <= _MOST_CELLS
 
 
-def fit_smooth(spec: PlaneSpec, record: FitRecord, lag: int, smoothness: Smoothness) -> FittedPlane:
+def fit_smooth(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
+    smoothness: Smoothness,
+    labels: IntArray | None = None,
+) -> FittedPlane:
     """Fit with smoothness."""
-    regression = record.regression(spec, lag)
+    regression = record.regression(spec, lag, labels)
     fit: FittedUnknowns = Problem(regression.matrix, regression.y, record.signed).fit(smoothness)
     return FittedPlane(
         fit.x, fit.kkt, regression, record.fitted, fit.smoothness, converged=fit.converged
@@ -248,8 +299,7 @@ def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
     errors = []
     for lag in range(longest + 1):
         found = fit_smooth(coarse, common, lag, 0.0)
-        left = found.regression.matrix.forward(found.x) - found.regression.y
-        errors.append(float(np.sum(left**2)))
+        errors.append(found.regression.squared_error(found.x))
     return int(np.argmin(errors))
 
 

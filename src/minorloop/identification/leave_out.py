@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, IntArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.fitting import FitRecord, FittedPlane, Regression
@@ -105,35 +105,36 @@ def validate(
     ParameterError
         If all fitted rows are of one group.
     """
-    rows = found.regression.rows
-    of_rows = groups[rows]
-    names = np.unique(of_rows)
+    rows = record.rows(lag)
+    names = np.unique(groups[rows])
     if names.size < 2:
         raise ParameterError(
             "all fitted rows are of one group, so none can be left out; give two groups or more, "
             "or leave groups (--groups) out"
         )
-    fold = np.searchsorted(names, of_rows) % min(names.size, FOLDS)
-    predicted = left_out(found, record.signed, fold)
+    fold = np.searchsorted(names, groups) % min(names.size, FOLDS)
+    predicted = left_out(record, found, lag, fold)
     everywhere = np.full(record.u.size, np.nan)
-    everywhere[rows] = predicted
+    everywhere[rows] = predicted[rows]
     if names.size < FEWEST_GROUPS:
         return everywhere, None
     u = record.curves.delayed(record.u, lag)[rows]
-    return everywhere, _scatter(names.size, u, predicted - found.regression.y, found)
+    return everywhere, _scatter(names.size, u, record.y[rows], predicted[rows], found)
 
 
-def left_out(found: FittedPlane, signed: bool, fold: IntArray) -> FloatArray:
-    """(M,) outputs of each fold, predicted by a fit to the others."""
+def left_out(record: FitRecord, found: FittedPlane, lag: int, fold: IntArray) -> FloatArray:
+    """(T,) outputs of the samples of each fold, predicted by a fit to the others."""
     regression = found.regression
-    predicted = np.empty(regression.y.size)
-    for k in np.unique(fold):
-        x = _without(found, signed, fold == k)
-        predicted[fold == k] = regression.matrix.forward(x)[fold == k]
+    part = fold[regression.rows]
+    predicted = np.full(record.u.size, np.nan)
+    for k in np.unique(part):
+        x = _without(found, record.signed, part == k)
+        model = regression.matrix.spec.model(x)
+        predicted[fold == k] = record.curves.simulate(model, record.u, lag)[fold == k]
     return predicted
 
 
-def _without(found: FittedPlane, signed: bool, left: np.ndarray) -> FloatArray:
+def _without(found: FittedPlane, signed: bool, left: BoolArray) -> FloatArray:
     """Unknowns fitted without some rows, with the same smoothness or prior."""
     regression = found.regression
     if found.posterior is None:
@@ -144,7 +145,10 @@ def _without(found: FittedPlane, signed: bool, left: np.ndarray) -> FloatArray:
     )
 
 
-def _scatter(groups: int, u: FloatArray, error: FloatArray, found: FittedPlane) -> GroupScatter:
+def _scatter(
+    groups: int, u: FloatArray, y: FloatArray, predicted: FloatArray, found: FittedPlane
+) -> GroupScatter:
+    error = predicted - y
     known = _known(found.posterior, found.regression)
     low, high = float(u.min()), float(u.max())
     edges = np.linspace(low, high, _BINS + 1)
@@ -160,13 +164,13 @@ def _scatter(groups: int, u: FloatArray, error: FloatArray, found: FittedPlane) 
     variance = np.maximum(smooth, floor)
     sd = np.sqrt(known**2 + np.interp(u, inputs, variance))
     scores = np.sort(np.abs(error) / np.where(sd > 0, sd, 1.0))
-    return GroupScatter(groups, inputs, variance, scores, nrmse(error, found.regression.y))
+    return GroupScatter(groups, inputs, variance, scores, nrmse(error, y))
 
 
 def _known(posterior: Posterior | None, regression: Regression) -> FloatArray:
-    """(M,) standard deviation of the posterior; zero without a prior."""
+    """(M,) standard deviation of the posterior; zero, (1,), without a prior."""
     if posterior is None:
-        return np.zeros(regression.y.size)
+        return np.zeros(1)
     if regression.dense is not None:
         return posterior.row_deviation(regression.dense[0])
     from minorloop.identification.prior import regressors

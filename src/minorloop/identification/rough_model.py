@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification import _condensing_kernels as _kernels
 from minorloop.identification.curves import Curves
 from minorloop.operators import _play_kernels
 
@@ -20,8 +21,6 @@ _ROUNDS = 12
 _MOST = 800
 """Samples that the rough model is fitted to at most; more hardly change its few unknowns."""
 _RIDGE = 1e-7
-_BLOCK = 100_000
-"""Samples whose polynomials are in memory at once."""
 _TO_SD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
@@ -151,11 +150,8 @@ def robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
         found = _weighted(rows, near - middle, weights)
         weights = 1 / np.maximum(np.abs(rows @ found - near + middle), smallest)
         weights /= weights.mean()
-    rough = np.empty(y.size)
-    for first in range(0, y.size, _BLOCK):
-        part = slice(first, first + _BLOCK)
-        rough[part] = basis.rows(part) @ found + middle
-    return rough
+    coefficients = found[1:].reshape(-1, basis.degree)
+    return np.asarray(_kernels.chebyshev_sums(basis.plays, coefficients, found[0] + middle))
 
 
 def least_error(matrix: FloatArray, y: FloatArray) -> float:

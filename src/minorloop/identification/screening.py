@@ -60,13 +60,18 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
     y : (T,) array
         Outputs; NaN where nothing was measured.
     """
+    known = np.sort(SENTINELS)
+    tolerance = 1e-6 * np.abs(known)
     suspect = np.abs(y) >= OVERLOAD
-    tolerance = 1e-6 * np.abs(SENTINELS)
-    for value, close in zip(SENTINELS, tolerance, strict=True):
-        suspect |= np.abs(y - value) <= close
-    suspect &= np.isfinite(y)
+    place = np.flatnonzero(np.abs(y) >= 0.999 * np.abs(known).min())
+    above = np.searchsorted(known, y[place])
+    for near in (np.maximum(above - 1, 0), np.minimum(above, known.size - 1)):
+        suspect[place[np.abs(y[place] - known[near]) <= tolerance[near]]] = True
+    if not suspect.any():
+        return ()
     rest = y[np.isfinite(y) & ~suspect]
-    if not suspect.any() or rest.size < 3:
+    suspect &= np.isfinite(y)
+    if rest.size < 3:
         return ()
     low, high = rest.min(), rest.max()
     apart = _CODE_DISTANCE * (high - low)
