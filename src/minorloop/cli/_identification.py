@@ -1,0 +1,153 @@
+"""Identification from a file, as the command line asks for it."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError, RecordError
+
+if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
+    from minorloop.identification import Identification
+    from minorloop.identification.adaptive import Adaptive
+    from minorloop.lab.records import Record
+    from minorloop.modelfile import Provenance
+
+_DEFAULTS: dict[str, Any] = {
+    "levels": "auto",
+    "diagonal": "auto",
+    "slope": "auto",
+    "lag": "auto",
+    "prior": "auto",
+}
+_NOT_OF_RUNS = ("holdout", "skip", "start_of_curve")
+
+
+@dataclass(frozen=True)
+class Done:
+    """An identification and its data."""
+
+    record: Record
+    result: Identification
+    provenance: Provenance
+    seconds: float
+    notes: tuple[str, ...] = ()
+    left_out: tuple[int, ...] = ()
+    first: int = 0
+
+    @property
+    def advice(self) -> list[str]:
+        """Advice about the run, then about the model."""
+        said = list(dict.fromkeys([*self.notes, *self.result.advice]))
+        result = self.result
+        if self.first and (result.findings or result.codes or result.suspects):
+            said.append(f"samples are counted from row {self.first} of the file here")
+        return said
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The part of the advice that says why the model is not to be trusted."""
+        known = self.result.advice
+        return (*(note for note in self.notes if note not in known), *self.result.warnings)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns of a file; None where not given."""
+
+    input: str | None
+    output: str | None
+    curves: str | None = None
+    groups: str | None = None
+
+
+def identified(file: Path, columns: Columns, rows: str | None, options: dict[str, Any]) -> Done:
+    """Read a record and identify a model from it."""
+    from minorloop.identification import identify
+    from minorloop.modelfile import Provenance
+
+    with _common.working(f"reading {file.name}") as now:
+        record, run_by = _record(file, columns)
+        labels = _labels(file, columns)
+        provenance = Provenance.of(file)
+        began = time.perf_counter()
+        if run_by is not None:
+            now(f"identifying from {len(record)} points of an adaptive run")
+            return _of_run(record, run_by, rows, options, provenance)
+        part = _common.as_rows(rows, len(record))
+        settings: dict[str, Any] = {
+            name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
+        }
+        settings |= {name: values[part] for name, values in labels.items()}
+        now(f"identifying from {part.stop - part.start} rows")
+        result = identify(record.u[part], record.y[part], **settings)
+        return Done(record, result, provenance, time.perf_counter() - began, first=part.start)
+
+
+def _labels(file: Path, columns: Columns) -> dict[str, FloatArray]:
+    """Return the columns of labels that are given, by option."""
+    from minorloop.lab.columns import read_columns
+
+    names = {"curves": columns.curves, "groups": columns.groups}
+    given = {option: name for option, name in names.items() if name is not None}
+    if not given:
+        return {}
+    read = read_columns(file, list(dict.fromkeys(given.values())))
+    return {option: read[name] for option, name in given.items()}
+
+
+def _of_run(
+    record: Record,
+    chooser: Adaptive,
+    rows: str | None,
+    options: dict[str, Any],
+    provenance: Provenance,
+) -> Done:
+    """Return the model of an adaptive run, with the settings of the run; validation held out."""
+    from minorloop.identification.adaptive_run import findings
+
+    if rows is not None or options["holdout"] != 0 or options["skip"] != 0:
+        raise ParameterError(
+            "an adaptive run holds out its own validation; leave --rows, --skip and --holdout out"
+        )
+    given = {name: v for name, v in options.items() if v is not None and name not in _NOT_OF_RUNS}
+    if given["smoothness"] != "auto":
+        given.setdefault("prior", "auto")
+    began = time.perf_counter()
+    u, y = record.u.tolist(), record.y.tolist()
+    result = chooser.identification(u, y, **given)
+    seconds = time.perf_counter() - began
+    found = findings(chooser, u, y)
+    return Done(record, result, provenance, seconds, found.warnings, found.outliers)
+
+
+def _record(file: Path, columns: Columns) -> tuple[Record, Adaptive | None]:
+    """Return the points of a store and what chose them, or two columns of a CSV file."""
+    from minorloop.cli._adaptive import chooser_of
+    from minorloop.lab.records import Record
+    from minorloop.lab.store import Store, is_store
+
+    input, output = columns.input, columns.output
+    if is_store(file):
+        if columns != Columns(None, None):
+            raise ParameterError(
+                f"{file} is an experiment store, which has one input and one output; "
+                "leave --input, --output, --curves and --groups out"
+            )
+        with Store.open(file) as store:
+            chose = store.setup.design is not None
+            return store.record(), chooser_of(store.setup, store.points()) if chose else None
+    if input is None or output is None:
+        if not os.path.exists(file):
+            raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")
+        missing = "--input" if input is None else "--output"
+        raise ParameterError(f"{missing} is missing; name a column of {file}")
+    record = Record.from_csv(file, input=input, output=output, gaps=True)
+    if record.input == record.output:
+        raise ParameterError(f"--input and --output are both '{record.input}'; give two columns")
+    return record, None
