@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.identification import Identification
     from minorloop.identification.adaptive import Adaptive
+    from minorloop.lab.logs import Log
     from minorloop.lab.records import Record
     from minorloop.modelfile import Provenance
 
@@ -39,11 +41,12 @@ class Done:
     notes: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
     first: int = 0
+    of_time: tuple[str, ...] = ()
 
     @property
     def advice(self) -> list[str]:
-        """Advice about the run, then about the model."""
-        said = list(dict.fromkeys([*self.notes, *self.result.advice]))
+        """Advice about the run and its times, then about the model."""
+        said = list(dict.fromkeys([*self.notes, *self.of_time, *self.result.advice]))
         result = self.result
         if self.first and (result.findings or result.codes or result.suspects):
             said.append(f"samples are counted from row {self.first} of the file here")
@@ -64,21 +67,32 @@ class Columns:
     output: str | None
     curves: str | None = None
     groups: str | None = None
+    time: str | None = None
 
 
-def identified(file: Path, columns: Columns, rows: str | None, options: dict[str, Any]) -> Done:
-    """Read a record and identify a model from it."""
+def identified(
+    file: Path,
+    columns: Columns,
+    rows: str | None,
+    options: dict[str, Any],
+    lag_seconds: float | None = None,
+) -> Done:
+    """Read a record and identify a model from it; a lag in seconds needs a column of time."""
     from minorloop.identification import identify
     from minorloop.modelfile import Provenance
 
     with _common.working(f"reading {file.name}") as now:
-        record, run_by = _record(file, columns)
+        record, run_by, log = _record(file, columns, now)
         labels = _labels(file, columns)
         provenance = Provenance.of(file)
         began = time.perf_counter()
         if run_by is not None:
             now(f"identifying from {len(record)} points of an adaptive run")
             return _of_run(record, run_by, rows, options, provenance)
+        raw, of_time = _raw(record, columns), ()
+        if log is not None:
+            whole = not labels and rows is None
+            record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
         part = _common.as_rows(rows, len(record))
         settings: dict[str, Any] = {
             name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
@@ -86,7 +100,39 @@ def identified(file: Path, columns: Columns, rows: str | None, options: dict[str
         settings |= {name: values[part] for name, values in labels.items()}
         now(f"identifying from {part.stop - part.start} rows")
         result = identify(record.u[part], record.y[part], **settings)
-        return Done(record, result, provenance, time.perf_counter() - began, first=part.start)
+        seconds = time.perf_counter() - began
+        return Done(record, result, provenance, seconds, raw, first=part.start, of_time=of_time)
+
+
+def _raw(record: Record, columns: Columns) -> tuple[str, ...]:
+    """Return the sentence about a raw log, if the record is one."""
+    from minorloop.lab.holds import looks_like_raw_log
+
+    if columns.input is None:
+        return ()
+    found = looks_like_raw_log(record.t if record.timed else None, record.u, record.y)
+    return (found,) if found else ()
+
+
+def _timed(
+    log: Log, columns: Columns, lag: Any, lag_seconds: float | None, whole: bool
+) -> tuple[Record, tuple[str, ...]]:
+    """Return the record as its times require it, and what was found in them."""
+    if columns.time is None:
+        if lag_seconds is not None:
+            raise ParameterError(
+                f"--lag is {lag_seconds:g} s and the column of time is not named; give it with "
+                "--time, or the lag in rows"
+            )
+        found = [
+            f"{note}; name the column with --time to take this into account" for note in log.notes
+        ]
+        return log.record, tuple(found)
+    if lag_seconds is not None:
+        return log.without_lag(lag_seconds), log.notes
+    if lag == 0 or not whole:
+        return log.with_known_memory(), log.notes
+    return log.evenly_sampled(), log.notes
 
 
 def _labels(file: Path, columns: Columns) -> dict[str, FloatArray]:
@@ -126,10 +172,11 @@ def _of_run(
     return Done(record, result, provenance, seconds, found.warnings, found.outliers)
 
 
-def _record(file: Path, columns: Columns) -> tuple[Record, Adaptive | None]:
-    """Return the points of a store and what chose them, or two columns of a CSV file."""
+def _record(
+    file: Path, columns: Columns, now: Callable[[str], None]
+) -> tuple[Record, Adaptive | None, Log | None]:
+    """Return the points of a store and what chose them, or columns of a file with their times."""
     from minorloop.cli._adaptive import chooser_of
-    from minorloop.lab.records import Record
     from minorloop.lab.store import Store, is_store
 
     input, output = columns.input, columns.output
@@ -137,17 +184,16 @@ def _record(file: Path, columns: Columns) -> tuple[Record, Adaptive | None]:
         if columns != Columns(None, None):
             raise ParameterError(
                 f"{file} is an experiment store, which has one input and one output; "
-                "leave --input, --output, --curves and --groups out"
+                "leave --input, --output, --time, --curves and --groups out"
             )
         with Store.open(file) as store:
             chose = store.setup.design is not None
-            return store.record(), chooser_of(store.setup, store.points()) if chose else None
+            chooser = chooser_of(store.setup, store.points()) if chose else None
+            return store.record(), chooser, None
     if input is None or output is None:
         if not os.path.exists(file):
             raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")
         missing = "--input" if input is None else "--output"
         raise ParameterError(f"{missing} is missing; name a column of {file}")
-    record = Record.from_csv(file, input=input, output=output, gaps=True)
-    if record.input == record.output:
-        raise ParameterError(f"--input and --output are both '{record.input}'; give two columns")
-    return record, None
+    log = _common.read_log(file, input, output, columns.time, now)
+    return log.record, None, log

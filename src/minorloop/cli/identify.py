@@ -57,7 +57,8 @@ _Diagonal = Annotated[
 _Lag = Annotated[
     str | None,
     typer.Option(
-        help="Rows by which the output follows the input, or auto: the best of 0 to 20.",
+        help="Rows by which the output follows the input, or auto: the best of 0 to 20; with "
+        "--time also in seconds, such as '3 ms'.",
         show_default="0 or the best, by left-out error",
     ),
 ]
@@ -125,6 +126,7 @@ def run(
     file: _Data,
     input: _Input = None,
     output: _Output = None,
+    time: _common.Time = None,
     levels: _Levels = None,
     spacing: _Spacing = "uniform",
     relay: _Relay = "bipolar",
@@ -152,7 +154,10 @@ def run(
 
     If the model is not to be trusted, it is written with warnings, and the exit status is 1.
     """
+    from minorloop.lab.timebase import parse_lag
+
     _common.check_outputs([save, report], inputs=[file], force=force)
+    lag_seconds = None if lag is None else parse_lag(lag)
     options = {
         "levels": levels,
         "spacing": spacing,
@@ -163,14 +168,14 @@ def run(
         "smoothness": _number_or_auto("smoothness", smoothness, float),
         "prior": prior,
         "noise": noise,
-        "lag": None if lag is None else _number_or_auto("lag", lag, int),
+        "lag": _rows_of_lag(lag, lag_seconds),
         "start": start,
         "holdout": holdout,
         "start_of_curve": start_of_curve,
         "skip": skip,
     }
-    columns = Columns(input, output, curves, groups)
-    done = identified(file, columns, rows, options)
+    columns = Columns(input, output, curves, groups, time)
+    done = identified(file, columns, rows, options, lag_seconds)
     steps: list[Callable[[], None]] = [partial(show, done, rank, as_json)]
     # Files first: the reader of the output may end.
     if report is not None:
@@ -180,6 +185,13 @@ def run(
     _common.do_all(steps)
     if done.warnings:
         raise typer.Exit(_DISTRUSTED)
+
+
+def _rows_of_lag(lag: str | None, seconds: float | None) -> Any:
+    """Return the lag in rows, "auto" or None; 0 where it is given in seconds."""
+    if lag is None:
+        return None
+    return 0 if seconds is not None else _number_or_auto("lag", lag, int)
 
 
 def _number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:

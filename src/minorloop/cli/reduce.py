@@ -14,7 +14,6 @@ from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
     from minorloop.lab.conversion import Conversion
-    from minorloop.lab.logs import Log
     from minorloop.lab.records import Quantity
     from minorloop.lab.reduction import Reduction
 
@@ -108,7 +107,7 @@ def run(
     named = {"name": name, "unit": unit, "calibration_sd": calibration_sd}
     limits = _limits(range)
     with _common.working(f"reading {file.name}") as now:
-        log = _log(file, input, output, time, now)
+        log = _common.read_log(file, input, output, time, now, needed=True)
         record = log.record
         now(f"reducing {len(record)} samples")
         reduction = reduce(
@@ -129,21 +128,6 @@ def run(
     if save is not None:
         steps.insert(0, partial(_save, reduction, keep_unsettled, save, force, as_json))
     _common.do_all(steps)
-
-
-def _log(file: Path, input: str, output: str, time: str | None, now: Callable[[str], None]) -> Log:
-    """Return the log; its column of time is found by name or unit if it is not given."""
-    from minorloop.lab.columns import read_headers
-    from minorloop.lab.logs import read_log
-    from minorloop.lab.timebase import time_column
-
-    if time is None:
-        time = time_column(read_headers(file), source=file)
-
-    def progress(share: str) -> None:
-        now(f"reading {file.name}: {share}")
-
-    return read_log(file, input=input, output=output, time=time, progress=progress)
 
 
 def _conversion(

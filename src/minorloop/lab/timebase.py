@@ -81,8 +81,19 @@ class TimeCheck:
         return np.union1d(self.gaps, self.jumps)
 
 
-def time_column(headers: Sequence[str], *, source: object = "the file") -> str | None:
+def time_column(
+    headers: Sequence[str], *, source: object = "the file", but: Sequence[str] = ()
+) -> str | None:
     """Return the column of time, by its name or unit; None if there is none.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Headers of the columns.
+    source : object
+        Where they are from, for the message.
+    but : sequence of str
+        Columns that are something else, by their headers or names.
 
     Raises
     ------
@@ -90,6 +101,7 @@ def time_column(headers: Sequence[str], *, source: object = "the file") -> str |
         If several columns could be time.
     """
     split = {header: split_header(header) for header in headers}
+    split = {h: parts for h, parts in split.items() if h not in but and parts[0] not in but}
     named = [header for header, (name, _) in split.items() if name.casefold() in NAMES]
     timed = [header for header, (_, unit) in split.items() if unit and unit in SECONDS]
     both = [header for header in named if header in timed]
@@ -270,7 +282,7 @@ def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
     inputs, places = np.asarray(u, np.float64), np.asarray(breaks, np.int64)
     known = np.ones(inputs.size, dtype=np.bool_)
     low, high = float(inputs.min()), float(inputs.max())
-    if high == low:
+    if high == low or not places.size:
         return known
     for begin, end in zip(places + 1, [*places[1:] + 1, inputs.size], strict=True):
         part = inputs[begin:end]
