@@ -281,12 +281,16 @@ class TestHonesty:
                     verdicts.add(end.verdict)
                     worst = max(worst, end.sd / span)
                     if end.verdict == "settled" and abs(end.slope) + 2 * end.slope_sd > tolerance:
-                        left.append(abs(y[-1] - truth) / (share * span))
+                        allowed = max(share * span, tolerance * hold)
+                        left.append(abs(y[-1] - truth) / allowed)
             assert len(inside) >= 88
             assert np.mean(inside) >= 0.95
-            assert share > 0.0005 or {"settled", "extrapolated"} <= verdicts
-            # What noise hides is no more than noise.
-            assert share == 0.0005 or (len(left) >= 20 and np.quantile(left, 0.95) <= 1.5)
+            all_settle = (address, hold) == ("ipmc", 200.0)
+            assert "settled" in verdicts
+            assert share > 0.0005 or all_settle or "extrapolated" in verdicts
+            # What is left is no more than noise, or than the tolerance allows.
+            assert len(left) >= 20
+            assert np.quantile(left, 0.95) <= 1.5
             assert worst <= 0.015 + 2 * share  # nor is it bought with doubts that say nothing
 
     @pytest.mark.parametrize(("address", "hold"), [("ipmc", 100.0), ("fibre", 200.0)])
