@@ -1,5 +1,7 @@
 """Times of a record on the command line: gaps, lags in seconds, and raw logs."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from tests.cli.conftest import MODEL, write
@@ -67,3 +69,15 @@ def test_a_column_that_is_no_time_is_refused(refused, columns, message):
 def test_two_columns_of_time_are_no_trouble_where_none_is_asked_for(answer):
     write("log.csv", COLUMNS + ",clock [ms]", np.column_stack([T, U, MODEL.simulate(U), T]))
     assert answer(f"{LINE} --lag 0")["samples"] == 900
+
+
+def test_invert_keeps_the_times_of_the_targets(run, refused):
+    write("wanted.csv", "when [ms],length [um]", [[0, 0.3], [500, 1.5], [1500, -2.0]])
+    line = "invert model.json wanted.csv --target length --time when --save inputs.csv"
+    assert run(line)[0] == 0
+    rows = Path("inputs.csv").read_text().splitlines()
+    assert rows[0].startswith("when [s],voltage [V],target length [um]")
+    assert [row.split(",")[0] for row in rows[1:]] == ["0.0", "0.5", "1.5"]
+    rows = [[k if k < 15 else k - 5, 0.3] for k in range(20)]
+    write("wanted.csv", "when [ms],length [um]", rows)
+    assert "runs backwards after sample 14; give the targets" in refused(f"{line} --force")

@@ -14,7 +14,10 @@ from minorloop.lab.columns import find_column, read_columns, read_headers
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.timebase import SECONDS, TimeCheck, check_times, delayed, known_memory, resample
 
-__all__ = ["Log", "read_log"]
+__all__ = ["Log", "read_log", "read_times"]
+
+_DATE = 1e8
+"""Times without a unit beyond this many seconds are dates; they are counted from the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +121,32 @@ def read_log(
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
         return Log(Record(t, u, y, found[0], found[1], time=SAMPLE))
-    clock = Quantity.parse(found[2])
+    clock, check = _checked(columns[time], found[2])
+    return Log(Record(check.t, u, y, found[0], found[1], time=clock), check)
+
+
+def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
+    """Read a column of time; return its name, in seconds, and its times with what was found.
+
+    Raises
+    ------
+    RecordError
+        As for ``read_log``.
+    """
+    header = find_column(time, read_headers(path), source=path)
+    return _checked(read_columns(path, [time], dates=[time])[time], header)
+
+
+def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
+    clock = Quantity.parse(header)
     if clock.unit not in SECONDS:
         units = ", ".join(unit for unit in SECONDS if unit and unit.isascii())
         raise RecordError(f"time in column '{clock}' must be in one of {units}, or a date and time")
     with np.errstate(over="ignore"):  # infinite times are refused
-        t = columns[time] * SECONDS[clock.unit]
-    check = check_times(t, name=f"column '{clock}'", unit=clock.unit)
-    shifted = check.t - check.t[0] if clock.unit == "" and check.t[0] > 1e8 else check.t
-    return Log(Record(shifted, u, y, found[0], found[1], time=Quantity(clock.name, "s")), check)
+        t = values * SECONDS[clock.unit]
+    if clock.unit == "" and t.size and t[0] > _DATE:
+        t = t - t[0]
+    return Quantity(clock.name, "s"), check_times(t, name=f"column '{clock}'", unit=clock.unit)
 
 
 def _replaced(record: Record, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:
