@@ -27,6 +27,7 @@ class TestColumn:
             (["timestamp", "held [s]"], "timestamp"),
             (["t [s]", "held [s]", "rise [ms]"], "t [s]"),
             (["u [V]", "y [m]"], None),
+            (["t_ms", "u_V"], "t_ms"),
         ],
     )
     def test_it_is_recognised_by_name_or_unit(self, headers, found):

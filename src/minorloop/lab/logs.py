@@ -12,7 +12,15 @@ from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike
 from minorloop.lab.columns import find_column, read_columns, read_headers
 from minorloop.lab.records import SAMPLE, Quantity, Record
-from minorloop.lab.timebase import SECONDS, TimeCheck, check_times, delayed, known_memory, resample
+from minorloop.lab.timebase import (
+    SECONDS,
+    TimeCheck,
+    check_times,
+    delayed,
+    known_memory,
+    resample,
+    split_time,
+)
 
 __all__ = ["Log", "read_log", "read_times"]
 
@@ -138,7 +146,7 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
 
 
 def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
-    clock = Quantity.parse(header)
+    clock = Quantity(*split_time(header))
     if clock.unit not in SECONDS:
         units = ", ".join(unit for unit in SECONDS if unit and unit.isascii())
         raise RecordError(f"time in column '{clock}' must be in one of {units}, or a date and time")

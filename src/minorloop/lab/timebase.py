@@ -21,6 +21,7 @@ __all__ = [
     "known_memory",
     "parse_lag",
     "resample",
+    "split_time",
     "time_column",
 ]
 
@@ -100,7 +101,7 @@ def time_column(
     RecordError
         If several columns could be time.
     """
-    split = {header: split_header(header) for header in headers}
+    split = {header: split_time(header) for header in headers}
     split = {h: parts for h, parts in split.items() if h not in but and parts[0] not in but}
     named = [header for header, (name, _) in split.items() if name.casefold() in NAMES]
     timed = [header for header, (_, unit) in split.items() if unit and unit in SECONDS]
@@ -112,6 +113,15 @@ def time_column(
             f"{source} has {len(found)} columns that could be time, {shown}; name one with --time"
         )
     return found[0] if found else None
+
+
+def split_time(header: str) -> tuple[str, str]:
+    """Return name and unit of a column of time; ``t_ms`` is in ms too."""
+    name, unit = split_header(header)
+    stem, _, last = name.rpartition("_")
+    if not unit and last in SECONDS and stem.casefold() in NAMES:
+        return stem, last
+    return name, unit
 
 
 def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> TimeCheck:
