@@ -124,10 +124,8 @@ def _timed(
                 f"--lag is {lag_seconds:g} s and the column of time is not named; give it with "
                 "--time, or the lag in rows"
             )
-        found = [
-            f"{note}; name the column with --time to take this into account" for note in log.notes
-        ]
-        return log.record, tuple(found)
+        advice = "name the column with --time to take this into account"
+        return log.record, tuple(f"{note}; {advice}" for note in log.breaks)
     if lag_seconds is not None:
         return log.without_lag(lag_seconds), log.notes
     if lag == 0 or not whole:

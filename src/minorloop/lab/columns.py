@@ -188,7 +188,11 @@ def _of_sheet(
         cells = sheet.cells(header)
         numbers = range(sheet.first, sheet.first + len(cells))
         where = f"column '{header}' of {sheet.file}"
-        columns[name] = _Cells(where, numbers, name in gaps, name in dates).parse(cells)
+        column = _Cells(where, numbers, name in gaps, name in dates)
+        if isinstance(cells, np.ndarray):
+            columns[name] = column.checked(cells, cells)
+        else:
+            columns[name] = column.parse(cells)
         if not columns[name].size:
             raise RecordError(f"{sheet.file} has a header and no rows; there is nothing to read")
     return columns
@@ -233,11 +237,15 @@ class _Cells:
             for index, cell in enumerate(cells):
                 if "_" in cell or not cell.strip().isascii():
                     raise self._not_a_number(index, cell)
+        return self.checked(values, cells)
+
+    def checked(self, values: FloatArray, cells: Sequence[object]) -> FloatArray:
+        """Return the values if all are finite, or gaps where gaps are allowed."""
         usable = ~np.isinf(values) if self.gaps else np.isfinite(values)
         if not usable.all():
             index = int(np.argmin(usable))
             raise RecordError(
-                f"{self.where} has {cells[index].strip()!r} in row {self.numbers[index]}; "
+                f"{self.where} has {str(cells[index]).strip()!r} in row {self.numbers[index]}; "
                 "every cell must be a finite number"
             )
         return values

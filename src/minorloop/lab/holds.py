@@ -29,6 +29,8 @@ _GRAIN = 1000
 _RISE = 0.3
 """Share of the change to the next piece by which the input may rise within a hold."""
 _MOST_PIECES = 50_000
+_MOST_SEARCHED = 200_000
+"""Samples in which a raw log is looked for; means of neighbours, if there are more."""
 _LEAST_HOLDS, _HELD, _MOVING, _MOVES = 3, 0.6, 0.25, 0.01
 """Of a raw log: least holds, least share of the rows in them, least share of holds in which the
 output moves, and by how much of its span."""
@@ -100,6 +102,12 @@ def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLi
         Input and output; NaN where nothing was measured.
     """
     inputs, outputs = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    width = max(-(-inputs.size // _MOST_SEARCHED), 1)
+    whole = inputs.size - inputs.size % width
+    if width > 1:
+        inputs, outputs = (
+            part[:whole].reshape(-1, width).mean(axis=1) for part in (inputs, outputs)
+        )
     held = find_holds(inputs)
     rows = sum(hold.end - hold.begin for hold in held)
     if len(held) < _LEAST_HOLDS or rows < _HELD * inputs.size:
@@ -108,14 +116,14 @@ def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLi
     span = float(np.ptp(known)) if known.size else 0.0
     if np.mean([_moves(outputs[hold.begin : hold.end], span) for hold in held]) < _MOVING:
         return ""
-    length = float(np.median([hold.end - hold.begin for hold in held]))
+    length = width * float(np.median([hold.end - hold.begin for hold in held]))
     typical = f"about {length:.0f} samples"
     if t is not None:
-        times = np.asarray(t, dtype=np.float64)
+        times = np.asarray(t, dtype=np.float64)[::width]
         seconds = np.median([times[hold.end - 1] - times[hold.begin] for hold in held])
         typical += f" ({seconds:.3g} s)"
     return (
-        f"this looks like a raw log: {inputs.size} samples with {len(held)} holds of {typical}, in "
+        f"this looks like a raw log: {np.size(u)} samples with {len(held)} holds of {typical}, in "
         "which the output still moves; reduce it to settled points first (minorloop reduce)"
     )
 

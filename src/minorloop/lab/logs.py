@@ -13,6 +13,7 @@ from minorloop.files import PathLike
 from minorloop.lab.columns import find_column, read_columns, read_headers
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.timebase import (
+    GAP,
     SECONDS,
     TimeCheck,
     check_times,
@@ -24,6 +25,7 @@ from minorloop.lab.timebase import (
 
 __all__ = ["Log", "read_log", "read_times"]
 
+_MOST_NEW = 4
 _DATE = 1e8
 """Times without a unit beyond this many seconds are dates; they are counted from the first."""
 
@@ -48,6 +50,11 @@ class Log:
         """What was found in the times, one sentence each."""
         return self.check.notes if self.check else ()
 
+    @property
+    def breaks(self) -> tuple[str, ...]:
+        """What was found about gaps and clock jumps only."""
+        return self.check.of_breaks if self.check else ()
+
     def with_known_memory(self) -> Record:
         """Return the record without outputs where gaps leave the memory unknown."""
         record = self.record
@@ -57,14 +64,19 @@ class Log:
         return _replaced(record, record.t, record.u, np.where(known, record.y, np.nan))
 
     def evenly_sampled(self) -> Record:
-        """Return the record at its usual interval, as a lag in rows needs it."""
+        """Return the record at its usual interval, as a lag in rows needs it.
+
+        A record that would become more than four times as long is returned as it is.
+        """
         record, check = self.with_known_memory(), self.check
         if check is None or (not check.breaks.size and check.uneven == 0):
             return record
-        longest = 1.5 * check.interval
-        return _replaced(
-            record, *resample(record.t, record.u, record.y, check.interval, gap=longest)
-        )
+        duration = float(record.t[-1] - record.t[0])
+        if duration > _MOST_NEW * len(record) * check.interval:
+            return record
+        longest = GAP * check.interval
+        even = resample(record.t, record.u, record.y, check.interval, gap=longest)
+        return _replaced(record, *even)
 
     def without_lag(self, lag: float) -> Record:
         """Return the record with each output ``lag`` seconds after its input.
@@ -80,7 +92,7 @@ class Log:
                 f"the lag is {lag:g} s and the record has no time; name its column, or give the "
                 "lag in rows"
             )
-        y = delayed(record.t, record.y, lag, gap=5 * check.interval)
+        y = delayed(record.t, record.y, lag, gap=GAP * check.interval)
         return _replaced(record, record.t, record.u, y)
 
 

@@ -274,15 +274,13 @@ def _points(
     log: Record, holds: list[FoundHold], common: FloatArray, tolerance: float | None
 ) -> list[ReducedPoint]:
     interval = float(np.median(np.diff(log.t))) if len(log) > 1 else 1.0
-    slope = tolerance
-    if slope is None:
-        longest = max(_duration(log.t, hold, interval) for hold in holds)
-        slope = SPAN_SHARE * _span(log, holds) / longest
+    change = SPAN_SHARE * _span(log, holds)
     noise = max(float(np.median([hold.sd for hold in holds])), 1e-9 * float(np.ptp(log.u)))
     points: list[ReducedPoint] = []
     for before, hold in zip([None, *holds], [*holds, None], strict=True):
         points += _passed(log, before, hold, 6 * noise)
         if hold is not None:
+            slope = change / _duration(log.t, hold, interval) if tolerance is None else tolerance
             points.append(_judged(log, hold, common, slope, interval))
     return points
 

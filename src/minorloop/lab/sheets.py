@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError, RecordError
 from minorloop.files import PathLike
 from minorloop.lab.text_tables import MAX_COLUMNS, check_file, check_headers, with_units
@@ -27,20 +28,21 @@ class Sheet:
         The file.
     headers : tuple of str
         Headers, with units.
-    columns : tuple of list
-        Cells of each column.
+    columns : tuple of list or array
+        Cells of each column; an array where all are numbers.
     first : int
         Number of the first row of data.
     """
 
     file: Path
     headers: tuple[str, ...]
-    columns: tuple[list[Any], ...]
+    columns: tuple[list[Any] | FloatArray, ...]
     first: int
 
-    def cells(self, header: str) -> list[str]:
-        """Return the cells of a column as text."""
-        return [_as_text(cell) for cell in self.columns[self.headers.index(header)]]
+    def cells(self, header: str) -> list[str] | FloatArray:
+        """Return the cells of a column as numbers, or as text."""
+        column = self.columns[self.headers.index(header)]
+        return column if isinstance(column, np.ndarray) else [_as_text(cell) for cell in column]
 
 
 def is_sheet(path: PathLike) -> bool:
@@ -82,17 +84,18 @@ def _mat(file: Path) -> Sheet:
         ) from None
     except Exception as error:
         raise RecordError(f"{file} is not a MATLAB file: {error}") from None
-    columns: dict[str, list[Any]] = {}
+    columns: dict[str, FloatArray] = {}
     for name, value in content.items():
         if name.startswith("__") or not isinstance(value, np.ndarray):
             continue
         if value.dtype.kind not in "fiub" or value.ndim != 2 or value.size < 2:
             continue
         if 1 in value.shape:
-            columns[name] = value.ravel().tolist()
+            columns[name] = value.ravel().astype(np.float64)
         else:
             tall = value if value.shape[0] >= value.shape[1] else value.T
-            columns |= {f"{name}_{k + 1}": tall[:, k].tolist() for k in range(tall.shape[1])}
+            parts = tall.T.astype(np.float64)
+            columns |= {f"{name}_{k}": part for k, part in enumerate(parts, 1)}
     return Sheet(file, tuple(columns), tuple(columns.values()), 1)
 
 

@@ -65,8 +65,8 @@ class TimeCheck:
         Samples after which the clock was set back.
     uneven : float
         Share of the other steps that differ from the interval by more than a tenth of it.
-    notes : tuple of str
-        The findings, one sentence each.
+    of_breaks, others : tuple of str
+        Findings about gaps and jumps, and the others, one sentence each.
     """
 
     t: FloatArray
@@ -74,7 +74,13 @@ class TimeCheck:
     gaps: IntArray
     jumps: IntArray
     uneven: float
-    notes: tuple[str, ...]
+    of_breaks: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All findings."""
+        return self.of_breaks + self.others
 
     @property
     def breaks(self) -> IntArray:
@@ -156,7 +162,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
             "another column, or leave it out"
         )
     interval = float(np.median(forward))
-    notes = []
+    notes, others = [], []
     if back.size:
         first = int(back[0])
         notes.append(
@@ -179,12 +185,12 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     usual = np.delete(steps, np.concatenate([gaps, back]))
     uneven = float(np.mean(np.abs(usual - interval) > UNEVEN * interval)) if usual.size else 0.0
     if uneven > 0.01:
-        notes.append(
+        others.append(
             f"samples are uneven: {uneven:.0%} of the steps differ from the usual interval of "
             f"{interval:.4g} s by more than {UNEVEN:.0%}"
         )
-    note = _implausible(interval, name, unit)
-    return TimeCheck(times, interval, gaps, back, uneven, (*notes, *note))
+    others += _implausible(interval, name, unit)
+    return TimeCheck(times, interval, gaps, back, uneven, tuple(notes), tuple(others))
 
 
 def _implausible(interval: float, name: str, unit: str) -> list[str]:
