@@ -23,6 +23,7 @@ PARTS = (
     "seat",
     "console_depth",
     "meter",
+    "raw_logs",
     "faults",
     "strangers",
 )

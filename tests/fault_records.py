@@ -3,6 +3,7 @@
 import numpy as np
 
 from minorloop.identification import excitation
+from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 
 RADII = np.linspace(0, 0.3, 10)
@@ -36,4 +37,5 @@ def record(shape="sine", unit=1.0, noise=0.003):
 
 
 def kinds(u, y, lag=0, **options):
-    return [finding.kind for finding in record_faults(u, y, "negative", lag, **options)]
+    whole = Curves.whole("negative")
+    return [finding.kind for finding in record_faults(u, y, whole, lag, **options)]

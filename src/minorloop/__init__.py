@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from minorloop.lab.curvature import curvature_from_displacement, displacement_from_curvature
     from minorloop.lab.plan import Plan
     from minorloop.lab.records import Record
+    from minorloop.lab.reduction import reduce
     from minorloop.lab.run import run
     from minorloop.lab.store import Setup, Store
     from minorloop.modelfile import ModelWarning, load, save
@@ -117,6 +118,7 @@ __all__ = [
     "identify",
     "load",
     "next_input",
+    "reduce",
     "representability",
     "run",
     "save",
@@ -173,6 +175,7 @@ _HOMES = {
     "minorloop.identification": ("Identification", "identify"),
     "minorloop.lab.curvature": ("curvature_from_displacement", "displacement_from_curvature"),
     "minorloop.lab.records": ("Record",),
+    "minorloop.lab.reduction": ("reduce",),
     "minorloop.modelfile": ("ModelWarning", "load", "save"),
     "minorloop.operators.generalised_prandtl_ishlinskii": ("GeneralisedPrandtlIshlinskii",),
     "minorloop.operators.inversion": ("Inversion",),

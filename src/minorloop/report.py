@@ -14,6 +14,7 @@ from minorloop.version import __version__
 
 if TYPE_CHECKING:
     from minorloop.identification.result import Identification
+    from minorloop.lab.reduction import Reduction
 
 _RESOLUTION = 110
 """Dots per inch of the raster parts of a figure: sharp on a screen, and small."""
@@ -173,6 +174,39 @@ def identification_report(
         f"with held-out samples shaded; the residual{band}."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
+    return report
+
+
+def reduction_report(
+    reduction: Reduction, *, source: str, notes: Sequence[str] | None = None
+) -> Report:
+    """Return a report on the settled points of a raw log.
+
+    Parameters
+    ----------
+    reduction : Reduction
+        The points.
+    source : str
+        Name of the log.
+    notes : sequence of str, optional
+        Advice; that of the reduction if not given.
+
+    Returns
+    -------
+    Report
+    """
+    log = reduction.log
+    report = Report(
+        f"Settled points of {log.output} against {log.input}", f"{source}: {reduction}."
+    )
+    advice = reduction.notes if notes is None else notes
+    report.add("How good they are", table=Table(("", ""), reduction.summary()), notes=advice)
+    caption = (
+        "The log with its points; the points against the input, with two standard deviations; the "
+        "holds that were found in the input; the standard deviation of each point, and by how much "
+        "it was extrapolated from the end of its hold."
+    )
+    report.add("What they look like", pictures=[Picture(reduction.plot(), caption)])
     return report
 
 

@@ -9,6 +9,7 @@ import pytest
 import minorloop.identification
 import minorloop.report
 from minorloop import __version__, modelfile
+from minorloop.cli import _identification_output as output
 from minorloop.cli import identify as verb
 from minorloop.errors import OutputError
 from minorloop.identification import design_matrix, identify
@@ -65,8 +66,9 @@ def test_json_has_what_is_documented(options, answer):
 
 def test_the_numbers_are_those_of_python(answer):
     found = answer(f"{IDENTIFY} --rows 50:350 --holdout 0.3 --spacing adaptive --levels 6")
+    compared = dict.fromkeys(("diagonal", "slope", "lag"), "auto")
     result = identify(
-        *(part[50:350] for part in record()), holdout=0.3, spacing="adaptive", levels=6
+        *(part[50:350] for part in record()), holdout=0.3, spacing="adaptive", levels=6, **compared
     )
     assert found["samples"] == result.samples == 210
     assert found["nrmse_holdout"] == result.holdout_nrmse
@@ -113,7 +115,7 @@ def test_advice_is_printed_for_an_input_that_cannot_identify(run):
 
 
 def test_the_rank_of_a_large_plane_is_worked_out_when_asked(monkeypatch, run):
-    monkeypatch.setattr(verb, "_RANK_LIMIT", 10)
+    monkeypatch.setattr(output, "_RANK_LIMIT", 10)
     assert "not computed (--rank)" in run(IDENTIFY)[1]
     assert json.loads(run(f"{IDENTIFY} --json")[1])["rank"] is None
     assert json.loads(run(f"{IDENTIFY} --rank --json")[1])["rank"] > 30
@@ -129,7 +131,7 @@ def test_the_rank_of_a_large_plane_is_worked_out_when_asked(monkeypatch, run):
         ("voltage,length\n1,2\n3,inf\n", "'inf' in row 3"),
         ("voltage,length\n1,2\n3,x y\n", "'x y' in row 3"),
         ("voltage,length\n1,2\n1_000,3\n", "'1_000' in row 3"),
-        ("voltage;length\n1;2\n0,5;3\n", "'0,5' in row 3; write decimals with a point"),
+        ('voltage,length\n1,2\n"0,5",3\n', "'0,5' in row 3; write decimals with a point"),
         ("voltage,length\n1,2\n" + "z" * 5000 + ",3\n", "zzz...' in row 3"),
         ("voltage,length\n1,2\n" + "z" * 200_000 + ",3\n", "not a table"),
         ("voltage,length\n1,2\n3,4\n", "2 outputs are finite; at least 3 are needed"),
@@ -295,7 +297,7 @@ def test_numbers_that_cannot_be_shown_cost_neither_model_nor_report(run, monkeyp
     def fail(*args, **options):
         raise BrokenPipeError
 
-    monkeypatch.setattr(verb, "_show", fail)
+    monkeypatch.setattr(verb, "show", fail)
     status, _, err = run(f"{IDENTIFY} --save new.json --report new.html --json")
     assert (status, err) == (1, "")
     assert modelfile.load("new.json").bands == 8

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from fault_records import INPUTS, kinds, record
+from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 
 
@@ -10,7 +11,7 @@ def test_a_stuck_output_is_named_with_its_stretch(shape):
     u, y = record(shape)
     first, count = u.size // 3, u.size // 5
     y[first : first + count] = y[first]
-    (finding,) = record_faults(u, y, "negative", 0)
+    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
     assert finding.kind == "stuck"
     assert finding.samples == tuple(range(first, first + count))
 
@@ -19,7 +20,7 @@ def test_so_is_one_that_is_stuck_under_noise():
     u, y = record(noise=0.0)
     y[130:210] = y[130]
     y += 0.005 * np.ptp(y) * np.random.default_rng(0).normal(size=y.size)
-    (finding,) = record_faults(u, y, "negative", 0)
+    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
     assert finding.kind == "stuck"
     assert set(finding.samples) > set(range(145, 195))
 
@@ -30,7 +31,7 @@ def test_a_clipped_output_is_named(shape, side):
     u, y = record(shape)
     cut = 0.25 * np.ptp(y)
     clipped = np.minimum(y, y.max() - cut) if side == "highest" else np.maximum(y, y.min() + cut)
-    found = record_faults(u, clipped, "negative", 0)
+    found = record_faults(u, clipped, Curves.whole("negative"), 0)
     assert "clipped" in [finding.kind for finding in found]
     assert f"equal the {side}" in found[0].text
 

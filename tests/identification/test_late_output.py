@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from fault_records import kinds, record
+from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
 
 
@@ -12,7 +13,7 @@ def test_a_lag_is_named_until_the_model_has_it(shape, lag):
     shifted = (
         np.r_[np.full(lag, y[0]), y[:-lag]] if lag > 0 else np.r_[y[-lag:], np.full(-lag, np.nan)]
     )
-    (finding,) = record_faults(u, shifted, "negative", 0)
+    (finding,) = record_faults(u, shifted, Curves.whole("negative"), 0)
     assert finding.kind == "lag"
     assert ("--lag auto" in finding.text) == (lag > 0)
     assert kinds(u, shifted, sought=True) == []

@@ -5,6 +5,7 @@ from fault_records import INPUTS, SIZE, kinds, plant, record, sine
 from minorloop.errors import SignalError
 from minorloop.identification import identify
 from minorloop.identification.baseline import percent
+from minorloop.identification.curves import Curves
 from minorloop.identification.screening import codes, record_faults
 
 
@@ -26,7 +27,7 @@ def test_nor_in_a_coarsely_quantised_one_that_saturates(noise):
 def test_an_outlier_is_named_with_its_sample(shape, ranges):
     u, y = record(shape)
     y[37] += ranges * np.ptp(y)
-    (finding,) = record_faults(u, y, "negative", 0)
+    (finding,) = record_faults(u, y, Curves.whole("negative"), 0)
     assert (finding.kind, finding.samples) == ("outlier", (37,))
     assert f"sample 37 ({y[37]:.6g})" in finding.text
     assert "empty these cells" in finding.text

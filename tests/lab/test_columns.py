@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, RecordError
-from minorloop.lab import columns
+from minorloop.lab import columns, text_tables
 from minorloop.lab.records import Quantity, Record, read_columns, read_headers
 
 PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
@@ -68,15 +70,106 @@ def test_text_among_the_numbers_is_named(table, text):
 
 
 def test_rows_are_counted_across_chunks_and_blank_lines(table, monkeypatch):
-    monkeypatch.setattr(columns, "CHUNK", 4)
+    monkeypatch.setattr(text_tables, "CHUNK", 4)
     rows = ["u", *map(str, range(10)), "", "x", "3"]
     with pytest.raises(RecordError, match="the text 'x' in row 13"):
         read_columns(table("\n".join(rows)), ["u"])
 
 
-def test_a_decimal_comma_is_recognised(table):
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+@pytest.mark.parametrize("last", ["", "nan"])
+def test_a_decimal_comma_is_recognised(table, delimiter, last):
+    rows = ["t", "u"], ["0", "1,5"], ["1e0", "-2,5e-1"], ["2", "3"], ["3", last or "4"]
+    file = table("\n".join(delimiter.join(row) for row in rows))
+    read = read_columns(file, ["t", "u"], gaps=["u"])
+    np.testing.assert_array_equal(read["t"], [0, 1, 2, 3])
+    np.testing.assert_array_equal(read["u"], [1.5, -0.25, 3, float(last or 4)])
+
+
+@pytest.mark.parametrize("text", ['t,u\n0,"1,5"\n', "t;u\n0;1,5\n1;2.5\n"])
+def test_a_decimal_comma_beside_other_commas_or_points_is_refused(table, text):
     with pytest.raises(RecordError, match="'1,5' in row 2; write decimals with a point"):
-        read_columns(table("t;u\n0;1,5\n"), ["u"])
+        read_columns(table(text), ["u"])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# made by hand\n% 2026\n\n" + PLAIN,
+        "// t,v\n" + PLAIN.replace("\n1", "\n# a pause\n1"),
+        "# Time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
+        "time,voltage,curvature\ns,V,1/m\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
+        "time (s),voltage (V),curvature\n,[V],(1/m)\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-8-sig"])
+def test_comments_units_and_encodings_are_understood(table, text, encoding):
+    file = table(text.encode(encoding))
+    read = read_columns(file, ["voltage", "curvature"])
+    np.testing.assert_array_equal(read["voltage"], [0.5, 0.6, 0.7])
+    np.testing.assert_array_equal(read["curvature"], [1, 2, 3])
+    units = [columns.split_header(header)[1] for header in read_headers(file)]
+    assert units == ["s", "V", "1/m"]
+
+
+def test_rows_are_counted_after_comments_and_units(table):
+    file = table("# one\n# two\nt,u\ns,V\n0,1\n# pause\n1,x\n")
+    with pytest.raises(RecordError, match="the text 'x' in row 7"):
+        read_columns(file, ["u"])
+
+
+def test_a_row_of_text_is_no_row_of_units(table):
+    with pytest.raises(RecordError, match="the text 'oops' in row 2"):
+        read_columns(table("t,u\ns,oops\n0,1\n"), ["u"])
+
+
+def test_dates_give_seconds(table):
+    text = "when,u\n2026-03-01T12:00:00.5,1\n2026-03-01 12:00:01,2\n2026-03-01T13:00:02+01:00,3\n"
+    read = read_columns(table(text), ["when"], dates=["when"])["when"]
+    np.testing.assert_allclose(np.diff(read), [0.5, 1.0])
+    with pytest.raises(RecordError, match=r"the text '2026-03-01T12:00:00\.5' in row 2"):
+        read_columns(table(text), ["when"])
+    with pytest.raises(RecordError, match="the text 'noon' in row 2; give time as numbers, or as"):
+        read_columns(table("when,u\nnoon,1\n"), ["when"], dates=["when"])
+
+
+@given(
+    st.lists(
+        st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3),
+        min_size=1,
+        max_size=30,
+    ),
+    st.sampled_from([";", ",", "\t"]),
+    st.sampled_from([1, 40, 10**6]),
+)
+def test_blocks_of_numbers_are_read_as_single_cells_are(tmp_path_factory, rows, delimiter, size):
+    """The same float64, whatever the size of a block, and the same with a comma in decimals."""
+    text = "\n".join([delimiter.join("abc"), *(delimiter.join(map(repr, row)) for row in rows)])
+    file = tmp_path_factory.mktemp("blocks") / "table.csv"
+    before, text_tables.BLOCK = text_tables.BLOCK, size
+    try:
+        file.write_text(text)
+        found = read_columns(file, ["c", "a"])
+        if delimiter != "," and "." in text:
+            file.write_text(text.replace(".", ","))
+            np.testing.assert_array_equal(read_columns(file, ["c"])["c"], found["c"])
+    finally:
+        text_tables.BLOCK = before
+    np.testing.assert_array_equal(found["c"], [row[2] for row in rows])
+    np.testing.assert_array_equal(found["a"], [row[0] for row in rows])
+
+
+def test_a_gap_does_not_change_the_blocks_around_it(table, monkeypatch):
+    monkeypatch.setattr(text_tables, "BLOCK", 50)
+    cells = [str(k / 7) for k in range(100)]
+    cells[50] = ""
+    shares = []
+    file = table("t,u\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells)))
+    read = read_columns(file, ["t", "u"], gaps=["u"], progress=shares.append)
+    np.testing.assert_array_equal(read["t"], np.arange(100))
+    np.testing.assert_array_equal(read["u"], [float(cell or "nan") for cell in cells])
+    assert shares[-1] == "100%"
+    assert len(shares) > 10
 
 
 @pytest.mark.parametrize("text", ["inf", "-Infinity", "1e999"])
@@ -119,7 +212,7 @@ def test_a_name_with_two_units_must_be_given_whole(table):
         (b"u,v\n\n\n", "has a header and no rows"),
         (b"\x7fELF\0\0\0\n", "looks like a binary file"),
         (b"u\n\xff\xfe\n", "is not UTF-8 text"),
-        ("u\n1\n".encode("utf-16"), "is not UTF-8 text"),
+        ("u\n1\n".encode("utf-16")[:-1], "is not UTF-8 text"),
         (b"u,v\n1,2\n3\n", "row 3 of .* has 1 cells, the header has 2"),
         (b"u,v\n1,2\n3,4,5\n", "row 3 of .* has 3 cells, the header has 2"),
         (b"u,u\n1,2\n", "two columns named 'u'"),
@@ -147,13 +240,13 @@ def test_places_without_a_file_are_refused(tmp_path, table, monkeypatch):
         read_columns("/dev/zero", ["u"])
     with pytest.raises(RecordError, match="cannot be read"):
         read_columns("a\0b", ["u"])
-    monkeypatch.setattr(columns, "MAX_BYTES", 3)
+    monkeypatch.setattr(text_tables, "MAX_BYTES", 3)
     with pytest.raises(RecordError, match="has 4 bytes, more than the 3 that are read; split it"):
         read_columns(table("u\n1\n"), ["u"])
 
 
 def test_a_header_without_end_is_not_read_to_its_end(table, monkeypatch):
-    monkeypatch.setattr(columns, "MAX_LINE", 10)
+    monkeypatch.setattr(text_tables, "MAX_LINE", 10)
     with pytest.raises(RecordError, match="binary"):
         read_columns(table("u" * 11), ["u"])
 
@@ -187,7 +280,7 @@ def test_floods_are_refused_before_they_are_kept(content, complaint, table):
 
 
 def test_wide_rows_are_kept_a_few_at_a_time(table, monkeypatch):
-    monkeypatch.setattr(columns, "_CELLS", 250)
+    monkeypatch.setattr(text_tables, "_CELLS", 250)
     text = "u,y\n" + "".join(f"{k},{2 * k}\n" for k in range(50))
     found = read_columns(table(text.encode()), ["u", "y"])
     np.testing.assert_array_equal(found["y"], 2.0 * np.arange(50))

@@ -19,6 +19,7 @@ from minorloop.cli import (
     identify,
     invert,
     plan,
+    reduce,
     resume,
     runs,
     simulate,
@@ -46,7 +47,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 _VERBS = (
-    *(identify, simulate, invert, plan, run_verb, drive, resume, runs),
+    *(reduce, identify, simulate, invert, plan, run_verb, drive, resume, runs),
     *(export, fleet, study, console, demo),
 )
 for _verb in _VERBS:

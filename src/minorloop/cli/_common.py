@@ -7,7 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -19,6 +19,7 @@ from minorloop.errors import MinorloopError, OutputError, ParameterError, Record
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.lab.actuator import Actuator
+    from minorloop.lab.logs import Log
     from minorloop.report import Report
 
 
@@ -79,6 +80,12 @@ ModelFile = Annotated[
 Start = Annotated[
     str,
     typer.Option(help="Memory before the first row: negative, positive or demagnetised."),
+]
+Time = Annotated[
+    str | None,
+    typer.Option(
+        help="Column of time, in s, ms, us, min, h or d by its header, or date and time (ISO)."
+    ),
 ]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
@@ -183,6 +190,45 @@ def connected(address: str, **options: Any) -> Iterator[Actuator]:
         finally:
             with Deferred():
                 getattr(plant, "close", lambda: None)()
+
+
+def read_log(
+    file: Path,
+    input: str,
+    output: str,
+    time: str | None,
+    now: Callable[[str], None],
+    *,
+    needed: bool = False,
+) -> Log:
+    """Return a log; its column of time is found by its name or unit if it is not given.
+
+    Parameters
+    ----------
+    file : path
+        The file.
+    input, output, time : str
+        Columns.
+    now : callable
+        Shows progress, as `working` yields it.
+    needed : bool
+        Whether a column of time that was found must be usable; it is left out otherwise.
+    """
+    from minorloop.lab.columns import read_headers
+    from minorloop.lab.logs import read_log
+    from minorloop.lab.timebase import time_column
+
+    def progress(share: str) -> None:
+        now(f"reading {file.name}: {share}")
+
+    def read(time: str | None) -> Log:
+        return read_log(file, input=input, output=output, time=time, progress=progress)
+
+    if time is not None:
+        return read(time)
+    with nullcontext() if needed else suppress(RecordError):
+        return read(time_column(read_headers(file), source=file, but=(input, output)))
+    return read(None)
 
 
 def read_column(file: Path, column: str, unit: str = "") -> FloatArray:

@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError, RecordError
-
-if TYPE_CHECKING:
-    from minorloop.identification import Identification
-    from minorloop.identification.adaptive import Adaptive
-    from minorloop.lab.records import Record
-    from minorloop.modelfile import Provenance
+from minorloop.cli._identification import Columns, identified
+from minorloop.cli._identification_output import save_model, show, write_report
+from minorloop.errors import ParameterError
 
 NAME = "identify"
 EXAMPLE = (
-    'minorloop identify run.csv --input "voltage [V]" --output curvature --lag auto '
+    'minorloop identify run.csv --input "voltage [V]" --output curvature '
     "--holdout 0.3 --save model.json --report report.html"
 )
-_RANK_LIMIT = 3000
 _DISTRUSTED = 1
-_DEFAULTS: dict[str, Any] = {"levels": 25, "diagonal": "uniform", "prior": "auto"}
 
 
 _Data = Annotated[
@@ -48,8 +39,8 @@ _Output = Annotated[
 _Levels = Annotated[
     int | None,
     _common.whole_option(
-        "Bands between the least and the greatest input, 250 at most; 25, or those of an adaptive "
-        "run, if not given."
+        "Bands between the least and the greatest input, 250 at most; 25 or 50 by left-out error, "
+        "or those of an adaptive run, if not given."
     ),
 ]
 _Spacing = Annotated[
@@ -60,13 +51,23 @@ _Diagonal = Annotated[
     str | None,
     typer.Option(
         help="Smallest loops: uniform, or reversible (no hysteresis), as in adaptive runs.",
-        show_default="uniform",
+        show_default="by left-out error",
     ),
 ]
 _Lag = Annotated[
-    str, typer.Option(help="Rows by which the output follows the input, or auto (0 to 20).")
+    str | None,
+    typer.Option(
+        help="Rows by which the output follows the input, or auto: the best of 0 to 20; with "
+        "--time also in seconds, such as '3 ms'.",
+        show_default="0 or the best, by left-out error",
+    ),
 ]
-_Slope = Annotated[bool, typer.Option("--slope", help="Fit a linear part too.")]
+_Slope = Annotated[
+    bool | None,
+    typer.Option(
+        "--slope/--no-slope", help="Fit a linear part too.", show_default="by left-out error"
+    ),
+]
 _Signed = Annotated[
     bool, typer.Option("--signed", help="Allow negative weights, for butterfly loops.")
 ]
@@ -95,6 +96,28 @@ _Holdout = Annotated[
 _Rank = Annotated[
     bool, typer.Option("--rank", help="Compute the rank for more than 3000 unknowns too.")
 ]
+_Curves = Annotated[
+    str | None,
+    typer.Option(help="Column with the number of the curve: each begins with a memory set anew."),
+]
+_StartOfCurve = Annotated[
+    str | None,
+    typer.Option(
+        help="Memory before each curve: negative, positive, demagnetised or as-left.",
+        show_default="that of --start",
+    ),
+]
+_Groups = Annotated[
+    str | None,
+    typer.Option(
+        help="Column with the number of the group, such as the specimen; each is left out once.",
+        show_default="the curves",
+    ),
+]
+_Skip = Annotated[
+    int,
+    _common.whole_option("First rows of the record and of each curve that are not fitted."),
+]
 _Save = Annotated[Path | None, typer.Option(help="Write the model to this file.")]
 _Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
 
@@ -103,12 +126,13 @@ def run(
     file: _Data,
     input: _Input = None,
     output: _Output = None,
+    time: _common.Time = None,
     levels: _Levels = None,
     spacing: _Spacing = "uniform",
     relay: _Relay = "bipolar",
     diagonal: _Diagonal = None,
-    lag: _Lag = "0",
-    slope: _Slope = False,
+    lag: _Lag = None,
+    slope: _Slope = None,
     signed: _Signed = False,
     smoothness: _Smoothness = "auto",
     prior: _Prior = None,
@@ -116,6 +140,10 @@ def run(
     start: _common.Start = "negative",
     rows: _Rows = None,
     holdout: _Holdout = 0.0,
+    curves: _Curves = None,
+    start_of_curve: _StartOfCurve = None,
+    groups: _Groups = None,
+    skip: _Skip = 0,
     rank: _Rank = False,
     save: _Save = None,
     report: _Report = None,
@@ -126,7 +154,10 @@ def run(
 
     If the model is not to be trusted, it is written with warnings, and the exit status is 1.
     """
+    from minorloop.lab.timebase import parse_lag
+
     _common.check_outputs([save, report], inputs=[file], force=force)
+    lag_seconds = None if lag is None else parse_lag(lag)
     options = {
         "levels": levels,
         "spacing": spacing,
@@ -137,220 +168,30 @@ def run(
         "smoothness": _number_or_auto("smoothness", smoothness, float),
         "prior": prior,
         "noise": noise,
-        "lag": _number_or_auto("lag", lag, int),
+        "lag": _rows_of_lag(lag, lag_seconds),
         "start": start,
         "holdout": holdout,
+        "start_of_curve": start_of_curve,
+        "skip": skip,
     }
-    done = _identified(file, input, output, rows, options)
-    steps: list[Callable[[], None]] = [partial(_show, done, rank, as_json)]
+    columns = Columns(input, output, curves, groups, time)
+    done = identified(file, columns, rows, options, lag_seconds)
+    steps: list[Callable[[], None]] = [partial(show, done, rank, as_json)]
     # Files first: the reader of the output may end.
     if report is not None:
-        steps.insert(0, partial(_report, done, report, force, as_json))
+        steps.insert(0, partial(write_report, done, report, force, as_json))
     if save is not None:
-        steps.insert(0, partial(_save, done, save, force, as_json))
+        steps.insert(0, partial(save_model, done, save, force, as_json))
     _common.do_all(steps)
     if done.warnings:
         raise typer.Exit(_DISTRUSTED)
 
 
-@dataclass(frozen=True)
-class _Done:
-    """An identification and its data."""
-
-    record: Record
-    result: Identification
-    provenance: Provenance
-    seconds: float
-    notes: tuple[str, ...] = ()
-    left_out: tuple[int, ...] = ()
-    first: int = 0
-
-    @property
-    def advice(self) -> list[str]:
-        """Advice about the run, then about the model."""
-        said = list(dict.fromkeys([*self.notes, *self.result.advice]))
-        result = self.result
-        if self.first and (result.findings or result.codes or result.suspects):
-            said.append(f"samples are counted from row {self.first} of the file here")
-        return said
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The part of the advice that says why the model is not to be trusted."""
-        known = self.result.advice
-        return (*(note for note in self.notes if note not in known), *self.result.warnings)
-
-
-def _identified(
-    file: Path, input: str | None, output: str | None, rows: str | None, options: dict[str, Any]
-) -> _Done:
-    from minorloop.identification import identify
-    from minorloop.modelfile import Provenance
-
-    with _common.working(f"reading {file.name}") as now:
-        record, run_by = _record(file, input, output)
-        provenance = Provenance.of(file)
-        began = time.perf_counter()
-        if run_by is not None:
-            now(f"identifying from {len(record)} points of an adaptive run")
-            return _of_run(record, run_by, rows, options, provenance)
-        part = _common.as_rows(rows, len(record))
-        settings: dict[str, Any] = {
-            name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
-        }
-        now(f"identifying {settings['levels']} bands from {part.stop - part.start} rows")
-        result = identify(record.u[part], record.y[part], **settings)
-        return _Done(record, result, provenance, time.perf_counter() - began, first=part.start)
-
-
-def _of_run(
-    record: Record,
-    chooser: Adaptive,
-    rows: str | None,
-    options: dict[str, Any],
-    provenance: Provenance,
-) -> _Done:
-    """Return the model of an adaptive run, with the settings of the run; validation held out."""
-    from minorloop.identification.adaptive_run import findings
-
-    if rows is not None or options["holdout"] != 0:
-        raise ParameterError(
-            "an adaptive run holds out its own validation; leave --rows and --holdout out"
-        )
-    given = {name: v for name, v in options.items() if v is not None and name != "holdout"}
-    if given["smoothness"] != "auto":
-        given.setdefault("prior", "auto")
-    began = time.perf_counter()
-    u, y = record.u.tolist(), record.y.tolist()
-    result = chooser.identification(u, y, **given)
-    seconds = time.perf_counter() - began
-    found = findings(chooser, u, y)
-    return _Done(record, result, provenance, seconds, found.warnings, found.outliers)
-
-
-def _record(file: Path, input: str | None, output: str | None) -> tuple[Record, Adaptive | None]:
-    """Return the points of a store and what chose them, or two columns of a CSV file."""
-    from minorloop.cli._adaptive import chooser_of
-    from minorloop.lab.records import Record
-    from minorloop.lab.store import Store, is_store
-
-    if is_store(file):
-        if input is not None or output is not None:
-            raise ParameterError(
-                f"{file} is an experiment store, which has one input and one output; "
-                "leave --input and --output out"
-            )
-        with Store.open(file) as store:
-            chose = store.setup.design is not None
-            return store.record(), chooser_of(store.setup, store.points()) if chose else None
-    if input is None or output is None:
-        if not os.path.exists(file):
-            raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")
-        missing = "--input" if input is None else "--output"
-        raise ParameterError(f"{missing} is missing; name a column of {file}")
-    record = Record.from_csv(file, input=input, output=output, gaps=True)
-    if record.input == record.output:
-        raise ParameterError(f"--input and --output are both '{record.input}'; give two columns")
-    return record, None
-
-
-def _save(done: _Done, path: Path, force: bool, as_json: bool) -> None:
-    from minorloop import modelfile
-
-    modelfile.save_identification(
-        done.result,
-        path,
-        data=done.provenance,
-        input=done.record.input,
-        output=done.record.output,
-        warnings=done.warnings,
-        force=force,
-    )
-    if not as_json:
-        typer.echo(f"model written to {path}")
-
-
-def _show(done: _Done, rank: bool, as_json: bool) -> None:
-    with _common.working("scoring"):
-        figures = _figures(done.result, done.seconds, rank)
-        figures["advice"] = done.advice
-        figures["warnings"] = list(done.warnings)
-        figures["codes"] = [code.sample for code in done.result.codes]
-        figures["held_out"] = int(done.result.held_out.sum())
-        figures["left_out"] = list(done.left_out)
-    if as_json:
-        _common.print_json(figures)
-    else:
-        _print(done, figures)
-
-
-def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, Any]:
-    held = result.holdout_nrmse is not None
-    known = rank or result.unknowns <= _RANK_LIMIT
-    return {
-        "nrmse_train": result.nrmse,
-        "nrmse_holdout": result.holdout_nrmse,
-        "baseline_nrmse_holdout": result.baseline_nrmse if held else None,
-        "baseline_nrmse": result.baseline_nrmse,
-        "rmse_train": result.rmse,
-        "lag_samples": result.lag,
-        "samples": result.samples,
-        "levels": result.model.bands,
-        "unknowns": result.unknowns,
-        "rank": result.rank if known else None,
-        "condition": result.condition if known else None,
-        "excited_fraction": result.excited_fraction,
-        "smoothness": result.smoothness,
-        "prior": "none" if result.posterior is None else "gaussian",
-        "band_sd": _band_sd(result),
-        "suspects": list(result.suspects),
-        "kkt": result.kkt,
-        "range": list(result.model.range),
-        "seconds": seconds,
-    }
-
-
-def _band_sd(result: Identification) -> float | None:
-    """Return the mean standard deviation of the predicted outputs; None without the prior."""
-    if result.posterior is None:
+def _rows_of_lag(lag: str | None, seconds: float | None) -> Any:
+    """Return the lag in rows, "auto" or None; 0 where it is given in seconds."""
+    if lag is None:
         return None
-    return float(result.predict(result.u, bands=0.9).sd.mean())
-
-
-def _print(done: _Done, figures: dict[str, Any]) -> None:
-    from minorloop.identification.scores import score_rows
-
-    rank = figures["rank"]
-    rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
-    if done.left_out:
-        rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
-    if figures["band_sd"] is not None:
-        rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
-    rows.append(("time", f"{figures['seconds']:.2f} s"))
-    record = done.record
-    title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
-    _common.print_table(("", ""), rows, title)
-    _common.print_advice(done.advice)
-    if done.warnings:
-        count = len(done.warnings)
-        which = "the first of these says" if count == 1 else f"the first {count} of these say"
-        typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
-
-
-def _report(done: _Done, path: Path, force: bool, as_json: bool) -> None:
-    from minorloop.report import identification_report
-
-    draw = partial(
-        identification_report,
-        done.result,
-        source=str(done.provenance.data),
-        input_label=str(done.record.input),
-        output_label=str(done.record.output),
-    )
-    with _common.working("drawing the report"):
-        _common.write_report(draw, path, force=force)
-    if not as_json:
-        typer.echo(f"report written to {path}; open it in a browser")
+    return 0 if seconds is not None else _number_or_auto("lag", lag, int)
 
 
 def _number_or_auto(name: str, text: str, kind: type[int] | type[float]) -> Any:

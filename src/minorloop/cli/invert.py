@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import NotInvertibleError, UnreachableError
+from minorloop.errors import NotInvertibleError, RecordError, UnreachableError
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -35,6 +35,7 @@ def run(
             "Seconds to hold each input: with it, what --save writes is a plan for run."
         ),
     ] = None,
+    time: _common.Time = None,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -46,10 +47,11 @@ def run(
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         targets = _common.read_column(file, target, known.output.unit)
+        times = {} if time is None else _times(file, time)
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, targets, start, clip)
         if save is not None:
-            columns = known.inverse_columns(targets, result)
+            columns = times | known.inverse_columns(targets, result)
             if hold is not None:
                 columns["hold [s]"] = [hold] * targets.size
             _common.write_csv(save, columns, force=force)
@@ -63,6 +65,19 @@ def run(
     if save is not None:
         typer.echo(f"written to {save}")
     _common.print_warnings(known.warnings)
+
+
+def _times(file: Path, column: str) -> dict[str, list[float]]:
+    """Return the column of time for the table, in seconds; times must run forwards."""
+    from minorloop.lab.logs import read_times
+
+    quantity, check = read_times(file, column)
+    if check.jumps.size:
+        raise RecordError(
+            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}; give the "
+            "targets in the order of time"
+        )
+    return {str(quantity): check.t.tolist()}
 
 
 def _inverted(

@@ -24,6 +24,7 @@ _FUNCTIONS = {
     "RationalFit": "linear.draw_rational_fit",
     "LinearFit": "linear.draw_linear_fit",
     "StepResponse": "linear.draw_step_response",
+    "Reduction": "lab.draw_reduction",
 }
 
 

@@ -255,3 +255,16 @@ def multiply_symmetric(rows, columns, values, z, out):
         out[k] += values[e] * z[m]
         if k != m:
             out[m] += values[e] * z[k]
+
+
+@njit(cache=True, nogil=True)
+def multiply_lower(x, z):
+    """Product of a symmetric matrix, given by its lower triangle, and a vector."""
+    out = np.zeros(z.size)
+    for k in range(z.size):
+        row, total = x[k], 0.0
+        for m in range(k):
+            total += row[m] * z[m]
+            out[m] += row[m] * z[k]
+        out[k] += total + row[k] * z[k]
+    return out

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from minorloop.identification import active_set
+from minorloop.identification import active_set, residuals
 from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
 from minorloop.identification.screening import codes
@@ -39,6 +39,7 @@ def advice(result: Fit) -> Iterator[str]:
     yield from warnings(result)
     yield from _codes(result)
     yield from _outliers(result)
+    yield from residuals.advice(result)
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)
@@ -206,7 +207,7 @@ def _errors_without_outliers(result: Fit) -> tuple[dict[str, float], float, floa
     errors = {name: nrmse(residual[x], result.y[x]) for name, x in samples.items() if x.any()}
     base = result.baseline_nrmse
     if (result.held_out | result.fitted)[~known].any():
-        base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored)
+        base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored, result.curves)
     return errors, nrmse(residual[scored], result.y[scored]), base
 
 

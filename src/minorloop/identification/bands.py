@@ -11,8 +11,10 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 from minorloop.figures import figure_of
 
+BAND = 0.9
+"""Probability of the bands that reports and figures show."""
 PER_DEVIATION = 1.6449
-"""Half a band of 90 % over the standard deviation."""
+"""Half of such a band over the standard deviation."""
 _SHOWN = 12
 
 
@@ -26,7 +28,8 @@ class Prediction:
         Inputs and predicted outputs.
     sd : (T,) array
         Standard deviation of the true output: uncertainty of the weights, and the discrepancy of
-        any Preisach model. Sensor noise is not included.
+        any Preisach model. Sensor noise is not included. Where the record has groups: of a reading
+        of another group.
     probability : float
         Probability that an output lies within its band.
     """

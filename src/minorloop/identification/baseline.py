@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification.curves import Curves
 
 _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
+_MOST = 20_000
+"""Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
+_DEPENDENT = 1e-10
+"""Part of a polynomial that the lower ones do not explain, below which it is rounding."""
 DEGREES = range(1, 8)
 DELAYS = range(21)
 """Degrees and delays in samples that are tried, as many delays as ``lag="auto"`` tries lags."""
@@ -20,7 +25,13 @@ def delayed(values: FloatArray, lag: int) -> FloatArray:
     return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
 
 
-def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: BoolArray) -> float:
+def polynomial_nrmse(
+    u: FloatArray,
+    y: FloatArray,
+    train: BoolArray,
+    scored: BoolArray,
+    curves: Curves | None = None,
+) -> float:
     """Error of the best polynomial of degree 1 to 7 of the input delayed by 0 to 20 samples.
 
     Parameters
@@ -31,6 +42,8 @@ def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: Boo
         Samples that the polynomial is fitted to, and the degree and the delay chosen on.
     scored : (T,) array of bool
         Samples that it is scored on.
+    curves : Curves, optional
+        Parts of the record within which the input is delayed.
 
     Returns
     -------
@@ -41,21 +54,34 @@ def polynomial_nrmse(u: FloatArray, y: FloatArray, train: BoolArray, scored: Boo
     x = (u - centre) / half
     # A polynomial is arbitrary beyond the inputs that it was fitted to.
     x = np.clip(x, x[train].min(), x[train].max())
-    least, predicted = np.inf, np.zeros(0)
-    for delay in DELAYS:
-        if delay >= u.size:
-            break
-        basis = np.polynomial.chebyshev.chebvander(delayed(x, delay), max(DEGREES))
-        fitted = basis[train]
-        for degree in DEGREES:
-            if degree + 1 > fitted.shape[0]:
-                break
-            columns = slice(0, degree + 1)
-            coefficients, *_ = np.linalg.lstsq(fitted[:, columns], y[train], rcond=None)
-            error = float(np.sum((fitted[:, columns] @ coefficients - y[train]) ** 2))
+    first = np.zeros(u.size, dtype=np.int64) if curves is None else curves.first_rows(u.size)
+
+    def late(places: IntArray, delay: int) -> FloatArray:
+        return np.asarray(x[np.maximum(places - delay, first[places])])
+
+    rows = np.flatnonzero(train)
+    rows = rows[:: max(rows.size // _MOST, 1)]
+    wanted = y[rows]
+    highest = min(max(DEGREES), rows.size - 1)
+    least, chosen = np.inf, (0, min(DEGREES))
+    for delay in DELAYS[: u.size]:
+        basis = np.polynomial.chebyshev.chebvander(late(rows, delay), highest)
+        for degree, error in enumerate(_errors(basis, wanted), start=min(DEGREES)):
             if error < least:
-                least, predicted = error, basis[scored, columns] @ coefficients
+                least, chosen = error, (delay, degree)
+    best_delay, degree = chosen
+    basis = np.polynomial.chebyshev.chebvander(late(rows, best_delay), min(degree, highest))
+    best, *_ = np.linalg.lstsq(basis, wanted, rcond=None)
+    predicted = np.polynomial.chebyshev.chebval(late(np.flatnonzero(scored), best_delay), best)
     return nrmse(predicted - y[scored], y[scored])
+
+
+def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:
+    """Sum of squared errors of the polynomials of each degree from 1 on."""
+    q, r = np.linalg.qr(basis)
+    size = np.abs(r.diagonal())
+    explained = np.where(size > _DEPENDENT * size[0], (q.T @ y) ** 2, 0.0)
+    return np.asarray(y @ y - np.cumsum(explained))[min(DEGREES) :]
 
 
 def nrmse(residual: FloatArray, y: FloatArray) -> float:

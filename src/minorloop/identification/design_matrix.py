@@ -90,11 +90,21 @@ class DesignMatrix:
         After which of them the output was measured; M of them.
     start : {"negative", "positive", "demagnetised"} or Memory
         Memory before the first input.
+    counts : (M,) array, optional
+        Number of samples that each of these stands for; one if not given.
     """
 
-    def __init__(self, spec: PlaneSpec, u: FloatArray, measured: BoolArray, start: Start) -> None:
-        self.spec, self.u = spec, u[measured]
-        self._record = (u, measured, start)
+    def __init__(
+        self,
+        spec: PlaneSpec,
+        u: FloatArray,
+        measured: BoolArray,
+        start: Start,
+        counts: FloatArray | None = None,
+    ) -> None:
+        self.counts = counts
+        self.spec, self.u, self.start = spec, u[measured], start
+        self._record = (u, measured, start, counts)
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
         past = np.array(blank.memory(start).extrema[1:])
         inputs = np.concatenate([past, u])
@@ -121,8 +131,13 @@ class DesignMatrix:
 
     @property
     def samples(self) -> int:
-        """M, the number of measured samples."""
+        """M, the number of rows."""
         return int(self.u.size)
+
+    @property
+    def measurements(self) -> int:
+        """Number of measured samples, which is greater than M where they were condensed."""
+        return self.samples if self.counts is None else round(float(self.counts.sum()))
 
     @cached_property
     def excited(self) -> BoolArray:

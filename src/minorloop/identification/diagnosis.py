@@ -21,9 +21,11 @@ def singular_values(matrix: DesignMatrix) -> FloatArray:
     unknowns = matrix.spec.unknowns
     if matrix.samples * unknowns <= _DENSE:
         dense = matrix.dense()
+        if matrix.counts is not None:
+            dense *= np.sqrt(matrix.counts)[:, None]
         norms = np.linalg.norm(dense, axis=0)
         return np.asarray(linalg.svdvals(dense / np.where(norms > 0, norms, 1.0)))
-    gram = matrix.gram()
+    gram = matrix.gram(matrix.counts)
     gram += np.tril(gram, -1).T
     scale = np.sqrt(np.where(gram.diagonal() > 0, gram.diagonal(), 1.0))
     gram /= scale[:, None] * scale[None, :]

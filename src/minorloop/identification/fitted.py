@@ -8,10 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.identification import diagnosis
-from minorloop.identification.baseline import delayed, nrmse, polynomial_nrmse
+from minorloop.identification import diagnosis, residuals
+from minorloop.identification.baseline import nrmse, polynomial_nrmse
+from minorloop.identification.choosing import Choice
+from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.leave_out import GroupScatter
 from minorloop.identification.prior import Posterior
+from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.rough_model import RecordFault
 from minorloop.identification.screening import Code, record_faults
 from minorloop.operators.memory import Start
@@ -28,8 +32,8 @@ class Fit:
         The operator.
     lag : int
         Samples by which the output follows the input, beyond the hysteresis.
-    start : {"negative", "positive", "demagnetised"} or Memory
-        Memory before the first sample of the record.
+    curves : Curves
+        Where the memory is set anew, and the memory there.
     smoothness : float
         Strength that was used.
     kkt : float
@@ -48,13 +52,21 @@ class Fit:
         Readings that are overload codes or sentinels, and count as not measured.
     sought : bool
         Whether the lag was searched.
+    left_out : (T,) array, optional
+        Output of each fitted row, predicted by a fit without its group; None without groups.
+    scatter : GroupScatter, optional
+        Scatter of left-out groups; None for fewer than three.
+    skipped : int
+        Rows that set the memory and were not fitted.
+    choices : tuple of Choice
+        Options that were compared by the error on left-out parts.
     converged : bool
         Whether the solver reached the optimum; `advice` says so where it did not.
     """
 
     model: Preisach
     lag: int
-    start: Start
+    curves: Curves
     smoothness: float
     kkt: float
     u: FloatArray
@@ -67,11 +79,20 @@ class Fit:
     codes: tuple[Code, ...] = ()
     sought: bool = False
     converged: bool = True
+    left_out: FloatArray | None = None
+    scatter: GroupScatter | None = None
+    skipped: int = 0
+    choices: tuple[Choice, ...] = ()
+
+    @property
+    def start(self) -> Start:
+        """Memory before the first sample, and before each curve."""
+        return self.curves.start
 
     @cached_property
     def prediction(self) -> FloatArray:
         """(T,) outputs of the model along the record."""
-        return delayed(self.model.simulate(self.u, self.start), self.lag)
+        return self.curves.simulate(self.model, self.u, self.lag)
 
     @cached_property
     def rmse(self) -> float:
@@ -92,10 +113,18 @@ class Fit:
         return nrmse((self.prediction - self.y)[self.held_out], self.y[self.held_out])
 
     @cached_property
+    def groups_nrmse(self) -> float | None:
+        """Error on groups left out, over the range of the output; None without groups."""
+        if self.left_out is None:
+            return None
+        known = np.isfinite(self.left_out)
+        return nrmse((self.left_out - self.y)[known], self.y[known])
+
+    @cached_property
     def baseline_nrmse(self) -> float:
         """Error of the best delayed polynomial, on the held-out samples where there are any."""
         scored = self.held_out if self.held_out.any() else self.fitted
-        return polynomial_nrmse(self.u, self.y, self.fitted, scored)
+        return polynomial_nrmse(self.u, self.y, self.fitted, scored, self.curves)
 
     @property
     def unknowns(self) -> int:
@@ -105,7 +134,7 @@ class Fit:
     @property
     def samples(self) -> int:
         """Samples that the model was fitted to."""
-        return self.matrix.samples
+        return self.matrix.measurements
 
     @property
     def rank(self) -> int:
@@ -132,7 +161,12 @@ class Fit:
         """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
         y = self.y.copy()
         y[list(self.suspects)] = np.nan
-        return record_faults(self.u, y, self.start, self.lag, sought=self.sought)
+        return record_faults(self.u, y, self.curves, self.lag, sought=self.sought)
+
+    @cached_property
+    def residual(self) -> ResidualSummary:
+        """What the residual on the fitted samples shows."""
+        return residuals.summary(self)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:

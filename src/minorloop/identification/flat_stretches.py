@@ -13,6 +13,8 @@ _EQUAL = 1e-9
 """Readings that differ by less than this share of the span count as equal."""
 
 _WINDOWS, _SHORTEST, _FEWEST_SHARE = 12, 6, 25
+_MOST = 100_000
+"""Readings, about, among which windows are compared."""
 _MOVING_SD, _MOVING, _LAZY = 2.0, 0.03, 0.28
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for the usual slopes, and the expected change, in spans, from which an output
@@ -54,7 +56,8 @@ def _longest_run(values: FloatArray) -> tuple[int, int]:
 
 def _least_moving(record: RoughRecord) -> tuple[int, int]:
     """Begin and end of the stretch that moves least in comparison with the rough model."""
-    values, rough = record.values, record.rough[record.places]
+    skip = max(record.places.size // _MOST, 1)
+    values, rough = record.values[::skip], record.rough[record.places[::skip]]
     width = max(values.size // _WINDOWS, _SHORTEST)
     if values.size < 3 * width:
         return 0, 0
@@ -68,7 +71,8 @@ def _least_moving(record: RoughRecord) -> tuple[int, int]:
     if not lazy.any():
         return 0, 0
     best = int(np.argmax(np.where(lazy, moves - still, -np.inf)))
-    return _stretch(values, best * step, width, 3 * float(still[best]) + _EQUAL * record.span)
+    allowed = 3 * float(still[best]) + _EQUAL * record.span
+    return _stretch(record.values, best * step * skip, width * skip, allowed)
 
 
 def _usual_change(record: RoughRecord, begin: int, end: int) -> float:

@@ -21,11 +21,13 @@ def lagging(record: RoughRecord, sound: BoolArray) -> Iterator[RecordFault]:
     """Find a shift that makes the rough model much better, or an output that reverses late."""
     rows = np.flatnonzero(sound)
     size = record.y.size
-    rows = few(rows[(rows >= LONGEST_LAG + record.lag) & (rows < size - LONGEST_LAG)])
-    if rows.size < 2 * record.matrix.shape[1]:
+    inside = record.curves.positions(size)[rows] >= LONGEST_LAG + record.lag
+    inside &= record.curves.positions(size)[np.minimum(rows + LONGEST_LAG, size - 1)] >= LONGEST_LAG
+    rows = few(rows[inside & (rows < size - LONGEST_LAG)])
+    if rows.size < 2 * record.basis.columns:
         return
     shifts = range(-LONGEST_LAG, LONGEST_LAG + 1)
-    errors = [least_error(record.matrix[rows - shift], record.y[rows]) for shift in shifts]
+    errors = [least_error(record.basis.rows(rows - shift), record.y[rows]) for shift in shifts]
     here, best = errors[LONGEST_LAG], int(np.argmin(errors))
     shift = shifts[best]
     better = errors[best] < _BETTER * here and here - errors[best] > _BETTER_BY * record.span
@@ -62,6 +64,7 @@ def _late(record: RoughRecord) -> tuple[int, float]:
     """
     sound = np.zeros(record.u.size, dtype=np.bool_)
     sound[record.places] = True
+    sound[record.curves.begins] = False
     for width in _REVERSAL_WIDTHS:
         reversals = _reversals(record.u, sound, width)
         if reversals.size >= _FEWEST_REVERSALS:

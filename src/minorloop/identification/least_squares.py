@@ -11,7 +11,9 @@ levels: levels that are dense where relays switch make the plane smooth in these
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -33,6 +35,9 @@ _PATIENCE = 2
 """Stronger smoothnesses without improvement after which the search ends."""
 _ROUNDING = 1e-11
 _FLOOR = 1e-300
+_MANY = 50_000
+"""Samples from which the iteration uses the normal equations only: passes over all samples would
+take longer than the solution, and so many samples leave no accuracy to be gained."""
 _LARGE = 2500
 """Cells from which a problem is first solved on every other threshold."""
 
@@ -67,6 +72,15 @@ class Problem:
             return self._fit_chosen()
         return _System(self, np.ones(self.y.size)).solve(_as_strength(smoothness))
 
+    def fit_part(
+        self, kept: BoolArray, strengths: Sequence[float], guess: FloatArray | None = None
+    ) -> Iterator[FloatArray]:
+        """Fit some of the samples with one smoothness after the other; gives the unknowns."""
+        part = _System(self, kept.astype(np.float64))
+        for strength in strengths:
+            guess = part.solve(strength, guess).x
+            yield guess
+
     def coarser(self) -> Problem:
         """Problem of the same samples with every other threshold."""
         return Problem(self.matrix.coarser(), self.y, self.signed)
@@ -84,13 +98,14 @@ class Problem:
             return whole.solve(self.coarser().fit("auto").smoothness)
         plain = whole.solve(0.0)
         held = held_out_segments(self.y.size)
+        weight = np.ones(self.y.size) if self.matrix.counts is None else self.matrix.counts
         if reproduces(self.matrix, plain.x, self.y) or not held.any():
             return plain
-        part = _System(self, np.where(held, 0.0, 1.0))
+        part = _System(self, np.where(held, 0.0, 1.0), whole)
         best, least, since, guess = 0.0, np.inf, 0, plain.x
         for strength in CANDIDATES:
             guess = part.solve(strength, guess).x
-            error = float(np.mean((self.matrix.forward(guess) - self.y)[held] ** 2))
+            error = float((self.matrix.forward(guess) - self.y)[held] ** 2 @ weight[held])
             if error < least:
                 best, least, since = strength, error, 0
             else:
@@ -115,14 +130,20 @@ def held_out_segments(samples: int) -> BoolArray:
 class _System:
     """Scaled normal equations of a problem with weighted samples."""
 
-    def __init__(self, problem: Problem, weight: FloatArray) -> None:
-        self.problem, self.weight = problem, weight
-        spec = problem.matrix.spec
+    def __init__(self, problem: Problem, weight: FloatArray, whole: _System | None = None) -> None:
+        counts = problem.matrix.counts
+        self.problem, self.weight = problem, weight if counts is None else weight * counts
+        weight, spec = self.weight, problem.matrix.spec
         used = problem.y[weight > 0]
         self.shift = float(used.mean()) if spec.offset else 0.0
         self.unit = float(np.ptp(used)) or float(np.abs(used).max(initial=0.0)) or 1.0
         self.y = (problem.y - self.shift) / self.unit
-        self.gram = problem.matrix.gram(weight)
+        if whole is not None and weight.size > _MANY:  # few samples are left out
+            self.gram = whole.gram.copy()
+            _kernels.scale_lower(self.gram, 1.0 / whole.scale)
+            self.gram -= problem.matrix.gram(whole.weight - weight)
+        else:
+            self.gram = problem.matrix.gram(weight)
         squares = self.gram.diagonal().copy()
         self.scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
         _kernels.scale_lower(self.gram, self.scale)
@@ -146,7 +167,14 @@ class _System:
                 _kernels.multiply_symmetric(rows, columns, values, z, h)
             return h
 
+        slope = self._slope if self.y.size > _MANY else None
+
         def gradient(z: FloatArray) -> FloatArray:
+            if slope is not None:
+                g = _kernels.multiply_lower(self.gram, z) - slope
+                if strength:
+                    _kernels.multiply_symmetric(rows, columns, values, z, g)
+                return g
             residual = (matrix.forward(self.scale * z) - self.y) * self.weight
             g = self.scale * matrix.adjoint(residual)
             if strength:
@@ -163,13 +191,18 @@ class _System:
             scale,
             penalty=penalty if strength else None,
             guess=None if guess is None else self._scaled(guess),
-            rows=whole,
+            rows=whole if slope is None else None,
         )
         # Computed from the rows alone, without the rounding of the normal equations.
         z = solution.z
         kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, scale)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
         return FittedUnknowns(self._unscaled(z), kkt, strength, converged)
+
+    @cached_property
+    def _slope(self) -> FloatArray:
+        """Transpose of the scaled design times the outputs."""
+        return self.scale * self.problem.matrix.adjoint(self.y * self.weight)
 
     def _rows(self, factor: float) -> Rows:
         """Rows of the problem: samples, then differences of neighbours if they are penalised."""

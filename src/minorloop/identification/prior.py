@@ -345,6 +345,44 @@ def fit_dense(
     return PriorFit(_unscaled(spec, x, unit, shift), kkt, posterior, leave_one_out, learnt)
 
 
+def fit_given(
+    posterior: Posterior,
+    matrix: DesignMatrix,
+    y: FloatArray,
+    dense: tuple[FloatArray, FloatArray] | None,
+    kept: BoolArray,
+    *,
+    signed: bool,
+) -> FloatArray:
+    """Fit the unknowns to some of the samples, with the hyperparameters of a posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Its hyperparameters are used.
+    matrix : DesignMatrix
+        Regressors of M samples.
+    y : (M,) array
+        Outputs.
+    dense : tuple, optional
+        What `regressors` gives; None for many samples.
+    kept : (M,) array of bool
+        The samples to be fitted.
+    signed : bool
+        Let weights and slope be negative.
+    """
+    spec, unit = matrix.spec, posterior.unit
+    shift = float(y[kept].mean()) if spec.offset else 0.0
+    scaled = (y - shift) / unit
+    with one_thread(spec.unknowns):
+        if dense is None:
+            found = _gram_evidence(matrix, scaled, kept.astype(np.float64))
+        else:
+            found = Evidence(spec, scaled[kept], dense[0][kept], dense[1][kept])
+        x, _, _ = _solve(PlanePrior(spec), found, posterior.hyperparameters, signed)
+    return _unscaled(spec, x, unit, shift)
+
+
 def _scaled(spec: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
     unit = float(np.ptp(y)) or 1.0
     shift = float(y.mean()) if spec.offset else 0.0
@@ -522,11 +560,14 @@ def _leave_one_out(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) ->
     return np.asarray((inverse @ evidence.y) / np.sqrt(inverse.diagonal()))
 
 
-def _gram_evidence(matrix: DesignMatrix, y: FloatArray) -> Evidence:
-    """Evidence from the Gram matrix, for many samples."""
-    lower = matrix.gram()
+def _gram_evidence(
+    matrix: DesignMatrix, y: FloatArray, weight: FloatArray | None = None
+) -> Evidence:
+    """Evidence from the Gram matrix, for many samples; each counts with its weight."""
+    lower = matrix.gram(weight)
     gram = np.tril(lower) + np.tril(lower, -1).T
-    return Evidence(matrix.spec, y, gram=gram, slope=matrix.adjoint(y))
+    counted = y if weight is None else y * weight
+    return Evidence(matrix.spec, counted, gram=gram, slope=matrix.adjoint(counted))
 
 
 def _with_residual_variance(

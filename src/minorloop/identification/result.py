@@ -9,14 +9,15 @@ from typing import Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Samples
+from minorloop.arrays import FloatArray, IntArray, Samples
 from minorloop.errors import ParameterError
 from minorloop.figures import figure_of
 from minorloop.identification import advising
-from minorloop.identification.bands import Prediction, as_probability
+from minorloop.identification.bands import BAND, Prediction, as_probability
 from minorloop.identification.baseline import delayed
+from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.fitted import Fit
-from minorloop.identification.prior import Posterior, regressors
+from minorloop.identification.prior import regressors
 from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
@@ -35,7 +36,9 @@ class Identification(Fit):
     @overload
     def predict(self, u: npt.ArrayLike, bands: float) -> Prediction: ...
 
-    def predict(self, u: npt.ArrayLike, bands: float | None = None) -> Samples | Prediction:
+    def predict(
+        self, u: npt.ArrayLike, bands: float | None = None, curves: npt.ArrayLike | None = None
+    ) -> Samples | Prediction:
         """Predict the outputs for an input that starts in the same state as the record.
 
         Parameters
@@ -43,7 +46,10 @@ class Identification(Fit):
         u : (T,) array_like
             Inputs, sampled as the record was.
         bands : float, optional
-            Probability, such as 0.9, that each output lies within its band.
+            Probability, such as 0.9, that each output lies within its band: of another group, where
+            the record has three groups or more.
+        curves : (T,) array_like, optional
+            Label of the curve of each input; the memory is set anew where it changes.
 
         Returns
         -------
@@ -53,15 +59,19 @@ class Identification(Fit):
         Raises
         ------
         ParameterError
-            If bands are asked for and the model was identified without the prior, or they are
-            not between 0 and 1.
+            If bands are asked for and the model was identified without the prior and without
+            groups, or they are not between 0 and 1.
         """
-        y = delayed(self.model.simulate(u, self.start), self.lag)
+        if bands is None and curves is None:
+            return delayed(self.model.simulate(u, self.start), self.lag)
+        inputs = as_signal(u, name="u")
+        parts = as_curves(curves, inputs.size, self.start, None)
+        y = parts.simulate(self.model, inputs, self.lag)
         if bands is None:
             return y
-        inputs = as_signal(u, name="u")
-        sd = delayed(self._posterior.deviation(inputs, self.start), self.lag)
-        return Prediction(inputs, np.asarray(y), sd, as_probability(bands))
+        probability = as_probability(bands)
+        sd = self._deviation(inputs, parts, np.arange(inputs.size), probability)
+        return Prediction(inputs, y, sd, probability)
 
     def invert(
         self,
@@ -106,23 +116,32 @@ class Identification(Fit):
         Raises
         ------
         ParameterError
-            If the model was identified without the prior.
+            If the model was identified without the prior and without groups.
         """
-        posterior = self._posterior
-        wanted = np.zeros(self.u.size, dtype=np.bool_)
-        places = np.maximum(np.asarray(samples, dtype=np.int64) - self.lag, 0)
-        wanted[places] = True
-        rows, _ = regressors(posterior.spec, self.u, wanted, self.start)
-        known = posterior.row_deviation(rows)[np.searchsorted(np.flatnonzero(wanted), places)]
-        return np.hypot(known, posterior.hyperparameters.noise * posterior.unit)
+        sd = self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64), BAND)
+        if self.posterior is None or self.scatter is not None:
+            return sd
+        return np.hypot(sd, self.posterior.hyperparameters.noise * self.posterior.unit)
 
-    @property
-    def _posterior(self) -> Posterior:
+    def _deviation(
+        self, u: FloatArray, curves: Curves, samples: IntArray, probability: float
+    ) -> FloatArray:
+        """Standard deviation at some samples of an input, in increasing order."""
+        inputs, places = curves.driven(u, self.model.levels, self.lag)
+        known = np.zeros(samples.size)
+        if self.posterior is not None:
+            wanted = np.zeros(inputs.size, dtype=np.bool_)
+            wanted[places[samples]] = True
+            rows, _ = regressors(self.posterior.spec, inputs, wanted, curves.start)
+            known = self.posterior.row_deviation(rows)
+        if self.scatter is not None:
+            return self.scatter.deviation(inputs[places[samples]], known, probability)
         if self.posterior is None:
             raise ParameterError(
-                'this model has no bands; identify with prior="gaussian" (--prior gaussian)'
+                'this model has no bands; identify with prior="gaussian" (--prior gaussian) or '
+                "with three groups or more (--groups)"
             )
-        return self.posterior
+        return known
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -137,6 +156,7 @@ class Identification(Fit):
     def __str__(self) -> str:
         rows = [("model", repr(self.model)), *score_rows(self)]
         lines = [f"{name:<24} {value}" for name, value in rows]
+        lines += [f"chosen {choice}" for choice in self.choices]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
     def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:

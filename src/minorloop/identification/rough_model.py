@@ -7,13 +7,15 @@ others.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification import _condensing_kernels as _kernels
+from minorloop.identification.curves import Curves
 from minorloop.operators import _play_kernels
-from minorloop.operators.memory import Start
 
 _ROUNDS = 12
 _MOST = 800
@@ -54,23 +56,24 @@ class RoughRecord:
     u: FloatArray
     y: FloatArray
     places: IntArray
-    matrix: FloatArray
+    basis: Basis
     rough: FloatArray
     span: float
     lag: int
+    curves: Curves
 
     @classmethod
     def of(
-        cls, u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int
+        cls, u: FloatArray, y: FloatArray, known: BoolArray, curves: Curves, lag: int
     ) -> RoughRecord:
         """Fit the rough model to the known samples."""
-        applied = np.concatenate([np.full(lag, u[0]), u[: u.size - lag]])
+        applied = curves.delayed(u, lag)
         places = np.flatnonzero(known)
-        matrix = basis(applied, start, places.size)
+        basis = Basis.of(applied, curves, places.size)
         low, high = np.percentile(y[places], [2, 98])
-        rough = robust_fit(matrix, y, known)
+        rough = robust_fit(basis, y, known)
         span = float(high - low) or float(np.ptp(y[places])) or 1.0
-        return cls(applied, y, places, matrix, rough, span, lag)
+        return cls(applied, y, places, basis, rough, span, lag, curves)
 
     @property
     def values(self) -> FloatArray:
@@ -85,50 +88,70 @@ def few(places: IntArray) -> IntArray:
     return places[np.linspace(0, places.size - 1, _MOST).astype(np.int64)]
 
 
-def basis(u: FloatArray, start: Start, samples: int) -> FloatArray:
-    """Polynomials of plays along the input, and a constant; more of them for more samples.
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Polynomials of plays along the input, and a constant.
 
-    Parameters
-    ----------
-    u : (T,) array
-        Inputs.
-    start : start state
-        Memory before the first; a `Memory` counts as ``"negative"``.
-    samples : int
-        Number of measured outputs.
-
-    Returns
-    -------
-    (T, P) array
+    ``plays`` (T, P), scaled; ``degree`` of their polynomials.
     """
-    plays, degree = (5, 8) if samples >= 200 else (5, 4) if samples >= 100 else (4, 2)
-    low, high = float(u.min()), float(u.max())
-    x = (2 * u - low - high) / ((high - low) or 1.0)
-    radii = np.linspace(0, 1, plays + 1)[:-1] ** 1.5
-    begin = {"positive": radii + 1, "demagnetised": 0 * radii}
-    places = begin.get(start if isinstance(start, str) else "negative", -radii - 1)
-    traced = np.empty((u.size, plays))
-    _play_kernels.trace(np.ascontiguousarray(x), radii, places.copy(), traced)
-    scaled = traced / np.maximum(np.abs(traced).max(axis=0), 0.05)
-    powers = np.polynomial.chebyshev.chebvander(scaled, degree)[:, :, 1:]
-    return np.column_stack([np.ones(u.size), powers.reshape(u.size, -1)])
+
+    plays: FloatArray
+    degree: int
+
+    @classmethod
+    def of(cls, u: FloatArray, curves: Curves, samples: int) -> Basis:
+        """Plays along the inputs, more of them for more samples.
+
+        Parameters
+        ----------
+        u : (T,) array
+            Inputs.
+        curves : Curves
+            Memory before the first, and before each curve; a `Memory` counts as ``"negative"``.
+        samples : int
+            Number of measured outputs.
+        """
+        plays, degree = (5, 8) if samples >= 200 else (5, 4) if samples >= 100 else (4, 2)
+        low, high = float(u.min()), float(u.max())
+        x = np.ascontiguousarray((2 * u - low - high) / ((high - low) or 1.0))
+        radii = np.linspace(0, 1, plays + 1)[:-1] ** 1.5
+        begin = {"positive": radii + 1, "demagnetised": 0 * radii}
+        start = curves.start if isinstance(curves.start, str) else "negative"
+        traced = np.empty((u.size, plays))
+        for first, end in pairwise([*curves.begins.tolist(), u.size]):
+            places = begin.get(start, -radii - 1)
+            _play_kernels.trace(x[first:end], radii, places.copy(), traced[first:end])
+        traced /= np.maximum(np.abs(traced).max(axis=0), 0.05)
+        return cls(traced, degree)
+
+    def rows(self, places: IntArray | slice) -> FloatArray:
+        """(N, Q) polynomials at some samples."""
+        plays = self.plays[places]
+        powers = np.polynomial.chebyshev.chebvander(plays, self.degree)[:, :, 1:]
+        return np.column_stack([np.ones(len(plays)), powers.reshape(len(plays), -1)])
+
+    @property
+    def columns(self) -> int:
+        """Q."""
+        return 1 + int(self.plays.shape[1]) * self.degree
 
 
-def robust_fit(matrix: FloatArray, y: FloatArray, known: BoolArray) -> FloatArray:
+def robust_fit(basis: Basis, y: FloatArray, known: BoolArray) -> FloatArray:
     """Outputs of the rough model with the least absolute error on the known samples, (T,)."""
     places = few(np.flatnonzero(known))
-    rows, wanted = matrix[places], y[places]
+    rows, wanted = basis.rows(places), y[places]
     low, middle, high = np.percentile(wanted, [5, 50, 95])
     reach = 2 * max(high - low, 1e-300)
     near = np.clip(wanted, low - reach, high + reach)
     smallest = 1e-6 * reach
     weights = np.ones(near.size)
-    found = np.zeros(matrix.shape[1])
+    found = np.zeros(basis.columns)
     for _ in range(_ROUNDS):
         found = _weighted(rows, near - middle, weights)
         weights = 1 / np.maximum(np.abs(rows @ found - near + middle), smallest)
         weights /= weights.mean()
-    return np.asarray(matrix @ found + middle)
+    coefficients = found[1:].reshape(-1, basis.degree)
+    return np.asarray(_kernels.chebyshev_sums(basis.plays, coefficients, found[0] + middle))
 
 
 def least_error(matrix: FloatArray, y: FloatArray) -> float:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification.curves import Curves
 from minorloop.identification.flat_stretches import clipped, stuck
 from minorloop.identification.late_output import LONGEST_LAG, lagging
 from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
-from minorloop.operators.memory import Start
 from minorloop.threads import one_thread
 
 OVERLOAD = 9e36
@@ -60,13 +60,18 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
     y : (T,) array
         Outputs; NaN where nothing was measured.
     """
+    known = np.sort(SENTINELS)
+    tolerance = 1e-6 * np.abs(known)
     suspect = np.abs(y) >= OVERLOAD
-    tolerance = 1e-6 * np.abs(SENTINELS)
-    for value, close in zip(SENTINELS, tolerance, strict=True):
-        suspect |= np.abs(y - value) <= close
-    suspect &= np.isfinite(y)
+    place = np.flatnonzero(np.abs(y) >= 0.999 * np.abs(known).min())
+    above = np.searchsorted(known, y[place])
+    for near in (np.maximum(above - 1, 0), np.minimum(above, known.size - 1)):
+        suspect[place[np.abs(y[place] - known[near]) <= tolerance[near]]] = True
+    if not suspect.any():
+        return ()
     rest = y[np.isfinite(y) & ~suspect]
-    if not suspect.any() or rest.size < 3:
+    suspect &= np.isfinite(y)
+    if rest.size < 3:
         return ()
     low, high = rest.min(), rest.max()
     apart = _CODE_DISTANCE * (high - low)
@@ -75,7 +80,7 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
 
 
 def record_faults(
-    u: FloatArray, y: FloatArray, start: Start, lag: int, *, sought: bool = False
+    u: FloatArray, y: FloatArray, curves: Curves, lag: int, *, sought: bool = False
 ) -> tuple[RecordFault, ...]:
     """Find the faults of a record, most important first.
 
@@ -83,8 +88,8 @@ def record_faults(
     ----------
     u, y : (T,) arrays
         The record, without codes; y is NaN where nothing was measured.
-    start : start state
-        Memory before the first sample.
+    curves : Curves
+        Where the memory is set anew.
     lag : int
         Lag of the model in samples.
     sought : bool
@@ -95,22 +100,22 @@ def record_faults(
     tuple of RecordFault
     """
     known = np.isfinite(y)
-    known[:lag] = False
+    known[curves.positions(u.size) < lag] = False
     if np.count_nonzero(known) < _FEWEST:
         return ()
     with one_thread():
-        return _faults(u, y, known, start, lag, sought)
+        return _faults(u, y, known, curves, lag, sought)
 
 
 def _faults(
-    u: FloatArray, y: FloatArray, known: BoolArray, start: Start, lag: int, sought: bool
+    u: FloatArray, y: FloatArray, known: BoolArray, curves: Curves, lag: int, sought: bool
 ) -> tuple[RecordFault, ...]:
-    record = RoughRecord.of(u, y, known, start, lag)
+    record = RoughRecord.of(u, y, known, curves, lag)
     far = _far_outside(record)
     sound = known.copy()
     sound[far] = False
     if far.size:
-        record = RoughRecord.of(u, y, sound, start, lag)
+        record = RoughRecord.of(u, y, sound, curves, lag)
     cut = [*clipped(record)]
     flat = [*cut, *stuck(record, {k for one in cut for k in one.samples})]
     sound[[k for one in flat if one.kind == "stuck" for k in one.samples]] = False

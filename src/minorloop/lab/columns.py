@@ -1,47 +1,36 @@
-"""Read columns of numbers from a CSV file; errors name the column and the row."""
+"""Read columns of numbers from a file; errors name the column and the row."""
 
 from __future__ import annotations
 
-import csv
 import difflib
-import os
 import re
-import stat
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
-from itertools import islice
-from pathlib import Path
-from typing import TextIO
+from collections.abc import Callable, Collection, Sequence
+from datetime import UTC, datetime
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError
-from minorloop.files import PathLike, check_name, unquoted
-
-MAX_BYTES = 4 * 1024**3
-"""Largest file that is read: 4 GiB."""
-MAX_LINE = 1024**2
-"""Longest line that is read, in characters."""
-MAX_COLUMNS = 10_000
-"""Most columns that are read."""
-CHUNK = 50_000
-"""Rows that are converted to numbers at a time, if they are short."""
-DELIMITERS = ",;\t"
-_SLACK, _CELLS = 100, 10_000_000
-"""Separators that quoted texts may add to a line; cells kept at a time."""
-_LONGEST_CELL = 1000
-"""Most lines of a quoted cell; more mean a missing quotation mark."""
+from minorloop.files import PathLike, check_name
+from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
+from minorloop.lab.text_tables import UNITS, TextTable, is_number, opened
 
 
 def read_columns(
-    path: PathLike, names: Sequence[str], *, gaps: Collection[str] = ()
+    path: PathLike,
+    names: Sequence[str],
+    *,
+    gaps: Collection[str] = (),
+    dates: Collection[str] = (),
+    progress: Callable[[str], None] | None = None,
 ) -> dict[str, FloatArray]:
-    """Read columns of numbers from a CSV file.
+    """Read columns of numbers from a file.
 
-    The file is UTF-8 text with one header line; commas, semicolons or tabs separate the
-    columns, and a point the decimals. Columns that are not asked for may hold anything.
+    A text file is UTF-8 or UTF-16, with one header line, before it comments after ``#``, ``%`` or
+    ``//``, and after it possibly a row of units. Commas, semicolons or tabs separate the columns;
+    decimals have a point, or a comma where no comma separates. A ``.mat`` file has a vector for
+    each column or a matrix, an ``.xlsx`` file its table on the first sheet. Columns that are not
+    asked for may hold anything.
 
     Parameters
     ----------
@@ -51,6 +40,10 @@ def read_columns(
         Columns to read, by the whole header (``voltage [V]``) or the name (``voltage``).
     gaps : collection of str
         Those of ``names`` in which an empty cell or ``nan`` is allowed and gives NaN.
+    dates : collection of str
+        Those of ``names`` that may hold date and time as ISO 8601; they give seconds since 1970.
+    progress : callable, optional
+        Called with the share that has been read, as text.
 
     Returns
     -------
@@ -63,48 +56,55 @@ def read_columns(
         If the file cannot be read, is not such a table, lacks a column, or has a cell that is not a
         finite number. The message gives the column and the row; the header is row 1.
     """
-    with _table(path) as (file, rows, headers):
-        where = {name: headers.index(find_column(name, headers, source=file)) for name in names}
+    if is_sheet(path):
+        return _of_sheet(read_sheet(path), names, gaps, dates)
+    with opened(path, progress) as table:
+        where = {
+            name: table.headers.index(find_column(name, table.headers, source=table.file))
+            for name in names
+        }
         pieces: dict[str, list[FloatArray]] = {name: [] for name in names}
-        first = 2
-        while chunk := list(islice(rows, _at_once(headers))):
-            kept, numbers = _full_rows(chunk, first, len(headers), file)
+        for block in table.blocks():
             for name, index in where.items():
-                cells = [row[index] for row in kept]
-                column = _Cells(f"column '{headers[index]}' of {file}", numbers, name in gaps)
-                pieces[name].append(column.parse(cells))
-            first += len(chunk)
+                pieces[name].append(_column(table, block, index, name in gaps, name in dates))
     columns = {name: np.concatenate(parts or [np.empty(0)]) for name, parts in pieces.items()}
     if any(column.size == 0 for column in columns.values()):
-        raise RecordError(f"{file} has a header and no rows; there is nothing to read")
+        raise RecordError(f"{table.file} has a header and no rows; there is nothing to read")
     return columns
 
 
 def read_each(path: PathLike) -> list[FloatArray | RecordError]:
-    """Return all columns of a CSV file, gaps allowed; in place of unusable ones, the error.
+    """Return all columns of a file, gaps allowed; in place of unusable ones, the error.
 
     Raises
     ------
     RecordError
         If the file cannot be read, is not such a table, or has no rows.
     """
-    with _table(path) as (file, rows, headers):
-        pieces: list[list[FloatArray]] = [[] for _ in headers]
+    if is_sheet(path):
+        sheet = read_sheet(path)
+        found: list[FloatArray | RecordError] = []
+        for header in sheet.headers:
+            try:
+                found.append(_of_sheet(sheet, [header], [header], ())[header])
+            except RecordError as error:
+                found.append(error)
+        return found
+    with opened(path) as table:
+        pieces: list[list[FloatArray]] = [[] for _ in table.headers]
         troubles: dict[int, RecordError] = {}
-        first = 2
-        while chunk := list(islice(rows, _at_once(headers))):
-            kept, numbers = _full_rows(chunk, first, len(headers), file)
-            for index, header in enumerate(headers):
+        empty = True
+        for block in table.blocks():
+            empty = False
+            for index in range(len(table.headers)):
                 if index in troubles:
                     continue
-                cells = _Cells(f"column '{header}' of {file}", numbers, True)
                 try:
-                    pieces[index].append(cells.parse([row[index] for row in kept]))
+                    pieces[index].append(_column(table, block, index, True, False))
                 except RecordError as error:
                     troubles[index] = error
-            first += len(chunk)
-    if first == 2:
-        raise RecordError(f"{file} has a header and no rows; there is nothing to read")
+    if empty:
+        raise RecordError(f"{table.file} has a header and no rows; there is nothing to read")
     return [
         troubles.get(index) or np.concatenate(parts or [np.empty(0)])
         for index, parts in enumerate(pieces)
@@ -112,21 +112,31 @@ def read_each(path: PathLike) -> list[FloatArray | RecordError]:
 
 
 def read_headers(path: PathLike) -> list[str]:
-    """Return the column headers of a CSV file.
+    """Return the column headers of a file, with their units.
 
     Raises
     ------
     RecordError
         If the file cannot be read or does not begin with a line of headers.
     """
-    with _table(path) as (_, _, headers):
-        return headers
+    if is_sheet(path):
+        return list(read_sheet(path).headers)
+    with opened(path) as table:
+        return table.headers
 
 
 def split_header(header: str) -> tuple[str, str]:
-    """Return name and unit of a header such as ``voltage [V]``; an absent unit is empty."""
+    """Return name and unit of a header such as ``voltage [V]``; an absent unit is empty.
+
+    Round brackets count where they hold a well-known unit.
+    """
     match = re.fullmatch(r"\s*(.*?)\s*\[([^\[\]]*)\]\s*", header)
-    return (match[1], match[2].strip()) if match and match[1] else (header.strip(), "")
+    if match and match[1]:
+        return match[1], match[2].strip()
+    match = re.fullmatch(r"\s*(.*?)\s*\(([^()]*)\)\s*", header)
+    if match and match[1] and match[2].strip() in UNITS:
+        return match[1], match[2].strip()
+    return header.strip(), ""
 
 
 def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
@@ -160,116 +170,62 @@ def _listed(headers: Sequence[str], *, most: int = 12) -> str:
     return text + (f" and {len(headers) - most} more" if len(headers) > most else "")
 
 
-@contextmanager
-def _table(path: PathLike) -> Iterator[tuple[Path, Iterator[list[str]], list[str]]]:
-    """Open a file; yield its path, an iterator over its rows, and its headers."""
-    file = Path(path)
-    _check_file(file)
-    try:
-        with file.open(encoding="utf-8-sig", newline="") as text:
-            headers, delimiter = _read_header(text, file)
-            lines = _lines(text, file, delimiter, len(headers) + _SLACK)
-            yield file, csv.reader(lines, delimiter=delimiter, strict=True), headers
-    except UnicodeDecodeError:
-        raise RecordError(f"{file} is not UTF-8 text; save it as CSV in UTF-8") from None
-    except csv.Error as error:
-        raise RecordError(f"{file} is not a table: {error}") from None
-    except OSError as error:
-        raise RecordError(f"{file} cannot be read: {error.strerror or error}") from None
+def _column(table: TextTable, block: object, index: int, gaps: bool, dates: bool) -> FloatArray:
+    """Return the numbers of one column of a block."""
+    if isinstance(block, np.ndarray):
+        return np.ascontiguousarray(block[:, index])
+    rows, numbers = block  # type: ignore[misc]
+    where = f"column '{table.headers[index]}' of {table.file}"
+    return _Cells(where, numbers, gaps, dates, table.decimal).parse([row[index] for row in rows])
 
 
-def _check_file(file: Path) -> None:
-    """Refuse a file that must not be opened."""
-    try:
-        status = file.stat()
-    except FileNotFoundError:
-        raise RecordError(f"{file} does not exist") from None
-    except (OSError, ValueError) as error:
-        raise RecordError(f"{file} cannot be read: {error}") from None
-    if stat.S_ISDIR(status.st_mode):
-        raise RecordError(f"{file} is a folder; give the name of a CSV file")
-    if not stat.S_ISREG(status.st_mode):
-        raise RecordError(f"{file} is not a regular file; give the name of a CSV file")
-    if status.st_size > MAX_BYTES:
-        raise RecordError(
-            f"{file} has {status.st_size} bytes, more than the {MAX_BYTES} that are read; split it"
-        )
-    if not os.access(file, os.R_OK):
-        raise RecordError(f"{file} cannot be read: permission denied")
+def _of_sheet(
+    sheet: Sheet, names: Sequence[str], gaps: Collection[str], dates: Collection[str]
+) -> dict[str, FloatArray]:
+    columns = {}
+    for name in names:
+        header = find_column(name, sheet.headers, source=sheet.file)
+        cells = sheet.cells(header)
+        numbers = range(sheet.first, sheet.first + len(cells))
+        where = f"column '{header}' of {sheet.file}"
+        column = _Cells(where, numbers, name in gaps, name in dates)
+        if isinstance(cells, np.ndarray):
+            columns[name] = column.checked(cells, cells)
+        else:
+            columns[name] = column.parse(cells)
+        if not columns[name].size:
+            raise RecordError(f"{sheet.file} has a header and no rows; there is nothing to read")
+    return columns
 
 
-def _lines(text: TextIO, file: Path, delimiter: str, most: int) -> Iterator[str]:
-    """Yield the lines of a table; refuse endless rows."""
-    quoted, running = 0, 0
-    for number, line in enumerate(iter(partial(text.readline, MAX_LINE), ""), 2):
-        if len(line) > most and line.count(delimiter) > most:
-            raise RecordError(f"line {number} of {file} has more than {most} cells; repair it")
-        if quoted or '"' in line:
-            quoted ^= line.count('"') & 1
-            running = running + 1 if quoted else 0
-            if running > _LONGEST_CELL:
-                raise RecordError(
-                    f"{file} is not a table: a quoted cell has more than {_LONGEST_CELL} lines, "
-                    f"up to line {number}; close the quotation mark"
-                )
-        yield line
-
-
-def _at_once(headers: Sequence[str]) -> int:
-    """Return how many rows are converted to numbers at a time."""
-    return max(1, min(CHUNK, _CELLS // (len(headers) + _SLACK)))
-
-
-def _read_header(text: TextIO, file: Path) -> tuple[list[str], str]:
-    line = text.readline(MAX_LINE)
-    if not line.strip():
-        raise RecordError(f"{file} is empty or begins with an empty line; it needs a header line")
-    delimiter = max(DELIMITERS, key=line.count)
-    if "\0" in line or (len(line) == MAX_LINE and line.count(delimiter) < MAX_COLUMNS):
-        raise RecordError(f"{file} looks like a binary file; give a CSV file")
-    if line.count(delimiter) >= MAX_COLUMNS:
-        raise RecordError(
-            f"{file} has {line.count(delimiter) + 1} columns or more; give at most {MAX_COLUMNS}"
-        )
-    cells = next(csv.reader([line], delimiter=delimiter, strict=True))
-    headers = [unquoted(cell.strip()) for cell in cells]
-    for number, header in enumerate(headers, 1):
-        check_name(f"header {number} of {file}", header, RecordError)
-    seen: set[str] = set()
-    for header in headers:
-        if header and header in seen:
-            raise RecordError(f"{file} has two columns named '{header}'; rename one")
-        seen.add(header)
-    if all(_is_number(header) for header in headers):
-        raise RecordError(f"{file} begins with numbers; it needs a header line to name its columns")
-    return headers, delimiter
-
-
-def _full_rows(
-    chunk: list[list[str]], first: int, width: int, file: Path
-) -> tuple[list[list[str]], Sequence[int]]:
-    """Return rows that are not blank, with their row numbers in the file."""
-    numbers: Sequence[int] = range(first, first + len(chunk))
-    if set(map(len, chunk)) == {width}:
-        return chunk, numbers
-    pairs = [(row, number) for row, number in zip(chunk, numbers, strict=True) if row]
-    for row, number in pairs:
-        if len(row) != width:
-            raise RecordError(
-                f"row {number} of {file} has {len(row)} cells, the header has {width}; repair it"
-            )
-    return [row for row, _ in pairs], [number for _, number in pairs]
+def _seconds(text: str) -> float:
+    """Return seconds since 1970 of a date and time in ISO 8601; without a zone it is UTC."""
+    moment = datetime.fromisoformat(text.strip())
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 class _Cells:
     """Converts the cells of one column to numbers, or says which one is not a number."""
 
-    def __init__(self, where: str, numbers: Sequence[int], gaps: bool) -> None:
+    def __init__(
+        self,
+        where: str,
+        numbers: Sequence[int],
+        gaps: bool,
+        dates: bool = False,
+        decimal: str = ".",
+    ) -> None:
         self.where = where
         self.numbers = numbers
         self.gaps = gaps
+        self.dates = dates
+        self.decimal = decimal
 
     def parse(self, cells: list[str]) -> FloatArray:
+        if self.dates and cells and not is_number(cells[0].replace(",", ".")):
+            return self._moments(cells)
+        if self.decimal == ",":
+            cells = [cell.replace(",", ".") if cell.count(",") == 1 else cell for cell in cells]
         try:
             values = np.fromiter(map(float, cells), np.float64, len(cells))
         except ValueError:
@@ -281,11 +237,15 @@ class _Cells:
             for index, cell in enumerate(cells):
                 if "_" in cell or not cell.strip().isascii():
                     raise self._not_a_number(index, cell)
+        return self.checked(values, cells)
+
+    def checked(self, values: FloatArray, cells: Sequence[object]) -> FloatArray:
+        """Return the values if all are finite, or gaps where gaps are allowed."""
         usable = ~np.isinf(values) if self.gaps else np.isfinite(values)
         if not usable.all():
             index = int(np.argmin(usable))
             raise RecordError(
-                f"{self.where} has {cells[index].strip()!r} in row {self.numbers[index]}; "
+                f"{self.where} has {str(cells[index]).strip()!r} in row {self.numbers[index]}; "
                 "every cell must be a finite number"
             )
         return values
@@ -301,6 +261,18 @@ class _Cells:
                 values[index] = np.nan
         return values
 
+    def _moments(self, cells: list[str]) -> FloatArray:
+        values = np.empty(len(cells))
+        for index, cell in enumerate(cells):
+            try:
+                values[index] = _seconds(cell)
+            except ValueError:
+                raise RecordError(
+                    f"{self.where} has the text {cell.strip()!r} in row {self.numbers[index]}; "
+                    "give time as numbers, or as date and time such as 2026-03-01T12:00:00.5"
+                ) from None
+        return values
+
     def _not_a_number(self, index: int, cell: str) -> RecordError:
         row, text = self.numbers[index], cell.strip()
         if not text:
@@ -310,11 +282,3 @@ class _Cells:
         if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", text):
             advice = "write decimals with a point"
         return RecordError(f"{self.where} has the text {shown} in row {row}; {advice}")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

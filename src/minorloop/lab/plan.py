@@ -15,7 +15,8 @@ from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
-from minorloop.lab.records import SECONDS, Quantity
+from minorloop.lab.records import Quantity
+from minorloop.lab.timebase import SECONDS
 
 LONGEST = Quantity("hold", "s")
 """Header of the column of longest holds."""

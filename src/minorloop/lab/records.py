@@ -13,11 +13,9 @@ from minorloop.arrays import FloatArray, Samples, as_samples, frozen
 from minorloop.errors import RecordError, SignalError
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
+from minorloop.lab.timebase import SECONDS
 
 __all__ = ["SAMPLE", "Quantity", "Record", "Timing", "read_columns", "read_headers"]
-
-SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
-"""Units of time that a record may have, in seconds."""
 
 
 @dataclass(frozen=True)

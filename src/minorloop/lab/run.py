@@ -20,7 +20,7 @@ from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreE
 from minorloop.lab.actuator import SIX_DIGITS, Actuator, Rounding, Timed, check_input
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
-from minorloop.lab.settling import judge, trend
+from minorloop.lab.settling import SPAN_SHARE, judge, trend
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 from minorloop.lab.store import Point, Store
 
@@ -37,8 +37,6 @@ __all__ = [
 
 ResumeMode: TypeAlias = Literal["fresh", "restored", "replayed", "finished"]
 
-SPAN_SHARE = 0.002
-"""A settled output moves by less than this share of the span seen so far in another hold."""
 Choose: TypeAlias = Callable[[Sequence[Point]], float | None]
 """Maps the points so far to the next level, or to None where they are enough. The same points must
 give the same level, so that a stopped run continues as it would have."""

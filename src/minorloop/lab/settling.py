@@ -1,9 +1,9 @@
 """Judge from the samples of a hold whether the output has settled, and extrapolate it if not.
 
-A line through the trailing window gives the slope with its uncertainty. Where noise hides so small
-a slope, an output that cannot be distinguished from a constant counts as settled too. An output
-that still moves is extrapolated by a fit of decaying exponentials with fixed, log-spaced time
-constants.
+A line through the trailing window gives the slope with its uncertainty. An output whose slope is
+not known to be small is extrapolated by a fit of decaying exponentials with fixed, log-spaced time
+constants. It counts as settled too if the whole hold shows that it hardly moves any more, or if it
+cannot be distinguished from a constant.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from minorloop.arrays import FloatArray
 
 Verdict: TypeAlias = Literal["settled", "extrapolated", "unsettled"]
 
+SPAN_SHARE = 0.002
+"""A settled output moves by less than this share of the span of the outputs in another hold."""
 SURE = 2.0
 """Standard deviations of the slope that are added to it before it is compared."""
 TAIL = 0.7
@@ -106,8 +108,9 @@ class Settling:
         the output; NaN where nothing was measured.
     verdict : str
         ``settled``: the slope was below the tolerance, and ``value`` is the end of the trend; or
-        noise hides so small a slope, and ``value`` is the limit of the exponentials if that is
-        trusted, otherwise the end of a longer trend.
+        the exponentials are trusted, and they know the limit, and the change up to it, to what the
+        tolerance allows in another such hold; or noise hides a change as small as its own share.
+        Then ``value`` is the limit if that is trusted, otherwise the end of a longer trend.
         ``extrapolated``: the output still moves, and ``value`` is the limit of the exponentials.
         ``unsettled``: the limit is not trusted; ``value`` is the end of the trend.
         Where ``value`` is the end of the trend, ``sd`` includes the change that seems to remain.
@@ -268,8 +271,11 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
     still = not known and is_still(t, y, window)
     slopes = (line.slope, line.slope_sd)
     if end is not None and end.trusted and not known:
-        still = still and abs(end.remaining) <= HIDDEN * end.noise
-        return Settling(end.value, end.sd, "settled" if still else "extrapolated", *slopes)
+        allowed = tolerance * float(np.ptp(_measured(t, y)[0]))
+        left = abs(end.remaining)
+        near = left <= allowed and end.sd <= allowed
+        hidden = still and left <= max(allowed, HIDDEN * end.noise)
+        return Settling(end.value, end.sd, "settled" if near or hidden else "extrapolated", *slopes)
     if still:
         line = trend(t, y, STRETCH * window) or line
     way = FADING * float(np.ptp(t)) * abs(line.slope)

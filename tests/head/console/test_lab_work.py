@@ -40,8 +40,8 @@ def test_a_column_of_words_is_set_aside(folder, tmp_path):
 
 def test_a_wide_file_is_read_once_and_too_wide_a_one_is_refused(folder, tmp_path, monkeypatch):
     opened = []
-    table = columns._table
-    monkeypatch.setattr(columns, "_table", lambda path: opened.append(path) or table(path))
+    table = columns.opened
+    monkeypatch.setattr(columns, "opened", lambda *path: opened.append(path) or table(*path))
     names = [f"c{k}" for k in range(100)]
     lines = [",".join(names), *(",".join(["1", "2"] * 50) for _ in range(3))]
     (tmp_path / "wide.csv").write_text("\n".join(lines))

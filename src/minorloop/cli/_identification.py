@@ -1,0 +1,197 @@
+"""Identification from a file, as the command line asks for it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from minorloop.cli import _common
+from minorloop.errors import ParameterError, RecordError
+
+if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
+    from minorloop.identification import Identification
+    from minorloop.identification.adaptive import Adaptive
+    from minorloop.lab.logs import Log
+    from minorloop.lab.records import Record
+    from minorloop.modelfile import Provenance
+
+_DEFAULTS: dict[str, Any] = {
+    "levels": "auto",
+    "diagonal": "auto",
+    "slope": "auto",
+    "lag": "auto",
+    "prior": "auto",
+}
+_NOT_OF_RUNS = ("holdout", "skip", "start_of_curve")
+
+
+@dataclass(frozen=True)
+class Done:
+    """An identification and its data."""
+
+    record: Record
+    result: Identification
+    provenance: Provenance
+    seconds: float
+    notes: tuple[str, ...] = ()
+    left_out: tuple[int, ...] = ()
+    first: int = 0
+    of_time: tuple[str, ...] = ()
+
+    @property
+    def advice(self) -> list[str]:
+        """Advice about the run and its times, then about the model."""
+        said = list(dict.fromkeys([*self.notes, *self.of_time, *self.result.advice]))
+        result = self.result
+        if self.first and (result.findings or result.codes or result.suspects):
+            said.append(f"samples are counted from row {self.first} of the file here")
+        return said
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The part of the advice that says why the model is not to be trusted."""
+        known = self.result.advice
+        return (*(note for note in self.notes if note not in known), *self.result.warnings)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns of a file; None where not given."""
+
+    input: str | None
+    output: str | None
+    curves: str | None = None
+    groups: str | None = None
+    time: str | None = None
+
+
+def identified(
+    file: Path,
+    columns: Columns,
+    rows: str | None,
+    options: dict[str, Any],
+    lag_seconds: float | None = None,
+) -> Done:
+    """Read a record and identify a model from it; a lag in seconds needs a column of time."""
+    from minorloop.identification import identify
+    from minorloop.modelfile import Provenance
+
+    with _common.working(f"reading {file.name}") as now:
+        record, run_by, log = _record(file, columns, now)
+        labels = _labels(file, columns)
+        provenance = Provenance.of(file)
+        began = time.perf_counter()
+        if run_by is not None:
+            now(f"identifying from {len(record)} points of an adaptive run")
+            return _of_run(record, run_by, rows, options, provenance)
+        raw, of_time = _raw(record, columns), ()
+        if log is not None:
+            whole = not labels and rows is None
+            record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
+        part = _common.as_rows(rows, len(record))
+        settings: dict[str, Any] = {
+            name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
+        }
+        settings |= {name: values[part] for name, values in labels.items()}
+        now(f"identifying from {part.stop - part.start} rows")
+        result = identify(record.u[part], record.y[part], **settings)
+        seconds = time.perf_counter() - began
+        return Done(record, result, provenance, seconds, raw, first=part.start, of_time=of_time)
+
+
+def _raw(record: Record, columns: Columns) -> tuple[str, ...]:
+    """Return the sentence about a raw log, if the record is one."""
+    from minorloop.lab.holds import looks_like_raw_log
+
+    if columns.input is None:
+        return ()
+    found = looks_like_raw_log(record.t if record.timed else None, record.u, record.y)
+    return (found,) if found else ()
+
+
+def _timed(
+    log: Log, columns: Columns, lag: Any, lag_seconds: float | None, whole: bool
+) -> tuple[Record, tuple[str, ...]]:
+    """Return the record as its times require it, and what was found in them."""
+    if columns.time is None:
+        if lag_seconds is not None:
+            raise ParameterError(
+                f"--lag is {lag_seconds:g} s and the column of time is not named; give it with "
+                "--time, or the lag in rows"
+            )
+        advice = "name the column with --time to take this into account"
+        return log.record, tuple(f"{note}; {advice}" for note in log.breaks)
+    if lag_seconds is not None:
+        return log.without_lag(lag_seconds), log.notes
+    if lag == 0 or not whole:
+        return log.with_known_memory(), log.notes
+    return log.evenly_sampled(), log.notes
+
+
+def _labels(file: Path, columns: Columns) -> dict[str, FloatArray]:
+    """Return the columns of labels that are given, by option."""
+    from minorloop.lab.columns import read_columns
+
+    names = {"curves": columns.curves, "groups": columns.groups}
+    given = {option: name for option, name in names.items() if name is not None}
+    if not given:
+        return {}
+    read = read_columns(file, list(dict.fromkeys(given.values())))
+    return {option: read[name] for option, name in given.items()}
+
+
+def _of_run(
+    record: Record,
+    chooser: Adaptive,
+    rows: str | None,
+    options: dict[str, Any],
+    provenance: Provenance,
+) -> Done:
+    """Return the model of an adaptive run, with the settings of the run; validation held out."""
+    from minorloop.identification.adaptive_run import findings
+
+    if rows is not None or options["holdout"] != 0 or options["skip"] != 0:
+        raise ParameterError(
+            "an adaptive run holds out its own validation; leave --rows, --skip and --holdout out"
+        )
+    given = {name: v for name, v in options.items() if v is not None and name not in _NOT_OF_RUNS}
+    if given["smoothness"] != "auto":
+        given.setdefault("prior", "auto")
+    began = time.perf_counter()
+    u, y = record.u.tolist(), record.y.tolist()
+    result = chooser.identification(u, y, **given)
+    seconds = time.perf_counter() - began
+    found = findings(chooser, u, y)
+    return Done(record, result, provenance, seconds, found.warnings, found.outliers)
+
+
+def _record(
+    file: Path, columns: Columns, now: Callable[[str], None]
+) -> tuple[Record, Adaptive | None, Log | None]:
+    """Return the points of a store and what chose them, or columns of a file with their times."""
+    from minorloop.cli._adaptive import chooser_of
+    from minorloop.lab.store import Store, is_store
+
+    input, output = columns.input, columns.output
+    if is_store(file):
+        if columns != Columns(None, None):
+            raise ParameterError(
+                f"{file} is an experiment store, which has one input and one output; "
+                "leave --input, --output, --time, --curves and --groups out"
+            )
+        with Store.open(file) as store:
+            chose = store.setup.design is not None
+            chooser = chooser_of(store.setup, store.points()) if chose else None
+            return store.record(), chooser, None
+    if input is None or output is None:
+        if not os.path.exists(file):
+            raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")
+        missing = "--input" if input is None else "--output"
+        raise ParameterError(f"{missing} is missing; name a column of {file}")
+    log = _common.read_log(file, input, output, columns.time, now)
+    return log.record, None, log

@@ -1,0 +1,128 @@
+"""What ``identify`` prints and writes."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.cli._identification import Done
+
+if TYPE_CHECKING:
+    from minorloop.identification import Identification
+
+_RANK_LIMIT = 3000
+
+
+def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
+    """Write the model file."""
+    from minorloop import modelfile
+
+    modelfile.save_identification(
+        done.result,
+        path,
+        data=done.provenance,
+        input=done.record.input,
+        output=done.record.output,
+        warnings=done.warnings,
+        force=force,
+    )
+    if not as_json:
+        typer.echo(f"model written to {path}")
+
+
+def show(done: Done, rank: bool, as_json: bool) -> None:
+    """Print the scores and the advice, as a table or as JSON."""
+    with _common.working("scoring"):
+        figures = _figures(done.result, done.seconds, rank)
+        figures["advice"] = done.advice
+        figures["warnings"] = list(done.warnings)
+        figures["codes"] = [code.sample for code in done.result.codes]
+        figures["held_out"] = int(done.result.held_out.sum())
+        figures["left_out"] = list(done.left_out)
+    if as_json:
+        _common.print_json(figures)
+    else:
+        _print(done, figures)
+
+
+def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, Any]:
+    held = result.holdout_nrmse is not None
+    known = rank or result.unknowns <= _RANK_LIMIT
+    return {
+        "nrmse_train": result.nrmse,
+        "nrmse_holdout": result.holdout_nrmse,
+        "baseline_nrmse_holdout": result.baseline_nrmse if held else None,
+        "baseline_nrmse": result.baseline_nrmse,
+        "rmse_train": result.rmse,
+        "lag_samples": result.lag,
+        "nrmse_groups": result.groups_nrmse,
+        "samples": result.samples,
+        "skipped": result.skipped,
+        "choices": [asdict(choice) for choice in result.choices],
+        "residual": asdict(result.residual),
+        "levels": result.model.bands,
+        "unknowns": result.unknowns,
+        "rank": result.rank if known else None,
+        "condition": result.condition if known else None,
+        "excited_fraction": result.excited_fraction,
+        "smoothness": result.smoothness,
+        "prior": "none" if result.posterior is None else "gaussian",
+        "band_sd": _band_sd(result),
+        "suspects": list(result.suspects),
+        "kkt": result.kkt,
+        "range": list(result.model.range),
+        "seconds": seconds,
+    }
+
+
+def _band_sd(result: Identification) -> float | None:
+    """Return the mean standard deviation of the predicted outputs; None without the prior."""
+    if result.posterior is None and result.scatter is None:
+        return None
+    if result.scatter is not None:
+        return float(result.deviation(result.fitted.nonzero()[0]).mean())
+    return float(result.predict(result.u, bands=0.9).sd.mean())
+
+
+def _print(done: Done, figures: dict[str, Any]) -> None:
+    from minorloop.identification.scores import score_rows
+
+    rank = figures["rank"]
+    rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
+    if done.left_out:
+        rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
+    if figures["band_sd"] is not None:
+        rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
+    rows.append(("time", f"{figures['seconds']:.2f} s"))
+    record = done.record
+    title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
+    _common.print_table(("", ""), rows, title)
+    for choice in done.result.choices:
+        typer.echo(f"chosen {choice}")
+    _common.print_advice(done.advice)
+    if done.warnings:
+        count = len(done.warnings)
+        which = "the first of these says" if count == 1 else f"the first {count} of these say"
+        typer.echo(f"warning: this model is not to be trusted: {which} why", err=True)
+
+
+def write_report(done: Done, path: Path, force: bool, as_json: bool) -> None:
+    """Write the HTML report."""
+    from minorloop.report import identification_report
+
+    draw = partial(
+        identification_report,
+        done.result,
+        source=str(done.provenance.data),
+        input_label=str(done.record.input),
+        output_label=str(done.record.output),
+    )
+    with _common.working("drawing the report"):
+        _common.write_report(draw, path, force=force)
+    if not as_json:
+        typer.echo(f"report written to {path}; open it in a browser")

@@ -1,0 +1,270 @@
+"""Choose options by the error on left-out parts of the record.
+
+Each candidate is fitted to the record without one part, and scored on that part: groups where there
+are some, contiguous parts otherwise, because neighbouring samples of a record are alike. The
+structure and the lag are compared on a coarse plane, where a fit takes milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from minorloop.arrays import IntArray, Levels
+from minorloop.identification import fitting
+from minorloop.identification.baseline import nrmse, percent
+from minorloop.identification.curves import Curves
+from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.fitting import FitRecord, FittedPlane, coarser_spec, needs_prior
+from minorloop.identification.least_squares import Problem
+from minorloop.identification.leave_out import left_out
+from minorloop.identification.residuals import find_startup
+
+PARTS = 5
+"""Contiguous parts of a record without groups; more groups than that are put together."""
+_SEGMENTS = 5
+"""Contiguous segments of each part, for the lag and the levels, which need no extrapolation."""
+LEVELS = 25
+"""Bands with which ``levels="auto"`` begins; twice as many are compared with it."""
+_MOST_ROWS = 100_000
+"""Samples, the first ones, that options are compared on."""
+_COARSE_BANDS = 15
+_SAMPLES_EACH = 2
+"""Samples for each cell of the coarse plane."""
+_FEWEST = 20
+"""Samples below which nothing is compared."""
+_FEWEST_FOR_LAG = 100
+_STRENGTHS = (0.0, 1e-6, 1e-4)
+_PROMISING = 0.9
+"""Ratio of the error to that of a coarse plane below which more levels are tried."""
+_PARTS_FOR_LEVELS = 3
+"""Parts that fine planes are scored on."""
+_BETTER = {"lag": 0.8, "levels": 0.95, "prior": 0.9, "structure": 0.95}
+"""Ratio of errors below which another option takes the place of the simplest one."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An option that was chosen by the error on left-out parts.
+
+    Parameters
+    ----------
+    name : str
+        The option.
+    chosen, other : str
+        What was chosen, and the best of the others.
+    error, other_error : float
+        Their errors on left-out parts, over the range of the output.
+    """
+
+    name: str
+    chosen: str
+    error: float
+    other: str
+    other_error: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: {self.chosen}, {percent(self.error)} of range on left-out parts; "
+            f"{self.other}: {percent(self.other_error)}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Structure, lag and kind of fit, and how they were chosen."""
+
+    spec: PlaneSpec
+    lag: int
+    choices: tuple[Choice, ...]
+    fold: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+
+
+def parts_of(record: FitRecord, groups: IntArray | None, segments: int = 1) -> IntArray:
+    """(T,) number of the part of each fitted row; -1 elsewhere, and in a start-up.
+
+    A start-up would hide the differences between the candidates. Each part of a record without
+    groups has some contiguous segments.
+    """
+    fold = np.full(record.u.size, -1)
+    rows = np.flatnonzero(record.fitted)
+    if groups is None:
+        fold[rows] = np.arange(rows.size) * PARTS * segments // max(rows.size, 1) % PARTS
+        return fold
+    names = np.unique(groups[rows])
+    fold[rows] = np.searchsorted(names, groups[rows]) % min(names.size, PARTS)
+    return fold
+
+
+def without_startup(spec: PlaneSpec, record: FitRecord) -> FitRecord:
+    """Return the record without a start-up that a coarse fit does not follow."""
+    found = fitting.fit_smooth(_coarse(spec, record), record, 0, 0.0)
+    regression = found.regression
+    span = float(np.ptp(regression.y)) or 1.0
+    error = (regression.matrix.forward(found.x) - regression.y) / span
+    startup = find_startup(error, regression.rows)
+    if startup is None:
+        return record
+    fitted = record.fitted & (np.arange(record.u.size) >= startup.rows)
+    return replace(record, fitted=fitted)
+
+
+def choose(
+    specs: Sequence[PlaneSpec],
+    record: FitRecord,
+    lag: int | None,
+    groups: IntArray | None,
+    finer: Levels | None,
+) -> Chosen:
+    """Choose the structure, the lag and the levels.
+
+    Parameters
+    ----------
+    specs : sequence of PlaneSpec
+        Structures to compare, the simplest first, on the same levels.
+    record : FitRecord
+        The record.
+    lag : int, optional
+        The lag, where it is given; 0 and the best up to 20 are compared otherwise.
+    groups : (T,) array of int, optional
+        Number of the group of each row.
+    finer : array, optional
+        Other levels to compare.
+    """
+    spec, choices = specs[0], []
+    if np.count_nonzero(record.fitted) < _FEWEST:
+        return Chosen(spec, lag or 0, (), parts_of(record, groups))
+    settled = without_startup(spec, _first(record))
+    groups = None if groups is None else groups[: settled.u.size]
+    fold, spread = parts_of(settled, groups), parts_of(settled, groups, _SEGMENTS)
+    if lag is None:
+        lag, found = _choose_lag(specs[-1], settled, spread)
+        choices += found
+    if len(specs) > 1:
+        errors = {structure(one): error(_coarse(one, settled), settled, lag, fold) for one in specs}
+        choices.append(_choice("structure", errors, structure(spec)))
+        spec = next(one for one in specs if structure(one) == choices[-1].chosen)
+    if finer is not None:
+        spec, found = _choose_levels(spec, replace(spec, levels=finer), settled, lag, spread)
+        choices += found
+    return Chosen(spec, lag, tuple(choices), fold)
+
+
+def _first(record: FitRecord) -> FitRecord:
+    """Return the first samples of a long record, which are enough to compare options."""
+    rows = np.flatnonzero(record.fitted)
+    if rows.size <= _MOST_ROWS:
+        return record
+    size = int(rows[_MOST_ROWS])
+    curves = Curves(record.curves.begins[record.curves.begins < size], record.curves.start)
+    return FitRecord(record.u[:size], record.y[:size], record.fitted[:size], curves, record.signed)
+
+
+def structure(spec: PlaneSpec) -> str:
+    """Return the structure of a plane in words."""
+    slope = " with slope" if spec.slope else ""
+    relay = "" if spec.offset else f", {spec.relay} relays"
+    return f"{spec.diagonal} diagonal{slope}{relay}"
+
+
+def choose_prior(
+    fit: FittedPlane, record: FitRecord, lag: int, fold: IntArray
+) -> tuple[FittedPlane, tuple[Choice, ...]]:
+    """Compare a fit with the prior with a smooth one, and return the better one."""
+    if fit.posterior is None or fit.regression.y.size < _FEWEST:
+        return fit, ()
+    smooth = fitting.fit_smooth(fit.regression.matrix.spec, record, lag, "auto")
+    errors = {
+        name: _left_out_error(one, record, lag, fold)
+        for name, one in (("gaussian", fit), ("none", smooth))
+    }
+    choice = _choice("prior", errors, "gaussian")
+    return fit if choice.chosen == "gaussian" else smooth, (choice,)
+
+
+def _left_out_error(found: FittedPlane, record: FitRecord, lag: int, fold: IntArray) -> float:
+    scored = record.fitted & (fold >= 0)
+    left = (left_out(record, found, lag, fold) - record.y)[scored]
+    known = left[np.isfinite(left)]
+    return nrmse(known, record.y[scored])
+
+
+def _choose_lag(spec: PlaneSpec, record: FitRecord, fold: IntArray) -> tuple[int, list[Choice]]:
+    rows = np.flatnonzero(record.fitted)
+    if rows.size < _FEWEST_FOR_LAG:
+        return 0, []
+    coarse = _coarse(spec, record)
+    lag = fitting.best_lag(coarse, record)
+    if not lag:
+        return 0, []
+    errors = {f"{k} samples": error(coarse, record, k, fold) for k in (0, lag)}
+    choice = _choice("lag", errors, "0 samples")
+    return (0 if choice.chosen == "0 samples" else lag), [choice]
+
+
+def _choose_levels(
+    spec: PlaneSpec, finer: PlaneSpec, record: FitRecord, lag: int, fold: IntArray
+) -> tuple[PlaneSpec, list[Choice]]:
+    """Compare more levels, but only if the given ones are better than a coarse plane."""
+    coarse = _coarse(spec, record)
+    if needs_prior(finer, record.rows(lag).size) or coarse.bands == spec.bands:
+        return spec, []
+    specs, errors = {}, {}
+    for one in (coarse, spec, finer):
+        name = f"{one.bands} bands"
+        specs[name] = one
+        errors[name] = error(one, record, lag, fold, _STRENGTHS[1:2], _PARTS_FOR_LEVELS)
+        if one is spec and errors[name] > _PROMISING * errors[f"{coarse.bands} bands"]:
+            break
+    chosen, other = f"{spec.bands} bands", f"{coarse.bands} bands"
+    if len(specs) == 2:
+        return spec, [Choice("levels", chosen, errors[chosen], other, errors[other])]
+    del errors[other]
+    choice = _choice("levels", errors, chosen)
+    return specs[choice.chosen], [choice]
+
+
+def _choice(name: str, errors: Mapping[str, float], simplest: str) -> Choice:
+    """Choose the least error, or the simplest option where its error is nearly as small."""
+    ranked = sorted(errors, key=lambda one: errors[one])
+    nearly = errors[ranked[0]] >= _BETTER[name] * errors[simplest]
+    chosen = simplest if nearly else ranked[0]
+    other = next(one for one in ranked if one != chosen)
+    return Choice(name, chosen, errors[chosen], other, errors[other])
+
+
+def _coarse(spec: PlaneSpec, record: FitRecord) -> PlaneSpec:
+    """Return the structure on few bands, which the samples determine."""
+    samples = np.count_nonzero(record.fitted)
+    bands = int(np.clip(np.sqrt(2 * samples / _SAMPLES_EACH), 3, _COARSE_BANDS))
+    return coarser_spec(spec, bands)
+
+
+def error(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
+    fold: IntArray,
+    strengths: Sequence[float] = _STRENGTHS,
+    parts: int = PARTS,
+) -> float:
+    """Least error on left-out parts of several strengths of smoothing, over the range."""
+    regression = record.regression(spec, lag, fold)
+    part = fold[regression.rows]
+    counts = regression.matrix.counts
+    weight = np.ones(part.size) if counts is None else counts
+    problem = Problem(regression.matrix, regression.y, record.signed)
+    squares, scored = np.zeros(len(strengths)), 0.0
+    x = None
+    for k in np.unique(part)[:parts]:
+        left = part == k
+        scored += float(weight[left].sum())
+        # Without smoothing, cells without samples would keep the weights of the previous part.
+        guess = x if strengths[0] else None
+        for place, x in enumerate(problem.fit_part(~left, strengths, guess)):
+            off = (regression.matrix.forward(x) - regression.y)[left]
+            squares[place] += float(weight[left] @ off**2)
+    mean = squares.min() / scored + regression.within
+    return float(np.sqrt(mean)) / (float(np.ptp(regression.y)) or 1.0)

@@ -1,0 +1,161 @@
+"""Curves: parts of a record before each of which the memory is set anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, IntArray, Levels
+from minorloop.errors import ParameterError, SignalError
+from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Preisach
+
+StartOfCurve = Start | Literal["as-left"]
+AS_LEFT: Final = "as-left"
+"""Start of a curve that continues from the previous one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Rows before which the memory of a record is set anew.
+
+    Parameters
+    ----------
+    begins : (C,) array of int
+        First row of each curve, in increasing order; the first is 0.
+    start : {"negative", "positive", "demagnetised"} or Memory
+        Memory before each curve.
+    """
+
+    begins: IntArray
+    start: Start
+
+    @classmethod
+    def whole(cls, start: Start) -> Curves:
+        """Return one curve, which is the whole record."""
+        return cls(np.zeros(1, dtype=np.int64), start)
+
+    def first_rows(self, samples: int) -> IntArray:
+        """(T,) for each row, the first row of its curve."""
+        if self.begins.size == 1:
+            return np.zeros(samples, dtype=np.int64)
+        return np.asarray(self.begins[self._number(samples)])
+
+    def positions(self, samples: int) -> IntArray:
+        """(T,) for each row, its place in its curve, from 0."""
+        return np.asarray(np.arange(samples) - self.first_rows(samples))
+
+    def delayed(self, values: FloatArray, lag: int) -> FloatArray:
+        """Delay samples (T,) within each curve; its first value is used for those before it."""
+        if lag == 0:
+            return values
+        if self.begins.size == 1:
+            return np.concatenate([np.full(min(lag, values.size), values[0]), values[:-lag]])
+        rows = np.maximum(np.arange(values.size) - lag, self.first_rows(values.size))
+        return np.asarray(values[rows])
+
+    def driven(self, u: FloatArray, levels: Levels, lag: int = 0) -> tuple[FloatArray, IntArray]:
+        """Inputs that set the memory before each later curve, and the place of each row in them.
+
+        Parameters
+        ----------
+        u : (T,) array
+            Inputs of all curves.
+        levels : (L + 1,) array
+            Thresholds of the plane.
+        lag : int
+            Rows by which the inputs are delayed within each curve.
+        """
+        late = self.delayed(u, lag)
+        later = self.begins[1:]
+        if not later.size:
+            return late, np.arange(u.size)
+        plane = Preisach(levels, np.zeros((levels.size - 1, levels.size - 1)))
+        reset = np.asarray(plane.memory(self.start).extrema)
+        inputs = np.insert(late, np.repeat(later, reset.size), np.tile(reset, later.size))
+        return inputs, np.arange(u.size) + reset.size * self._number(u.size)
+
+    def simulate(self, model: Preisach, u: FloatArray, lag: int = 0) -> FloatArray:
+        """(T,) outputs of a model along the curves."""
+        inputs, places = self.driven(u, model.levels, lag)
+        return np.asarray(model.simulate(inputs, self.start))[places]
+
+    def _number(self, samples: int) -> IntArray:
+        return np.searchsorted(self.begins, np.arange(samples), side="right") - 1
+
+
+def as_curves(
+    labels: npt.ArrayLike | None, samples: int, start: Start, start_of_curve: StartOfCurve | None
+) -> Curves:
+    """Return the curves of a record whose rows have labels.
+
+    Parameters
+    ----------
+    labels : (T,) array_like, optional
+        A new curve begins where the label changes; one curve if not given.
+    samples : int
+        T.
+    start : start state
+        Memory before the first row.
+    start_of_curve : start state or "as-left", optional
+        Memory before each curve, the first included; ``start`` if not given. With ``"as-left"``
+        the memory continues.
+
+    Raises
+    ------
+    SignalError
+        If there is not one label for each row.
+    ParameterError
+        If ``start_of_curve`` is given without labels.
+    """
+    if labels is None:
+        if start_of_curve is not None:
+            raise ParameterError("start_of_curve is given without curves; give curves (--curves)")
+        return Curves.whole(start)
+    number = as_groups("curves", labels, samples)
+    if start_of_curve is None:
+        start_of_curve = start
+    if start_of_curve == AS_LEFT:
+        return Curves.whole(start)
+    begins = np.flatnonzero(np.append(True, np.diff(number) != 0))
+    return Curves(begins, start_of_curve)
+
+
+def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:
+    """(T,) number of the group of each row, from 0 in the order of their labels.
+
+    Raises
+    ------
+    SignalError
+        If there is not one label for each row.
+    """
+    given = np.asarray(labels)
+    if given.shape != (samples,):
+        raise SignalError(
+            f"{name} has shape {given.shape}; give one label for each of {samples} rows"
+        )
+    if given.dtype.kind == "f" and np.isnan(given).any():
+        row = int(np.argmax(np.isnan(given)))
+        raise SignalError(f"{name} is NaN at index {row}; give every row a label")
+    return np.unique(given, return_inverse=True)[1].astype(np.int64)
+
+
+def check_group_sizes(name: str, groups: IntArray, labels: Sequence[object]) -> None:
+    """Raise an error if most groups have one row only: such labels number the rows.
+
+    Raises
+    ------
+    ParameterError
+        If at least half of the groups have one row.
+    """
+    counts = np.bincount(groups)
+    single = np.flatnonzero(counts == 1)
+    if 2 * single.size >= counts.size:
+        raise ParameterError(
+            f"{name} has {single.size} groups of one row, the first is {labels[single[0]]!r}; give "
+            "the rows of one curve or specimen the same label"
+        )

@@ -1,0 +1,312 @@
+"""Fit the unknowns of a given structure to a record: with a prior, or with smoothness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray, as_levels
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.active_set import ACCEPTABLE
+from minorloop.identification.condensing import LONG, Condensed, condense
+from minorloop.identification.curves import Curves
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
+from minorloop.identification.prior import (
+    MOST_CORRELATED,
+    Posterior,
+    PriorFit,
+    coarse_rows,
+    fit_dense,
+    fit_prior,
+    regressors,
+)
+from minorloop.identification.record_checks import FEWEST
+
+Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
+Smoothness: TypeAlias = float | Literal["auto"]
+
+LONGEST_LAG = 20
+"""Samples up to which ``lag="auto"`` searches."""
+_LAG_BANDS = 15
+_SAMPLES_EACH = 3
+"""Samples for each unknown above which the data need no prior."""
+_MOST_CELLS = 2100
+"""Cells up to which the prior is used, 64 levels: its covariance is dense."""
+_SUSPICIOUS, _OUTLIER = 2.2, 6.0
+"""Standard deviations from which a sample is fitted without, and from which it is left out."""
+_FEWEST_EACH_SUSPECT = 8
+"""Samples for each outlier: more outliers than that are no outliers."""
+
+
+@dataclass(frozen=True, eq=False)
+class FitRecord:
+    """A record to be fitted.
+
+    Parameters
+    ----------
+    u, y : (T,) arrays
+        Inputs and outputs.
+    fitted : (T,) array of bool
+        Samples to be fitted.
+    curves : Curves
+        Where the memory is set anew.
+    signed : bool
+        Whether weights and slope may be negative.
+    """
+
+    u: FloatArray
+    y: FloatArray
+    fitted: BoolArray
+    curves: Curves
+    signed: bool
+
+    def without(self, sample: int) -> FitRecord:
+        """Return the record with one sample less to be fitted."""
+        fitted = self.fitted.copy()
+        fitted[sample] = False
+        return FitRecord(self.u, self.y, fitted, self.curves, self.signed)
+
+    def rows(self, lag: int) -> IntArray:
+        """(M,) samples that are fitted with a lag: none before the first delayed input."""
+        if not lag:
+            return np.flatnonzero(self.fitted)
+        return np.flatnonzero(self.fitted & (self.curves.positions(self.u.size) >= lag))
+
+    def regression(self, spec: PlaneSpec, lag: int, labels: IntArray | None = None) -> Regression:
+        """Return the regression of the outputs on the unknowns, condensed for a long record.
+
+        Parameters
+        ----------
+        spec : PlaneSpec
+            Structure of the model.
+        lag : int
+            Samples by which the output follows the input.
+        labels : (T,) array of int, optional
+            Samples with different labels are not condensed together.
+
+        Raises
+        ------
+        SignalError
+            If the lag leaves fewer than three samples.
+        """
+        rows = self.rows(lag)
+        if rows.size < FEWEST:
+            raise SignalError(
+                f"a lag of {lag} leaves {rows.size} measured samples; give a shorter lag or a "
+                "longer record"
+            )
+        inputs, places = self.curves.driven(self.u, spec.levels, lag)
+        measured = np.zeros(inputs.size, dtype=np.bool_)
+        measured[places[rows]] = True
+        short = self._condensed(spec, inputs, places, measured, labels)
+        if short is not None:
+            matrix = DesignMatrix(spec, short.u, short.measured, "negative", short.counts)
+            row = np.searchsorted(places, short.rows)
+            return Regression(matrix, short.y, row, short.u, short.measured, short.within)
+        matrix = DesignMatrix(spec, inputs, measured, self.curves.start)
+        return Regression(matrix, self.y[rows], rows, inputs, measured)
+
+    def _condensed(
+        self,
+        spec: PlaneSpec,
+        inputs: FloatArray,
+        places: IntArray,
+        measured: BoolArray,
+        labels: IntArray | None,
+    ) -> Condensed | None:
+        if np.count_nonzero(measured) < LONG:
+            return None
+        y = self.y
+        if inputs.size != y.size:
+            y = np.full(inputs.size, np.nan)
+            y[places] = self.y
+            if labels is not None:
+                everywhere = np.full(inputs.size, -1)
+                everywhere[places] = labels
+                labels = everywhere
+        return condense(spec.levels, self.curves.start, inputs, y, measured, labels)
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Outputs ``y`` (M,) of the samples ``rows`` (M,), and their regressors.
+
+    In a condensed record, each output stands for several samples, one of which is in ``rows``.
+
+    ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
+    the outputs about the condensed ones.
+    """
+
+    matrix: DesignMatrix
+    y: FloatArray
+    rows: IntArray
+    inputs: FloatArray
+    measured: BoolArray
+    within: float = 0.0
+
+    def squared_error(self, x: FloatArray) -> float:
+        """Sum of squared errors, without that within condensed samples."""
+        off = self.matrix.forward(x) - self.y
+        return float(off @ off if self.matrix.counts is None else self.matrix.counts @ off**2)
+
+    @cached_property
+    def dense(self) -> tuple[FloatArray, FloatArray] | None:
+        """Regressors and features for the prior; None for many samples."""
+        if self.rows.size > MOST_CORRELATED:
+            return None
+        return regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
+
+    @cached_property
+    def coarse(self) -> tuple[PlaneSpec, FloatArray] | None:
+        """Plane on which the hyperparameters are searched, and its regressors."""
+        if self.dense is None:
+            return None
+        return coarse_rows(self.matrix, self.inputs, self.measured, self.matrix.start)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPlane:
+    """Unknowns, the samples that they were fitted to, and the outliers."""
+
+    x: FloatArray
+    kkt: float
+    regression: Regression
+    fitted: BoolArray
+    smoothness: float = 0.0
+    posterior: Posterior | None = None
+    suspects: tuple[int, ...] = ()
+    converged: bool = True
+
+
+def fit_plane(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
+    smoothness: Smoothness,
+    prior: Regularisation,
+    noise: float | None,
+    labels: IntArray | None = None,
+) -> FittedPlane:
+    """Fit with the prior, or with smoothness."""
+    if prior == "gaussian" and spec.cells > _MOST_CELLS:
+        raise ParameterError(
+            f'prior is "gaussian" and the plane has {spec.cells} cells; give at most 64 levels, '
+            'or leave it "auto", which smooths such planes'
+        )
+    samples = record.rows(lag).size
+    few = needs_prior(spec, samples)
+    if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
+        if prior == "auto" and samples >= spec.unknowns:
+            found = fit_smooth(spec, record, lag, 0.0)
+            if reproduces(found.regression.matrix, found.x, found.regression.y):
+                return found
+        return _fit_with_prior(spec, record, lag, noise)
+    return fit_smooth(spec, record, lag, smoothness, labels)
+
+
+def needs_prior(spec: PlaneSpec, samples: int) -> bool:
+    """Whether the samples are few for the unknowns, and the plane is not too fine for the prior."""
+    return samples < _SAMPLES_EACH * spec.unknowns and spec.cells <= _MOST_CELLS
+
+
+def fit_smooth(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
+    smoothness: Smoothness,
+    labels: IntArray | None = None,
+) -> FittedPlane:
+    """Fit with smoothness."""
+    regression = record.regression(spec, lag, labels)
+    fit: FittedUnknowns = Problem(regression.matrix, regression.y, record.signed).fit(smoothness)
+    return FittedPlane(
+        fit.x, fit.kkt, regression, record.fitted, fit.smoothness, converged=fit.converged
+    )
+
+
+def _fit_with_prior(
+    spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None
+) -> FittedPlane:
+    """Fit, and leave out one outlier after the other."""
+    suspects: list[int] = []
+    guess = None
+    while True:
+        regression = record.regression(spec, lag)
+        found = fit_prior(
+            regression.matrix,
+            regression.y,
+            regression.dense,
+            signed=record.signed,
+            noise=noise,
+            guess=guess,
+            coarse=regression.coarse,
+        )
+        guess = found.learnt
+        suspect = _suspect(found, regression, record.signed, noise)
+        if suspect is None or len(suspects) >= regression.rows.size // _FEWEST_EACH_SUSPECT:
+            break
+        suspects.append(int(regression.rows[suspect]))
+        record = record.without(suspects[-1])
+    return FittedPlane(
+        found.x,
+        found.kkt,
+        regression,
+        record.fitted,
+        posterior=found.posterior,
+        suspects=tuple(suspects),
+        converged=found.kkt <= ACCEPTABLE,
+    )
+
+
+def _suspect(
+    found: PriorFit, regression: Regression, signed: bool, noise: float | None
+) -> int | None:
+    """Sample that lies far outside the band of a fit without it; None if there is none."""
+    dense, coarse, y = regression.dense, regression.coarse, regression.y
+    if found.leave_one_out is None or dense is None or y.size < _FEWEST_EACH_SUSPECT:
+        return None
+    worst = int(np.argmax(np.abs(found.leave_one_out)))
+    if abs(found.leave_one_out[worst]) < _SUSPICIOUS:
+        return None
+    others = np.arange(y.size) != worst
+    without = fit_dense(
+        found.posterior.spec,
+        y[others],
+        (dense[0][others], dense[1][others]),
+        signed=signed,
+        noise=noise,
+        guess=found.learnt,
+        coarse=None if coarse is None else (coarse[0], coarse[1][others]),
+    )
+    row = dense[0][worst : worst + 1]
+    h, unit = without.posterior.hyperparameters, without.posterior.unit
+    allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * unit)
+    return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
+
+
+def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
+    """Lag with the least error of a coarse fit, on the samples that all lags share."""
+    coarse = coarser_spec(spec, _LAG_BANDS)
+    longest = min(LONGEST_LAG, record.u.size // 4)
+    shared = record.fitted & (record.curves.positions(record.u.size) >= longest)
+    if np.count_nonzero(shared) < FEWEST:
+        return 0
+    common = FitRecord(record.u, record.y, shared, record.curves, record.signed)
+    errors = []
+    for lag in range(longest + 1):
+        found = fit_smooth(coarse, common, lag, 0.0)
+        errors.append(found.regression.squared_error(found.x))
+    return int(np.argmin(errors))
+
+
+def coarser_spec(spec: PlaneSpec, bands: int) -> PlaneSpec:
+    """Return the structure on at most so many bands, over the same range."""
+    if spec.bands <= bands:
+        return spec
+    places = np.linspace(0, spec.bands, bands + 1)
+    levels = as_levels(np.interp(places, np.arange(spec.bands + 1), spec.levels))
+    return PlaneSpec(levels, spec.relay, spec.diagonal, spec.offset, spec.slope)

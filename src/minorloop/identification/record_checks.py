@@ -1,0 +1,155 @@
+"""Checks of a record and of the options before it is fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Levels,
+    as_finite,
+    as_levels,
+    as_samples,
+)
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.design_matrix import check_bands
+from minorloop.identification.levels import levels_for
+from minorloop.identification.screening import OVERLOAD, Code, codes
+
+FEWEST = 3
+"""Measured samples below which nothing is fitted."""
+_LARGEST = 1e150
+"""Largest magnitude of a signal: its square must not overflow."""
+
+
+def checked_record(
+    u: npt.ArrayLike, y: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray, tuple[Code, ...]]:
+    """Checked inputs, outputs with NaN instead of codes, and these codes."""
+    inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
+    for name, values in (("u", inputs), ("y", outputs)):
+        if values.ndim != 1:
+            raise SignalError(f"{name} has shape {values.shape}; give one record, (T,)")
+    if inputs.size != outputs.size:
+        raise SignalError(
+            f"u has {inputs.size} samples and y has {outputs.size}; give one output for every "
+            "input, NaN where nothing was measured"
+        )
+    outputs, coded = _without_codes(inputs, outputs)
+    finite = outputs[np.isfinite(outputs)]
+    if finite.size < FEWEST:
+        raise SignalError(f"{finite.size} outputs are finite; at least {FEWEST} are needed")
+    for name, values in (("input", inputs), ("output", finite)):
+        largest = np.abs(values).max()
+        if largest > _LARGEST:
+            raise SignalError(f"the {name} reaches {largest:g}; scale it to below {_LARGEST:g}")
+        if 0 < np.ptp(values) < 1 / _LARGEST:
+            raise SignalError(
+                f"the {name} changes by {np.ptp(values):g} only; scale it to above {1 / _LARGEST:g}"
+            )
+        if np.ptp(values) == 0:
+            raise SignalError(
+                f"the {name} is {values[0]:g} throughout; a constant identifies nothing"
+            )
+    return inputs, outputs, coded
+
+
+def _without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code, ...]]:
+    for code in codes(u):
+        if abs(code.value) >= OVERLOAD:
+            raise SignalError(
+                f"u is {code.value:g} at index {code.sample}, which is an overload code and no "
+                "input; give what was applied, or cut these rows"
+            )
+    finite = y[np.isfinite(y)]
+    sound = int(np.count_nonzero(np.abs(finite) < OVERLOAD))
+    if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= _LARGEST:
+        raise SignalError(
+            f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
+            f"codes, as {finite[np.abs(finite) >= OVERLOAD][0]:g} is, and no measurement; check "
+            "the range of the instrument and repeat"
+        )
+    coded = codes(y)
+    if not coded:
+        return y, ()
+    measured = y.copy()
+    measured[[code.sample for code in coded]] = np.nan
+    return measured, coded
+
+
+def split(
+    y: FloatArray, holdout: float, coded: int, skipped: BoolArray | None = None
+) -> tuple[BoolArray, BoolArray]:
+    """Samples to be fitted, and samples held out at the end; none of those that are skipped."""
+    number = isinstance(holdout, float | int | np.floating | np.integer)
+    if not number or isinstance(holdout, bool) or not 0 <= holdout <= 0.9:
+        raise ParameterError(f"holdout is {holdout!r}; give a share from 0 to 0.9")
+    measured = np.isfinite(y) if skipped is None else np.isfinite(y) & ~skipped
+    places = np.flatnonzero(measured)
+    if places.size < FEWEST:
+        raise ParameterError(
+            f"skip leaves {places.size} measured rows; at least {FEWEST} are needed"
+        )
+    kept = places.size - round(float(holdout) * places.size)
+    if kept < FEWEST:
+        without = f", {coded} codes of the instrument left out" if coded else ""
+        raise ParameterError(
+            f"holdout {holdout} leaves {kept} of {places.size} measured samples to fit{without}; "
+            f"at least {FEWEST} are needed"
+        )
+    fitted = measured.copy()
+    fitted[places[kept:]] = False
+    if np.ptp(y[fitted]) == 0:
+        raise SignalError(
+            "the output does not change in the part to be fitted; give a smaller holdout or "
+            "other rows"
+        )
+    return fitted, measured & ~fitted
+
+
+def as_skip(skip: int, positions: IntArray) -> BoolArray:
+    """(T,) rows that drive the memory and are not fitted: the first ones of each curve."""
+    whole = isinstance(skip, int | np.integer) and not isinstance(skip, bool)
+    if not whole or not 0 <= int(skip) < positions.size:
+        raise ParameterError(f"skip is {skip!r}; give whole rows from 0 to {positions.size - 1}")
+    return np.asarray(positions < skip)
+
+
+def grid(u: FloatArray, y: FloatArray, levels: int | npt.ArrayLike, spacing: str) -> Levels:
+    """Thresholds that are given, or as many bands as are wanted."""
+    if not np.isscalar(levels):
+        return as_levels(levels)
+    count = levels
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        raise ParameterError(
+            f"levels is {levels!r}; give a whole number of bands of at least 1, or thresholds"
+        )
+    check_bands(int(count))
+    return levels_for(u, y, int(count), spacing)
+
+
+def as_lag(lag: int | str, samples: int) -> int:
+    """Check a number of samples by which the output is late."""
+    whole = isinstance(lag, int | np.integer) and not isinstance(lag, bool)
+    if not whole or not 0 <= int(lag) < samples:
+        raise ParameterError(
+            f'lag is {lag!r}; give "auto" or whole samples from 0 to {samples - 1}'
+        )
+    return int(lag)
+
+
+def as_noise(noise: float | None) -> float | None:
+    """Check the standard deviation of a measured output."""
+    if noise is None:
+        return None
+    if isinstance(noise, bool | np.bool_):
+        raise ParameterError(f"noise is {noise}; give a standard deviation in the output's unit")
+    number = as_finite("noise", noise)
+    if not 0 <= number <= _LARGEST:
+        raise ParameterError(
+            f"noise is {noise}; give a standard deviation >= 0 and up to {_LARGEST:g}"
+        )
+    return number

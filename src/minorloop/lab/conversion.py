@@ -1,0 +1,247 @@
+"""Convert the readings of a sensor to the quantity that is wanted, with the uncertainty.
+
+A conversion gives NaN for a reading that it does not cover. ``sd`` is the uncertainty of the
+conversion itself, from the calibration or the geometry: it is common to all samples of a log, and
+no noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite, frozen
+from minorloop.errors import ParameterError
+from minorloop.files import PathLike
+from minorloop.lab.columns import read_columns, read_headers, split_header
+from minorloop.lab.curvature import curvature_from_displacement, curvature_uncertainty
+from minorloop.lab.records import Quantity
+
+__all__ = ["LENGTHS", "Conversion", "LaserCurvature", "Polynomial", "Table", "linear"]
+
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "cm": 1e-2}
+"""Units of length that a laser may have, in metres."""
+
+
+class Conversion(Protocol):
+    """A map from readings to a quantity."""
+
+    def convert(self, readings: npt.ArrayLike) -> FloatArray:
+        """Return the quantity for each reading; NaN where a reading is not covered."""
+
+    def sd(self, readings: npt.ArrayLike) -> FloatArray:
+        """Return the standard deviation of the conversion for each reading."""
+
+    def quantity(self, reading: Quantity) -> Quantity:
+        """Return name and unit of the result, from those of the reading."""
+
+    @property
+    def covered(self) -> str:
+        """Which readings are covered, for a message."""
+
+
+@dataclass(frozen=True)
+class _Calibrated:
+    """Name and unit of the result of a calibration; those of the reading where not given."""
+
+    name: str | None = None
+    unit: str | None = None
+    calibration_sd: float = 0.0
+
+    def __post_init__(self) -> None:
+        if as_finite("calibration_sd", self.calibration_sd) < 0:
+            raise ParameterError(
+                f"calibration_sd is {self.calibration_sd}; give a standard deviation >= 0"
+            )
+
+    def sd(self, readings: npt.ArrayLike) -> FloatArray:
+        """Return the standard deviation of the calibration for each reading."""
+        return np.full(np.shape(readings), float(self.calibration_sd))
+
+    def quantity(self, reading: Quantity) -> Quantity:
+        """Return name and unit of the result, from those of the reading."""
+        return Quantity(
+            reading.name if self.name is None else self.name,
+            reading.unit if self.unit is None else self.unit,
+        )
+
+    @property
+    def covered(self) -> str:
+        """Which readings are covered, for a message."""
+        return "finite readings"
+
+
+@dataclass(frozen=True)
+class Polynomial(_Calibrated):
+    """A polynomial: c0 + c1 x + c2 x^2 + ...
+
+    Parameters
+    ----------
+    coefficients : tuple of float
+        From the constant on.
+    name, unit : str, optional
+        Of the result.
+    calibration_sd : float
+        Standard deviation of the calibration, in the unit of the result.
+    """
+
+    coefficients: tuple[float, ...] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        found = tuple(as_finite("coefficient", value) for value in self.coefficients)
+        if not any(found[1:]):
+            raise ParameterError(
+                f"the coefficients are {found}, a constant; give one beside the constant, such as "
+                "0,1"
+            )
+        object.__setattr__(self, "coefficients", found)
+
+    def convert(self, readings: npt.ArrayLike) -> FloatArray:
+        """Return the polynomial at each reading."""
+        values = np.asarray(readings, dtype=np.float64)
+        return np.asarray(np.polynomial.polynomial.polyval(values, self.coefficients))
+
+
+def linear(
+    gain: float,
+    offset: float = 0.0,
+    *,
+    name: str | None = None,
+    unit: str | None = None,
+    calibration_sd: float = 0.0,
+) -> Polynomial:
+    """Return the conversion offset + gain x."""
+    return Polynomial(name, unit, calibration_sd, (offset, gain))
+
+
+@dataclass(frozen=True, eq=False)
+class Table(_Calibrated):
+    """A table with straight lines between its points.
+
+    Parameters
+    ----------
+    readings, values : (N,) array_like
+        The readings, increasing or decreasing, and what they stand for.
+    name, unit : str, optional
+        Of the result.
+    calibration_sd : float
+        Standard deviation of the calibration, in the unit of the result.
+    """
+
+    readings: npt.ArrayLike = ()
+    values: npt.ArrayLike = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        x, y = np.asarray(self.readings, np.float64), np.asarray(self.values, np.float64)
+        if x.ndim != 1 or x.shape != y.shape or x.size < 2:
+            raise ParameterError(
+                f"the table has {x.size} readings and {y.size} values; give two or more of each"
+            )
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            raise ParameterError("the table has a number that is not finite; give finite numbers")
+        if x[0] > x[-1]:
+            x, y = x[::-1], y[::-1]
+        if not (np.diff(x) > 0).all():
+            place = int(np.argmin(np.diff(x) > 0))
+            raise ParameterError(
+                f"the readings of the table are {x[place]:g} and then {x[place + 1]:g}; they must "
+                "increase throughout, or decrease throughout"
+            )
+        object.__setattr__(self, "readings", frozen(x))
+        object.__setattr__(self, "values", frozen(y))
+
+    @classmethod
+    def from_csv(cls, path: PathLike, *, calibration_sd: float = 0.0) -> Table:
+        """Read a table from a file with two columns: readings, and values with their unit."""
+        headers = read_headers(path)
+        if len(headers) != 2:
+            raise ParameterError(
+                f"{path} has {len(headers)} columns; a calibration table has two, the reading and "
+                "the value"
+            )
+        columns = read_columns(path, headers)
+        name, unit = split_header(headers[1])
+        return cls(name, unit or None, calibration_sd, columns[headers[0]], columns[headers[1]])
+
+    def convert(self, readings: npt.ArrayLike) -> FloatArray:
+        """Return the value for each reading; NaN beyond the table."""
+        x = np.asarray(readings, dtype=np.float64)
+        known = np.asarray(self.readings)
+        return np.asarray(np.interp(x, known, np.asarray(self.values), np.nan, np.nan))
+
+    @property
+    def covered(self) -> str:
+        """Which readings are covered, for a message."""
+        known = np.asarray(self.readings)
+        return f"the table, {known[0]:g} to {known[-1]:g}"
+
+
+@dataclass(frozen=True)
+class LaserCurvature:
+    """Distance that a laser measures to the curvature of a strip, in 1/m.
+
+    Parameters
+    ----------
+    d0, h0 : float
+        Distance to the straight strip, and height of the laser above the clamp, in the unit of
+        the reading; see `minorloop.lab.curvature`.
+    sd_d0, sd_h0 : float
+        Their standard deviations.
+    unit : str
+        Unit of the reading: m, cm, mm, um or nm.
+    """
+
+    d0: float
+    h0: float
+    sd_d0: float = 0.0
+    sd_h0: float = 0.0
+    unit: str = "mm"
+
+    def __post_init__(self) -> None:
+        if self.unit not in LENGTHS:
+            raise ParameterError(
+                f"the laser reads in {self.unit or 'a pure number'}; a distance must be in one of "
+                f"{', '.join(LENGTHS)}: write it in the header, such as distance [mm]"
+            )
+        self.sd([self.d0])
+
+    def convert(self, readings: npt.ArrayLike) -> FloatArray:
+        """Return the curvature for each distance; NaN past a quarter circle."""
+        distances = np.asarray(readings, dtype=np.float64)
+        covered = np.abs(distances - self.d0) <= self.h0
+        metres = LENGTHS[self.unit]
+        inside = np.where(covered, distances, self.d0) * metres
+        return np.where(
+            covered,
+            curvature_from_displacement(inside, self.d0 * metres, self.h0 * metres),
+            np.nan,
+        )
+
+    def sd(self, readings: npt.ArrayLike) -> FloatArray:
+        """Return the standard deviation of the curvature because of the geometry."""
+        distances = np.asarray(readings, dtype=np.float64)
+        covered = np.abs(distances - self.d0) <= self.h0
+        metres = LENGTHS[self.unit]
+        inside = np.where(covered, distances, self.d0) * metres
+        return curvature_uncertainty(
+            inside,
+            self.d0 * metres,
+            self.h0 * metres,
+            sd_d0=self.sd_d0 * metres,
+            sd_h0=self.sd_h0 * metres,
+        )
+
+    def quantity(self, reading: Quantity) -> Quantity:
+        """Return ``curvature [1/m]``."""
+        return Quantity("curvature", "1/m")
+
+    @property
+    def covered(self) -> str:
+        """Which readings are covered, for a message."""
+        low, high = self.d0 - self.h0, self.d0 + self.h0
+        return f"{low:g} to {high:g} {self.unit}, a quarter circle to either side"

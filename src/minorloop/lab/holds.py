@@ -1,0 +1,242 @@
+"""Find the holds of a raw log: stretches in which the input is constant but for its noise.
+
+The input is cut where its mean changes (binary segmentation by the CUSUM statistic). Pieces of a
+ramp are no holds: within them the input rises by about as much as it changes to the next piece.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, IntArray, as_finite, as_samples
+from minorloop.errors import ParameterError
+from minorloop.lab.settling import FEWEST_STILL
+
+__all__ = ["FoundHold", "find_holds", "looks_like_raw_log", "turning_points"]
+
+_SURE = 6.0
+"""Standard deviations of noise from which a change of the mean is a change of the input."""
+_JUMP = 10.0
+"""Standard deviations from which a difference of neighbours is a change of the input."""
+_EQUAL = 3.0
+"""Standard deviations up to which the means of neighbouring pieces are equal."""
+_GRAIN = 1000
+"""The input counts as noisy by at most this part of its span where it is quantised."""
+_RISE = 0.3
+"""Share of the change to the next piece by which the input may rise within a hold."""
+_MOST_PIECES = 50_000
+_MOST_SEARCHED = 200_000
+"""Samples in which a raw log is looked for; means of neighbours, if there are more."""
+_LEAST_HOLDS, _HELD, _MOVING, _MOVES = 3, 0.6, 0.25, 0.01
+"""Of a raw log: least holds, least share of the rows in them, least share of holds in which the
+output moves, and by how much of its span."""
+
+
+@dataclass(frozen=True)
+class FoundHold:
+    """A stretch of a log in which the input is constant.
+
+    Parameters
+    ----------
+    begin, end : int
+        First sample, and the one after the last.
+    level : float
+        Mean of the input.
+    sd : float
+        Standard deviation of the input about it.
+    """
+
+    begin: int
+    end: int
+    level: float
+    sd: float
+
+
+def find_holds(
+    u: npt.ArrayLike, *, tolerance: float | None = None, fewest: int = FEWEST_STILL
+) -> list[FoundHold]:
+    """Return the holds of an input, in order.
+
+    Parameters
+    ----------
+    u : (T,) array_like
+        The input as recorded, with or without noise.
+    tolerance : float, optional
+        Changes of the input up to this size are noise; six standard deviations of its noise if
+        not given, which is estimated from second differences.
+    fewest : int
+        Least samples of a hold.
+
+    Raises
+    ------
+    SignalError
+        If the input is not one row of finite numbers.
+    ParameterError
+        If the tolerance is negative.
+    """
+    values = as_samples(u, name="u")
+    span = float(np.ptp(values)) if values.size else 0.0
+    if values.ndim != 1 or values.size < fewest or span == 0:
+        return []
+    if tolerance is not None and as_finite("tolerance", tolerance) < 0:
+        raise ParameterError(f"tolerance is {tolerance}; give a change of the input >= 0")
+    sd = _noise(values, span) if tolerance is None else tolerance / _SURE
+    sd = max(sd, 1e-9 * span)
+    equal = _EQUAL * sd if tolerance is None else tolerance
+    pieces = _merged(values, _edges(values, sd, fewest), equal, fewest)
+    return _steady(values, pieces, fewest)
+
+
+def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLike) -> str:
+    """Return a sentence if a record is a raw log with holds and transients, otherwise "".
+
+    Parameters
+    ----------
+    t : (T,) array_like or None
+        Times in seconds, if known; used for the sentence only.
+    u, y : (T,) array_like
+        Input and output; NaN where nothing was measured.
+    """
+    inputs, outputs = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    width = max(-(-inputs.size // _MOST_SEARCHED), 1)
+    whole = inputs.size - inputs.size % width
+    if width > 1:
+        inputs, outputs = (
+            part[:whole].reshape(-1, width).mean(axis=1) for part in (inputs, outputs)
+        )
+    held = find_holds(inputs)
+    rows = sum(hold.end - hold.begin for hold in held)
+    if len(held) < _LEAST_HOLDS or rows < _HELD * inputs.size:
+        return ""
+    known = outputs[np.isfinite(outputs)]
+    span = float(np.ptp(known)) if known.size else 0.0
+    if np.mean([_moves(outputs[hold.begin : hold.end], span) for hold in held]) < _MOVING:
+        return ""
+    length = width * float(np.median([hold.end - hold.begin for hold in held]))
+    typical = f"about {length:.0f} samples"
+    if t is not None:
+        times = np.asarray(t, dtype=np.float64)[::width]
+        seconds = np.median([times[hold.end - 1] - times[hold.begin] for hold in held])
+        typical += f" ({seconds:.3g} s)"
+    return (
+        f"this looks like a raw log: {np.size(u)} samples with {len(held)} holds of {typical}, in "
+        "which the output still moves; reduce it to settled points first (minorloop reduce)"
+    )
+
+
+def turning_points(values: FloatArray, threshold: float) -> IntArray:
+    """Return the samples at which a signal reverses by more than a threshold.
+
+    Parameters
+    ----------
+    values : (T,) array
+        The signal.
+    threshold : float
+        Smaller reversals are noise.
+    """
+    way = np.sign(np.diff(values))
+    moving = np.flatnonzero(way)
+    turns = moving[1:][way[moving[1:]] != way[moving[:-1]]]
+    found: list[int] = []
+    extreme, last = 0, 0  # the extreme so far, and the direction that leads to it
+    for place in [*turns.tolist(), values.size - 1]:
+        change = values[place] - values[extreme]
+        if last == 0 or change * last > 0:
+            if abs(change) > threshold or last != 0:
+                last = last or (1 if change > 0 else -1)
+                extreme = place
+        elif abs(change) > threshold:
+            found.append(extreme)
+            extreme, last = place, -last
+    return np.array(found, dtype=np.int64)
+
+
+def _noise(u: FloatArray, span: float) -> float:
+    """Return the standard deviation of the noise, at least that of a coarse last digit."""
+    steps = np.abs(np.diff(u))
+    digit = float(steps[steps > 1e-12 * span].min(initial=span))
+    bends = np.abs(np.diff(u, 2))
+    sd = float(np.median(bends)) / (0.6745 * np.sqrt(6)) if bends.size else 0.0
+    return max(sd, min(digit / 2, span / _GRAIN))
+
+
+def _edges(u: FloatArray, sd: float, fewest: int) -> list[int]:
+    """Return where the mean changes, with both ends."""
+    jumps = np.flatnonzero(np.abs(np.diff(u)) > _JUMP * sd) + 1
+    edges = [0, *jumps.tolist(), u.size]
+    if len(edges) > _MOST_PIECES:
+        return edges
+    sums = np.concatenate([[0.0], np.cumsum(u - u.mean())])
+    queue = list(itertools.pairwise(edges))
+    cuts = set(edges)
+    while queue and len(cuts) < _MOST_PIECES:
+        begin, end = queue.pop()
+        count = end - begin
+        if count < 2 * fewest:
+            continue
+        left = np.arange(1, count)
+        excess = sums[begin + 1 : end] - sums[begin] - left / count * (sums[end] - sums[begin])
+        surprise = np.abs(excess) * np.sqrt(count / (left * (count - left)))
+        best = int(np.argmax(surprise))
+        if surprise[best] > _SURE * sd:
+            middle = begin + 1 + best
+            cuts.add(middle)
+            queue += [(begin, middle), (middle, end)]
+    return sorted(cuts)
+
+
+def _merged(u: FloatArray, edges: list[int], least: float, fewest: int) -> list[tuple[int, int]]:
+    """Return the pieces; long ones of equal mean with at most an outlier between them are one."""
+    kept: list[tuple[int, int]] = []
+    latest, level = -1, np.nan  # the latest long piece
+    for begin, end in itertools.pairwise(edges):
+        first = begin
+        if end - begin >= fewest:
+            mean = float(u[begin:end].mean())
+            if latest >= 0 and begin - kept[latest][1] < fewest and abs(mean - level) <= least:
+                first = kept[latest][0]
+                del kept[latest:]
+            latest, level = len(kept), mean
+        kept.append((first, end))
+    return kept
+
+
+def _steady(u: FloatArray, pieces: list[tuple[int, int]], fewest: int) -> list[FoundHold]:
+    """Return the long pieces within which the input does not rise."""
+    pieces = [(a, b) for a, b in pieces if b - a >= fewest]
+    if not pieces:
+        return []
+    levels = np.array([np.median(u[a:b]) for a, b in pieces])
+    steps = np.abs(np.diff(levels))
+    around = np.full((2, levels.size), np.inf)
+    around[0, 1:], around[1, :-1] = steps, steps
+    least = around.min(axis=0)
+    rises = np.array([_rise(u[a:b]) for a, b in pieces])
+    if np.median(np.abs(rises) / np.maximum(least, 1e-300)) > _RISE:
+        return []
+    return [
+        FoundHold(a, b, float(u[a] + (u[a:b] - u[a]).mean()), float(u[a:b].std()))
+        for (a, b), rise, step in zip(pieces, rises, least, strict=True)
+        if abs(rise) <= 2 * _RISE * step
+    ]
+
+
+def _rise(values: FloatArray) -> float:
+    """Return by how much a line through the values rises from the first to the last."""
+    x = np.arange(values.size) - (values.size - 1) / 2
+    return float(x @ values / (x @ x) * values.size)
+
+
+def _moves(y: FloatArray, span: float) -> bool:
+    """Whether an output moves within a hold by more than its noise."""
+    values = y[np.isfinite(y)]
+    if values.size < FEWEST_STILL:
+        return False
+    part = max(values.size // 8, 1)
+    noise = float(np.median(np.abs(np.diff(values)))) / (0.6745 * np.sqrt(2))
+    change = abs(float(values[:part].mean() - values[-part:].mean()))
+    return change > max(_MOVES * span, 4 * noise * np.sqrt(2 / part))

@@ -1,0 +1,173 @@
+"""Read a log from a file: one input, one output, and time that is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError, RecordError
+from minorloop.files import PathLike
+from minorloop.lab.columns import find_column, read_columns, read_headers
+from minorloop.lab.records import SAMPLE, Quantity, Record
+from minorloop.lab.timebase import (
+    GAP,
+    SECONDS,
+    TimeCheck,
+    check_times,
+    delayed,
+    known_memory,
+    resample,
+    split_time,
+)
+
+__all__ = ["Log", "read_log", "read_times"]
+
+_MOST_NEW = 4
+_DATE = 1e8
+"""Times without a unit beyond this many seconds are dates; they are counted from the first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A record as it was logged, and what was found in its times.
+
+    Parameters
+    ----------
+    record : Record
+        The samples; times never run backwards.
+    check : TimeCheck, optional
+        What was found in the times; None without a column of time.
+    """
+
+    record: Record
+    check: TimeCheck | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found in the times, one sentence each."""
+        return self.check.notes if self.check else ()
+
+    @property
+    def breaks(self) -> tuple[str, ...]:
+        """What was found about gaps and clock jumps only."""
+        return self.check.of_breaks if self.check else ()
+
+    def with_known_memory(self) -> Record:
+        """Return the record without outputs where gaps leave the memory unknown."""
+        record = self.record
+        if self.check is None or not self.check.breaks.size:
+            return record
+        known = known_memory(record.u, self.check.breaks)
+        return _replaced(record, record.t, record.u, np.where(known, record.y, np.nan))
+
+    def evenly_sampled(self) -> Record:
+        """Return the record at its usual interval, as a lag in rows needs it.
+
+        A record that would become more than four times as long is returned as it is.
+        """
+        record, check = self.with_known_memory(), self.check
+        if check is None or (not check.breaks.size and check.uneven == 0):
+            return record
+        duration = float(record.t[-1] - record.t[0])
+        if duration > _MOST_NEW * len(record) * check.interval:
+            return record
+        longest = GAP * check.interval
+        even = resample(record.t, record.u, record.y, check.interval, gap=longest)
+        return _replaced(record, *even)
+
+    def without_lag(self, lag: float) -> Record:
+        """Return the record with each output ``lag`` seconds after its input.
+
+        Raises
+        ------
+        ParameterError
+            If the log has no time.
+        """
+        record, check = self.with_known_memory(), self.check
+        if check is None:
+            raise ParameterError(
+                f"the lag is {lag:g} s and the record has no time; name its column, or give the "
+                "lag in rows"
+            )
+        y = delayed(record.t, record.y, lag, gap=GAP * check.interval)
+        return _replaced(record, record.t, record.u, y)
+
+
+def read_log(
+    path: PathLike,
+    *,
+    input: str,
+    output: str,
+    time: str | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Log:
+    """Read an input, an output and time from a file.
+
+    Parameters
+    ----------
+    path : str or path
+        The file; see `minorloop.lab.columns.read_columns`.
+    input, output : str
+        Columns, by the whole header or the name; the output may have gaps.
+    time : str, optional
+        Column of time, in the unit of its header, or date and time as ISO 8601; without it, the
+        samples are counted.
+    progress : callable, optional
+        Called with the share that has been read, as text.
+
+    Raises
+    ------
+    RecordError
+        If the file, a column or the times cannot be used.
+    ParameterError
+        If a column is given twice.
+    """
+    headers = read_headers(path)
+    wanted = [name for name in (input, output, time) if name is not None]
+    found = [find_column(name, headers, source=path) for name in wanted]
+    for place, header in enumerate(found):
+        if header in found[:place]:
+            names = ("--input", "--output", "--time")
+            raise ParameterError(
+                f"{names[found.index(header)]} and {names[place]} are both '{header}'; give two "
+                "columns"
+            )
+    dates = () if time is None else (time,)
+    columns = read_columns(path, wanted, gaps=(output,), dates=dates, progress=progress)
+    u, y = columns[input], columns[output]
+    if time is None:
+        t = np.arange(u.size, dtype=np.float64)
+        return Log(Record(t, u, y, found[0], found[1], time=SAMPLE))
+    clock, check = _checked(columns[time], found[2])
+    return Log(Record(check.t, u, y, found[0], found[1], time=clock), check)
+
+
+def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
+    """Read a column of time; return its name, in seconds, and its times with what was found.
+
+    Raises
+    ------
+    RecordError
+        As for ``read_log``.
+    """
+    header = find_column(time, read_headers(path), source=path)
+    return _checked(read_columns(path, [time], dates=[time])[time], header)
+
+
+def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
+    clock = Quantity(*split_time(header))
+    if clock.unit not in SECONDS:
+        units = ", ".join(unit for unit in SECONDS if unit and unit.isascii())
+        raise RecordError(f"time in column '{clock}' must be in one of {units}, or a date and time")
+    with np.errstate(over="ignore"):  # infinite times are refused
+        t = values * SECONDS[clock.unit]
+    if clock.unit == "" and t.size and t[0] > _DATE:
+        t = t - t[0]
+    return Quantity(clock.name, "s"), check_times(t, name=f"column '{clock}'", unit=clock.unit)
+
+
+def _replaced(record: Record, t: FloatArray, u: FloatArray, y: FloatArray) -> Record:
+    return Record(t, u, y, record.inputs, record.outputs, record.time)

@@ -1,0 +1,435 @@
+"""Reduce a raw log to settled points: one row for each hold, with its uncertainty.
+
+The holds are found in the input. Each is judged and extrapolated as during a run, by
+`minorloop.lab.settling`. Where the input passes an extreme between two holds, a row without an
+output is inserted, so that it drives the memory of a model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, as_finite
+from minorloop.errors import ParameterError, RecordError
+from minorloop.figures import figure_of
+from minorloop.files import PathLike, check_writable, table_text, write_atomically
+from minorloop.lab.conversion import Conversion
+from minorloop.lab.holds import FoundHold, find_holds, turning_points
+from minorloop.lab.records import Quantity, Record
+from minorloop.lab.settling import SPAN_SHARE, judge, trend
+
+__all__ = ["ReducedPoint", "Reduction", "reduce"]
+
+WINDOW = 10
+"""A slope is taken over the last one in this many parts of a hold."""
+_FEWEST, _LEAST_HELD = 3, 0.1
+"""Least holds of a log, and least share of its samples in them."""
+_STUCK = 4
+"""Equal readings in a row, at an end of the range of the output, that count as saturated."""
+_NOISY = 0.5
+"""Share of neighbours that differ in an output with noise."""
+
+
+@dataclass(frozen=True)
+class ReducedPoint:
+    """One hold of a log, or an extreme of the input between two holds.
+
+    Parameters
+    ----------
+    t : float
+        When the hold ended, in seconds or samples.
+    input : float
+        Mean of the input, in its unit.
+    value, sd : float
+        Settled output and its standard deviation, in the unit of the output; NaN at an extreme.
+    verdict : str
+        ``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
+        ``passed`` at an extreme of the input between holds.
+    held : float
+        Duration of the hold, in seconds or samples; 0 at an extreme.
+    end : float
+        Output at the end of the hold, not extrapolated.
+    common_sd : float
+        Standard deviation of the conversion, which is common to all points.
+    begin, stop : int
+        First sample of the hold, and the one after the last.
+    """
+
+    t: float
+    input: float
+    value: float
+    sd: float
+    verdict: str
+    held: float
+    end: float
+    common_sd: float
+    begin: int
+    stop: int
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """Settled points of a raw log.
+
+    Parameters
+    ----------
+    points : tuple of ReducedPoint
+        Holds and passed extremes, in order.
+    notes : tuple of str
+        What was found and what to do about it, one sentence each.
+    log : Record
+        The log with the output converted; NaN where a reading cannot be used.
+    """
+
+    points: tuple[ReducedPoint, ...]
+    notes: tuple[str, ...]
+    log: Record
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __str__(self) -> str:
+        counts = {name: self.count(name) for name in ("settled", "extrapolated", "unsettled")}
+        said = ", ".join(f"{count} {name}" for name, count in counts.items())
+        return f"{sum(counts.values())} holds in {len(self.log)} samples: {said}"
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return rows of a short table: holds, verdicts and uncertainties."""
+        holds = [point for point in self.points if point.verdict != "passed"]
+        unit = self.log.output.unit
+        sds = [p.sd for p in holds if np.isfinite(p.sd)]
+        common = [p.common_sd for p in holds if p.common_sd > 0]
+        clock = "s" if self.log.timed else "samples"
+        rows = [(name, f"{self.count(name)}") for name in ("settled", "extrapolated", "unsettled")]
+        rows.append((f"held [{clock}]", f"{np.median([p.held for p in holds]):.4g} (median)"))
+        if sds:
+            rows.append((str(Quantity("sd", unit)), f"{np.median(sds):.3g} (median)"))
+        if common:
+            name = str(Quantity("sd common to all points", unit))
+            rows.append((name, f"{np.median(common):.3g} (median)"))
+        return rows
+
+    def count(self, verdict: str) -> int:
+        """Return the number of points with a verdict."""
+        return sum(point.verdict == verdict for point in self.points)
+
+    def record(self, *, unsettled: bool = False) -> Record:
+        """Return the points as a record that can be identified.
+
+        Parameters
+        ----------
+        unsettled : bool
+            Whether to give the outputs of holds that have not settled. They are NaN otherwise: such
+            a hold drives the memory and is not fitted.
+        """
+        t, u = (np.array([getattr(p, name) for p in self.points]) for name in ("t", "input"))
+        y = np.array([self._output(point, unsettled) for point in self.points])
+        return Record(t, u, y, self.log.inputs, self.log.outputs, self.log.time)
+
+    def columns(self, *, unsettled: bool = False) -> dict[str, list[Any]]:
+        """Return the columns of a table with one row for each point, by their headers.
+
+        Parameters
+        ----------
+        unsettled : bool
+            As for ``record``.
+        """
+        y, time = self.log.output, self.log.time
+        outputs = [self._output(point, unsettled) for point in self.points]
+        columns: dict[str, list[Any]] = {
+            str(time): [p.t for p in self.points],
+            str(self.log.input): [p.input for p in self.points],
+            str(y): [_cell(value) for value in outputs],
+            str(Quantity("sd", y.unit)): [_cell(p.sd) for p in self.points],
+            "settled": [int(p.verdict == "settled") for p in self.points],
+            "verdict": [p.verdict for p in self.points],
+            str(Quantity("held", time.unit)): [p.held for p in self.points],
+            str(Quantity("end of hold", y.unit)): [_cell(p.end) for p in self.points],
+        }
+        if any(p.common_sd > 0 for p in self.points):
+            name = str(Quantity("common sd", y.unit))
+            columns[name] = [_cell(p.common_sd) for p in self.points]
+        return columns
+
+    def to_csv(self, path: PathLike, *, unsettled: bool = False, force: bool = False) -> None:
+        """Write the table of ``columns``.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and ``force`` is false, or it cannot be written.
+        """
+        check_writable(path, force=force)
+        columns = self.columns(unsettled=unsettled)
+        write_atomically(path, table_text(columns, zip(*columns.values(), strict=True)))
+
+    def plot(self) -> Any:
+        """Draw the log with its settled points, and the points against the input.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        return figure_of(self)
+
+    @staticmethod
+    def _output(point: ReducedPoint, unsettled: bool) -> float:
+        return point.value if unsettled or point.verdict != "unsettled" else np.nan
+
+
+def reduce(
+    record: Record,
+    *,
+    conversion: Conversion | None = None,
+    flip: bool = False,
+    flip_input: bool = False,
+    limits: tuple[float, float] | None = None,
+    tolerance: float | None = None,
+    input_tolerance: float | None = None,
+    shortest: float = 0.0,
+) -> Reduction:
+    """Reduce a raw log to settled points with their uncertainty.
+
+    Parameters
+    ----------
+    record : Record
+        One input and one output as they were sampled; without time, samples are counted.
+    conversion : Conversion, optional
+        From the readings of the sensor to the output; see `minorloop.lab.conversion`.
+    flip, flip_input : bool
+        Whether to change the sign of the output, after its conversion, or of the input.
+    limits : (float, float), optional
+        Range of the sensor, in the unit of its readings; readings at or beyond it are not used.
+    tolerance : float, optional
+        Slope of a settled output, in the unit of the output per second. If not given, the slope
+        that moves it by 0.2 % of its span in another hold.
+    input_tolerance : float, optional
+        Changes of the input up to this size are noise; estimated if not given.
+    shortest : float
+        Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
+
+    Returns
+    -------
+    Reduction
+
+    Raises
+    ------
+    RecordError
+        If holds are fewer than three or less than a tenth of the log, or none has a usable output.
+    ParameterError
+        If an option is out of range.
+    """
+    if record.u.ndim != 1 or record.y.ndim != 1:
+        raise RecordError(
+            f"the log has {len(record.inputs)} inputs and {len(record.outputs)} outputs; give one "
+            "of each"
+        )
+    if as_finite("shortest", shortest) < 0:
+        raise ParameterError(f"shortest is {shortest}; give a duration >= 0")
+    if tolerance is not None and not as_finite("tolerance", tolerance) > 0:
+        raise ParameterError(f"tolerance is {tolerance}; give a slope > 0")
+    u = -record.u if flip_input else record.u
+    holds = [
+        hold
+        for hold in find_holds(u, tolerance=input_tolerance)
+        if record.t[hold.end - 1] - record.t[hold.begin] >= shortest
+    ]
+    share = sum(hold.end - hold.begin for hold in holds) / len(record)
+    if len(holds) < _FEWEST or share < _LEAST_HELD:
+        least = f" of {shortest:g} s or more" if shortest else ""
+        raise RecordError(
+            f"{len(holds)} holds{least} were found in {len(record)} samples of {record.input}, "
+            f"with {share:.0%} of the samples; at least {_FEWEST} holds with {_LEAST_HELD:.0%} are "
+            "needed: where the input never rests, identify the record as it is, and where it is "
+            "noisier than its steps, give the input tolerance"
+        )
+    readings, notes = _usable(record, limits)
+    y, common = readings, np.zeros(readings.size)
+    quantity = record.output
+    if conversion is not None:
+        y, lost = _converted(readings, conversion)
+        common = conversion.sd(readings)
+        quantity = conversion.quantity(record.output)
+        notes += lost
+    log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
+    points = _points(log, holds, common, tolerance)
+    if not any(np.isfinite(point.value) for point in points):
+        raise RecordError(
+            f"none of the {len(holds)} holds has a usable output: "
+            + ("; ".join(notes) or "the output was not measured there")
+        )
+    return Reduction(tuple(points), (*notes, *_advice(log, points)), log)
+
+
+def _cell(value: float) -> float | str:
+    """Return a number for a table; an empty cell where there is none."""
+    return value if np.isfinite(value) else ""
+
+
+def _points(
+    log: Record, holds: list[FoundHold], common: FloatArray, tolerance: float | None
+) -> list[ReducedPoint]:
+    interval = float(np.median(np.diff(log.t))) if len(log) > 1 else 1.0
+    change = SPAN_SHARE * _span(log, holds)
+    noise = max(float(np.median([hold.sd for hold in holds])), 1e-9 * float(np.ptp(log.u)))
+    points: list[ReducedPoint] = []
+    for before, hold in zip([None, *holds], [*holds, None], strict=True):
+        points += _passed(log, before, hold, 6 * noise)
+        if hold is not None:
+            slope = change / _duration(log.t, hold, interval) if tolerance is None else tolerance
+            points.append(_judged(log, hold, common, slope, interval))
+    return points
+
+
+def _judged(
+    log: Record, hold: FoundHold, common: FloatArray, slope: float, interval: float
+) -> ReducedPoint:
+    part = slice(hold.begin, hold.end)
+    t, y = log.t[part] - log.t[hold.begin] + interval, log.y[part]
+    held = _duration(log.t, hold, interval)
+    # Where the end was not measured, the output is not known to have settled by then.
+    late = np.isfinite(y) & (t > (1 - 1 / WINDOW) * held)
+    y = y if late.any() else np.full(y.size, np.nan)
+    found = judge(t, y, tolerance=slope, window=held / WINDOW)
+    line = trend(t, y, held / WINDOW)
+    usual = common[part][np.isfinite(y) & np.isfinite(common[part])]
+    return ReducedPoint(
+        t=float(log.t[hold.end - 1]),
+        input=hold.level,
+        value=found.value,
+        sd=found.sd,
+        verdict=found.verdict,
+        held=held,
+        end=line.value if line else found.value,
+        common_sd=float(usual[-1]) if usual.size else np.nan,
+        begin=hold.begin,
+        stop=hold.end,
+    )
+
+
+def _passed(
+    log: Record, before: FoundHold | None, after: FoundHold | None, threshold: float
+) -> list[ReducedPoint]:
+    """Return the extremes that the input passes between two holds."""
+    begin, end = before.end if before else 0, after.begin if after else len(log)
+    if end <= begin:
+        return []
+    ends = [[hold.level] if hold else [] for hold in (before, after)]
+    path = np.concatenate([ends[0], log.u[begin:end], ends[1]])
+    places = turning_points(path, threshold)
+    if before is None:
+        places = np.union1d(places, [0])
+    if after is None:
+        places = np.union1d(places, [path.size - 1])
+    lead = len(ends[0])
+    return [
+        ReducedPoint(
+            float(log.t[k]),
+            float(log.u[k]),
+            *([np.nan] * 2),
+            "passed",
+            0.0,
+            np.nan,
+            np.nan,
+            k,
+            k + 1,
+        )
+        for k in (int(place) - lead + begin for place in places)
+        if begin <= k < end
+    ]
+
+
+def _duration(t: FloatArray, hold: FoundHold, interval: float) -> float:
+    return float(t[hold.end - 1] - t[hold.begin]) + interval
+
+
+def _span(log: Record, holds: list[FoundHold]) -> float:
+    """Return the span of the outputs at the ends of the holds."""
+    ends = []
+    for hold in holds:
+        last = log.y[hold.begin + (hold.end - hold.begin) * (WINDOW - 1) // WINDOW : hold.end]
+        if np.isfinite(last).any():
+            ends.append(float(np.nanmedian(last)))
+    return float(np.ptp(ends)) if ends else 0.0
+
+
+def _usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArray, list[str]]:
+    """Return the readings, NaN where the sensor is beyond its range or saturated; and notes."""
+    y, notes = record.y, []
+    if limits is not None:
+        low, high = limits
+        if not low < high:
+            raise ParameterError(
+                f"the range of the sensor is [{low:g}, {high:g}]; give low below high"
+            )
+        beyond = (y <= low) | (y >= high)
+        if beyond.any():
+            notes.append(
+                f"{np.count_nonzero(beyond)} of {y.size} readings of {record.output} are beyond "
+                f"the range of the sensor, {low:g} to {high:g}, first {y[np.argmax(beyond)]:g} at "
+                f"sample {np.argmax(beyond)}; they are not used: move the sensor or reduce the "
+                "input"
+            )
+            y = np.where(beyond, np.nan, y)
+    for extreme, saturated in _saturated(y):
+        notes.append(
+            f"the sensor is saturated: {np.count_nonzero(saturated)} of {y.size} readings of "
+            f"{record.output} are exactly {extreme:g}, first at sample {np.argmax(saturated)}; "
+            "they are not used: use a wider range or reduce the input"
+        )
+        y = np.where(saturated, np.nan, y)
+    return y, notes
+
+
+def _saturated(y: FloatArray) -> list[tuple[float, npt.NDArray[np.bool_]]]:
+    """Return extremes that a noisy output takes several times in a row, and where it does."""
+    known = y[np.isfinite(y)]
+    if known.size < 2 * _STUCK or np.mean(np.diff(known) != 0) < _NOISY:
+        return []
+    found = []
+    for extreme in (float(known.min()), float(known.max())):
+        at = y == extreme
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+        if edges.size and int(np.diff(edges)[::2].max()) >= _STUCK:
+            found.append((extreme, at))
+    return found
+
+
+def _converted(readings: FloatArray, conversion: Conversion) -> tuple[FloatArray, list[str]]:
+    y = conversion.convert(readings)
+    lost = np.isfinite(readings) & ~np.isfinite(y)
+    if not lost.any():
+        return y, []
+    first = int(np.argmax(lost))
+    return y, [
+        f"{np.count_nonzero(lost)} of {y.size} readings cannot be converted, first "
+        f"{readings[first]:g} at sample {first}; the conversion covers {conversion.covered}: check "
+        "the geometry or the calibration and its unit"
+    ]
+
+
+def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
+    holds = [point for point in points if point.verdict != "passed"]
+    unsettled = [k for k, point in enumerate(holds, 1) if point.verdict == "unsettled"]
+    said = []
+    if unsettled:
+        shown = ", ".join(map(str, unsettled[:8])) + (", ..." if len(unsettled) > 8 else "")
+        said.append(
+            f"{len(unsettled)} of {len(holds)} holds have not settled (hold {shown}): their "
+            "outputs are left out, and their inputs drive the memory only; hold longer"
+        )
+    passed = len(points) - len(holds)
+    if passed:
+        said.append(
+            f"{passed} extremes of {log.input.name} between, before or after the holds are kept as "
+            "rows without an output: they drive the memory"
+        )
+    if not log.timed:
+        said.append(
+            "no time column was given: durations are counted in samples, and slopes are per sample"
+        )
+    return said

@@ -1,0 +1,133 @@
+"""Read tables that are no text: MATLAB files and Excel workbooks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import MissingExtraError, RecordError
+from minorloop.files import PathLike
+from minorloop.lab.text_tables import MAX_COLUMNS, check_file, check_headers, with_units
+
+MAX_ROWS = 20_000_000
+"""Most rows that are read."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A table.
+
+    Parameters
+    ----------
+    file : path
+        The file.
+    headers : tuple of str
+        Headers, with units.
+    columns : tuple of list or array
+        Cells of each column; an array where all are numbers.
+    first : int
+        Number of the first row of data.
+    """
+
+    file: Path
+    headers: tuple[str, ...]
+    columns: tuple[list[Any] | FloatArray, ...]
+    first: int
+
+    def cells(self, header: str) -> list[str] | FloatArray:
+        """Return the cells of a column as numbers, or as text."""
+        column = self.columns[self.headers.index(header)]
+        return column if isinstance(column, np.ndarray) else [_as_text(cell) for cell in column]
+
+
+def is_sheet(path: PathLike) -> bool:
+    """Whether a name is that of a MATLAB file or an Excel workbook."""
+    return Path(path).suffix.casefold() in (".mat", ".xlsx", ".xlsm")
+
+
+def read_sheet(path: PathLike) -> Sheet:
+    """Return the table of a MATLAB file (versions 4 to 7.2) or of the first sheet of a workbook.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read or has no table.
+    MissingExtraError
+        If a workbook is given and openpyxl is not installed.
+    """
+    file = Path(path)
+    check_file(file)
+    found = _mat(file) if file.suffix.casefold() == ".mat" else _workbook(file)
+    if not found.headers:
+        raise RecordError(f"{file} has no table; it needs columns of numbers")
+    if len(found.headers) > MAX_COLUMNS:
+        raise RecordError(
+            f"{file} has {len(found.headers)} columns or more; give at most {MAX_COLUMNS}"
+        )
+    check_headers(found.headers, file)
+    return found
+
+
+def _mat(file: Path) -> Sheet:
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(file, squeeze_me=False)
+    except NotImplementedError:
+        raise RecordError(
+            f"{file} has MATLAB format 7.3, which is not read; save it with the option -v7"
+        ) from None
+    except Exception as error:
+        raise RecordError(f"{file} is not a MATLAB file: {error}") from None
+    columns: dict[str, FloatArray] = {}
+    for name, value in content.items():
+        if name.startswith("__") or not isinstance(value, np.ndarray):
+            continue
+        if value.dtype.kind not in "fiub" or value.ndim != 2 or value.size < 2:
+            continue
+        if 1 in value.shape:
+            columns[name] = value.ravel().astype(np.float64)
+        else:
+            tall = value if value.shape[0] >= value.shape[1] else value.T
+            parts = tall.T.astype(np.float64)
+            columns |= {f"{name}_{k}": part for k, part in enumerate(parts, 1)}
+    return Sheet(file, tuple(columns), tuple(columns.values()), 1)
+
+
+def _workbook(file: Path) -> Sheet:
+    try:
+        from openpyxl import load_workbook
+    except ImportError:
+        raise MissingExtraError("openpyxl", "excel") from None
+    try:
+        book = load_workbook(file, read_only=True, data_only=True)
+        try:
+            rows = list(islice(book.worksheets[0].iter_rows(values_only=True), MAX_ROWS))
+        finally:
+            book.close()
+    except Exception as error:
+        raise RecordError(f"{file} is not an Excel workbook: {error}") from None
+    rows = [row for row in rows if any(cell is not None for cell in row)]
+    if not rows:
+        return Sheet(file, (), (), 2)
+    headers = [_as_text(cell).strip() for cell in rows[0]]
+    while headers and not headers[-1]:
+        headers.pop()
+    if all(isinstance(cell, int | float) for cell in rows[0][: len(headers)]):
+        raise RecordError(f"{file} begins with numbers; it needs a row of headers")
+    body, first = rows[1:], 2
+    if body and (units := with_units(headers, list(map(_as_text, body[0][: len(headers)])))):
+        headers, body, first = units, body[1:], 3
+    columns = tuple([row[k] for row in body] for k in range(len(headers)))
+    return Sheet(file, tuple(headers), columns, first)
+
+
+def _as_text(cell: Any) -> str:
+    if cell is None:
+        return ""
+    return cell.isoformat() if hasattr(cell, "isoformat") else str(cell)

@@ -1,0 +1,321 @@
+"""Check the times of a record, and use them: gaps, clock jumps, uneven samples, lag in seconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
+from minorloop.errors import ParameterError, RecordError
+from minorloop.lab.columns import split_header
+
+__all__ = [
+    "SECONDS",
+    "TimeCheck",
+    "check_times",
+    "delayed",
+    "known_memory",
+    "parse_lag",
+    "resample",
+    "split_time",
+    "time_column",
+]
+
+SECONDS = {
+    "": 1.0,
+    "s": 1.0,
+    "ms": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "μs": 1e-6,
+    "ns": 1e-9,
+    "min": 60.0,
+    "h": 3600.0,
+    "d": 86400.0,
+}
+"""Units of time that a record may have, in seconds."""
+NAMES = ("t", "time", "timestamp", "date", "datetime", "zeit", "temps", "tiempo")
+"""Names of a column of time, in small letters."""
+GAP = 5.0
+"""A step of more sample intervals than this is a gap."""
+UNEVEN = 0.1
+"""Samples are uneven if steps differ by more than this share of the interval from it."""
+_UNKNOWN = 0.005
+"""Share of the Preisach plane whose state may be unknown after a gap."""
+_MOST_SAMPLES = 50_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class TimeCheck:
+    """Times that never run backwards, and what was found in them.
+
+    Parameters
+    ----------
+    t : (T,) array
+        Times in seconds; where the clock was set back, it continues with the usual interval.
+    interval : float
+        Usual time between samples, the median.
+    gaps : (G,) array of int
+        Samples after which a gap follows.
+    jumps : (J,) array of int
+        Samples after which the clock was set back.
+    uneven : float
+        Share of the other steps that differ from the interval by more than a tenth of it.
+    of_breaks, others : tuple of str
+        Findings about gaps and jumps, and the others, one sentence each.
+    """
+
+    t: FloatArray
+    interval: float
+    gaps: IntArray
+    jumps: IntArray
+    uneven: float
+    of_breaks: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """All findings."""
+        return self.of_breaks + self.others
+
+    @property
+    def breaks(self) -> IntArray:
+        """Samples after which it is not known what the input did."""
+        return np.union1d(self.gaps, self.jumps)
+
+
+def time_column(
+    headers: Sequence[str], *, source: object = "the file", but: Sequence[str] = ()
+) -> str | None:
+    """Return the column of time, by its name or unit; None if there is none.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Headers of the columns.
+    source : object
+        Where they are from, for the message.
+    but : sequence of str
+        Columns that are something else, by their headers or names.
+
+    Raises
+    ------
+    RecordError
+        If several columns could be time.
+    """
+    split = {header: split_time(header) for header in headers}
+    split = {h: parts for h, parts in split.items() if h not in but and parts[0] not in but}
+    named = [header for header, (name, _) in split.items() if name.casefold() in NAMES]
+    timed = [header for header, (_, unit) in split.items() if unit and unit in SECONDS]
+    both = [header for header in named if header in timed]
+    found = both or named or timed
+    if len(found) > 1:
+        shown = " and ".join(f"'{header}'" for header in found[:4])
+        raise RecordError(
+            f"{source} has {len(found)} columns that could be time, {shown}; name one with --time"
+        )
+    return found[0] if found else None
+
+
+def split_time(header: str) -> tuple[str, str]:
+    """Return name and unit of a column of time; ``t_ms`` is in ms too."""
+    name, unit = split_header(header)
+    stem, _, last = name.rpartition("_")
+    if not unit and last in SECONDS and stem.casefold() in NAMES:
+        return stem, last
+    return name, unit
+
+
+def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> TimeCheck:
+    """Find gaps, clock jumps and uneven sampling; return times that never run backwards.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Times in seconds.
+    name, unit : str
+        Of the column, for messages.
+
+    Raises
+    ------
+    RecordError
+        If the times are not finite, or the clock stands still or is set back at more than one
+        step in ten.
+    """
+    times = np.array(t, dtype=np.float64)
+    if times.ndim != 1 or times.size < 2:
+        raise RecordError(f"{name} has {times.size} samples; give at least two")
+    if not np.isfinite(times).all():
+        row = int(np.argmin(np.isfinite(times)))
+        raise RecordError(f"{name} is {times[row]} at sample {row}; every time must be finite")
+    steps = np.diff(times)
+    forward = steps[steps > 0]
+    back = np.flatnonzero(steps < 0)
+    if not forward.size or np.mean(steps <= 0) > 0.5 or back.size > 0.1 * steps.size:
+        raise RecordError(
+            f"{name} stands still or runs backwards at {np.count_nonzero(steps <= 0)} of "
+            f"{steps.size} steps; it is no clock of this record, or its digits are too few: give "
+            "another column, or leave it out"
+        )
+    interval = float(np.median(forward))
+    notes, others = [], []
+    if back.size:
+        first = int(back[0])
+        notes.append(
+            f"the clock was set back {back.size} times, first by {-steps[first]:.4g} s after "
+            f"sample {first}; time continues there with the usual interval of {interval:.4g} s"
+        )
+        steps[back] = interval
+        times = np.concatenate([times[:1], times[0] + np.cumsum(steps)])
+    gaps = np.flatnonzero(steps > GAP * interval)
+    if gaps.size > max(0.02 * steps.size, 1):
+        gaps = gaps[:0]  # sampled by events, not evenly
+    if gaps.size:
+        largest = int(gaps[np.argmax(steps[gaps])])
+        lost = float(np.sum(np.round(steps[gaps] / interval) - 1))
+        notes.append(
+            f"{gaps.size} gaps in {name}: about {lost:.0f} samples are missing, the longest gap is "
+            f"{steps[largest]:.4g} s after sample {largest}; the memory is unknown after each, "
+            "until the input has been near both ends of its range or at one of them"
+        )
+    usual = np.delete(steps, np.concatenate([gaps, back]))
+    uneven = float(np.mean(np.abs(usual - interval) > UNEVEN * interval)) if usual.size else 0.0
+    if uneven > 0.01:
+        others.append(
+            f"samples are uneven: {uneven:.0%} of the steps differ from the usual interval of "
+            f"{interval:.4g} s by more than {UNEVEN:.0%}"
+        )
+    others += _implausible(interval, name, unit)
+    return TimeCheck(times, interval, gaps, back, uneven, tuple(notes), tuple(others))
+
+
+def _implausible(interval: float, name: str, unit: str) -> list[str]:
+    if 1e-7 <= interval <= 86400:
+        return []
+    return [
+        f"the usual interval is {interval:.3g} s with {name} in {unit or 's'}, which no log has; "
+        "correct the unit in the header"
+    ]
+
+
+def parse_lag(text: str) -> float | None:
+    """Return a lag with a unit of time, such as ``3 ms``, in seconds; None without a unit.
+
+    Raises
+    ------
+    ParameterError
+        If the unit is no unit of time, or the lag is negative.
+    """
+    match = re.fullmatch(r"\s*([-+\d.eE]+?)\s*([a-zA-Zµμ]+)\s*", text)
+    if not match:
+        return None
+    try:
+        value = float(match[1])
+    except ValueError:
+        return None
+    if match[2] not in SECONDS:
+        units = ", ".join(unit for unit in SECONDS if unit.isascii() and unit)
+        raise ParameterError(f"--lag is {text!r}; give it in one of {units}, or in rows")
+    lag = value * SECONDS[match[2]]
+    if not 0 <= lag < np.inf:
+        raise ParameterError(f"--lag is {text!r}; give a lag >= 0")
+    return lag
+
+
+def delayed(t: npt.ArrayLike, y: npt.ArrayLike, lag: float, *, gap: float = np.inf) -> FloatArray:
+    """Return the output ``lag`` seconds after each sample, between samples on a straight line.
+
+    Parameters
+    ----------
+    t, y : (T,) array_like
+        Times in seconds, never decreasing, and outputs; NaN where nothing was measured.
+    lag : float
+        In seconds, >= 0.
+    gap : float
+        Between samples further apart than this, the output is not known.
+
+    Returns
+    -------
+    (T,) array
+        NaN where it is not known.
+    """
+    times, values = np.asarray(t, np.float64), np.asarray(y, np.float64)
+    if as_finite("lag", lag) < 0:
+        raise ParameterError(f"lag is {lag}; give a lag >= 0, in seconds")
+    return values.copy() if lag == 0 else _at(times, values, times + lag, gap)
+
+
+def resample(
+    t: npt.ArrayLike,
+    u: npt.ArrayLike,
+    y: npt.ArrayLike,
+    interval: float,
+    *,
+    gap: float = np.inf,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times, inputs and outputs with an even interval, on straight lines between samples.
+
+    Parameters
+    ----------
+    t, u, y : (T,) array_like
+        Times in seconds, never decreasing; inputs; outputs, NaN where nothing was measured.
+    interval : float
+        New interval in seconds.
+    gap : float
+        Where samples are further apart than this, outputs are NaN.
+    """
+    times, inputs = np.asarray(t, np.float64), np.asarray(u, np.float64)
+    if not as_finite("interval", interval) > 0:
+        raise ParameterError(f"interval is {interval}; give a time > 0, in seconds")
+    count = float(times[-1] - times[0]) / interval
+    if count > _MOST_SAMPLES:
+        raise ParameterError(
+            f"an interval of {interval:g} s gives {count:.3g} samples; give one of at least "
+            f"{float(times[-1] - times[0]) / _MOST_SAMPLES:g} s"
+        )
+    even = times[0] + interval * np.arange(int(count + 1e-6) + 1)
+    return even, np.interp(even, times, inputs), _at(times, np.asarray(y, np.float64), even, gap)
+
+
+def known_memory(u: npt.ArrayLike, breaks: npt.ArrayLike) -> BoolArray:
+    """Return where the memory of a Preisach plane is known although the input has breaks.
+
+    After a break only relays count as known that the input has switched since: those with alpha
+    up to its greatest value or beta down to its least. The memory is known once the others cover
+    less than 0.5 % of the plane over the range of the whole input.
+
+    Parameters
+    ----------
+    u : (T,) array_like
+        Inputs.
+    breaks : (B,) array_like of int
+        Samples after which the input is unknown for a while.
+    """
+    inputs, places = np.asarray(u, np.float64), np.asarray(breaks, np.int64)
+    known = np.ones(inputs.size, dtype=np.bool_)
+    low, high = float(inputs.min()), float(inputs.max())
+    if high == low or not places.size:
+        return known
+    for begin, end in zip(places + 1, [*places[1:] + 1, inputs.size], strict=True):
+        part = inputs[begin:end]
+        above, below = np.maximum.accumulate(part), np.minimum.accumulate(part)
+        unknown = 2 * (high - above) * (below - low) / (high - low) ** 2
+        known[begin:end] = unknown <= _UNKNOWN
+    return known
+
+
+def _at(t: FloatArray, y: FloatArray, wanted: FloatArray, gap: float) -> FloatArray:
+    """Interpolate at ``wanted``; NaN outside, next to a missing sample and within gaps."""
+    after = np.clip(np.searchsorted(t, wanted, side="left"), 1, t.size - 1)
+    before = after - 1
+    step = t[after] - t[before]
+    share = np.divide(wanted - t[before], step, out=np.zeros_like(wanted), where=step > 0)
+    found = y[before] + share * (y[after] - y[before])
+    found = np.where(share >= 1, y[after], np.where(share <= 0, y[before], found))
+    outside = (wanted < t[0]) | (wanted > t[-1] + 1e-9 * (t[-1] - t[0]))
+    inside_gap = (step > gap) & (share > 0) & (share < 1)
+    return np.where(outside | inside_gap, np.nan, found)

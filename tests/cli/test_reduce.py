@@ -1,0 +1,76 @@
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.cli.conftest import write
+
+LEVELS = [-1.0, -0.4, 0.3, 1.0, 0.2, -0.6, 0.5, -0.1]
+
+
+@pytest.fixture(autouse=True)
+def _log(_somewhere):
+    """A raw log: a first-order lag in mm behind eight holds."""
+    chance = np.random.default_rng(1000)
+    u, t = np.repeat(LEVELS, 100), 0.1 * np.arange(800)
+    shares = 1 - np.exp(-np.arange(1, 101) / 15)
+    ends = np.array([0.0, *LEVELS])
+    y = np.concatenate([a + (b - a) * shares for a, b in itertools.pairwise(ends)])
+    d = 20 - y + 1e-3 * chance.normal(size=y.size)
+    write("log.csv", "time [s],voltage [V],distance [mm]", np.column_stack([t, u, d]))
+
+
+LINE = "reduce log.csv --input voltage --output distance"
+
+
+def test_a_log_becomes_points_that_identify_takes(run):
+    status, out, err = run(f"{LINE} --laser 20,15,0.02,0.05 --save points.csv --report r.html")
+    assert (status, err) == (0, "")
+    assert "8 holds in 800 samples: 8 settled" in out
+    assert "points written to points.csv" in out
+    assert "Settled points of curvature" in Path("r.html").read_text()
+    status, out, _ = run("identify points.csv --input voltage --output curvature --levels 4")
+    assert "curvature [1/m] against voltage [V]" in out
+
+
+def test_json_has_the_points(answer):
+    found = answer(f"{LINE} --linear=-1,20 --name deflection")
+    assert (found["holds"], found["settled"], found["samples"]) == (8, 8, 800)
+    np.testing.assert_allclose(found["points"]["voltage [V]"], LEVELS)
+    np.testing.assert_allclose(found["points"]["deflection [mm]"], LEVELS, atol=3e-3)
+    np.testing.assert_allclose(found["points"]["held [s]"], 10.0)
+
+
+def test_calibrations_agree(answer):
+    write("table.csv", "distance [mm],deflection [mm]", [[18, 2], [22, -2]])
+    ways = ("--linear=-1,20", "--polynomial 20,-1", "--table table.csv --flip --flip-input --flip")
+    found = [answer(f"{LINE} {way} --name x --unit um")["points"]["x [um]"] for way in ways]
+    np.testing.assert_allclose(found[0], found[1])
+    np.testing.assert_allclose(found[0], -np.array(found[2]))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--laser 20", "--laser is '20'; give D0,H0[,SD,SD], numbers separated by commas"),
+        ("--laser 20,15 --linear 2", "--laser and --linear are given; give one conversion"),
+        ("--laser 20,15 --unit mm", "--laser gives curvature [1/m]; leave --name"),
+        ("--polynomial 1,x", "--polynomial is '1,x'; give C0,C1,..."),
+        ("--range 3", "--range is '3'; give LOW:HIGH, such as 10:30"),
+        ("--laser 20,1.05 --range 18.9:21.1 --shortest 11", "0 holds of 11 s or more were found"),
+        ("--laser 2000,15", "none of the 8 holds has a usable output"),
+        ("--time voltage", "--input and --time are both 'voltage [V]'; give two columns"),
+        ("--output nothing", "has no column 'nothing', it has 'time [s]', 'voltage [V]'"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(refused, options, message):
+    line = LINE if "--output" not in options else LINE.replace(" --output distance", "")
+    assert message in refused(f"{line} {options}")
+
+
+def test_two_columns_of_time_are_refused(refused):
+    write("two.csv", "t [s],u,y,clock [ms]", [[0, 1, 2, 3], [1, 2, 3, 4]])
+    write("named.csv", "t [s],u,y,time [ms]", [[0, 1, 2, 3], [1, 2, 3, 4]])
+    said = refused("reduce named.csv --input u --output y")
+    assert "named.csv has 2 columns that could be time, 't [s]' and 'time [ms]'; name one" in said
+    assert "0 holds" in refused("reduce two.csv --input u --output y --time clock")

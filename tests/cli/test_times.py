@@ -1,0 +1,83 @@
+"""Times of a record on the command line: gaps, lags in seconds, and raw logs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.cli.conftest import MODEL, write
+
+T = 0.01 * np.arange(900)
+U = np.exp(-T / 8) * np.sin(T * 4)
+COLUMNS = "time [s],voltage [V],length [um]"
+LINE = "identify log.csv --input voltage --output length --levels 6 --diagonal uniform --no-slope"
+
+
+def _log(t, u, y, columns=COLUMNS):
+    write("log.csv", columns, np.column_stack([t, u, y]))
+
+
+def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
+    kept = np.delete(np.arange(900), slice(150, 450))
+    _log(T[kept], U[kept], MODEL.simulate(U)[kept])
+    said = answer(f"{LINE} --lag 0")["advice"][0]
+    assert "1 gaps in column 'time [s]': about 300 samples are missing" in said
+    assert "name the column with --time" in said
+    found = answer(f"{LINE} --lag 0 --time time")
+    assert found["samples"] < 600
+    assert "name the column" not in found["advice"][0]
+
+
+def test_a_lag_in_seconds_needs_time(answer, refused):
+    t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 800))
+    u = np.interp(t, T, U)
+    _log(t, u, MODEL.simulate(np.interp(t - 0.025, t, u)))
+    right = answer(f"{LINE} --time time --lag '25 ms'")["nrmse_train"]
+    wrong = answer(f"{LINE} --time time --lag '0 s'")["nrmse_train"]
+    assert right < 0.65 * wrong
+    assert "--lag is 0.025 s and the column of time is not named" in refused(f"{LINE} --lag 25ms")
+    assert "--lag is '3 rows'; give it in one of s, ms" in refused(f"{LINE} --lag '3 rows'")
+
+
+def test_a_raw_log_is_not_to_be_trusted(run):
+    levels = np.random.default_rng(1000).uniform(-1, 1, 12)
+    u, y, last = np.repeat(levels, 60), [], 0.0
+    for level in u:
+        last += (level - last) / 12
+        y.append(last)
+    _log(0.1 * np.arange(u.size), u, y)
+    status, out, err = run(f"{LINE} --lag 0")
+    assert status == 1
+    assert "this looks like a raw log: 720 samples with 12 holds of about 60" in " ".join(
+        out.split()
+    )
+    assert "reduce" in out
+    assert "not to be trusted" in err
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("time [V],voltage [V],length [um]", "time in column 'time [V]' must be in one of s, ms"),
+        ("time [s],voltage [V],length [um],time [ms]", "could be any of 'time [s]', 'time [ms]'"),
+    ],
+)
+def test_a_column_that_is_no_time_is_refused(refused, columns, message):
+    write("log.csv", columns, np.column_stack([T, U, U, T])[:, : columns.count(",") + 1])
+    assert message in refused(f"{LINE} --time time")
+
+
+def test_two_columns_of_time_are_no_trouble_where_none_is_asked_for(answer):
+    write("log.csv", COLUMNS + ",clock [ms]", np.column_stack([T, U, MODEL.simulate(U), T]))
+    assert answer(f"{LINE} --lag 0")["samples"] == 900
+
+
+def test_invert_keeps_the_times_of_the_targets(run, refused):
+    write("wanted.csv", "when [ms],length [um]", [[0, 0.3], [500, 1.5], [1500, -2.0]])
+    line = "invert model.json wanted.csv --target length --time when --save inputs.csv"
+    assert run(line)[0] == 0
+    rows = Path("inputs.csv").read_text().splitlines()
+    assert rows[0].startswith("when [s],voltage [V],target length [um]")
+    assert [row.split(",")[0] for row in rows[1:]] == ["0.0", "0.5", "1.5"]
+    rows = [[k if k < 15 else k - 5, 0.3] for k in range(20)]
+    write("wanted.csv", "when [ms],length [um]", rows)
+    assert "runs backwards after sample 14; give the targets" in refused(f"{line} --force")

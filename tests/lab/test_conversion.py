@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError
+from minorloop.lab.conversion import LaserCurvature, Polynomial, Table, linear
+from minorloop.lab.curvature import displacement_from_curvature
+from minorloop.lab.records import Quantity
+
+READING = Quantity("distance", "mm")
+
+
+class TestLaser:
+    @given(
+        kappa=st.floats(-30, 30),
+        unit=st.sampled_from([("mm", 1e3), ("um", 1e6), ("m", 1.0), ("cm", 100.0)]),
+    )
+    def test_it_returns_the_curvature_that_bent_the_strip(self, kappa, unit):
+        name, per_metre = unit
+        laser = LaserCurvature(0.02 * per_metre, 0.015 * per_metre, unit=name)
+        d = displacement_from_curvature(kappa, 0.02, 0.015) * per_metre
+        assert laser.convert([d])[0] == pytest.approx(kappa, abs=1e-9)
+        assert laser.quantity(READING) == Quantity("curvature", "1/m")
+
+    def test_its_uncertainty_is_that_of_displaced_geometry(self):
+        laser = LaserCurvature(20.0, 15.0, 0.02, 0.05)
+        chance = np.random.default_rng(1000)
+        d = 18.5
+        found = [
+            LaserCurvature(
+                *(np.array([20.0, 15.0]) + chance.normal(size=2) * [0.02, 0.05])
+            ).convert(d)
+            for _ in range(2000)
+        ]
+        assert np.std(found) == pytest.approx(laser.sd(d), rel=0.06)
+
+    def test_beyond_a_quarter_circle_there_is_no_curvature(self):
+        laser = LaserCurvature(20.0, 15.0)
+        found = laser.convert([4.9, 5.1, 20.0, 34.9, 35.1, np.nan])
+        assert np.isfinite(found).tolist() == [False, True, True, True, False, False]
+        assert laser.covered == "5 to 35 mm, a quarter circle to either side"
+
+    def test_a_reading_that_is_no_length_is_refused(self):
+        with pytest.raises(ParameterError, match=r"reads in V; a distance must be in one of m, mm"):
+            LaserCurvature(20.0, 15.0, unit="V")
+        with pytest.raises(ParameterError, match="h0 is 0"):
+            LaserCurvature(20.0, 0.0)
+
+
+class TestCalibrations:
+    def test_linear_and_polynomial(self):
+        np.testing.assert_allclose(linear(2.0, 1.0).convert([0.0, 3.0]), [1.0, 7.0])
+        cubic = Polynomial("force", "N", 0.1, (1.0, 0.0, 0.0, 2.0))
+        np.testing.assert_allclose(cubic.convert([2.0, np.nan]), [17.0, np.nan])
+        assert cubic.quantity(READING) == Quantity("force", "N")
+        assert linear(2.0).quantity(READING) == READING
+        assert cubic.sd([1.0, 2.0]).tolist() == [0.1, 0.1]
+
+    def test_a_table_is_straight_between_its_points_and_ends_with_them(self):
+        for order in (slice(None), slice(None, None, -1)):
+            table = Table("um", "um", 0.0, [0.0, 1.0, 3.0][order], [5.0, 7.0, 6.0][order])
+            found = table.convert([0.5, 2.0, 3.0, 3.1])
+            np.testing.assert_allclose(found, [6.0, 6.5, 6.0, np.nan])
+            assert table.covered == "the table, 0 to 3"
+
+    def test_a_table_is_read_from_a_file(self, tmp_path):
+        file = tmp_path / "table.csv"
+        file.write_text("reading [V],force [N]\n0,0\n1,10\n")
+        table = Table.from_csv(file)
+        assert table.quantity(READING) == Quantity("force", "N")
+        assert table.convert(0.25) == 2.5
+        file.write_text("a,b,c\n0,0,0\n")
+        with pytest.raises(ParameterError, match="has 3 columns; a calibration table has two"):
+            Table.from_csv(file)
+
+    @pytest.mark.parametrize(
+        ("make", "message"),
+        [
+            (lambda: Polynomial(coefficients=(3.0, 0.0)), "a constant; give one beside"),
+            (lambda: linear(np.nan), "coefficient is nan"),
+            (lambda: linear(1.0, calibration_sd=-1.0), "calibration_sd is -1"),
+            (lambda: Table(readings=[1.0], values=[1.0]), "1 readings and 1 values"),
+            (lambda: Table(readings=[1.0, np.inf], values=[1.0, 2.0]), "not finite"),
+            (lambda: Table(readings=[0, 2, 1, 3], values=[0, 1, 2, 3]), "are 2 and then 1; they"),
+        ],
+    )
+    def test_one_that_is_none_is_refused(self, make, message):
+        with pytest.raises(ParameterError, match=message):
+            make()

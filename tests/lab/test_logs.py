@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError, RecordError
+from minorloop.identification import identify
+from minorloop.lab.logs import read_log
+from minorloop.operators.preisach import Preisach
+
+MODEL = Preisach(np.linspace(-1, 1, 7), np.tril(np.ones((6, 6))))
+T = 0.01 * np.arange(2000)
+U = np.exp(-T / 20) * np.sin(T * 4)
+
+
+def write(path, t, u, y, header="time [s],u [V],y [um]"):
+    np.savetxt(path, np.column_stack([t, u, y]), delimiter=",", header=header, comments="")
+    return path
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "log.csv"
+
+
+def test_a_lag_in_seconds_is_taken_out_of_uneven_samples(file):
+    """The lag is 25 ms, and rows are 5 to 15 ms apart."""
+    t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 1900))
+    u = np.interp(t, T, U)
+    y = MODEL.simulate(np.interp(t - 0.025, t, u))
+    log = read_log(write(file, t, u, y), input="u", output="y", time="time")
+    assert "samples are uneven" in log.notes[0]
+    options = {"levels": MODEL.levels, "smoothness": 0.0}
+    right = identify(*_columns(log.without_lag(0.025)), **options)
+    wrong = identify(log.record.u, log.record.y, **options)
+    assert right.nrmse < 0.2 * wrong.nrmse
+    found = identify(*_columns(log.evenly_sampled()), **options, lag="auto")
+    assert found.lag * log.check.interval == pytest.approx(0.025, abs=0.006)
+
+
+def _columns(record):
+    return record.u, record.y
+
+
+def test_after_a_gap_the_memory_counts_as_unknown(file):
+    y = MODEL.simulate(U)
+    kept = np.delete(np.arange(T.size), slice(480, 900))
+    log = read_log(write(file, T[kept], U[kept], y[kept]), input="u", output="y", time="time")
+    assert "about 420 samples are missing" in log.notes[0]
+    record = log.with_known_memory()
+    unknown = np.isnan(record.y)
+    assert unknown[480:500].all()
+    assert not unknown[:480].any()
+    with_gap = identify(record.u, record.y, levels=MODEL.levels, smoothness=0.0)
+    as_logged = identify(log.record.u, log.record.y, levels=MODEL.levels, smoothness=0.0)
+    assert with_gap.nrmse <= as_logged.nrmse
+
+
+def test_dates_and_units_give_seconds(file):
+    stamps = [f"2026-03-01T12:00:{k:02d}.500" for k in range(30)]
+    file.write_text("when,u,y\n" + "".join(f"{s},{k},{k}\n" for k, s in enumerate(stamps)))
+    record = read_log(file, input="u", output="y", time="when").record
+    np.testing.assert_allclose(record.t, np.arange(30.0))
+    for header in ("t [ms]", "t_ms"):
+        write(file, 1000.0 * np.arange(30), np.arange(30), np.arange(30), f"{header},u,y")
+        record = read_log(file, input="u", output="y", time=header).record
+        np.testing.assert_allclose(record.t, np.arange(30.0))
+
+
+def test_without_time_samples_are_counted(file):
+    log = read_log(write(file, T, U, U), input="u", output="y")
+    assert not log.record.timed
+    assert log.notes == ()
+    assert log.evenly_sampled() is log.with_known_memory() is log.record
+    with pytest.raises(ParameterError, match=r"the lag is 0\.1 s and the record has no time"):
+        log.without_lag(0.1)
+
+
+def test_a_column_cannot_be_used_twice_or_have_another_unit(file):
+    write(file, T, U, U)
+    with pytest.raises(ParameterError, match=r"--input and --time are both 'u \[V\]'"):
+        read_log(file, input="u", output="y", time="u [V]")
+    with pytest.raises(RecordError, match=r"'y \[um\]' must be in one of s, ms, us, ns, min, h, d"):
+        read_log(file, input="u", output="time", time="y")

@@ -1,0 +1,173 @@
+import numpy as np
+import pytest
+
+from minorloop.arrays import uniform_levels
+from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop.identification import identify
+from minorloop.identification.excitation import decaying_staircase
+from minorloop.lab.conversion import LaserCurvature, linear
+from minorloop.lab.curvature import displacement_from_curvature
+from minorloop.lab.records import SAMPLE, Record
+from minorloop.lab.reduction import reduce
+from minorloop.twins.ipmc import Ipmc
+
+LASER = LaserCurvature(20.0, 15.0, 0.02, 0.05)
+LEVELS = decaying_staircase(uniform_levels(-1.2, 1.2, 4))
+
+
+def strip_log(*, hold, interval=0.5, noise=2e-3, input_noise=2e-3, specimen=1000):
+    """A log of the strip through a laser, noise in mm and V; and the settled curvatures."""
+    twin, records, truth = Ipmc(specimen=specimen), [], []
+    for level in LEVELS:
+        records.append(twin.apply(level, hold, interval))
+        state = twin.checkpoint()
+        truth.append(twin.apply(level, 6000.0, 6000.0).y[-1])
+        twin.restore(state)
+    record = Record.joined(records)
+    chance = np.random.default_rng(specimen)
+    d = 1e3 * displacement_from_curvature(record.y, 0.02, 0.015)
+    d = d + noise * chance.normal(size=d.size)
+    u = record.u + input_noise * chance.normal(size=d.size)
+    return Record(record.t, u, d, "voltage [V]", "distance [mm]"), np.array(truth)
+
+
+@pytest.fixture(scope="module")
+def long():
+    return strip_log(hold=200.0)
+
+
+def test_a_log_through_a_laser_becomes_settled_curvatures(long):
+    log, truth = long
+    found = reduce(log, conversion=LASER)
+    assert str(found) == f"{LEVELS.size} holds in {len(log)} samples: {LEVELS.size} settled, " + (
+        "0 extrapolated, 0 unsettled"
+    )
+    record = found.record()
+    assert [str(record.input), str(record.output)] == ["voltage [V]", "curvature [1/m]"]
+    np.testing.assert_allclose(record.u, LEVELS, atol=1e-3)
+    error, sd = record.y - truth, np.array([point.sd for point in found.points])
+    assert np.sqrt(np.mean(error**2)) <= 0.01
+    assert np.mean(np.abs(error) <= 3 * sd) >= 0.95
+    common = np.array([point.common_sd for point in found.points])
+    assert 0.1 <= common.min() <= common.max() <= 0.3
+    assert found.notes == ()
+
+
+def test_its_points_identify_the_strip(long):
+    log, truth = long
+    record = reduce(log, conversion=LASER).record()
+    result = identify(record.u, record.y, levels=8)
+    assert np.sqrt(np.mean((result.predict(record.u) - truth) ** 2)) <= 0.02 * np.ptp(truth)
+
+
+def test_short_holds_are_extrapolated_beyond_their_ends():
+    log, truth = strip_log(hold=80.0)
+    found = reduce(log, conversion=LASER)
+    assert found.count("extrapolated") >= LEVELS.size // 2
+    y, end = found.record().y, np.array([point.end for point in found.points])
+    assert np.sqrt(np.mean((y - truth) ** 2)) <= 0.4 * np.sqrt(np.mean((end - truth) ** 2))
+
+
+def test_what_has_not_settled_drives_memory_only():
+    log, _ = strip_log(hold=15.0, interval=0.1)
+    found = reduce(log, conversion=LASER)
+    count = found.count("unsettled")
+    assert count >= 5
+    assert np.isnan(found.record().y).sum() == count
+    assert np.isfinite(found.record(unsettled=True).y).all()
+    assert f"{count} of {LEVELS.size} holds have not settled" in found.notes[0]
+    assert found.columns()["curvature [1/m]"].count("") == count
+
+
+def test_signs_are_flipped_and_time_is_counted(long):
+    log, _ = long
+    plain = reduce(log, conversion=LASER)
+    count = np.arange(len(log))
+    other = Record(count, -log.u, log.y, "voltage [V]", "distance [mm]", time=SAMPLE)
+    flipped = reduce(other, conversion=LASER, flip=True, flip_input=True)
+    np.testing.assert_allclose(flipped.record().y, -plain.record().y, atol=0.01)
+    np.testing.assert_allclose(flipped.record().u, plain.record().u)
+    assert "durations are counted in samples" in flipped.notes[-1]
+
+
+def test_extremes_between_holds_are_kept_without_outputs():
+    before = [np.linspace(0, 1, 31), np.linspace(1, -0.5, 31), np.full(60, 0.2)]
+    between = [np.linspace(0.2, 2, 20), np.linspace(2, 0.6, 20), np.full(60, 0.6)]
+    after = [np.full(60, -0.3), np.linspace(-0.3, -0.9, 9)]
+    u = np.concatenate(before + between + after)
+    found = reduce(Record(np.arange(u.size), u, u + 1e-3 * np.sin(np.arange(u.size))))
+    levels = [round(point.input, 6) for point in found.points]
+    assert levels == [0.0, 1.0, -0.5, 0.2, 2.0, 0.6, -0.3, -0.9]
+    passed = [point.verdict == "passed" for point in found.points]
+    assert passed == [True, True, True, False, True, False, False, True]
+    assert np.isnan(found.record().y).tolist() == passed
+    assert "5 extremes of input between, before or after the holds" in found.notes[-1]
+
+
+def test_readings_beyond_the_range_are_not_used(long):
+    log, truth = long
+    d = log.y
+    limits = (float(np.quantile(d, 0.002)), 100.0)
+    found = reduce(log, conversion=LASER, limits=limits)
+    assert "are beyond the range of the sensor" in found.notes[0]
+    assert "move the sensor or reduce the input" in found.notes[0]
+    np.testing.assert_allclose(found.record().y, truth, atol=0.03)
+
+
+def test_a_saturated_sensor_is_noticed(long):
+    log, _ = long
+    clipped = Record(log.t, log.u, np.maximum(log.y, 19.0), log.inputs, log.outputs)
+    found = reduce(clipped, conversion=LASER)
+    assert "the sensor is saturated" in found.notes[0]
+    assert "are exactly 19, first at sample" in found.notes[0]
+    assert 0 < np.isnan(found.record().y).sum() < LEVELS.size
+
+
+def test_a_wrong_geometry_is_one_sentence(long):
+    log, _ = long
+    with pytest.raises(RecordError, match=r"none of the 11 holds .* cannot be converted, first .*"):
+        reduce(log, conversion=LaserCurvature(200.0, 15.0))
+
+
+def test_a_log_without_holds_is_refused():
+    t = np.arange(3000.0)
+    with pytest.raises(RecordError, match=r"holds were found in 3000 samples of input, with"):
+        reduce(Record(t, np.sin(t / 100), np.sin(t / 100)))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"limits": (3.0, 1.0)}, r"range of the sensor is \[3, 1\]; give low below high"),
+        ({"shortest": -1.0}, "shortest is -1.0; give a duration"),
+        ({"tolerance": 0.0}, "tolerance is 0.0; give a slope > 0"),
+    ],
+)
+def test_an_option_out_of_range_is_refused(long, options, message):
+    with pytest.raises(ParameterError, match=message):
+        reduce(long[0], **options)
+    with pytest.raises(RecordError, match=r"0 holds of 1000 s or more were found"):
+        reduce(long[0], shortest=1000.0)
+
+
+def test_the_table_is_read_again(long, tmp_path):
+    found = reduce(long[0], conversion=linear(-2.0, 3.0, name="force", unit="N"))
+    file = tmp_path / "points.csv"
+    found.to_csv(file)
+    record = Record.from_csv(file, input="voltage", output="force", time="time", gaps=True)
+    np.testing.assert_array_equal(record.y, found.record().y)
+    assert str(record.output) == "force [N]"
+    header = file.read_text().splitlines()[0]
+    assert header == (
+        "time [s],voltage [V],force [N],sd [N],settled,verdict,held [s],end of hold [N]"
+    )
+    with pytest.raises(OutputError, match="exists"):
+        found.to_csv(file)
+
+
+def test_it_is_drawn(long):
+    figure = reduce(long[0], conversion=LASER).plot()
+    assert [axes.get_ylabel() for axes in figure.axes] == ["curvature [1/m]"] * 2 + [
+        "voltage [V]",
+        "curvature [1/m]",
+    ]

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from minorloop.errors import MissingExtraError, RecordError
+from minorloop.lab.columns import read_columns, read_each, read_headers
+from minorloop.lab.records import Record
+
+
+def test_vectors_of_a_matlab_file_are_columns(tmp_path):
+    file = tmp_path / "run.mat"
+    savemat(file, {"u": [1.0, 2.0, 3.0], "y": np.array([[4.0], [np.nan], [6.0]]), "note": "text"})
+    assert read_headers(file) == ["u", "y"]
+    record = Record.from_csv(file, input="u", output="y", gaps=True)
+    np.testing.assert_array_equal(record.u, [1, 2, 3])
+    np.testing.assert_array_equal(record.y, [4, np.nan, 6])
+    np.testing.assert_array_equal(read_each(file)[1], [4, np.nan, 6])
+    with pytest.raises(RecordError, match=r"run.mat has no column 'v', it has 'u', 'y'"):
+        read_columns(file, ["v"])
+    with pytest.raises(RecordError, match=r"column 'y' of .* has 'nan' in row 2"):
+        read_columns(file, ["y"])
+
+
+def test_a_matrix_gives_numbered_columns(tmp_path):
+    file = tmp_path / "run.MAT"
+    savemat(file, {"data": np.arange(20.0).reshape(10, 2)}, appendmat=False)
+    assert read_headers(file) == ["data_1", "data_2"]
+    np.testing.assert_array_equal(read_columns(file, ["data_2"])["data_2"], np.arange(1.0, 20, 2))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"), [(b"MATLAB 7.3 no more", "is not a MATLAB file"), (b"", "MATLAB file")]
+)
+def test_another_file_of_that_name_is_refused(tmp_path, content, message):
+    file = tmp_path / "run.mat"
+    file.write_bytes(content)
+    with pytest.raises(RecordError, match=message):
+        read_headers(file)
+
+
+def test_a_matlab_file_without_numbers_is_refused(tmp_path):
+    file = tmp_path / "run.mat"
+    savemat(file, {"note": "text"})
+    with pytest.raises(RecordError, match="has no table; it needs columns of numbers"):
+        read_headers(file)
+
+
+class TestExcel:
+    @pytest.fixture
+    def workbook(self, tmp_path):
+        openpyxl = pytest.importorskip("openpyxl")
+
+        def write(rows):
+            book, file = openpyxl.Workbook(), tmp_path / "run.xlsx"
+            for row in rows:
+                book.active.append(row)
+            book.save(file)
+            return file
+
+        return write
+
+    def test_its_first_sheet_is_a_table(self, workbook):
+        file = workbook([["u", "y"], ["V", "um"], [0.5, 1.5], [0.25, None]])
+        assert read_headers(file) == ["u [V]", "y [um]"]
+        found = read_columns(file, ["u", "y"], gaps=["y"])
+        np.testing.assert_array_equal(found["u"], [0.5, 0.25])
+        np.testing.assert_array_equal(found["y"], [1.5, np.nan])
+
+    def test_text_in_it_is_named(self, workbook):
+        with pytest.raises(RecordError, match=r"column 'u' of .* has the text 'x' in row 3"):
+            read_columns(workbook([["u"], [1], ["x"]]), ["u"])
+        with pytest.raises(RecordError, match="begins with numbers"):
+            read_headers(workbook([[1, 2], [3, 4]]))
+
+
+def test_without_openpyxl_the_message_says_how_to_install_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "openpyxl", None)
+    file = tmp_path / "run.xlsx"
+    file.write_bytes(b"PK")
+    with pytest.raises(MissingExtraError, match=r"openpyxl is not installed.*minorloop\[excel\]"):
+        read_headers(file)

@@ -1,0 +1,159 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.errors import ParameterError, RecordError
+from minorloop.lab.timebase import (
+    check_times,
+    delayed,
+    known_memory,
+    parse_lag,
+    resample,
+    time_column,
+)
+from minorloop.operators.preisach import Preisach
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+class TestColumn:
+    @pytest.mark.parametrize(
+        ("headers", "found"),
+        [
+            (["time [s]", "u", "y"], "time [s]"),
+            (["Time (ms)", "u"], "Time (ms)"),
+            (["u [V]", "elapsed [min]"], "elapsed [min]"),
+            (["timestamp", "held [s]"], "timestamp"),
+            (["t [s]", "held [s]", "rise [ms]"], "t [s]"),
+            (["u [V]", "y [m]"], None),
+            (["t_ms", "u_V"], "t_ms"),
+        ],
+    )
+    def test_it_is_recognised_by_name_or_unit(self, headers, found):
+        assert time_column(headers) == found
+
+    def test_of_two_one_must_be_named(self):
+        with pytest.raises(RecordError, match=r"2 columns that could be time, 'a \[s\]' and 'b \["):
+            time_column(["a [s]", "b [ms]"])
+        assert time_column(["a [s]", "b [ms]"], but=["a"]) == "b [ms]"
+
+
+class TestChecks:
+    def test_even_times_have_no_notes(self):
+        found = check_times(0.01 * np.arange(1000))
+        assert found.notes == ()
+        assert found.interval == pytest.approx(0.01)
+        assert found.breaks.size == 0
+
+    @given(seed=SEEDS, lost=st.integers(10, 300), interval=st.sampled_from([1e-3, 1.0, 60.0]))
+    def test_missing_rows_are_a_gap(self, seed, lost, interval):
+        place = int(np.random.default_rng(seed).integers(50, 900))
+        t = interval * np.delete(np.arange(1300.0), slice(place, place + lost))
+        found = check_times(t)
+        assert found.gaps.tolist() == [place - 1]
+        assert f"about {lost} samples are missing" in found.notes[0]
+        np.testing.assert_array_equal(found.t, t)
+
+    @given(seed=SEEDS, back=st.floats(0.2, 3600))
+    def test_a_clock_that_was_set_back_is_put_right(self, seed, back):
+        place = int(np.random.default_rng(seed).integers(1, 999))
+        t = 0.1 * np.arange(1000)
+        t[place:] -= back
+        found = check_times(t)
+        np.testing.assert_allclose(found.t, 0.1 * np.arange(1000), atol=1e-9)
+        assert found.breaks.tolist() == [place - 1]
+        assert "the clock was set back 1 times" in found.notes[0]
+
+    def test_uneven_samples_are_said(self):
+        steps = np.random.default_rng(1000).uniform(0.5, 1.5, 1000)
+        found = check_times(np.cumsum(steps))
+        assert found.uneven > 0.5
+        assert "samples are uneven" in found.notes[0]
+        assert found.breaks.size == 0
+
+    @pytest.mark.parametrize(
+        ("t", "message"),
+        [
+            ([1.0], "time has 1 samples"),
+            ([1.0, np.inf, 2.0], "time is inf at sample 1"),
+            (np.sin(np.arange(100.0)), "it is no clock of this record"),
+            (np.repeat(np.arange(3.0), 100), "stands still or runs backwards at 297 of 299 steps"),
+        ],
+    )
+    def test_what_is_no_clock_is_refused(self, t, message):
+        with pytest.raises(RecordError, match=message):
+            check_times(t)
+
+    def test_a_wrong_unit_is_noticed_where_no_log_has_such_an_interval(self):
+        (note,) = check_times(1e-9 * np.arange(100.0), name="clock", unit="ns").notes
+        assert "interval is 1e-09 s with clock in ns" in note
+        assert "correct the unit in the header" in note
+
+
+class TestLag:
+    @pytest.mark.parametrize(
+        ("text", "seconds"),
+        [
+            *(("3 ms", 3e-3), ("0.5s", 0.5), ("2e1 us", 2e-5), ("1 min", 60.0)),
+            *(("3", None), ("auto", None), ("-2", None)),
+        ],
+    )
+    def test_a_lag_with_a_unit_is_in_seconds(self, text, seconds):
+        assert parse_lag(text) == (None if seconds is None else pytest.approx(seconds))
+
+    @pytest.mark.parametrize(
+        ("text", "message"), [("3 rows", "in one of s, ms"), ("-3 ms", "give a lag >= 0")]
+    )
+    def test_what_is_no_lag_is_refused(self, text, message):
+        with pytest.raises(ParameterError, match=message):
+            parse_lag(text)
+
+    @given(seed=SEEDS, lag=st.floats(0, 3))
+    def test_the_output_is_that_after_the_lag(self, seed, lag):
+        t = np.cumsum(np.random.default_rng(seed).uniform(0.1, 0.3, 200))
+        found = delayed(t, 2 * t, lag)
+        inside = t + lag <= t[-1]
+        np.testing.assert_allclose(found[inside], 2 * (t + lag)[inside])
+        assert np.isnan(found[~inside]).all() or lag < 1e-6
+
+    def test_nothing_is_known_within_a_gap_or_beside_a_missing_sample(self):
+        t, y = np.array([0.0, 1, 2, 9, 10]), np.array([0.0, 1, np.nan, 9, 10])
+        np.testing.assert_array_equal(delayed(t, y, 1.0, gap=3.0), [1, np.nan, np.nan, 10, np.nan])
+        np.testing.assert_array_equal(delayed(t, y, 0.0), y)
+        with pytest.raises(ParameterError, match="lag is -1"):
+            delayed(t, y, -1.0)
+
+    def test_even_samples_lie_on_the_lines_between_uneven_ones(self):
+        t = np.array([0.0, 1.0, 3.0, 9.0, 10.0])
+        even, u, y = resample(t, t, -t, 1.0, gap=4.0)
+        np.testing.assert_array_equal(even, np.arange(11.0))
+        np.testing.assert_array_equal(u, even)
+        np.testing.assert_array_equal(y, [0, -1, -2, -3, *[np.nan] * 5, -9, -10])
+        with pytest.raises(ParameterError, match="interval is 0"):
+            resample(t, t, t, 0.0)
+        with pytest.raises(ParameterError, match="give one of at least 2e-07 s"):
+            resample(t, t, t, 1e-9)
+
+
+class TestMemory:
+    @given(seed=SEEDS)
+    def test_known_outputs_do_not_depend_on_what_happened_in_the_gap(self, seed):
+        chance = np.random.default_rng(seed)
+        weights = np.tril(chance.uniform(size=(12, 12)))
+        model = Preisach(np.linspace(-1, 1, 13), weights)
+        u = np.concatenate([[-1, 1], chance.uniform(-1, 1, 300)])
+        place = int(chance.integers(10, 100))
+        known = known_memory(u, [place])
+        assert known[: place + 1].all()
+        for level in (-1.0, 1.0, *chance.uniform(-1, 1, 4)):
+            other = np.insert(u, place + 1, level)
+            apart = np.delete(model.simulate(other), place + 1) - model.simulate(u)
+            assert np.abs(apart[known]).max() <= 0.1 * weights.sum()
+
+    def test_saturation_makes_it_known(self):
+        u = np.array([-1, 1, -1, 0.2, 0.1, -0.2, 1.0, 0.3])
+        known = known_memory(u, [3])
+        assert known.tolist() == [True] * 4 + [False] * 2 + [True] * 2
+        assert known_memory(u, []).all()
+        assert known_memory(np.ones(4), [1]).all()
