@@ -34,12 +34,13 @@ def test_an_outlier_held_out_does_not_condemn_the_model():
     assert "1 outlier: sample 350" in warning
 
 
-def test_the_option_for_a_lag_is_not_recommended_where_it_was_given():
+@pytest.mark.parametrize("option", ["lag", "slope"])
+def test_an_option_is_not_recommended_where_it_was_given_or_compared(option):
     u = INPUTS["levels"]
-    for lag, said in ((0, True), ("auto", False)):
-        found = identify(u, u**3, levels=3, lag=lag, holdout=0.3)
+    for given, said in (({}, True), ({option: "auto"}, False)):
+        found = identify(u, u**3, levels=3, holdout=0.3, diagonal="uniform", **given)
         worse = next(text for text in found.warnings if "polynomial" in text)
-        assert ("--lag auto" in worse) == said
+        assert (f"--{option}" in worse) == said
 
 
 @pytest.mark.parametrize(

@@ -175,14 +175,20 @@ def _error_warnings(result: Fit) -> Iterator[str]:
     if _falls(result):
         yield _FALLS
     elif score > base and score > _ROUNDING:
-        lagging = "" if result.sought else 'lag="auto" and '
-        option = "" if result.sought else "--lag auto "
         yield (
             f"a polynomial of the delayed input is better ({percent(base)} "
             f"against {percent(score)}): the hysteresis here is weak or rate-dependent; try "
-            f"{lagging}slope=True ({option}--slope), and for butterfly loops signed=True "
-            "(--signed)"
+            f"{_untried(result)}"
         )
+
+
+def _untried(result: Fit) -> str:
+    """Name the options that were neither given nor compared."""
+    compared = {choice.name for choice in result.choices}
+    options = [] if result.sought else ['lag="auto" (--lag auto)']
+    if not result.matrix.spec.slope and "structure" not in compared:
+        options.append("slope=True (--slope)")
+    return " and ".join([*options, "for butterfly loops signed=True (--signed)"])
 
 
 def _has_outliers(result: Fit) -> bool:

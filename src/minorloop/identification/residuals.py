@@ -202,9 +202,18 @@ def advice(result: Fit) -> Iterator[str]:
     if found.autocorrelation > _ALIKE:
         yield (
             f"neighbouring residuals are alike (autocorrelation {found.autocorrelation:.2f}), so "
-            "they are an error of the model and no noise: other levels, a slope or a lag may "
-            "reduce it; averaging more readings does not"
+            f"they are an error of the model and no noise: {_remedy(result)}"
         )
+
+
+def _remedy(result: Fit) -> str:
+    if any(choice.name == "structure" for choice in result.choices):
+        return (
+            "the options that were compared do not remove it, so it may depend on the rate, creep "
+            "or temperature"
+        )
+    lag = "" if result.sought else ' or lag="auto" (--lag auto)'
+    return f'other levels, slope="auto" (--slope){lag} may reduce it'
 
 
 def _startup_text(startup: Startup) -> str:
