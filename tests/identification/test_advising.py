@@ -67,6 +67,15 @@ def test_other_advice():
     assert identify(u, y, levels=LEVELS, holdout=0.3).advice == ()
 
 
+def test_groups_that_differ_are_named():
+    u, y = a_record(400)
+    groups = np.arange(400) // 80
+    same = " ".join(identify(u, y, levels=10, groups=groups).advice)
+    assert "no data were held out" not in same
+    differ = identify(u, y * (1 + 0.1 * groups), levels=10, groups=groups, prior="none")
+    assert "the error on left-out groups" in " ".join(differ.advice)
+
+
 def test_noise_alone_is_not_taken_for_hysteresis():
     rng = np.random.default_rng(0)
     u, y = rng.normal(size=(2, 800))

@@ -141,7 +141,14 @@ def _accuracy(result: Fit) -> Iterator[str]:
     held, base = result.holdout_nrmse, result.baseline_nrmse
     score = result.nrmse if held is None else held
     span = float(np.ptp(result.y[result.fitted])) or 1.0
-    if held is None:
+    if held is None and result.groups_nrmse is not None:
+        if result.groups_nrmse > _OVERFIT * max(result.nrmse, _ROUNDING):
+            yield (
+                f"the error on left-out groups ({percent(result.groups_nrmse)}) is more than twice "
+                f"that on fitted data ({percent(result.nrmse)}): the groups differ, or are too few "
+                "for so many levels. Expect that error for another group"
+            )
+    elif held is None:
         yield (
             "no data were held out, so the error on other inputs is unknown; pass holdout=0.3 "
             "(--holdout 0.3)"

@@ -84,8 +84,12 @@ class ResidualSummary:
 
 
 def summary(result: Fit) -> ResidualSummary:
-    """Summarise the residual of a fit on its fitted samples."""
-    rows = np.flatnonzero(result.fitted)
+    """Summarise the residual of a fit on its fitted samples, without outliers."""
+    used = result.fitted.copy()
+    for fault in result.findings:
+        if fault.kind == "outlier":
+            used[list(fault.samples)] = False
+    rows = np.flatnonzero(used)
     span = float(np.ptp(result.y[rows])) or 1.0
     error = (result.prediction - result.y)[rows] / span
     worst = int(np.argmax(np.abs(error)))
