@@ -9,7 +9,6 @@ import pytest
 
 from minorloop.head.console import workers
 
-
 QUICK = "worker_tasks"
 
 
