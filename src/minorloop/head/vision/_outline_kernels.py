@@ -152,6 +152,23 @@ def _edges(rises, form, band, edges):
 
 
 @njit(cache=True, nogil=True)
+def _solved(matrix, right):
+    """Solve positive definite equations in place; LAPACK's routine takes seconds to compile."""
+    size = right.size
+    for k in range(size):
+        for i in range(k + 1, size):
+            share = matrix[i, k] / matrix[k, k]
+            right[i] -= share * right[k]
+            for j in range(k, size):
+                matrix[i, j] -= share * matrix[k, j]
+    for k in range(size - 1, -1, -1):
+        for j in range(k + 1, size):
+            right[k] -= matrix[k, j] * right[j]
+        right[k] /= matrix[k, k]
+    return right
+
+
+@njit(cache=True, nogil=True)
 def _harmonics(edges, start):
     """Fit 1, cos, sin, cos 2, sin 2 to the edges, robustly (Tukey's weights)."""
     fit = start.copy()
@@ -191,7 +208,7 @@ def _harmonics(edges, start):
             right[a] += 1e-3 * fit[a]
         for a in range(3, _HARMONICS):
             normal[a, a] += 4.0
-        fit = np.linalg.solve(normal, right)
+        fit = _solved(normal, right)
     return fit, count
 
 
