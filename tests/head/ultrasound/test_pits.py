@@ -14,6 +14,7 @@ from minorloop.head.studies.scan_trials import draw_sounding
 from minorloop.head.studies.scan_trials import scan as sweep
 from minorloop.head.twins.pipe import Bore, Dent, Pipe
 from minorloop.head.twins.ultrasound import Ultrasound
+from minorloop.head.ultrasound.burst_checks import usable_bursts
 from minorloop.head.ultrasound.echoes import average
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pits import measure_pit, raster
@@ -117,29 +118,35 @@ def test_half_a_scan_is_kept_and_marked(bursts):
     assert measure_pit(bursts[:10], PROBE, CENTRE, 1.15e-3, planned=36).planned == 36
 
 
-@pytest.mark.parametrize(
-    "spoilt",
-    [
-        {"trace": np.full(2048, np.nan)},
-        {"trace": np.empty(0)},
-        {"trace": np.zeros(1500)},
-        {"trace": np.zeros((2, 2048))},
-        {"angles": np.array([np.nan, 0.1])},
-        {"noise": np.nan},
-        {"noise": 0.0},
-        {"noise": -1e-3},
-        {"sample_interval": np.nan},
-        {"sample_interval": 0.0},
-    ],
-)
-def test_spoilt_bursts_are_left_out(bursts, spoilt):
+SPOILT = [
+    {"trace": np.full(2048, np.nan)},
+    {"trace": np.empty(0)},
+    {"trace": np.zeros(1500)},
+    {"trace": np.zeros((2, 2048))},
+    {"angles": np.array([np.nan, 0.1])},
+    {"noise": np.nan},
+    {"noise": 0.0},
+    {"noise": -1e-3},
+    {"sample_interval": np.nan},
+    {"sample_interval": 0.0},
+]
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_spoilt_bursts_are_left_out(bursts, found, spoilt):
     few = [replace(burst, **spoilt) for burst in bursts]
     alone = measure_pit(few[:15], PROBE, CENTRE, 1.1e-3)
     assert alone.verdict in ("too few echoes", "not a trace", "no angles", "frozen")
-    found = measure_pit(few[:4] + bursts[4:], PROBE, CENTRE, 1.1e-3)
-    assert found.bursts == 32
-    assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
+    kept = usable_bursts(few[:4] + bursts[4:])
+    assert [id(burst) for burst in kept] == [id(burst) for burst in bursts[4:]]
     assert mean_depths(few[:4], PROBE, Patch.around(*CENTRE, size=1e-3), found) is None
+
+
+def test_a_scan_with_spoilt_bursts_of_each_kind_is_measured(bursts):
+    few = [replace(burst, **spoilt) for burst, spoilt in zip(bursts, SPOILT, strict=False)]
+    found = measure_pit(few + bursts[len(few) :], PROBE, CENTRE, 1.1e-3)
+    assert found.bursts == 26
+    assert found.depth == pytest.approx(0.6e-3, abs=25e-6)
 
 
 def test_traces_of_zeros_have_no_depth(bursts):
