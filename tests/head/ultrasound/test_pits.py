@@ -17,7 +17,7 @@ from minorloop.head.twins.ultrasound import Ultrasound
 from minorloop.head.ultrasound.burst_checks import usable_bursts
 from minorloop.head.ultrasound.echoes import average
 from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.ultrasound.pits import measure_pit, raster
+from minorloop.head.ultrasound.pits import PITCH, POINTS, measure_pit, raster
 from minorloop.lab.actuator import Shot
 
 MOUNT = Mount(advance=20e-3)
@@ -26,13 +26,13 @@ TRUE = Bore(3e-3, 20.02e-3, 1.1e-3, depth=0.6e-3, floor_tilt=(0.03, 0.02))
 CENTRE = (0.0, 20e-3)
 
 
-def scan(bores, seed, water=-9.99e-3, dents=(), noise=0.1):
-    """A raster with 4 shots a point and a tenth of a degree of sway."""
+def scan(bores, seed, water=-9.99e-3, dents=(), noise=0.1, points=5, pitch=0.4e-3):
+    """A raster with 4 shots a point and a tenth of a degree of sway; a coarse one fits sooner."""
     pipe = Pipe(bores=bores, dents=dents, water=water)
     sonar = Ultrasound(pipe, MOUNT, specimen=5, seed=seed, noise=noise)
     rng = np.random.default_rng(seed)
     bursts = []
-    for target in raster(PROBE, CENTRE):
+    for target in raster(PROBE, CENTRE, points=points, pitch=pitch):
         place = target + np.radians(0.1) * rng.standard_normal(2)
         sonar.look(*place)
         shots = [sonar.shot() for _ in range(4)]
@@ -42,7 +42,7 @@ def scan(bores, seed, water=-9.99e-3, dents=(), noise=0.1):
 
 @pytest.fixture(scope="module")
 def bursts():
-    return scan((TRUE,), 1)
+    return scan((TRUE,), 1, points=POINTS, pitch=PITCH)
 
 
 @pytest.fixture(scope="module")
