@@ -31,6 +31,7 @@ LONGEST = (
     "head/console/test_pages.py",
     "test_documents.py",
     "head/studies/test_head_study.py",
+    "identification/test_adaptive.py",
     "identification/test_prior.py",
     "cli/test_identify.py",
     "head/console/test_processes.py",
