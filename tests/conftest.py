@@ -23,20 +23,23 @@ if hasattr(signal, "SIGQUIT"):
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
-# The longest files, the longest first: no worker is left with one of them at the end.
+# The longest files, the longest first: no worker is left with one of them at the end. The pages
+# come after files that compile what the console needs: its processes would all compile it at once.
 LONGEST = (
+    "head/studies/test_inspection_parts.py",
+    "head/ultrasound/test_pits.py",
     "head/console/test_pages.py",
     "test_documents.py",
-    "head/studies/test_inspection_parts.py",
     "head/studies/test_head_study.py",
-    "cli/test_resume.py",
-    "head/twins/test_ultrasound.py",
-    "head/console/test_perception.py",
-    "head/console/test_lab.py",
-    "head/ultrasound/test_pits.py",
-    "test_report.py",
-    "cli/test_identify.py",
+    "identification/test_adaptive.py",
     "identification/test_prior.py",
+    "cli/test_identify.py",
+    "head/console/test_processes.py",
+    "export/test_c99.py",
+    "head/console/test_loop.py",
+    "head/console/test_session.py",
+    "head/console/test_lab.py",
+    "head/control/test_head_control.py",
 )
 HERE = Path(__file__).parent
 

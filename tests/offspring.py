@@ -1,4 +1,4 @@
-"""Command lines in processes of their own, to be killed, that need not import everything anew.
+"""Processes of their own, to be killed, that need not import everything anew.
 
 They are forked off a server that has imported what they need, which takes milliseconds; a fresh
 interpreter takes a second or two.
@@ -11,14 +11,16 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
+PRELOADED = ["preloaded", "minorloop.head.console.loop"]
+
 
 @cache
-def _forking():
+def forking():
     """The context of the server, which has to find `preloaded` when it starts."""
     from multiprocessing.forkserver import ensure_running
 
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["preloaded"])
+    context.set_forkserver_preload(PRELOADED)
     path = os.environ.get("PYTHONPATH")
     here = str(Path(__file__).parent)
     os.environ["PYTHONPATH"] = here if path is None else f"{here}{os.pathsep}{path}"
@@ -43,9 +45,9 @@ def _carry_out(line, folder, log):
 @contextmanager
 def started(line, folder=None):
     """The process of a command line in a folder, the present one, and its log as a file."""
-    log, theirs = _forking().Pipe(duplex=False)
+    log, theirs = forking().Pipe(duplex=False)
     place = str(Path.cwd() if folder is None else folder)
-    process = _forking().Process(target=_carry_out, args=(line, place, theirs))
+    process = forking().Process(target=_carry_out, args=(line, place, theirs))
     process.start()
     theirs.close()
     with log, os.fdopen(os.dup(log.fileno())) as lines:

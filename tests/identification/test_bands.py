@@ -8,7 +8,12 @@ from minorloop.operators.preisach import Preisach
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
 U = np.random.default_rng(0).uniform(0, 1, 25)
-FIT = identify(U, MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25), levels=8)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    y = MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25)
+    return identify(U, y, levels=8)
 
 
 def test_bands_hold_what_they_promise():
@@ -26,13 +31,13 @@ def test_what_was_not_measured_counts_for_nothing():
 
 
 @pytest.mark.parametrize("bands", [0, 1, -0.1, 1.5, np.nan])
-def test_refuses_what_is_no_probability(bands):
+def test_refuses_what_is_no_probability(fit, bands):
     with pytest.raises(ParameterError, match="bands is"):
-        FIT.predict(U, bands=bands)
+        fit.predict(U, bands=bands)
 
 
-def test_no_outputs_are_said_to_be_none():
-    assert str(FIT.predict([], bands=0.9)) == "no outputs, bands of 90%"
+def test_no_outputs_are_said_to_be_none(fit):
+    assert str(fit.predict([], bands=0.9)) == "no outputs, bands of 90%"
 
 
 @pytest.mark.parametrize(

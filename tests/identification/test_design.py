@@ -11,8 +11,12 @@ from minorloop.operators.preisach import Preisach
 LEVELS = np.linspace(0, 1, 11)
 MODEL = Preisach(LEVELS, np.tril(np.exp(-np.subtract.outer(LEVELS[1:], LEVELS[1:]))))
 U = np.array([0.0, 0.85, 0.3, 0.5, 0.95])
-FIT = identify(U, MODEL.simulate(U), levels=LEVELS, prior="gaussian", noise=0.05)
 NOW = Memory.after(U, low=0, high=1)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return identify(U, MODEL.simulate(U), levels=LEVELS, prior="gaussian", noise=0.05)
 
 
 def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
@@ -37,10 +41,10 @@ def test_a_design_leaves_less_unsure_than_random_inputs():
     assert left(design(LEVELS, 10)) < np.quantile(random, 0.2)
 
 
-def test_what_is_expected_of_a_hold_comes_true():
-    found = next_input(FIT, NOW)
+def test_what_is_expected_of_a_hold_comes_true(fit):
+    found = next_input(fit, NOW)
     assert 0 < found.gain < 1
-    spec, h = FIT.matrix.spec, FIT.posterior.hyperparameters
+    spec, h = fit.matrix.spec, fit.posterior.hyperparameters
     rng = np.random.default_rng(3)
     aims = rng.uniform(0, 1, 200)
     spread = []
@@ -51,9 +55,9 @@ def test_what_is_expected_of_a_hold_comes_true():
     assert spread[1] / spread[0] == pytest.approx(1 - found.gain, abs=0.15)
 
 
-def test_keeps_to_the_range_and_to_the_step():
+def test_keeps_to_the_range_and_to_the_step(fit):
     for low, high, step in ((0.2, 0.9, np.inf), (0.0, 1.0, 0.1), (0.4, 0.96, 0.05)):
-        u = next_input(FIT, NOW, low=low, high=high, step=step).u
+        u = next_input(fit, NOW, low=low, high=high, step=step).u
         assert low <= u <= high
         assert abs(u - NOW.u) <= step * (1 + 1e-12)
     steps = design(LEVELS, 10, step=0.25)

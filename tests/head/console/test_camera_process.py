@@ -1,9 +1,12 @@
 from multiprocessing import Pipe
+from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 
-from minorloop.head.console.camera_process import newest
+from minorloop.head.console.camera_process import _warm_up, newest
 from minorloop.head.console.camera_protocol import CameraRequest
+from minorloop.head.vision import _outline_kernels
 
 
 def test_the_newest_request_has_the_commands_of_those_before_it():
@@ -17,3 +20,10 @@ def test_the_newest_request_has_the_commands_of_those_before_it():
     assert found.number == 3
     assert found.commands == [("find", []), ("focus", [0.02])]
     assert not ours.poll()
+
+
+def test_outlines_are_compiled_before_a_picture_has_a_candidate(monkeypatch):
+    fitted = []
+    monkeypatch.setattr(_outline_kernels, "outline", lambda images, *_: fitted.append(images.dtype))
+    _warm_up(SimpleNamespace(tick=lambda request: None, reset=lambda: None))
+    assert fitted == [np.float32]

@@ -1,5 +1,4 @@
 import json
-import multiprocessing
 import socket
 import threading
 
@@ -15,6 +14,7 @@ from minorloop.head.console.recording import PICTURE, TEXT, entries
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
 from minorloop.head.console.watchdog import WatchedPlant
+from offspring import forking
 
 NAMES = ("loop", "plant", "camera", "server")
 AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
@@ -24,7 +24,7 @@ class Running:
     """A loop in a process of its own, with a plant, and this end of its pipes."""
 
     def __init__(self, folder, *, plant=True, **settings):
-        self.context = multiprocessing.get_context("spawn")
+        self.context = forking()
         self.control, theirs = socket.socketpair()
         beats = self.context.RawArray("d", len(NAMES))
         handle = ProcessHandle("loop", NAMES, theirs, beats)

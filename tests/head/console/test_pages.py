@@ -17,7 +17,8 @@ from minorloop.head.console.server import STATIC
 from minorloop.operators.preisach import Preisach
 
 ROOT = Path(__file__).resolve().parents[3]
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# Only WebGL is drawn in software: to draw the whole page so would keep a core busy.
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 SCREENSHOTS = os.environ.get("MINORLOOP_SCREENSHOTS")
 IWER = ROOT / "web" / "node_modules" / "iwer" / "build" / "iwer.min.js"
 GAMEPAD = """

@@ -1,4 +1,5 @@
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -6,14 +7,17 @@ import pytest
 from console_rig import PIT, request, tip, towards, view
 from minorloop.head.console.perception import Perception
 
-THERE = towards(PIT, 0.8)
+
+@cache
+def there():
+    return towards(PIT, 0.8)
 
 
 @pytest.fixture(scope="module")
 def seeing():
     """A camera that has come to rest near the pit, and has searched for defects."""
     camera = Perception(tip()[0], view())
-    reports = [camera.tick(request(THERE, number=n)) for n in range(40)]
+    reports = [camera.tick(request(there(), number=n)) for n in range(40)]
     return camera, reports
 
 
@@ -25,14 +29,14 @@ def test_where_the_head_rests_defects_are_searched_once(seeing):
     _, reports = seeing
     (found,) = events(reports, "found")
     assert found["verdict"] == "good"
-    pixel = view().calibrated_camera(THERE).pixel(PIT[:2], *THERE[:2])
+    pixel = view().calibrated_camera(there()).pixel(PIT[:2], *there()[:2])
     assert math.dist(reports[-1].spots[0][:2], pixel) < 4.0
 
 
 def test_a_pick_takes_what_is_known_near_it_and_follows_it(seeing):
     camera, reports = seeing
     u, v, *_ = reports[-1].spots[0]
-    camera.tick(request(THERE, ("pick", [u + 9.0, v - 6.0])))
+    camera.tick(request(there(), ("pick", [u + 9.0, v - 6.0])))
     moved = towards(PIT, 0.9)
     for share in np.linspace(0.8, 0.9, 6):
         report = camera.tick(request(towards(PIT, float(share))))
@@ -44,12 +48,12 @@ def test_a_pick_takes_what_is_known_near_it_and_follows_it(seeing):
 def test_other_lights_are_not_shown_and_the_target_stays(seeing):
     camera, reports = seeing
     u, v, *_ = reports[-1].spots[0]
-    camera.tick(request(THERE, ("pick", [u, v])))
+    camera.tick(request(there(), ("pick", [u, v])))
     lit = float(camera.image.mean())
-    found = [camera.tick(request(THERE, ("extract", [])))]
+    found = [camera.tick(request(there(), ("extract", [])))]
     for _ in range(6):
         assert camera.image.mean() == pytest.approx(lit, rel=0.2)
-        found.append(camera.tick(request(THERE)))
+        found.append(camera.tick(request(there())))
     assert all(each.target[3] for each in found)
     (extracted,) = events(found, "extracted")
     assert extracted["hole"]["diameter"] == pytest.approx(PIT[2], rel=0.2)
@@ -59,7 +63,7 @@ def test_other_lights_are_not_shown_and_the_target_stays(seeing):
 def test_an_impossible_command_gives_a_notice(seeing, pixel):
     camera, _ = seeing
     commands = ("pick", list(pixel)), ("finish_scan", []), ("focus", [9.0])
-    reports = [camera.tick(request(THERE, *commands))]
+    reports = [camera.tick(request(there(), *commands))]
     assert len(events(reports, "notice")) == 3
 
 

@@ -9,12 +9,14 @@ import pytest
 
 from minorloop.head.console import workers
 
+QUICK = "worker_tasks"
 
-def told(task, *, longest=60.0, times=1, **options):
+
+def told(task, *, longest=60.0, times=1, tasks=QUICK, **options):
     """Reports of tasks, one after the other, on one worker."""
 
     async def ask():
-        pool = workers.Workers(1, longest=longest)
+        pool = workers.Workers(1, longest=longest, tasks=tasks)
         await pool.start()
         try:
             return [[each async for each in pool.run(task, **options)] for _ in range(times)]
@@ -24,43 +26,39 @@ def told(task, *, longest=60.0, times=1, **options):
     return asyncio.run(ask())
 
 
-def test_refusals_are_sentences_and_the_worker_continues(tmp_path):
-    for (answer,) in told("move", times=2, folder=str(tmp_path), memory=None, u=0.5):
-        assert "no model yet" in answer["error"]
-
-
-def test_a_file_that_is_not_there_is_a_refusal(tmp_path):
-    ((answer,),) = told("look", folder=str(tmp_path), name="none.csv")
-    assert "none.csv" in answer["error"]
+def test_refusals_are_sentences_and_the_worker_continues():
+    for stage, answer in told("refuse", times=2):
+        assert stage == {"stage": "looking"}
+        assert answer == {"error": "this is always refused"}
 
 
 def test_what_a_process_takes_to_begin_is_not_what_a_task_takes(tmp_path):
-    ((answer,),) = told("look", longest=0.5, folder=str(tmp_path), name="none.csv")
+    tasks = workers.TASKS  # it imports for longer than the task may take
+    ((answer,),) = told("look", longest=0.5, tasks=tasks, folder=str(tmp_path), name="none.csv")
     assert "none.csv" in answer["error"]
 
 
-def test_what_takes_too_long_is_ended_and_the_next_is_served(tmp_path):
-    first, second = told("move", times=2, longest=1e-6, folder=str(tmp_path), memory=None, u=0.5)
+def test_what_takes_too_long_is_ended_and_the_next_is_served():
+    first, second = told("refuse", times=2, longest=1e-6)
     assert "took over" in first[-1]["error"]
     assert "took over" in second[-1]["error"]
 
 
-async def asked_twice(folder, signum, *, at_work):
+async def asked_twice(signum, *, at_work):
     """Results of two tasks whose worker gets a signal, and the exit code of that worker."""
-    pool = workers.Workers(1)
+    pool = workers.Workers(1, tasks=QUICK)
     await pool.start()
     try:
         (worker,) = pool._all
         if not at_work:
             await worker.ready()
-        ask = {"task": "move", "folder": str(folder), "memory": None, "u": 0.5}
-        first = asyncio.create_task(pool.ask(**ask))
+        first = asyncio.create_task(pool.ask("refuse"))
         if at_work:  # it waits for the worker to begin
             await asyncio.sleep(0)
         os.kill(worker._process.pid, signum)
         if not at_work:  # until the signal has done its work
             os.waitid(os.P_PID, worker._process.pid, os.WSTOPPED | os.WEXITED | os.WNOWAIT)
-        answers = await first, await pool.ask(**ask)
+        answers = await first, await pool.ask("refuse")
         worker._process.join()
         return *answers, worker._process.exitcode
     finally:
@@ -68,18 +66,18 @@ async def asked_twice(folder, signum, *, at_work):
 
 
 @pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_worker_that_dies_or_is_stopped_at_work_is_reported_and_replaced(tmp_path, signum):
-    first, second, status = asyncio.run(asked_twice(tmp_path, signum, at_work=True))
+def test_a_worker_that_dies_or_is_stopped_at_work_is_reported_and_replaced(signum):
+    first, second, status = asyncio.run(asked_twice(signum, at_work=True))
     assert "ended unexpectedly" in first["error"]
-    assert "no model yet" in second["error"]
+    assert "always refused" in second["error"]
     assert status == -signal.SIGKILL
 
 
 @pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_worker_that_died_or_was_stopped_at_rest_is_replaced_before_the_task(tmp_path, signum):
-    first, second, status = asyncio.run(asked_twice(tmp_path, signum, at_work=False))
-    assert "no model yet" in first["error"]
-    assert "no model yet" in second["error"]
+def test_a_worker_that_died_or_was_stopped_at_rest_is_replaced_before_the_task(signum):
+    first, second, status = asyncio.run(asked_twice(signum, at_work=False))
+    assert "always refused" in first["error"]
+    assert "always refused" in second["error"]
     assert status == -signal.SIGKILL
 
 
@@ -87,7 +85,7 @@ def serving(pids):
     """Start a worker, say which, and be killed; for a process of its own."""
 
     async def serve():
-        pool = workers.Workers(1)
+        pool = workers.Workers(1, tasks=QUICK)
         await pool.start()
         (worker,) = pool._all
         await worker.ready()

@@ -5,19 +5,22 @@ import pytest
 
 from minorloop.head.studies import head, head_report
 from minorloop.head.studies.head_loop import circle, constant, ramps, run_loop, stairs
-from minorloop.head.twins.surroundings import Surroundings
+from minorloop.head.twins.surroundings import Course, Surroundings
 from minorloop.studies.claims import claim_table
 
 
 @pytest.fixture(scope="module")
 def study():
-    """The study on one specimen, with fewer targets in its longest runs."""
+    """The study on one specimen, with fewer targets in its longest runs, and shorter ones."""
+    ramp = Surroundings(ambient=Course(20.0, 30.0, at=20.0, duration=10.0))
+    shorter = {
+        "OPEN_TARGETS": 4, "OLD_TARGETS": 4, "FASTER": (), "STEP_SECONDS": 20.0,
+        "FAULT_SECONDS": 18.0, "RAMPS_SECONDS": 60.0, "RAMP_SECONDS": 50.0, "RAMP_AT": 20.0,
+        "RAMP": ramp,
+    }  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(head, "OPEN_TARGETS", 5)
-        patch.setattr(head, "OLD_TARGETS", 8)
-        patch.setattr(head, "FASTER", ())
-        patch.setattr(head, "STEP_SECONDS", 20.0)
-        patch.setattr(head, "FAULT_SECONDS", 18.0)
+        for name, value in shorter.items():
+            patch.setattr(head, name, value)
         yield head.run_study(1)
 
 

@@ -1,6 +1,7 @@
 """Holes beside glints, and verdicts on bad frames."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,15 +21,28 @@ def taken(seed, **options):
     return view, camera, acquire(view.camera, (view.pan, view.tilt), gain=view.gain)
 
 
-VIEW, CAMERA, LOOKS = taken(1, hole=True, inside="backlit")
+@cache
+def scene():
+    return taken(1, hole=True, inside="backlit")
+
+
+def lens():
+    return scene()[1]
+
+
+def shots():
+    return scene()[2]
+
+
 NOISE = np.random.default_rng(5)
 
 
 def turned():
     """A further frame with all lights, two degrees on."""
-    pan = VIEW.pan + np.radians(2.0)
-    VIEW.camera.look(pan, VIEW.tilt)
-    return LitFrame(VIEW.camera.frame().image, pan, VIEW.tilt)
+    view = scene()[0]
+    pan = view.pan + np.radians(2.0)
+    view.camera.look(pan, view.tilt)
+    return LitFrame(view.camera.frame().image, pan, view.tilt)
 
 
 @pytest.mark.parametrize("inside", ["dark", "white", "backlit"])
@@ -48,12 +62,12 @@ def test_a_hole_beside_a_glint_is_found_and_measured(inside):
 
 
 def test_an_acquisition_is_each_led_alone_none_and_all():
-    assert tuple(look.lights for look in LOOKS) == SEQUENCE
-    assert LOOKS[3].image.mean() < LOOKS[0].image.mean() < LOOKS[4].image.mean()
+    assert tuple(look.lights for look in shots()) == SEQUENCE
+    assert shots()[3].image.mean() < shots()[0].image.mean() < shots()[4].image.mean()
 
 
 def test_more_evidence_asked_for_leaves_less():
-    few, many = (find_holes(LOOKS, CAMERA, least=least).holes for least in (5.0, -25.0))
+    few, many = (find_holes(shots(), lens(), least=least).holes for least in (5.0, -25.0))
     assert len(few) < len(many)
     assert [hole.evidence for hole in many] == sorted((h.evidence for h in many), reverse=True)
     apart = [
@@ -65,7 +79,7 @@ def test_more_evidence_asked_for_leaves_less():
 
 
 def spoilt(index, image):
-    looks = list(LOOKS)
+    looks = list(shots())
     looks[index] = replace(looks[index], image=image)
     return looks
 
@@ -73,31 +87,31 @@ def spoilt(index, image):
 @pytest.mark.parametrize(
     ("looks", "verdict"),
     [
-        (spoilt(0, np.zeros((480, 640), np.uint8)), "black"),
-        (spoilt(4, np.full((480, 640), 255, np.uint8)), "saturated"),
-        (spoilt(2, np.zeros((240, 320), np.uint8)), "wrong size"),
-        (spoilt(2, None), "wrong size"),
-        (spoilt(2, np.full((480, 640), np.nan)), "wrong size"),
-        (spoilt(2, LOOKS[2].image.astype(np.uint16)), "wrong size"),
-        (spoilt(2, [[1, 2], [3]]), "wrong size"),
-        ([replace(LOOKS[0], pan=np.nan), *LOOKS[1:]], "angle unknown"),
-        ([*LOOKS[:2], replace(LOOKS[2], tilt=np.inf), *LOOKS[3:]], "angle unknown"),
-        ([*LOOKS[:4], replace(LOOKS[4], pan=None)], "angle unknown"),
-        ([*LOOKS[:4], replace(LOOKS[4], pan=3.0)], "angle unknown"),
-        ([*LOOKS[:4], replace(LOOKS[4], tilt=1e9)], "angle unknown"),
-        (spoilt(1, LOOKS[0].image), "frozen"),
-        (spoilt(2, LOOKS[0].image), "frozen"),
-        (spoilt(4, np.roll(LOOKS[4].image, 240, axis=0)), "torn"),
-        ([LOOKS[3]], "black"),
-        (spoilt(2, np.full((480, 640), 100, np.uint8)), "no picture"),
-        (spoilt(4, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
-        (spoilt(3, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
-        (spoilt(1, NOISE.integers(250, 256, (480, 640)).astype(np.uint8)), "saturated"),
-        (spoilt(4, LOOKS[3].image + NOISE.integers(0, 2, (480, 640), np.uint8)), "black"),
+        (lambda: spoilt(0, np.zeros((480, 640), np.uint8)), "black"),
+        (lambda: spoilt(4, np.full((480, 640), 255, np.uint8)), "saturated"),
+        (lambda: spoilt(2, np.zeros((240, 320), np.uint8)), "wrong size"),
+        (lambda: spoilt(2, None), "wrong size"),
+        (lambda: spoilt(2, np.full((480, 640), np.nan)), "wrong size"),
+        (lambda: spoilt(2, shots()[2].image.astype(np.uint16)), "wrong size"),
+        (lambda: spoilt(2, [[1, 2], [3]]), "wrong size"),
+        (lambda: [replace(shots()[0], pan=np.nan), *shots()[1:]], "angle unknown"),
+        (lambda: [*shots()[:2], replace(shots()[2], tilt=np.inf), *shots()[3:]], "angle unknown"),
+        (lambda: [*shots()[:4], replace(shots()[4], pan=None)], "angle unknown"),
+        (lambda: [*shots()[:4], replace(shots()[4], pan=3.0)], "angle unknown"),
+        (lambda: [*shots()[:4], replace(shots()[4], tilt=1e9)], "angle unknown"),
+        (lambda: spoilt(1, shots()[0].image), "frozen"),
+        (lambda: spoilt(2, shots()[0].image), "frozen"),
+        (lambda: spoilt(4, np.roll(shots()[4].image, 240, axis=0)), "torn"),
+        (lambda: [shots()[3]], "black"),
+        (lambda: spoilt(2, np.full((480, 640), 100, np.uint8)), "no picture"),
+        (lambda: spoilt(4, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
+        (lambda: spoilt(3, NOISE.integers(0, 256, (480, 640)).astype(np.uint8)), "no picture"),
+        (lambda: spoilt(1, NOISE.integers(250, 256, (480, 640)).astype(np.uint8)), "saturated"),
+        (lambda: spoilt(4, shots()[3].image + NOISE.integers(0, 2, (480, 640), np.uint8)), "black"),
     ],
 )
 def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
-    findings = find_holes(looks, CAMERA)
+    findings = find_holes(looks(), lens())
     assert findings.verdict == verdict
     assert findings.holes == ()
     assert findings.wall is None
@@ -106,85 +120,85 @@ def test_bad_frames_have_a_verdict_and_no_holes(looks, verdict):
 def again(index):
     """The frame as it would be taken once more: another noise."""
     off = NOISE.integers(-1, 2, (480, 640))
-    return np.clip(LOOKS[index].image.astype(int) + off, 0, 255).astype(np.uint8)
+    return np.clip(shots()[index].image.astype(int) + off, 0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize("row", [80, 240, 400])
 @pytest.mark.parametrize("index", [1, 2, 3, 4])
-@pytest.mark.parametrize("old", [lambda index: LOOKS[index].image, again])
+@pytest.mark.parametrize("old", [lambda index: shots()[index].image, again])
 def test_a_frame_that_holds_rows_of_the_one_before_is_torn(index, row, old):
-    halves = [LOOKS[index].image[:row], old(index - 1)[row:]]
-    assert find_holes(spoilt(index, np.vstack(halves)), CAMERA).verdict == "torn"
-    upside = [old(index - 1)[:row], LOOKS[index].image[row:]]
-    assert find_holes(spoilt(index, np.vstack(upside)), CAMERA).verdict == "torn"
+    halves = [shots()[index].image[:row], old(index - 1)[row:]]
+    assert find_holes(spoilt(index, np.vstack(halves)), lens()).verdict == "torn"
+    upside = [old(index - 1)[:row], shots()[index].image[row:]]
+    assert find_holes(spoilt(index, np.vstack(upside)), lens()).verdict == "torn"
 
 
 def test_the_first_frame_may_hold_rows_of_the_acquisition_before():
-    torn = np.vstack([LOOKS[0].image[:300], again(4)[300:]])
-    assert find_holes(spoilt(0, torn), CAMERA).verdict == "torn"
+    torn = np.vstack([shots()[0].image[:300], again(4)[300:]])
+    assert find_holes(spoilt(0, torn), lens()).verdict == "torn"
 
 
 def test_a_light_that_was_not_switched_is_a_frozen_picture():
-    assert find_holes(spoilt(2, again(1)), CAMERA).verdict == "frozen"
-    assert find_holes(spoilt(3, again(2)), CAMERA).verdict == "frozen"
+    assert find_holes(spoilt(2, again(1)), lens()).verdict == "frozen"
+    assert find_holes(spoilt(3, again(2)), lens()).verdict == "frozen"
 
 
 def test_rows_of_another_frame_tear_a_turned_one_as_well():
-    looks = [LOOKS[-1], turned()]
+    looks = [shots()[-1], turned()]
     torn = np.vstack([looks[1].image[:200], looks[0].image[200:]])
-    findings = find_holes([looks[0], replace(looks[1], image=torn)], CAMERA, mode="dither")
+    findings = find_holes([looks[0], replace(looks[1], image=torn)], lens(), mode="dither")
     assert findings.verdict == "torn"
 
 
 def test_a_finding_is_read_in_degrees_and_millimetres():
-    findings = find_holes(LOOKS, CAMERA)
+    findings = find_holes(shots(), lens())
     hole = findings.holes[0]
     first, *rest = repr(findings).splitlines()
     assert first == "1 hole; frames good"
     assert len(rest) == 1
     assert f"phi {np.degrees(hole.place[0]):+.2f} deg, z {1e3 * hole.place[1]:.2f} mm" in rest[0]
-    assert str(find_holes(spoilt(2, None), CAMERA)) == "no holes; frames wrong size"
+    assert str(find_holes(spoilt(2, None), lens())) == "no holes; frames wrong size"
 
 
 def test_a_lens_that_would_be_outside_the_pipe_has_a_verdict():
-    narrow = CalibratedCamera(
-        CAMERA.lens, replace(CAMERA.mount, lever=6e-3), CAMERA.leds, radius=4e-3
-    )
-    aside = [replace(look, pan=1.2) for look in LOOKS]
+    camera = lens()
+    mount = replace(camera.mount, lever=6e-3)
+    narrow = CalibratedCamera(camera.lens, mount, camera.leds, radius=4e-3)
+    aside = [replace(look, pan=1.2) for look in shots()]
     assert find_holes(aside, narrow).verdict == "angle unknown"
 
 
 def test_a_wall_too_far_away_is_not_in_view():
-    ahead = [replace(look, pan=0.0, tilt=0.0) for look in LOOKS]
-    far = replace(CAMERA, lens=replace(CAMERA.lens, focal=CAMERA.lens.focal))
-    narrow = CalibratedCamera(replace(far.lens, focal=5000.0), far.mount, far.leds)
+    ahead = [replace(look, pan=0.0, tilt=0.0) for look in shots()]
+    camera = lens()
+    narrow = CalibratedCamera(replace(camera.lens, focal=5000.0), camera.mount, camera.leds)
     assert find_holes(ahead, narrow).verdict == "no wall in view"
 
 
 def test_unknown_ways_and_no_frames_are_refused():
     with pytest.raises(ParameterError, match="mode"):
-        find_holes(LOOKS, CAMERA, mode="guess")
+        find_holes(shots(), lens(), mode="guess")
     with pytest.raises(ParameterError, match="no frames"):
-        find_holes([], CAMERA)
+        find_holes([], lens())
     with pytest.raises(ParameterError, match="evidence"):
-        find_holes(LOOKS, CAMERA, least=np.nan)
+        find_holes(shots(), lens(), least=np.nan)
 
 
 @pytest.mark.parametrize("lights", [(), (True,), (True, False, False, True)])
 def test_a_look_says_of_each_light_whether_it_was_on(lights):
     with pytest.raises(ParameterError, match="frame 1 has"):
-        find_holes([LOOKS[0], replace(LOOKS[1], lights=lights), *LOOKS[2:]], CAMERA)
+        find_holes([shots()[0], replace(shots()[1], lights=lights), *shots()[2:]], lens())
 
 
 def test_lights_may_be_given_as_0_and_1():
-    looks = [replace(look, lights=tuple(map(int, look.lights))) for look in LOOKS]
-    assert repr(find_holes(looks, CAMERA)) == repr(find_holes(LOOKS, CAMERA))
+    looks = [replace(look, lights=tuple(map(int, look.lights))) for look in shots()]
+    assert repr(find_holes(looks, lens())) == repr(find_holes(shots(), lens()))
 
 
 @pytest.mark.parametrize("mode", ["single", "dither"])
 def test_other_ways_to_acquire(mode):
-    looks = LOOKS[-1:] if mode == "single" else [LOOKS[-1], turned()]
-    assert find_holes(looks, CAMERA, mode=mode).verdict == "good"
+    looks = shots()[-1:] if mode == "single" else [shots()[-1], turned()]
+    assert find_holes(looks, lens(), mode=mode).verdict == "good"
 
 
 def test_reflectance_does_not_depend_on_which_light_is_on():
@@ -201,6 +215,8 @@ def test_reflectance_does_not_depend_on_which_light_is_on():
 
 
 def test_looks_may_have_been_taken_without_the_dark_one():
-    wall = lay_flat([look for look in LOOKS if any(look.lights)], CAMERA)
+    wall = lay_flat([look for look in shots() if any(look.lights)], lens())
     assert wall.glow is None
-    assert lay_flat([LitFrame(LOOKS[4].image, VIEW.pan, VIEW.tilt)], CAMERA).stack.shape[0] == 1
+    view, camera, looks = scene()
+    alone = LitFrame(looks[4].image, view.pan, view.tilt)
+    assert lay_flat([alone], camera).stack.shape[0] == 1

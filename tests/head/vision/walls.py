@@ -1,5 +1,7 @@
 """Pictures of a wall made without the twin: a checkered cylinder, sampled ray by ray."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from minorloop.head.geometry import Mount, Pinhole, meet_wall
@@ -23,12 +25,17 @@ def texture(phi, z, seed=0):
     return 1 / (1 + np.exp(-level / 4))
 
 
-def photograph(pan, tilt, paint=texture, *, camera=CAMERA, noise=1.5, seed=0, gain=1.0):
-    """A frame of a wall painted by ``paint(phi, z)``, evenly lit."""
+@lru_cache(maxsize=8)
+def _brightness(pan, tilt, paint, camera):
     pose = camera.mount.pose(pan, tilt)
     phi, z, _ = np.moveaxis(meet_wall(pose.position, RAYS @ pose.rotation.T, camera.radius), -1, 0)
     z = np.where(np.isfinite(z), z, 1.0)
-    level = gain * (20 + 150 * paint(phi, np.minimum(z, 1.0)))
+    return paint(phi, np.minimum(z, 1.0))
+
+
+def photograph(pan, tilt, paint=texture, *, camera=CAMERA, noise=1.5, seed=0, gain=1.0):
+    """A frame of a wall painted by ``paint(phi, z)``, evenly lit."""
+    level = gain * (20 + 150 * _brightness(pan, tilt, paint, camera))
     level += noise * np.random.default_rng(seed).standard_normal(level.shape)
     return np.clip(np.rint(level), 0, 255).astype(np.uint8)
 

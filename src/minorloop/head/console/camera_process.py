@@ -29,6 +29,7 @@ from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
 from minorloop.head.console.units import to_shown
 from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.candidates import compile_outlines
 
 _QUALITY = 78
 """Of a JPEG, 1 to 100."""
@@ -133,6 +134,7 @@ def _in(pool: ThreadPoolExecutor) -> Later:
 
 def _warm_up(perception: Perception) -> None:
     """Compile what the first pictures would wait for."""
+    compile_outlines()
     request = CameraRequest(number=0, t=0.0, position=(0.0, 0.0, 0.0, 0.0), stance=(0.0,) * 6)
     for _ in range(8):
         perception.tick(request)

@@ -51,6 +51,7 @@ DISTURBED = {
 WARMER = Surroundings(ambient=30.0)
 WARMING = Surroundings(ambient=Course(20.0, 26.0, at=30.0, duration=120.0))
 """For the ramps in open loop: 6 K in two minutes, as a bench in a warming room."""
+RAMPS_SECONDS = 180.0
 RAMP_AT, RAMP_SECONDS = 40.0, 90.0
 RAMP = Surroundings(ambient=Course(20.0, 30.0, at=RAMP_AT, duration=10.0))
 RAMP_TARGET = 30.0
@@ -301,8 +302,8 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, s
     tried = [
         ("stairs", "feedforward", way, span, None),
         ("stairs, warmer", "feedforward", way, span, WARMER),
-        ("ramps", "feedforward", ramps(5.0, 45.0, 60.0), 180.0, WARMING),
-        ("ramps", DEFAULT, ramps(5.0, 45.0, 60.0), 180.0, WARMING),
+        ("ramps", "feedforward", ramps(5.0, 45.0, 60.0), RAMPS_SECONDS, WARMING),
+        ("ramps", DEFAULT, ramps(5.0, 45.0, 60.0), RAMPS_SECONDS, WARMING),
     ]
     tried += [
         ("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP)

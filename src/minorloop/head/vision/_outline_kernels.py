@@ -152,6 +152,23 @@ def _edges(rises, form, band, edges):
 
 
 @njit(cache=True, nogil=True)
+def _solved(matrix, right):
+    """Solve positive definite equations in place; LAPACK's routine takes seconds to compile."""
+    size = right.size
+    for k in range(size):
+        for i in range(k + 1, size):
+            share = matrix[i, k] / matrix[k, k]
+            right[i] -= share * right[k]
+            for j in range(k, size):
+                matrix[i, j] -= share * matrix[k, j]
+    for k in range(size - 1, -1, -1):
+        for j in range(k + 1, size):
+            right[k] -= matrix[k, j] * right[j]
+        right[k] /= matrix[k, k]
+    return right
+
+
+@njit(cache=True, nogil=True)
 def _harmonics(edges, start):
     """Fit 1, cos, sin, cos 2, sin 2 to the edges, robustly (Tukey's weights)."""
     fit = start.copy()
@@ -169,7 +186,7 @@ def _harmonics(edges, start):
             if np.isfinite(edges[n]):
                 residuals[m] = abs(edges[n] - _form(fit, n))
                 m += 1
-        scale = max(1.48 * np.median(residuals), 0.25)
+        scale = max(1.48 * _middle(residuals, count), 0.25)
         normal, right = np.zeros((_HARMONICS, _HARMONICS)), np.zeros(_HARMONICS)
         for n in range(RAYS):
             if not np.isfinite(edges[n]):
@@ -191,7 +208,7 @@ def _harmonics(edges, start):
             right[a] += 1e-3 * fit[a]
         for a in range(3, _HARMONICS):
             normal[a, a] += 4.0
-        fit = np.linalg.solve(normal, right)
+        fit = _solved(normal, right)
     return fit, count
 
 
@@ -353,10 +370,13 @@ def describe(images, x, y, sign, radius, c, s, out):
         level[n] = _middle(levels, count)
         edges[n] = _middle(found, held) if 2 * held >= count and held > 0 else np.nan
     fit, _ = _harmonics(edges, fit)
-    seen, good, scatter = 0, 0, 0.0
+    seen, good, scatter, total = 0, 0, 0.0, 0.0
+    known = np.empty(RAYS)
     for n in range(RAYS):
         if not np.isfinite(contrast[n]):
             continue
+        known[seen] = contrast[n]
+        total += level[n]
         seen += 1
         off = 0.3
         if np.isfinite(edges[n]):
@@ -367,12 +387,14 @@ def describe(images, x, y, sign, radius, c, s, out):
     if seen < RAYS // 2:
         out[:] = np.nan
         return
-    known = np.sort(contrast[np.isfinite(contrast)])
+    _middle(known, seen)  # sorts them
     out[0], out[1], out[2] = x + fit[1], y + fit[2], fit[0]
     out[3], out[4] = fit[3], fit[4]
     out[5], out[6] = scatter / seen, good / seen
     out[7], out[8], out[9] = known[int(0.1 * seen)], known[int(0.25 * seen)], known[seen // 2]
-    out[10] = np.mean(known)
-    out[11] = np.mean(level[np.isfinite(contrast)])
+    mean = 0.0
+    for n in range(seen):
+        mean += known[n]
+    out[10], out[11] = mean / seen, total / seen
     _rim(profiles, sign, fit, out)
     out[16] = known[int(0.9 * seen)]

@@ -214,6 +214,12 @@ def _outlined(
     return found
 
 
+def compile_outlines() -> None:
+    """Compile the fit of outlines, which a picture without a candidate does not use."""
+    blank = np.zeros((1, 8, 8), dtype=np.float32)
+    kernels.outline(blank, 4.0, 4.0, 1.0, 2.0, 3.0, np.empty(kernels.OUT))
+
+
 def _highest(rings: Image32, x: float, y: float) -> float:
     """Return the largest value within a pixel of a place of the map."""
     i, j = round((y - 0.5) / 2), round((x - 0.5) / 2)
