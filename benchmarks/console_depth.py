@@ -85,8 +85,9 @@ def console_depth(scene: Any, seed: int) -> Any:
 def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     """Scan one scene with a session; return its job for the worker."""
     from minorloop.head.console import messages
+    from minorloop.head.console.identified_head import head_of
     from minorloop.head.console.perception import Perception
-    from minorloop.head.console.plant import PlantView, head_of
+    from minorloop.head.console.plant import PlantView
     from minorloop.head.console.reports import camera_finding
     from minorloop.head.console.session import Session
     from minorloop.head.geometry import Mount

@@ -9,8 +9,9 @@ import numpy as np
 
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
+from minorloop.head.console.identified_head import head_of
 from minorloop.head.console.perception import Perception
-from minorloop.head.console.plant import PlantView, head_of, open_plant, open_tip
+from minorloop.head.console.plant import PlantView, open_plant, open_tip
 from minorloop.head.console.session import Session
 from minorloop.head.console.units import to_shown
 from minorloop.head.geometry import Pinhole

@@ -4,7 +4,8 @@ import pytest
 
 from console_rig import tip
 from minorloop.errors import ParameterError
-from minorloop.head.console.plant import MIDDLE, PlantView, head_of, open_plant, open_tip
+from minorloop.head.console.identified_head import head_of
+from minorloop.head.console.plant import MIDDLE, PlantView, open_plant, open_tip
 from minorloop.head.procedures.values import Plant, Tip
 
 

@@ -23,7 +23,7 @@ from minorloop.head.console.head_pose import (
 )
 from minorloop.head.console.joystick import Rates, StickMap, push
 from minorloop.head.console.messages import Mode, Pair
-from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.procedures.values import REACH
 
 MODES: tuple[Mode, ...] = get_args(Mode)
 
@@ -47,7 +47,7 @@ class TeleopConfig:
     gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
-    reach: float = round(math.degrees(RasterScan.reach), 9)
+    reach: float = round(math.degrees(REACH), 9)
     pictures: float = 0.12
 
 

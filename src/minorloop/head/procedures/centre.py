@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
-from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
+from minorloop.head.procedures.values import REACH, Procedure, Reading, Request, held_since, passed
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth
@@ -21,8 +21,8 @@ from minorloop.head.vision.servo import Cone, Servo, ServoState, ServoStep
 from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
 
-CONE = Cone(half=math.radians(30.0))
-"""Directions in which the head may look; beyond, the lens touches the wall."""
+CONE = Cone(half=REACH)
+"""Directions in which the head may look."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

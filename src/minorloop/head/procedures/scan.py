@@ -15,7 +15,7 @@ from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.measure import burst_of
-from minorloop.head.procedures.values import Procedure, Reading, Request, passed
+from minorloop.head.procedures.values import REACH, Procedure, Reading, Request, passed
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.pits import PITCH, POINTS, raster
 
@@ -88,7 +88,7 @@ class RasterScan(Procedure[ScanState]):
     dwell: float = 0.48
     most_dwell: float = 1.2
     silent: float = 2.0
-    reach: float = math.radians(30.0)
+    reach: float = REACH
     go: Go = GO
     homing: float = 6.0
 
