@@ -85,7 +85,7 @@ def test_the_fault_of_a_trace_is_named(trace, fault):
 def test_the_modality_follows_the_front_echo():
     wet = [shot(noisy(seed, echo_at(WALL))) for seed in range(5)]
     dry = [shot(noisy(seed)) for seed in range(5)]
-    assert choose_modality(wet, 8e-3, SPEED) == "sonar"
+    assert choose_modality(wet, 8e-3, SPEED) == "ultrasound"
     assert choose_modality(dry, 8e-3, SPEED) == "camera"
     assert choose_modality(wet[:2] + dry[:3], 8e-3, SPEED) == "camera"
     assert choose_modality([], 8e-3, SPEED) == "camera"

@@ -3,7 +3,7 @@
 In HEAD the head follows the operator's head. In TRACK the camera keeps a point of the image in the
 middle, whatever the operator's head does. In SCAN the probe visits the points of a scan. In HOLD
 head and catheter stand still. A change of mode moves nothing: each mode starts at the present
-command. Commands are in degrees and mm, as the operator and the control of the wires have them.
+command.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class TeleopConfig:
     blind : float
         Seconds that a target may be out of sight before TRACK ends.
     reach : float
-        Half-angle of the cone within which a scan may turn the head, in degrees.
+        Half-angle of the cone within which a scan may turn the head, in radians.
     pictures : float
         Seconds that may pass without a picture.
     """
@@ -47,7 +47,7 @@ class TeleopConfig:
     gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
-    reach: float = round(math.degrees(REACH), 9)
+    reach: float = REACH
     pictures: float = 0.12
 
 
@@ -71,11 +71,11 @@ class TickInput:
     pictures : bool
         Whether the camera gives pictures.
     servo : (float, float), optional
-        Rates of pan and tilt that centre the target, in degrees per second; None while the
-        target is not visible.
+        Rates of pan and tilt that centre the target, in rad/s; None while the target is not
+        visible.
     scan : ((float, float), (float, float)), optional
-        Pan and tilt in degrees and rates of the catheter in mm/s and degrees/s that a scan
-        requests; None without a scan.
+        Pan and tilt in radians and rates of the catheter in m/s and rad/s that a scan requests;
+        None without a scan.
     """
 
     request: Mode | None = None
@@ -99,9 +99,9 @@ class TeleopState:
     reason : str
         Why the mode is on, if it was not requested; empty otherwise.
     gaze : HeadPoseState
-        Its ``command`` is that of the head, in degrees about the middle of the cone.
+        Its ``command`` is that of the head, in radians about the middle of the cone.
     rates : (float, float)
-        Of the catheter, in mm/s and degrees/s.
+        Of the catheter, in m/s and rad/s.
     unseen : float
         Seconds that the target has been out of sight.
     """
@@ -114,7 +114,7 @@ class TeleopState:
 
     @property
     def command(self) -> Pair:
-        """Pan and tilt in degrees about the middle of the cone."""
+        """Pan and tilt in radians about the middle of the cone."""
         return self.gaze.command
 
 

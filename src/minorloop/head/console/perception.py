@@ -107,7 +107,7 @@ class Perception:
     def tick(self, request: CameraRequest) -> CameraReport:
         """Carry out the commands, process a frame and report; ``image`` is the one to show."""
         self._position = request.position
-        self._tip.stand(request.stance)
+        self._tip.move_to(request.stance)
         for name, numbers in request.commands:
             self._try(self.commands[name], numbers)
         if self._queue and self._work is None:  # commands that came while the camera was in use

@@ -17,13 +17,11 @@ import numpy as np
 from minorloop.errors import ParameterError
 from minorloop.head.console.units import Position
 from minorloop.head.geometry import Mount, Pinhole, Probe
-from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, STRAIGHT, HeadCalibration
+from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
-MIDDLE = round(math.degrees(STRAIGHT), 9)
-"""Pan and tilt at which the head looks straight ahead, in degrees."""
 ADDRESSES = ("twin:pipe",)
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""

@@ -17,8 +17,8 @@ def courses(plane, stack, rows, start, wire, powers, step, parts, out):
     ``parts`` implicit steps of ``step`` seconds.
     """
     lag, latent = wire
-    room = rows + powers.shape[1] * parts + 4
-    own, trial = np.empty((room, 4)), np.empty((room, 4))
+    most = rows + powers.shape[1] * parts + 4
+    own, trial = np.empty((most, 4)), np.empty((most, 4))
     u, y = np.empty(1), np.empty(1)
     for c in range(powers.shape[0]):
         own[:rows] = stack[:rows]

@@ -27,7 +27,7 @@ NO_COUPLING = "no coupling"
 
 def wall_answers(shots: Sequence[Shot], probe: CalibratedProbe) -> bool:
     """Whether there is an echo of the wall, as there is in water only."""
-    return choose_modality(shots, probe.radius - probe.transducer.face, probe.speed) == "sonar"
+    return choose_modality(shots, probe.radius - probe.transducer.face, probe.speed) == "ultrasound"
 
 
 def burst_of(

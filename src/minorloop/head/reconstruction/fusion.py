@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import SignalError
 from minorloop.head.geometry import wall_point
-from minorloop.head.reconstruction.depth_map import CAMERA, SONAR, UNSEEN, DepthMap, Patch
+from minorloop.head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, DepthMap, Patch
 from minorloop.head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
@@ -35,7 +35,7 @@ _UNKNOWN = 0.6e-3
 _LEAST_RIM = 0.03e-3
 """Least standard deviation of the place of a rim, in metres: a third of a texel."""
 _WALL = 0.05e-3
-"""Standard deviation of a wall that only the camera sees, in metres; images show no depth."""
+"""Standard deviation of a wall that only the camera shows, in metres; images give no depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +268,7 @@ def fuse(
             raise SignalError(f"the image has shape {seen.shape}; the patch has {inside.shape}")
     source = np.where(seen, CAMERA, UNSEEN)
     if means is not None:
-        source = source | np.where(_reached(means, patch), SONAR, UNSEEN)
+        source = source | np.where(_reached(means, patch), ECHOES, UNSEEN)
     if pit.verdict == "through-hole":
         depth, sd = (
             np.where(inside >= 0.5, np.inf, 0.0),

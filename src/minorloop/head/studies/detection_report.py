@@ -57,7 +57,7 @@ def limits(outcomes: Sequence[SceneOutcome]) -> str:
             "where noise hides an edge that part of the lights do not reach, and a white one "
             "hardly brighter than the wall. "
         )
-    words += f"The finder stood at {false} false findings in {len(own)} acquisitions"
+    words += f"There were {false} false findings in {len(own)} acquisitions"
     if false:
         words += (
             "; such are round spots of dirt, which images alone cannot tell from a hole, and "

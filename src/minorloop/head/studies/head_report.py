@@ -93,7 +93,7 @@ def _add_overview(
             "within 10 % of nominal. Figures are medians over specimens of the worst case of "
             "each. A step has settled within 2 % of its target, or 0.3 degrees where that is "
             "more. Angles are judged without the noise of the sensor.",
-            "Three printed formulas of the paper cannot be used as they stand. With relays of 0 "
+            "Three printed formulas of the paper cannot be used as they are. With relays of 0 "
             "and 1 the density is the mixed derivative of the reversal values, without the "
             "factor 1/2 that belongs to relays of -1 and +1. The sums of Eqs. (5) and (6) end "
             "with the last minimum m(n-1), and lack the output of the cold wire. And 1.2 V over "

@@ -15,10 +15,10 @@ from minorloop.head.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
 from minorloop.head.studies.mission import Mission
 from minorloop.head.studies.mission_report import (
     draw_crack,
+    draw_depths,
     draw_finding,
     draw_images,
     draw_ring,
-    draw_soundings,
     finding_rows,
     save_mission,
 )
@@ -27,7 +27,7 @@ from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.drawing import new_figure
 
-_LOOKED = "A camera looks into a defect as onto the wall, but tells no depth there."
+_LOOKED = "The camera sees the surface of a defect but gives no depth there."
 
 if TYPE_CHECKING:
     from minorloop.head.studies.inspection import InspectionStudy
@@ -63,8 +63,8 @@ def study_report(
         "What was found",
         text="Head, camera, pipe and probe are twins: wires of phase, heat and springs, rays that "
         "meet a brushed cylinder between three lights that turn with the head, and pulses through "
-        "a lens onto a concave wall. Whatever makes an estimate knows them as calibrated, a little "
-        "off. Pixels are those of a 320 by 240 image.",
+        "a lens onto a concave wall. Estimators use their calibration, "
+        "which has small errors. Pixels are those of a 320 by 240 image.",
         table=claim_table(CLAIMS, figures),
     )
     report.add(
@@ -113,7 +113,7 @@ def study_report(
         "by a degree, and one fit of all waveforms. Without the lens the beam is as wide as the "
         "disc: where another depth explains the echoes nearly as well, none is given.",
         table=_depth_table(study),
-        pictures=[Picture(draw_soundings(runs), "Depths of all specimens, less the true ones.")],
+        pictures=[Picture(draw_depths(runs), "Depths of all specimens, less the true ones.")],
     )
     rows = [(f"{step.t:.0f} s", step.what, step.outcome) for step in mission.log]
     report.add(
@@ -165,8 +165,8 @@ def _add_cracks(report: Report, mission: Mission) -> None:
             pictures=[
                 Picture(
                     draw_crack(crack),
-                    "The crack and its course (orange), drawn where the head was read to look: "
-                    "what the readings were off, from look to look, is between the two.",
+                    "The crack and its course (orange), drawn at the measured angles: "
+                    "their errors separate the two.",
                 ),
                 Picture(
                     draw_finding(crack.wall), f"The wall about it, unrolled and in 3-D. {_LOOKED}"
@@ -185,7 +185,7 @@ def nothing_found(mission: Mission) -> str:
     why = (
         "nothing round was seen"
         if mission.pit is None
-        else f"the echoes said: {mission.pit.verdict}"
+        else f"verdict of the echoes: {mission.pit.verdict}"
     )
     return (
         f"The mission of seed {mission.seed} ended without the depth of a pit ({why}); no mesh of "
@@ -226,7 +226,7 @@ def draw_servo(study: InspectionStudy) -> Any:
 def _depth_table(study: InspectionStudy) -> Table:
     rows = []
     for kind, scored in [(kind, one) for kind, each in study.scored.items() for one in each]:
-        pit, truth = scored.found, scored.sounding.depth
+        pit, truth = scored.found, scored.site.depth
         rows.append(
             (
                 kind,

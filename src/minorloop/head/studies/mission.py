@@ -221,17 +221,17 @@ def _measured(
     centred_image = touch(rig, hole)
     off = scoring.off_bore(truth.plant, truth.offset, truth.bore, RADIUS)
     place = (float(hole.place[0]), float(hole.place[1]))
-    ear, bursts = scan(rig, place)
-    pit = measure_pit(bursts, ear, place, hole.diameter)
+    probe, bursts = scan(rig, place)
+    pit = measure_pit(bursts, probe, place, hole.diameter)
     rig.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
     if pit.verdict == AGAIN:
-        ear, others = scan(rig, place, shift=0.5)
-        other = measure_pit(others, ear, place, hole.diameter)
+        probe, others = scan(rig, place, shift=0.5)
+        other = measure_pit(others, probe, place, hole.diameter)
         rig.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
         pit, bursts = (other, others) if other.measured else (pit, bursts)
     one = replace(one, centred=centred_image, touch=off, pit=pit)
     if np.isfinite(pit.depth):
-        wall = rebuilt(bursts, ear, pit, hole, view)
+        wall = rebuilt(bursts, probe, pit, hole, view)
         profile, water = sweep(rig, place)
         size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
         rig.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")

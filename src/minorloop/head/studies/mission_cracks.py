@@ -86,9 +86,9 @@ def examined(rig: InspectionRig, trace: TracedCrack, looks: int) -> SeenCrack | 
     where, width = widest(best)
     words = f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
     rig.say("trace", f"a crack, {words}")
-    ear, bursts = scan(rig, (float(where[0]), float(where[1])))
+    probe, bursts = scan(rig, (float(where[0]), float(where[1])))
     drain(rig)
-    found = crack_depth(bursts, ear, best.places, width)
+    found = crack_depth(bursts, probe, best.places, width)
     deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
     rig.say("measure", f"{found.verdict}{deep}")
     patch = patch_about(course.places, rig.calibration.radius)

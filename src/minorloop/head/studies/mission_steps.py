@@ -31,12 +31,12 @@ class Photo:
     """An image, the calibrated camera, and the line of sight in radians."""
 
     image: npt.NDArray[np.uint8]
-    eye: CalibratedCamera
+    camera: CalibratedCamera
     angles: tuple[float, float]
 
     def pixels(self, places: npt.ArrayLike) -> FloatArray:
         """Return columns and rows (..., 2) of places (..., 2) on the wall."""
-        return np.asarray(self.eye.pixel(np.asarray(places), *self.angles))
+        return np.asarray(self.camera.pixel(np.asarray(places), *self.angles))
 
 
 def travel(rig: InspectionRig, advance: float, roll: float) -> None:

@@ -20,9 +20,9 @@ from minorloop.head.reconstruction.depth_map import (
     WaterLine,
     blend,
     camera_map,
+    echo_map,
     find_water,
     paste,
-    sonar_map,
 )
 from minorloop.head.studies.mission_scene import RADIUS
 from minorloop.head.studies.mission_steps import travel, turn
@@ -68,7 +68,7 @@ def drain(rig: InspectionRig) -> None:
 
 def rebuilt(
     bursts: Sequence[Burst],
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     pit: PitDepth,
     hole: Hole,
     view: ReflectanceMap | None,
@@ -76,13 +76,13 @@ def rebuilt(
     """Fuse echoes and the near view to a map about a pit."""
     centre = (float(hole.place[0]), float(hole.place[1]))
     seen = None if view is None else lambda patch: laid(view, patch)
-    return wall_about(pit, bursts, ear, centre, hole.diameter, seen=seen)
+    return wall_about(pit, bursts, probe, centre, hole.diameter, seen=seen)
 
 
 def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round, and measure profile and water line."""
-    ear = rig.calibration.probe_at(rig.place)
-    turn(rig, raster(ear, place, points=1)[0])
+    probe = rig.calibration.probe_at(rig.place)
+    turn(rig, raster(probe, place, points=1)[0])
     profiles = []
     for k in range(TURNS):
         travel(rig, float(rig.place[0]), np.radians(-180.0 + 360.0 * k / TURNS))
@@ -108,8 +108,8 @@ def ring_of(
     seen = np.zeros((rows, columns), dtype=bool)
     for view in views:
         seen |= np.isfinite(laid(view, patch))
-    spoken = sonar_map(patch, profile.spots, profile.depths, profile.sds, footprint=0.35e-3)
-    ring = blend(camera_map(patch, seen, np.zeros(seen.shape)), spoken)
+    echoes = echo_map(patch, profile.spots, profile.depths, profile.sds, footprint=0.35e-3)
+    ring = blend(camera_map(patch, seen, np.zeros(seen.shape)), echoes)
     for part in parts:
         ring = paste(ring, part)
     return ring

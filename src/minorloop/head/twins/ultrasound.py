@@ -3,9 +3,9 @@
 The disc, with a fixed lens or without, is 5 mm wide and less than 10 mm from the wall: it works
 in its near field, where an echo is an integral over the wall. A loop is::
 
-    sonar = Ultrasound(Pipe.draw(3, pits=1, water=-9.9e-3))
-    sonar.look(0.44, 0.0)      # radians; where the head is now
-    shot = sonar.shot()        # 2048 samples at 100 MHz, then 1 ms has passed
+    twin = Ultrasound(Pipe.draw(3, pits=1, water=-9.9e-3))
+    twin.look(0.44, 0.0)      # radians; where the head is now
+    shot = twin.shot()        # 2048 samples at 100 MHz, then 1 ms has passed
 """
 
 from __future__ import annotations

@@ -273,7 +273,7 @@ def front_echo(
 def choose_modality(
     shots: Sequence[Shot], distance: float, speed: float, *, least: float = 0.02
 ) -> str:
-    """Return ``"sonar"`` where the wall gives an echo, else ``"camera"``.
+    """Return ``"ultrasound"`` where the wall gives an echo, else ``"camera"``.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def choose_modality(
     """
     echoes = [front_echo(shot, distance, speed) for shot in shots]
     count = sum(echo.amplitude >= least and echo.snr >= _LEAST_SNR for echo in echoes)
-    return "sonar" if shots and count > len(shots) / 2 else "camera"
+    return "ultrasound" if shots and count > len(shots) / 2 else "camera"
 
 
 @dataclass(frozen=True, eq=False)

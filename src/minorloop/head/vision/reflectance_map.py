@@ -111,7 +111,7 @@ def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
                 f"frame {number} has {len(frame.lights)} lights; give a truth value for each of "
                 f"the {len(camera.leds)} of the camera"
             )
-        verdict = frame_checks.judge(frame.image, camera.lens, lit=any(frame.lights))
+        verdict = frame_checks.check_frame(frame.image, camera.lens, lit=any(frame.lights))
         if verdict != frame_checks.GOOD:
             return verdict
         if any(np.array_equal(frame.image, other.image) for other in earlier):
