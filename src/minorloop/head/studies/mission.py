@@ -26,12 +26,11 @@ from minorloop.head.studies.mission_steps import (
     centre,
     extract,
     focus,
+    go,
     look,
     meter,
     pick,
     touch,
-    travel,
-    turn,
 )
 from minorloop.head.studies.ultrasonic_scan import drain, rebuilt, ring_of, scan, sweep
 from minorloop.head.twins.pipe import Bore, Crack
@@ -259,13 +258,13 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
 
 def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hole]:
     """Return the candidates seen from one place, the likeliest first; add views and traces."""
-    travel(rig, advance, 0.0)
+    go(rig, place=(advance, 0.0))
     seen.places.append(advance)
     holes: list[Hole] = []
     lines = 0
     for k in range(LOOKS):
         way = 2 * np.pi * k / LOOKS
-        turn(rig, RING * np.array([np.cos(way), np.sin(way)]))
+        go(rig, angles=RING * np.array([np.cos(way), np.sin(way)]))
         meter(rig)
         found = look(rig)
         holes += found.holes

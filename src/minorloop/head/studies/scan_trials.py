@@ -354,7 +354,9 @@ def modality_wrong(scored: Iterable[ScoredScan]) -> int:
     for run in scored:
         dry, hole = run.site.dry, run.site.truth.through
         claimed = np.isfinite(run.found.depth)
-        wrong += bool((dry or hole) and claimed) or run.modality != ("camera" if dry else "ultrasound")
+        wrong += bool((dry or hole) and claimed) or run.modality != (
+            "camera" if dry else "ultrasound"
+        )
     return wrong
 
 

@@ -25,7 +25,7 @@ from minorloop.head.reconstruction.depth_map import (
     paste,
 )
 from minorloop.head.studies.mission_scene import RADIUS
-from minorloop.head.studies.mission_steps import travel, turn
+from minorloop.head.studies.mission_steps import go
 from minorloop.head.ultrasound.echoes import Burst, average
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pits import PitDepth, raster
@@ -82,10 +82,10 @@ def rebuilt(
 def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round, and measure profile and water line."""
     probe = rig.calibration.probe_at(rig.place)
-    turn(rig, raster(probe, place, points=1)[0])
+    go(rig, angles=raster(probe, place, points=1)[0])
     profiles = []
     for k in range(TURNS):
-        travel(rig, float(rig.place[0]), np.radians(-180.0 + 360.0 * k / TURNS))
+        go(rig, place=(rig.place[0], np.radians(-180.0 + 360.0 * k / TURNS)))
         now = rig.reading(Request(shots=RING_SHOTS))
         angles = np.tile(now.line_of_sight, (RING_SHOTS, 1))
         burst = average(now.shots, angles, np.zeros(RING_SHOTS))
