@@ -10,13 +10,7 @@ import numpy.typing as npt
 
 from minorloop.head.geometry import wall_distance
 from minorloop.head.procedures.meter import LIMITS, LightLimits
-from minorloop.head.procedures.values import (
-    NOTHING,
-    LitCamera,
-    Procedure,
-    Reading,
-    Request,
-)
+from minorloop.head.procedures.values import NOTHING, LitCamera, Procedure, Reading, Request
 from minorloop.head.vision.defects import ALONE, SEQUENCE, Hole
 from minorloop.head.vision.reflectance_map import LitFrame
 

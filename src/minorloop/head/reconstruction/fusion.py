@@ -270,20 +270,14 @@ def fuse(
     if means is not None:
         source = source | np.where(_reached(means, patch), ECHOES, UNSEEN)
     if pit.verdict == "through-hole":
-        depth, sd = (
-            np.where(inside >= 0.5, np.inf, 0.0),
-            np.where(inside >= 0.5, np.nan, _WALL),
-        )
+        depth, sd = (np.where(inside >= 0.5, np.inf, 0.0), np.where(inside >= 0.5, np.nan, _WALL))
     elif means is None:
         depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, _WALL, np.inf)
     else:
         depth, sd = _fused(pit, means, patch, inside, image)
     known = source != UNSEEN
     return DepthMap(
-        patch,
-        np.where(known, depth, np.nan),
-        np.where(known, sd, np.inf),
-        source.astype(np.uint8),
+        patch, np.where(known, depth, np.nan), np.where(known, sd, np.inf), source.astype(np.uint8)
     )
 
 
@@ -295,11 +289,7 @@ def _reached(means: MeanDepths, patch: Patch) -> BoolArray:
 
 
 def _fused(
-    pit: PitDepth,
-    means: MeanDepths,
-    patch: Patch,
-    inside: FloatArray,
-    image: npt.ArrayLike | None,
+    pit: PitDepth, means: MeanDepths, patch: Patch, inside: FloatArray, image: npt.ArrayLike | None
 ) -> tuple[FloatArray, FloatArray]:
     """Return depth and deviation where there are echoes."""
     mean, spread, rim = _prior_of(patch, pit, inside)

@@ -12,11 +12,7 @@ from minorloop.head.vision.defects import DITHER, LEAST_EVIDENCE, SINGLE, SWITCH
 from minorloop.report import Picture, Table
 from minorloop.studies.drawing import new_figure
 
-_WORDS = {
-    SWITCHED: "three lights and none",
-    SINGLE: "one frame",
-    DITHER: "five turns of 2 degrees",
-}
+_WORDS = {SWITCHED: "three lights and none", SINGLE: "one frame", DITHER: "five turns of 2 degrees"}
 _ASKED = (0.05, 0.98)
 _FEW = 3e-3
 _SHOWN = 6

@@ -79,10 +79,7 @@ def study_report(
 
 
 def _add_overview(
-    report: Report,
-    study: HeadStudy,
-    figures: Mapping[str, Any],
-    runs: Sequence[Mapping[str, Any]],
+    report: Report, study: HeadStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> None:
     facts = study.facts
     report.add(

@@ -129,13 +129,7 @@ CLAIMS = (
 
 
 _OF_CRACKS = ("crack_length_error_pct", "crack_width_error_pct", "crack_off_mm")
-_OF_MISSIONS = (
-    "touch_mm",
-    "position_mm",
-    "diameter_error_pct",
-    "depth_error_mm",
-    "water_error_mm",
-)
+_OF_MISSIONS = ("touch_mm", "position_mm", "diameter_error_pct", "depth_error_mm", "water_error_mm")
 
 
 @dataclass(frozen=True, eq=False)

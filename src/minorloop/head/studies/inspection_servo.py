@@ -276,9 +276,6 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
             "held_px": held,
             "still_px": still,
         },
-        "tracking": {
-            "lost_fraction": runs["motion"].lost,
-            "reacquire_s": runs["motion"].reacquire,
-        },
+        "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
     }
     return figures, runs

@@ -157,9 +157,7 @@ def draw_trial(
     off = rng.uniform(-0.2e-3, 0.2e-3, 2)
     roll = phi + float(rng.normal(0, 0.02))
     true = Mount(
-        offset=(float(off[0]), float(off[1])),
-        roll=roll,
-        advance=_Z + float(rng.normal(0, 0.1e-3)),
+        offset=(float(off[0]), float(off[1])), roll=roll, advance=_Z + float(rng.normal(0, 0.1e-3))
     )
     guess = off + rng.normal(0, 0.05e-3, 2)
     known = replace(true, offset=(float(guess[0]), float(guess[1])))

@@ -307,12 +307,7 @@ class Camera:
         fields = np.empty(
             (kernels.COMMON + kernels.PER_LED * len(leds), *self._rays.shape[:2]), np.float32
         )
-        lens = (
-            self._optics.focal,
-            self.sensor.aperture,
-            1 / self._focus,
-            self.sensor.sharpest**2,
-        )
+        lens = (self._optics.focal, self.sensor.aperture, 1 / self._focus, self.sensor.sharpest**2)
         kernels.fill_nodes(
             self._rays, turns, lenses, self._pipe.radius, leds, strengths, 1.0, lens, fields
         )

@@ -306,11 +306,7 @@ class Burst:
 
 
 def average(
-    shots: Sequence[Shot],
-    angles: npt.ArrayLike,
-    off: npt.ArrayLike,
-    *,
-    most_off: float = MOST_OFF,
+    shots: Sequence[Shot], angles: npt.ArrayLike, off: npt.ArrayLike, *, most_off: float = MOST_OFF
 ) -> Burst:
     """Average the usable shots of one burst.
 
