@@ -47,7 +47,7 @@ def mission():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("minorloop.head.studies.ultrasonic_scan.TURNS", 16)
         patch.setattr("minorloop.head.studies.mission.ADVANCES", (4e-3,))
-        patch.setattr("minorloop.head.studies.mission.LOOKS", 4)
+        patch.setattr("minorloop.head.studies.mission.VIEWS", 4)
         return run_mission(1)
 
 
@@ -164,7 +164,7 @@ def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
 
 def test_every_hole_is_nine_pixels_across_in_two_looks():
     camera = CalibratedCamera(LENS, Mount(), led_positions())
-    turns = 2 * np.pi * np.arange(missions.LOOKS) / missions.LOOKS
+    turns = 2 * np.pi * np.arange(missions.VIEWS) / missions.VIEWS
     aims = missions.RING * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     rim = np.linspace(0, 2 * np.pi, 24)
     for phi in np.linspace(-np.pi, np.pi, 9):

@@ -57,9 +57,9 @@ class Finder:
         """Remember that the view from here was searched."""
         self._searched = position
 
-    def find(self, looks: Sequence[LitFrame], position: Position) -> Findings:
+    def find(self, frames: Sequence[LitFrame], position: Position) -> Findings:
         """Search the frames of an acquisition for defects; takes a tenth of a second."""
-        return find_holes(looks, self.view.camera_at(position[2:]))
+        return find_holes(frames, self.view.camera_at(position[2:]))
 
     def add(self, found: Findings) -> None:
         """Remember candidates, each once."""

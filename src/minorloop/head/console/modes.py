@@ -184,9 +184,9 @@ def _servoed(config: TeleopConfig, command: Pair, servo: Pair | None, interval: 
 
 
 def _scanned(
-    config: TeleopConfig, state: TeleopState, asked: tuple[Pair, Rates] | None, interval: float
+    config: TeleopConfig, state: TeleopState, requested: tuple[Pair, Rates] | None, interval: float
 ) -> TeleopState:
-    assert asked is not None
+    assert requested is not None
     wider = replace(config.gaze, cone=config.reach)
-    moved = slewed(wider, state.command, into_cone(asked[0], config.reach), interval)
-    return replace(state, gaze=anchored(state.gaze, moved), rates=asked[1])
+    moved = slewed(wider, state.command, into_cone(requested[0], config.reach), interval)
+    return replace(state, gaze=anchored(state.gaze, moved), rates=requested[1])

@@ -290,8 +290,8 @@ class Perception:
         self._finder.searched(position)
 
         def after(state: Any) -> None:
-            looks = state.looks
-            self._pending.append((self._later(lambda: self._finder.find(looks, position)), then))
+            frames = state.frames
+            self._pending.append((self._later(lambda: self._finder.find(frames, position)), then))
 
         acquisition = Acquisition()
         self._use(acquisition, acquisition.begin(self._meter.gain), after)

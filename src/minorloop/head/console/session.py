@@ -365,8 +365,8 @@ class Session:
             return None
         if self.state.mode == "SCAN":
             here, command = self.position(), self.state.command
-            self.scan, asked = scanned(self.scan, self.view, here, command, self.interval)
-            self._commands += asked.commands
+            self.scan, requested = scanned(self.scan, self.view, here, command, self.interval)
+            self._commands += requested.commands
             if self.scan.stage == "done":
                 sentence = "the scan is done; press a mode to continue"
                 if not len(self.scan.state.targets):
@@ -374,7 +374,7 @@ class Session:
                 self.hold(sentence)
                 self._send(messages.ScanEnded(finding=self.scan.number))
                 return None
-            return asked.angles, asked.rates
+            return requested.angles, requested.rates
         return self.state.command, (0.0, 0.0)
 
     def _add_depth(self, message: messages.DepthFitted) -> None:

@@ -90,7 +90,7 @@ class Search:
         The scene and its truth.
     camera : CalibratedCamera
         The calibrated camera.
-    looks : tuple of LitFrame
+    frames : tuple of LitFrame
         The acquisition.
     holes : tuple of Hole
         All findings, however weak, strongest first.
@@ -100,7 +100,7 @@ class Search:
 
     view: SceneView
     camera: CalibratedCamera
-    looks: tuple[LitFrame, ...]
+    frames: tuple[LitFrame, ...]
     holes: tuple[Hole, ...]
     place: FloatArray
 
@@ -134,9 +134,9 @@ def search_scene(
     truth = camera.place(scoring.true_pixel(view.camera, *view.place), view.pan, view.tilt)
     searches = []
     for mode in modes:
-        looks = tuple(_shots(view, rng, mode))
-        holes = find_holes(looks, camera, mode=mode, least=-math.inf).holes
-        searches.append(Search(view, camera, looks, holes, truth))
+        frames = tuple(_shots(view, rng, mode))
+        holes = find_holes(frames, camera, mode=mode, least=-math.inf).holes
+        searches.append(Search(view, camera, frames, holes, truth))
     return searches
 
 
@@ -251,12 +251,12 @@ def _shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFram
     elif mode == DITHER:
         lights = (SEQUENCE[-1],) * 5
         turns = TURN * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)], dtype=np.float64)
-    looks = []
+    frames = []
     for on, turn in zip(lights, turns, strict=True):
         pan, tilt = view.pan + float(turn[0]), view.tilt + float(turn[1])
         view.camera.look(pan, tilt)
         view.camera.switch(on)
         view.camera.expose(LIMITS.exposure * (1.0 if all(on) else ALONE), view.gain)
-        seen = np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)
-        looks.append(LitFrame(view.camera.frame().image, float(seen[0]), float(seen[1]), tuple(on)))
-    return looks
+        read = (np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)).tolist()
+        frames.append(LitFrame(view.camera.frame().image, *read, tuple(on)))
+    return frames

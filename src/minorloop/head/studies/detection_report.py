@@ -129,7 +129,7 @@ def draw_scenes(shown: Sequence[tuple[str, Search, Hole | None]]) -> Any:
         about = true if rim is None else rim
         middle = np.zeros(2) if about is None else about.mean(axis=0)
         for one, frame, light in zip(row, _FRAMES, _LIGHTS, strict=True):
-            root = np.sqrt(search.looks[frame].image, dtype=np.float32)  # shadows are seen so
+            root = np.sqrt(search.frames[frame].image, dtype=np.float32)  # shadows are seen so
             one.imshow(root, cmap="gray", vmin=0, vmax=16)
             for line, colour in ((true, "C0"), (rim, "C1")):
                 if line is not None:

@@ -27,9 +27,9 @@ from minorloop.head.studies.mission_steps import (
     extract,
     focus,
     go,
-    look,
     meter,
     pick,
+    search,
     touch,
 )
 from minorloop.head.studies.ultrasonic_scan import drain, rebuilt, ring_of, scan, sweep
@@ -40,7 +40,7 @@ from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 
-RING, LOOKS = math.radians(25.0), 8
+RING, VIEWS = math.radians(25.0), 8
 """Deflection of the views from one place in radians, and their number."""
 ADVANCES = (0.0, 3e-3, 6e-3, 9e-3, 12e-3, 15e-3, 18e-3, 21e-3, 24e-3)
 """Positions of the catheter in metres from which the mission looks around, until echoes confirm a
@@ -69,7 +69,7 @@ class Mission:
         Height of the water, in m.
     log : tuple of LogEntry
         Its steps.
-    looks : Findings, optional
+    near : Findings, optional
         Of the near view of the candidate.
     first, centred : (H, W) arrays, optional
         Images of the finding when picked, and with the axis sent to it.
@@ -96,7 +96,7 @@ class Mission:
     truth_crack: Crack
     truth_water: float
     log: tuple[LogEntry, ...] = ()
-    looks: Findings | None = None
+    near: Findings | None = None
     first: npt.NDArray[np.uint8] | None = None
     pixel: FloatArray | None = None
     centred: npt.NDArray[np.uint8] | None = None
@@ -206,8 +206,8 @@ def _approached(
     first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
     centre(rig, hole.place)
     focus(rig)
-    looks, found, again = extract(rig, hole)
-    return replace(mission, looks=looks, first=first, pixel=pixel, found=found), again, looks.wall
+    near, found, again = extract(rig, hole)
+    return replace(mission, near=near, first=first, pixel=pixel, found=found), again, near.wall
 
 
 def _measured(
@@ -246,10 +246,10 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
     for advance in (None, *(place for place in ADVANCES if place not in seen.places)):
         if advance is not None:
             _look_around(rig, advance, seen)
-        for trace, looks in likely(seen.traces, tried, RADIUS):
+        for trace, views in likely(seen.traces, tried, RADIUS):
             if len(tried) < mission_cracks.MOST:
                 tried.append(trace)
-                crack = mission_cracks.examined(rig, trace, looks)
+                crack = mission_cracks.examined(rig, trace, views)
                 found += [] if crack is None else [crack]
         if found:
             break
@@ -262,18 +262,18 @@ def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hol
     seen.places.append(advance)
     holes: list[Hole] = []
     lines = 0
-    for k in range(LOOKS):
-        way = 2 * np.pi * k / LOOKS
+    for k in range(VIEWS):
+        way = 2 * np.pi * k / VIEWS
         go(rig, angles=RING * np.array([np.cos(way), np.sin(way)]))
         meter(rig)
-        found = look(rig)
+        found = search(rig)
         holes += found.holes
         traces = traces_of(found, RADIUS)
         lines += len(traces)
         seen.traces += traces
         seen.views += [found.wall] if found.wall is not None else []
     each = strongest(holes, RADIUS, -np.inf)
-    words = f"{len(each)} thing{'s' if len(each) > 1 else ''}" if each else "nothing"
+    words = f"{len(each)} candidate{'s' if len(each) > 1 else ''}" if each else "nothing"
     words += f"; {lines} line{'s' if lines > 1 else ''}" if lines else ""
-    rig.say("look around", f"from {1e3 * advance:g} mm, {LOOKS} looks: {words}")
+    rig.say("look around", f"from {1e3 * advance:g} mm, {VIEWS} views: {words}")
     return list(each)

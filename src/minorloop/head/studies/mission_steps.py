@@ -50,11 +50,11 @@ def meter(rig: InspectionRig) -> None:
     rig.gain = rig.run(metering, metering.begin(rig.gain)).gain
 
 
-def look(rig: InspectionRig) -> Findings:
+def search(rig: InspectionRig) -> Findings:
     """Take five frames and return the findings in them."""
     acquisition = Acquisition()
-    looks = rig.run(acquisition, acquisition.begin(rig.gain)).looks
-    return find_holes(looks, rig.calibration.camera_at(rig.place))
+    frames = rig.run(acquisition, acquisition.begin(rig.gain)).frames
+    return find_holes(frames, rig.calibration.camera_at(rig.place))
 
 
 def photo(rig: InspectionRig) -> Photo:
@@ -102,25 +102,25 @@ def focus(rig: InspectionRig) -> None:
     rig.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
 
 
-def look_nearer(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
+def near_view(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
     """Advance by some metres, take five frames and a photo of a place, and return."""
     home = rig.place
     go(rig, place=np.add(home, (by, 0.0)))
     go(rig, angles=aim_at(rig.calibration, place, rig.place))
     meter(rig)
-    looks, seen = look(rig), photo(rig)
+    findings, seen = search(rig), photo(rig)
     go(rig, place=home)
-    return looks, seen
+    return findings, seen
 
 
 def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
     """Outline a candidate in a near view; return whether it is seen again."""
-    looks, _ = look_nearer(rig, picked.place)
-    again = nearest(looks.holes, picked.place, rig.calibration.radius)
+    findings, _ = near_view(rig, picked.place)
+    again = nearest(findings.holes, picked.place, rig.calibration.radius)
     hole = again or picked
-    words = "seen again from nearer" if again else "not seen again; the first look counts"
+    words = "seen again from nearer" if again else "not seen again; the first view counts"
     rig.say("extract", f"{1e3 * hole.diameter:.2f} mm across, {words}")
-    return looks, hole, again is not None
+    return findings, hole, again is not None
 
 
 def touch(rig: InspectionRig, hole: Hole) -> Image:
