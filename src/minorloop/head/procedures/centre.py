@@ -121,7 +121,7 @@ class Centring(Procedure[CentreState]):
         angles, sighted = self._angles(state.place, seen, reading)
         state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
         move, state = self._steer(state, seen, angles, reading)
-        state = self._judged(state, move, reading.t)
+        state = self._checked(state, move, reading.t)
         return state, Request(angles=move.angles, sighted=sighted, frame=True)
 
     def pick(
@@ -215,7 +215,7 @@ class Centring(Procedure[CentreState]):
         move, servo = hold.servo.step(state.servo, seen, angles)
         return move, replace(state, servo=servo, hold=hold.begin(move.angles))
 
-    def _judged(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
+    def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
         """Return the state with the error, done if that has been small for long enough."""
         since = held_since(state.near_since, t, move.error < self.in_middle)
         still = since is not None and passed(since, t, self.still)
