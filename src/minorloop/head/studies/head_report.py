@@ -243,8 +243,8 @@ def _add_limits(report: Report, study: HeadStudy) -> None:
         text=f"No run may exceed {HIGHEST} A or {HOTTEST:.0f} degrees Celsius, with a sensor that "
         "sticks or is lost, and where little cools the wire, as well. At the end of its stroke the "
         "angle does not tell how hot a wire is; there it is not heated on. The controller cannot "
-        "measure the temperature and uses the higher of two estimates; the score uses the "
-        "truth of the twin. A target that cannot be reached is given up with its cause: flooded without a "
+        "measure the temperature and uses the higher of two estimates; the score uses the truth of "
+        "the twin. A target that cannot be reached is given up with its cause: flooded without a "
         "sleeve the wire hardly warms, in air of -10 degrees most specimens do not turn all the "
         "way.",
         table=Table(columns, rows),

@@ -32,7 +32,7 @@ from minorloop.head.studies.mission_steps import (
     search,
     touch,
 )
-from minorloop.head.studies.ultrasonic_scan import drain, rebuilt, ring_of, scan, sweep
+from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
 from minorloop.head.twins.pipe import Bore, Crack
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
 from minorloop.head.ultrasound.profile import Profile
@@ -230,7 +230,7 @@ def _measured(
         pit, bursts = (other, others) if other.measured else (pit, bursts)
     one = replace(one, centred=centred_image, touch=off, pit=pit)
     if np.isfinite(pit.depth):
-        wall = rebuilt(bursts, probe, pit, hole, view)
+        wall = fused_wall(bursts, probe, pit, hole, view)
         profile, water = sweep(rig, place)
         size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
         rig.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")

@@ -66,7 +66,7 @@ def drain(rig: InspectionRig) -> None:
     rig.reading(Request(water=False))
 
 
-def rebuilt(
+def fused_wall(
     bursts: Sequence[Burst],
     probe: CalibratedProbe,
     pit: PitDepth,
@@ -75,7 +75,7 @@ def rebuilt(
 ) -> DepthMap:
     """Fuse echoes and the near view to a map about a pit."""
     centre = (float(hole.place[0]), float(hole.place[1]))
-    seen = None if view is None else lambda patch: laid(view, patch)
+    seen = None if view is None else lambda patch: resampled(view, patch)
     return wall_about(pit, bursts, probe, centre, hole.diameter, seen=seen)
 
 
@@ -107,7 +107,7 @@ def ring_of(
     patch = Patch(-np.pi, low, rows, columns)
     seen = np.zeros((rows, columns), dtype=bool)
     for view in views:
-        seen |= np.isfinite(laid(view, patch))
+        seen |= np.isfinite(resampled(view, patch))
     echoes = echo_map(patch, profile.spots, profile.depths, profile.sds, footprint=0.35e-3)
     ring = blend(camera_map(patch, seen, np.zeros(seen.shape)), echoes)
     for part in parts:
@@ -123,14 +123,12 @@ def _span(parts: Sequence[DepthMap]) -> tuple[float, float]:
     return min(low - MARGIN, middle - 0.5 * RING), max(high + MARGIN, middle + 0.5 * RING)
 
 
-def laid(view: ReflectanceMap, patch: Patch) -> FloatArray:
+def resampled(view: ReflectanceMap, patch: Patch) -> FloatArray:
     """Resample a view of the camera on a patch (rows, columns); NaN where nothing is seen."""
     window, places = view.window, patch.places
     half = 0.5 * (window.columns - 1)
     middle = window.phi + half * window.step / patch.radius
     x = wrapped(places[..., 0] - middle) * patch.radius / window.step + half
     y = (places[..., 1] - window.z) / window.step
-    laid: FloatArray = map_coordinates(
-        np.asarray(view.whole, dtype=np.float64), [y, x], order=1, mode="constant", cval=np.nan
-    )
-    return laid
+    whole = np.asarray(view.whole, dtype=np.float64)
+    return np.asarray(map_coordinates(whole, [y, x], order=1, mode="constant", cval=np.nan))
