@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.console.plant import check_address
+from minorloop.head.console.settings import check_address
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.heating import (
     HeatedWire,

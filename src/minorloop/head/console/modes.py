@@ -23,7 +23,7 @@ from minorloop.head.console.head_pose import (
 )
 from minorloop.head.console.joystick import Rates, StickMap, push
 from minorloop.head.console.messages import Mode, Pair
-from minorloop.head.procedures.values import REACH
+from minorloop.head.geometry import REACH
 
 MODES: tuple[Mode, ...] = get_args(Mode)
 

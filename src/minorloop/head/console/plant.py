@@ -14,13 +14,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from minorloop.errors import ParameterError
+from minorloop.head.console.settings import check_address
 from minorloop.head.console.units import Position
 from minorloop.head.geometry import Mount, Pinhole, Probe
 from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
 
-ADDRESSES = ("twin:pipe",)
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
@@ -125,16 +124,3 @@ def _pipe(seed: int) -> Any:
         phi, size = float(rng.uniform(-math.pi, math.pi)), float(rng.uniform(0.9e-3, 1.1e-3))
         bores.append(Bore(phi, z, size, depth=float(pit), brightness=0.0, lining=0.08))
     return replace(Pipe.draw(seed, length=_LENGTH), bores=tuple(bores))
-
-
-def check_address(address: str) -> None:
-    """Refuse an address at which nothing can be steered.
-
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered there.
-    """
-    if address not in ADDRESSES:
-        known = ", ".join(f"'{name}'" for name in ADDRESSES)
-        raise ParameterError(f"there is nothing to steer at {address!r}; what exists is {known}")

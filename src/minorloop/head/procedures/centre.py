@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
+from minorloop.head.geometry import REACH
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
-from minorloop.head.procedures.values import REACH, Procedure, Reading, Request, held_since, passed
+from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.hold import HoldState, PointHold
 from minorloop.head.vision.jacobian import wall_depth

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import REACH, wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.measure import burst_of
-from minorloop.head.procedures.values import REACH, Procedure, Reading, Request, passed
+from minorloop.head.procedures.values import Procedure, Reading, Request, passed
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.pits import PITCH, POINTS, raster
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,9 +14,6 @@ from minorloop.head.vision.calibrated_camera import Image
 from minorloop.lab.actuator import FrameSource, Shot
 
 ALL_LIGHTS = (True, True, True)
-REACH = math.radians(30.0)
-"""Half-angle of the cone in which the head may look, in radians; beyond, the lens touches the
-wall."""
 
 
 def _zeros() -> FloatArray:
