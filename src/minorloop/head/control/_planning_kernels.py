@@ -10,7 +10,7 @@ SMALLEST = 1e-15
 
 @njit(cache=True, nogil=True)
 def courses(plane, stack, rows, start, wire, powers, step, parts, out):
-    """Angles (C, N) of a heated wire under C sequences of powers (C, N), each held.
+    """Return angles (C, N) of a heated wire under C sequences of powers (C, N), each held.
 
     ``stack`` (rows and more, 4) is the memory before and is left as it was; ``start`` is the
     effective power and the angle then, ``wire`` lag and latent heat. Each power is held for

@@ -119,7 +119,7 @@ class Mission:
         )
 
     def figures(self) -> dict[str, Any]:
-        """Errors of the result; NaN where nothing was found."""
+        """Return errors of the result; NaN where nothing was found."""
         place = width = depth = np.nan
         if self.pit is not None:
             place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)

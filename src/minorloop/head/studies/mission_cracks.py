@@ -66,7 +66,7 @@ class SeenCrack:
 
     @property
     def finding(self) -> Finding:
-        """Its line in the table."""
+        """Line of the table of findings."""
         return crack_finding(self.course.places, self.width, self.found, RADIUS)
 
 

@@ -141,7 +141,7 @@ def _draw_values(axes: Any, values: FloatArray, extent: tuple[float, float, floa
 
 
 def _solid(axes: Any, wall: DepthMap) -> None:
-    """The wall from inside, the depth down, with the curve of the pipe; open where not known."""
+    """Draw the curved wall from inside, the depth down, with holes where it is not known."""
     x, y = (5e2 * n * wall.patch.step * np.linspace(-1.0, 1.0, n) for n in wall.depth.shape[::-1])
     radius = 1e3 * wall.patch.radius
     bow = radius - np.sqrt(radius**2 - x**2)
@@ -162,7 +162,7 @@ def _solid(axes: Any, wall: DepthMap) -> None:
 
 
 def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
-    """A surface of (rows, columns, 3) corners; matplotlib's own pads what NaN cuts with garbage."""
+    """Draw a surface of (rows, columns, 3) corners; that of matplotlib draws garbage beside NaN."""
     from mpl_toolkits.mplot3d import art3d
 
     every = max(-(-max(shades.shape[:2]) // _MOST_FACES), 1)
@@ -178,7 +178,7 @@ def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
 
 
 def _shades(wall: DepthMap) -> FloatArray:
-    """Colours (rows, columns, 4) of depths, as they are in the map beside."""
+    """Return colours (rows, columns, 4) of depths, those of the map beside."""
     from matplotlib import colormaps
 
     low, high = _limits(wall)
@@ -187,7 +187,7 @@ def _shades(wall: DepthMap) -> FloatArray:
 
 
 def _limits(wall: DepthMap) -> tuple[float, float]:
-    """Least and greatest depth of colours, in metres: not above the wall by less than a band."""
+    """Return the least and greatest depth of colours, in m; heights within a band count as 0."""
     known = np.isfinite(wall.depth)
     if not known.any():
         return 0.0, 0.0
@@ -237,7 +237,7 @@ def draw_ring(mission: Mission) -> Any:
 
 
 def draw_crack(crack: SeenCrack) -> Any:
-    """A crack as it was seen from nearer, its course over it, and how wide it is along it."""
+    """Draw the near view of a crack, its course over it, and its width along it."""
     figure, (bare, traced, wide) = new_figure(1, 3, height=3.0)
     image, course = crack.photo.image, crack.photo.pixels(crack.traced.places)
     widest = crack.photo.pixels(crack.widest)
@@ -262,13 +262,13 @@ def draw_crack(crack: SeenCrack) -> Any:
 
 
 def _course(axes: Any, phi: FloatArray, z: FloatArray) -> None:
-    """A course on the unrolled wall, broken where it leaves it on one side."""
+    """Draw a course on the unrolled wall, broken where it crosses the edge."""
     broken = np.flatnonzero(np.abs(np.diff(phi)) > 180.0) + 1
     axes.plot(np.insert(phi, broken, np.nan), np.insert(z, broken, np.nan), color="C1", lw=1.0)
 
 
 def _water_angles(height: float, radius: float) -> FloatArray:
-    """Where the surface of the water meets the wall, in degrees; none where all is under it."""
+    """Return the angles in degrees at which the water meets the wall; none if all is flooded."""
     if not abs(height) < 0.995 * radius:
         return np.empty(0)
     up = float(np.degrees(np.arcsin(height / radius)))
@@ -277,7 +277,7 @@ def _water_angles(height: float, radius: float) -> FloatArray:
 
 
 def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
-    """Measured less true depth of every pit, with its 90 % band."""
+    """Draw measured minus true depth of every pit, with its 90 % band."""
     figure, (left, right) = new_figure(1, 2, height=3.4)
     for axes, kinds, title in (
         (left, ("pit", "fused"), "through the lens"),
@@ -300,7 +300,7 @@ def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def finding_rows(finding: Finding) -> Table:
-    """A finding with the 90 % band of each of its figures."""
+    """Return a table of a finding with the 90 % band of each value."""
     rows = []
     for name, what, scale, unit in (
         ("phi", "angle", 180 / np.pi, "deg"),

@@ -10,7 +10,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def course(c, t):
-    """Value at time t of a quantity that steps or ramps once, and oscillates from then on."""
+    """Return the value at t of a quantity that steps or ramps once and oscillates from then on."""
     start, end, at, duration, amplitude, period = c
     if t < at:
         return start
@@ -37,7 +37,7 @@ def remember(past, mark, t, y, spacing):
 
 @njit(cache=True, nogil=True)
 def recall(past, mark, t, out):
-    """Outputs at time t from the ring, linear between its rows; the oldest for earlier times."""
+    """Return outputs at t from the ring, linear between its rows; the oldest for earlier times."""
     rows = past.shape[0]
     newer = mark[0]
     for back in range(1, rows):
