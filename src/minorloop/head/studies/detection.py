@@ -257,6 +257,6 @@ def _shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFram
         view.camera.look(pan, tilt)
         view.camera.switch(on)
         view.camera.expose(LIMITS.exposure * (1.0 if all(on) else ALONE), view.gain)
-        read = (np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)).tolist()
-        frames.append(LitFrame(view.camera.frame().image, *read, tuple(on)))
+        a, b = (np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)).tolist()
+        frames.append(LitFrame(view.camera.frame().image, a, b, tuple(on)))
     return frames

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.twins._axes_kernels import catheter_run
+from minorloop.head.twins._kernels import catheter_run
 from minorloop.head.twins.simulated_axes import SimulatedAxes
 from minorloop.lab.actuator import Channel
 from minorloop.twins.checkpoints import check_within, damaged

@@ -115,7 +115,7 @@ class Rig:
         self._before = self._line_of_sight()
         angles = np.asarray(self.head.exchange(u[:2]))
         place = np.asarray(self.catheter.exchange(u[2:] / _UNITS[2:]))
-        return _UNITS * np.concatenate([angles, place])
+        return np.asarray(_UNITS * np.concatenate([angles, place]))
 
     def safe(self) -> None:
         """Let the wires cool and stop the catheter."""

@@ -79,7 +79,7 @@ class Course:
 
     def __call__(self, t: float) -> float:
         """Return the value at a time in seconds."""
-        from minorloop.head.twins._axes_kernels import course
+        from minorloop.head.twins._kernels import course
 
         return float(course(self.numbers, float(t)))
 
