@@ -56,11 +56,16 @@ def rows(quick: bool = False) -> list[Row]:
 
 def figures(seeds: range) -> dict[str, dict[str, float]]:
     """Bias, deviation and coverage of the bands by console and study, on scenes by seed."""
-    from minorloop.head.studies.scan_trials import band_figures, depth_figures, draw_sounding, sound
+    from minorloop.head.studies.scan_trials import (
+        band_figures,
+        depth_figures,
+        draw_trial,
+        run_trial,
+    )
 
     scored = {
-        "console": [console_depth(draw_sounding(seed), seed) for seed in seeds],
-        "study": [sound(draw_sounding(seed)) for seed in seeds],
+        "console": [console_depth(draw_trial(seed), seed) for seed in seeds],
+        "study": [run_trial(draw_trial(seed)) for seed in seeds],
     }
     return {name: {**band_figures(runs), **depth_figures(runs)} for name, runs in scored.items()}
 
@@ -79,14 +84,15 @@ def console_depth(scene: Any, seed: int) -> Any:
     result = last["result"]
     values = {name: math.nan if result[name] is None else result[name] for name in names}
     pit = PitDepth(result["verdict"], **values, bursts=result["bursts"])
-    return ScoredScan(scene.site, pit, seconds, None, "sonar")
+    return ScoredScan(scene.site, pit, seconds, None, "ultrasound")
 
 
 def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     """Scan one scene with a session; return its job for the worker."""
     from minorloop.head.console import messages
+    from minorloop.head.console.identified_head import head_of
     from minorloop.head.console.perception import Perception
-    from minorloop.head.console.plant import PlantView, head_of
+    from minorloop.head.console.plant import PlantView
     from minorloop.head.console.reports import camera_finding
     from minorloop.head.console.session import Session
     from minorloop.head.geometry import Mount
@@ -102,14 +108,14 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
         seed=seed,
         optics=LENS.scaled(_SMALL),
         flooded=scene.pipe,
-        probe=scene.probe,
+        probe=scene.settings,
     )
     view = PlantView(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
-        offset=scene.ear.mount.offset,
-        thickness=scene.ear.thickness,
-        temperature=scene.ear.temperature,
+        offset=scene.probe.mount.offset,
+        thickness=scene.probe.thickness,
+        temperature=scene.probe.temperature,
     )
     plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed))
     camera = DirectCamera(Perception(tip, view))

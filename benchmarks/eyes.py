@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -26,11 +27,12 @@ def rows(quick: bool = False) -> list[Row]:
     searches = [search_scene(FIRST + n, True)[0] for n in range(rounds)]
     followed = []
     for search in searches:
-        camera, calibrated = search.view.camera, search.eye
+        camera, calibrated = search.view.camera, search.camera
         aim = (search.view.pan, search.view.tilt)
         camera.look(*aim)
         frames += [_processor(camera.frame) for _ in range(4 * rounds)]
-        finding.append(min(_processor(lambda s=search: find_holes(s.looks, s.eye)) for _ in "123"))
+        find = partial(find_holes, search.frames, search.camera)
+        finding.append(min(_processor(find) for _ in "123"))
         best = search.holes[0]
         found += best.evidence >= LEAST_EVIDENCE["switched"] and search.off(best) < NEAR
         tracker = PatchTracker(replace(calibrated))

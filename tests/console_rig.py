@@ -9,8 +9,9 @@ import numpy as np
 
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
+from minorloop.head.console.identified_head import head_of
 from minorloop.head.console.perception import Perception
-from minorloop.head.console.plant import PlantView, head_of, open_plant, open_tip
+from minorloop.head.console.plant import PlantView, open_plant, open_tip
 from minorloop.head.console.session import Session
 from minorloop.head.console.units import to_shown
 from minorloop.head.geometry import Pinhole
@@ -79,7 +80,7 @@ def request(position, *commands, number=0):
 def towards(place, share=1.0, position=(0.0, 0.0, 0.0, 0.0)):
     """Position of the head that looks a share of the way towards phi and z."""
     point = (10e-3 * math.cos(place[0]), 10e-3 * math.sin(place[0]), place[1])
-    pan, tilt = np.multiply(view().mount(position).aim(point), share)
+    pan, tilt = np.multiply(view().mount_at(position[2:]).aim(point), share)
     return (float(pan), float(tilt), *position[2:])
 
 

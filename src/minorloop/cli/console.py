@@ -60,7 +60,7 @@ def run(
     name: _Name = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
-    from minorloop.head.console.plant import check_address
+    from minorloop.head.console.settings import STATIC, LoopSettings, check_address
 
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
@@ -83,8 +83,6 @@ def run(
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
     from minorloop.head.console.auth import Authentication
     from minorloop.head.console.processes import Serving, supervised
-    from minorloop.head.console.server import STATIC
-    from minorloop.head.console.settings import LoopSettings
 
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout

@@ -18,6 +18,8 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
 
+REACH = float(np.radians(30.0))
+"""Half-angle of the cone in which the head may look; beyond, the lens touches the wall."""
 _NEWTON_STEPS = 40
 
 

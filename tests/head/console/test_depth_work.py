@@ -19,7 +19,7 @@ def fitted(flooded):
     targets = RasterScan(calibration=known).targets(PIT[:2], np.array(place))
     for pan, tilt in targets.tolist():
         here = (pan, tilt, *place)
-        probe.stand(request(here).stance)
+        probe.move_to(request(here).stance)
         echoes.fire(probe, here, (pan, tilt))
     return list(depth_work.depth(**echoes.job((0.0, 0.0, *place))))
 

@@ -52,7 +52,7 @@ def test_the_catheter_never_goes_off_with_a_jerk(pushes):
 
 def test_motors_stop_from_the_full_rate_in_time():
     how = StickMap()
-    assert max(how.advance / 40.0, how.roll / 180.0) <= 0.15 + 1e-12
+    assert max(how.advance / 40e-3, how.roll / math.pi) <= 0.15 + 1e-12
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def test_where_the_head_rests_defects_are_searched_once(seeing):
     _, reports = seeing
     (found,) = events(reports, "found")
     assert found["verdict"] == "good"
-    pixel = view().calibrated_camera(there()).pixel(PIT[:2], *there()[:2])
+    pixel = view().camera_at(there()[2:]).pixel(PIT[:2], *there()[:2])
     assert math.dist(reports[-1].spots[0][:2], pixel) < 4.0
 
 
@@ -41,7 +41,7 @@ def test_a_pick_takes_what_is_known_near_it_and_follows_it(seeing):
     for share in np.linspace(0.8, 0.9, 6):
         report = camera.tick(request(towards(PIT, float(share))))
     assert report.target[3]
-    pixel = view().calibrated_camera(moved).pixel(PIT[:2], *moved[:2])
+    pixel = view().camera_at(moved[2:]).pixel(PIT[:2], *moved[:2])
     assert math.dist(report.target[:2], pixel) < 5.0
 
 

@@ -4,7 +4,9 @@ import pytest
 
 from console_rig import tip
 from minorloop.errors import ParameterError
-from minorloop.head.console.plant import MIDDLE, PlantView, head_of, open_plant, open_tip
+from minorloop.head.console.identified_head import head_of
+from minorloop.head.console.plant import PlantView, open_plant, open_tip
+from minorloop.head.procedures.calibration import STRAIGHT, joint_degrees
 from minorloop.head.procedures.values import Plant, Tip
 
 
@@ -14,7 +16,7 @@ def test_plant_and_tip_are_what_the_console_needs_with_the_camera_that_the_view_
     assert isinstance(plant, Plant)
     assert isinstance(found, Tip)
     plant.exchange(np.zeros(4))
-    found.stand(plant.stance())
+    found.move_to(plant.stance())
     assert found.frame().image.shape == (view.lens.height, view.lens.width)
 
 
@@ -38,9 +40,9 @@ def test_a_head_that_was_identified_is_brought_to_the_middle():
     control, plant = head_of("twin:pipe", 3), open_plant("twin:pipe", specimen=3)
     state, y = control.begin(), np.zeros(4)
     for _ in range(300):
-        u, state = control.step(state, [MIDDLE, MIDDLE], y[:2])
+        u, state = control.step(state, joint_degrees([0.0, 0.0]), np.degrees(y[:2]))
         y = plant.exchange(np.concatenate([u, [0.0, 0.0]]))
-    assert y[:2] == pytest.approx([MIDDLE, MIDDLE], abs=0.5)
+    assert y[:2] == pytest.approx([STRAIGHT, STRAIGHT], abs=8e-3)
 
 
 def test_other_addresses_are_refused():

@@ -4,6 +4,8 @@ import json
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import msgspec
@@ -126,3 +128,10 @@ def test_the_head_holds_or_is_safe_after_each_fault_and_the_pilot_can_continue(c
     assert "plant" in console.until(lambda message: message["mode"] == "HOLD")["reason"]
     assert "restarted" in console.until(lambda message: message["safe_at"] > began)["reason"]
     console.steer()
+
+
+def test_the_supervisor_imports_nothing_that_only_its_processes_need():
+    code = "import sys, minorloop.head.console.processes as p; print({*sys.argv} & {*sys.modules})"
+    heavy = ["numba", "scipy", "starlette", "uvicorn"]
+    found = subprocess.run([sys.executable, "-c", code, *heavy], capture_output=True, check=True)
+    assert found.stdout.strip() == b"set()"

@@ -38,4 +38,4 @@ def test_the_head_stays_at_a_point_until_its_echoes_are_there():
         assert ask.angles == pytest.approx(here[:2])
     assert commands == [("fire", [pytest.approx(here[0]), pytest.approx(here[1])])]
     scan, _ = scanned(replace(scan, fired=True), view(), here, here[:2], 0.04)
-    assert (scan.state.point, scan.state.asked, scan.progress) == (1, False, 0.5)
+    assert (scan.state.point, scan.state.requested, scan.state.progress) == (1, False, 0.5)

@@ -31,7 +31,7 @@ def test_the_head_goes_where_the_operator_looks():
     assert pilot.session.state.mode == "HEAD"
     assert pan > 8
     assert tilt < -4
-    assert (pan, tilt) == pytest.approx(pilot.session.state.command, abs=1.0)
+    assert (pan, tilt) == pytest.approx(np.degrees(pilot.session.state.command), abs=1.0)
 
 
 def test_the_catheter_follows_the_stick_and_stops_without_messages():
@@ -80,7 +80,7 @@ def test_the_operators_head_does_not_move_a_tracked_target():
 def test_a_target_is_brought_to_the_middle():
     pilot = Pilot().following((500.0, 240.0))
     pilot.drive(20)
-    assert pilot.session.state.command[0] > 1.0  # to the right
+    assert pilot.session.state.command[0] > 0.02  # to the right
     pilot.camera.target = (319.5, 440.0, 1.0, True)
     before = pilot.session.state.command[1]
     pilot.drive(20)
@@ -129,7 +129,7 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
     pilot.mode("HEAD")
     pilot.drive()
     assert pilot.session.state.mode == "HEAD"
-    assert math.dist(pilot.session.state.command, command) < 4.0
+    assert math.dist(pilot.session.state.command, command) < 0.07
 
 
 def test_a_camera_that_is_gone_breaks_a_scan_off_and_forgets_the_target():
@@ -158,7 +158,7 @@ def test_the_clutch_does_not_jump():
     before = pilot.session.state.command
     pilot.drive(20, pose=right(-25.0), clutch=True)
     pilot.drive(20, pose=right(-25.0))
-    assert pilot.session.state.command == pytest.approx(before, abs=0.1)
+    assert pilot.session.state.command == pytest.approx(before, abs=1.7e-3)
 
 
 def test_silence_holds_and_continuing_does_not_jump():
@@ -171,7 +171,7 @@ def test_silence_holds_and_continuing_does_not_jump():
     pilot.mode("HEAD")
     pilot.drive(10, pose=right(-40.0))
     assert pilot.session.state.mode == "HEAD"
-    assert pilot.session.state.command == pytest.approx(before, abs=0.1)
+    assert pilot.session.state.command == pytest.approx(before, abs=1.7e-3)
 
 
 def test_a_pose_that_is_too_old_holds():
@@ -245,7 +245,7 @@ def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():
         RasterScan.points**2,
         1,
     ]
-    assert session.state.command == pytest.approx(home[0], abs=0.5)
+    assert session.state.command == pytest.approx(home[0], abs=8.7e-3)
     assert position(session)[2:] == pytest.approx(home[1:], abs=0.3)
     session.receive(messages.DepthFitted(finding=1, result=RESULT), pilot.now)
     (finding,) = session.findings
@@ -270,7 +270,7 @@ def test_a_scan_is_stopped_without_a_jump(how):
     session = pilot.session
     assert session.state.mode == "HOLD"
     assert session.state.rates == (0.0, 0.0)
-    assert math.dist(session.state.command, before) < 2.0
+    assert math.dist(session.state.command, before) < 0.035
     assert pilot.camera.requests[-1].commands or "end_scan" in pilot.camera.commands
     assert session.scan is None
     assert any("stopped" in notice["text"] for notice in sent(session, "notice"))

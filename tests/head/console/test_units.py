@@ -11,8 +11,6 @@ SHOWN, SI = (
 def test_a_position_is_converted_both_ways():
     assert units.to_si(SHOWN) == pytest.approx(SI)
     assert units.to_shown(SI) == pytest.approx(SHOWN)
-    assert units.angles_shown(SI[:2]) == pytest.approx(SHOWN[:2])
-    assert units.rates_shown((0.006, SI[3])) == pytest.approx((6.0, 45.0))
 
 
 def test_lengths_and_angles_of_messages_are_rounded():

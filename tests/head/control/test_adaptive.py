@@ -29,7 +29,7 @@ def work(law, plant, targets, *, hold=12.0, state=None):
         for _ in range(round(hold / law.interval)):
             current, state = law.step(state, target, seen)
             seen = plant.exchange(current)
-            model = state.belief.control.wire.operator
+            model = state.adapted.control.wire.operator
             if model is not models[-1]:
                 models.append(model)
     return state, models
@@ -40,7 +40,7 @@ TARGETS = np.random.default_rng(3).uniform(8.0, 45.0, 24)
 
 def test_a_shorter_stroke_is_learnt():
     state, models = work(adaptive(), aged(), TARGETS)
-    assert state.belief.updates >= 10
+    assert state.adapted.updates >= 10
     holds = np.random.default_rng(1).uniform(0.25, 0.4, 30)
     truth = settled(Wire(ageing=1.0), holds)
     errors = [np.abs(model.simulate(holds**2) - truth) for model in (models[0], models[-1])]
@@ -65,16 +65,16 @@ def test_nothing_is_learnt_in_motion_or_without_readings():
     state = law.begin()
     for k in range(500):
         _, state = law.step(state, 25.0 + 10.0 * math.sin(0.05 * k), math.nan)
-    assert state.belief.updates == 0
+    assert state.adapted.updates == 0
 
 
 def test_an_update_that_makes_predictions_worse_is_undone():
     law = adaptive(tolerance=0.3)
     plant = Wire(noise=0.02, seed=1)
     state, _ = work(law, plant, TARGETS[:4])
-    spoiled = replace(state.belief, score=5.0)
-    state, _ = work(law, plant, TARGETS[4:6], state=replace(state, belief=spoiled))
-    assert state.belief.rollbacks >= 1
+    spoiled = replace(state.adapted, score=5.0)
+    state, _ = work(law, plant, TARGETS[4:6], state=replace(state, adapted=spoiled))
+    assert state.adapted.rollbacks >= 1
 
 
 def test_the_observer_uses_the_applied_current():

@@ -13,7 +13,7 @@ def hole(z, evidence=1.0, phi=0.5):
 def test_each_frame_is_under_its_lights_and_all_are_on_afterwards():
     acquisition, loop = Acquisition(), Loop(sees=True)
     state = loop.run(acquisition, acquisition.begin(3.0))
-    assert [look.lights for look in state.looks] == list(SEQUENCE)
+    assert [frame.lights for frame in state.frames] == list(SEQUENCE)
     asked = [request for request in loop.asked if request.lights is not None]
     assert [request.lights for request in asked] == list(SEQUENCE)
     longer = [request.exposure[0] / loop.asked[-1].exposure[0] for request in asked]

@@ -13,7 +13,7 @@ from .fakes import CALIBRATION
 
 
 class Plant:
-    """Angles are currents times 100, with an ideal catheter; ``lost`` channels give NaN."""
+    """An ampere is 100 degrees; the catheter is ideal; ``lost`` channels give NaN."""
 
     tick = 0.04
 
@@ -23,7 +23,7 @@ class Plant:
     def exchange(self, u):
         self.inputs.append(u)
         self.place += 0.04 * u[2:]
-        y = np.array([*(100 * u[:2]), *self.place])
+        y = np.array([*np.radians(100 * u[:2]), *self.place])
         y[self.lost] = np.nan
         return y
 
@@ -66,13 +66,13 @@ def rig(**options):
     return InspectionRig(Plant(), Tip(), Control(), CALIBRATION, **options)
 
 
-def test_a_procedure_is_driven_to_its_end_in_the_units_of_the_plant():
+def test_a_procedure_is_driven_to_its_end():
     it, go, ticks = rig(), Go(), []
     state = it.run(go, go.begin(place=(5e-3, 0.5), angles=(0.1, -0.2)), ticks.append)
     assert state.reached
     assert it.angles == pytest.approx([0.1, -0.2])
     assert it.place == pytest.approx([5e-3, 0.5], abs=6e-3)
-    assert np.abs(np.array(it.plant.inputs)[:, 2]).max() <= 8.0 + 1e-9
+    assert np.abs(np.array(it.plant.inputs)[:, 2]).max() <= 8e-3 + 1e-12
     assert it.t == pytest.approx(0.04 * len(ticks))
     assert len(it.plant.inputs) == len(ticks)
 

@@ -7,15 +7,15 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.head.reconstruction.depth_map import (
     BOTH,
     CAMERA,
-    SONAR,
+    ECHOES,
     UNSEEN,
     DepthMap,
     Patch,
     blend,
     camera_map,
+    echo_map,
     find_water,
     paste,
-    sonar_map,
     unseen_map,
 )
 
@@ -58,33 +58,33 @@ def test_the_camera_knows_the_wall_but_not_the_depth_of_a_defect():
 
 
 def test_the_sonar_fills_what_its_footprints_reach():
-    wall = sonar_map(PATCH, [(0.3, 20e-3), (0.3, 25e-3)], [0.2e-3, 9.0], [1e-6, np.nan])
+    wall = echo_map(PATCH, [(0.3, 20e-3), (0.3, 25e-3)], [0.2e-3, 9.0], [1e-6, np.nan])
     middle = PATCH.rows // 2
     assert wall.depth[middle, middle] == pytest.approx(0.2e-3)
-    assert wall.source[middle, middle] == SONAR
+    assert wall.source[middle, middle] == ECHOES
     assert wall.source[0, 0] == UNSEEN
     assert np.isnan(wall.depth[0, 0])
 
 
 @given(st.floats(0.01, 10), st.floats(0.01, 10))
 def test_blending_weighs_by_inverse_variance(a, b):
-    both = blend(filled(0.0, a, CAMERA), filled(1.0, b, SONAR))
+    both = blend(filled(0.0, a, CAMERA), filled(1.0, b, ECHOES))
     assert both.depth[0, 0] == pytest.approx(a**2 / (a**2 + b**2))
     assert both.sd[0, 0] == pytest.approx(1 / np.hypot(1 / a, 1 / b))
     assert (both.source == BOTH).all()
 
 
 def test_blending_with_nothing_changes_nothing():
-    wall = filled(0.1e-3, 1e-5, SONAR)
+    wall = filled(0.1e-3, 1e-5, ECHOES)
     both = blend(wall, unseen_map(PATCH))
     assert both.depth == pytest.approx(wall.depth)
     assert both.sd == pytest.approx(wall.sd)
-    assert (both.source == SONAR).all()
+    assert (both.source == ECHOES).all()
     assert blend(unseen_map(PATCH), unseen_map(PATCH)).unseen == 1.0
 
 
 def test_a_hole_stays_a_hole():
-    both = blend(filled(np.inf, np.nan, SONAR), filled(0.0, 1e-5, CAMERA))
+    both = blend(filled(np.inf, np.nan, ECHOES), filled(0.0, 1e-5, CAMERA))
     assert np.isposinf(both.depth).all()
 
 
@@ -131,7 +131,7 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(SignalError, match="2 echoes"):
         find_water([0.0], [True, False], 10e-3)
     with pytest.raises(SignalError, match="1 spots"):
-        sonar_map(PATCH, [(0.0, 0.0)], [0.0, 1.0], [1.0])
+        echo_map(PATCH, [(0.0, 0.0)], [0.0, 1.0], [1.0])
 
 
 def test_a_part_that_is_pasted_keeps_its_texels():
@@ -139,8 +139,8 @@ def test_a_part_that_is_pasted_keeps_its_texels():
     small = Patch.around(3.1, 20e-3, size=1e-3)
     shape = (small.rows, small.columns)
     depth = np.arange(small.rows * small.columns, dtype=float).reshape(shape)
-    part = DepthMap(small, depth, np.ones(shape), np.full(shape, SONAR, dtype=np.uint8))
+    part = DepthMap(small, depth, np.ones(shape), np.full(shape, ECHOES, dtype=np.uint8))
     found = paste(wall, part)
-    assert (found.source == SONAR).sum() == depth.size
-    assert found.depth[found.source == SONAR] == pytest.approx(depth.ravel())
+    assert (found.source == ECHOES).sum() == depth.size
+    assert found.depth[found.source == ECHOES] == pytest.approx(depth.ravel())
     assert (paste(found, unseen_map(small)).source == found.source).all()

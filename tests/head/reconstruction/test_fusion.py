@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import SignalError
-from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, SONAR, UNSEEN, Patch
+from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN, Patch
 from minorloop.head.reconstruction.fusion import MeanDepths, fuse, inside_probability, outline_of
 from minorloop.head.ultrasound.pits import PitDepth
 
@@ -106,7 +106,7 @@ def test_what_neither_has_seen_is_marked():
     assert (alone.source == np.where(x > 0, UNSEEN, CAMERA)).all()
     assert np.isnan(alone.depth[x > 0]).all()
     both = fuse(PIT, heard(TRUTH), PATCH, image=image)
-    assert (both.source[(x > 0) & (OFF < 0.6e-3)] == SONAR).all()
+    assert (both.source[(x > 0) & (OFF < 0.6e-3)] == ECHOES).all()
     assert both.unseen > 0
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from minorloop.errors import MissingExtraError, OutputError, ParameterError
-from minorloop.head.reconstruction.depth_map import SONAR, DepthMap, Patch
+from minorloop.head.reconstruction.depth_map import ECHOES, DepthMap, Patch
 from minorloop.head.reconstruction.mesh import (
     SUFFIXES,
     colours_of,
@@ -21,7 +21,7 @@ PIT = DepthMap(
     PATCH,
     np.where(OFF < 0.5e-3, 0.4e-3, 0.0),
     np.full(OFF.shape, 1e-5),
-    np.full(OFF.shape, SONAR, dtype=np.uint8),
+    np.full(OFF.shape, ECHOES, dtype=np.uint8),
 )
 HOLE = replace(PIT, depth=np.where(OFF < 0.5e-3, np.inf, 0.0))
 

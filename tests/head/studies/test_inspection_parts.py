@@ -7,7 +7,7 @@ import pytest
 
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.trace import likely
-from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, SONAR, UNSEEN
+from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN
 from minorloop.head.studies import (
     inspection,
     inspection_report,
@@ -47,7 +47,7 @@ def mission():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("minorloop.head.studies.ultrasonic_scan.TURNS", 16)
         patch.setattr("minorloop.head.studies.mission.ADVANCES", (4e-3,))
-        patch.setattr("minorloop.head.studies.mission.LOOKS", 4)
+        patch.setattr("minorloop.head.studies.mission.VIEWS", 4)
         return run_mission(1)
 
 
@@ -66,7 +66,7 @@ def test_a_mission_finds_centres_measures_and_reconstructs_its_pit(mission):
     assert figures["touch_mm"] <= 1.0
     assert mission.wall.depth.max() == pytest.approx(mission.truth.depth, rel=0.1)
     assert figures["water_error_mm"] <= 1.0
-    assert set(np.unique(mission.ring.source)) == {UNSEEN, CAMERA, SONAR, BOTH}
+    assert set(np.unique(mission.ring.source)) == {UNSEEN, CAMERA, ECHOES, BOTH}
 
 
 def test_a_mission_traces_its_crack_and_measures_it(mission):
@@ -123,7 +123,7 @@ def test_less_evidence_finds_more_holes():
     assert "Missed were 1 of 2 holes" in limits(outcomes)
     perfect = [SceneOutcome("switched", True, True, 0.0, 0.0, 0, evidence=2.0)]
     assert limits(perfect) == (
-        "None of 1 holes was missed. The finder stood at 0 false findings in 1 acquisitions."
+        "None of 1 holes was missed. There were 0 false findings in 1 acquisitions."
     )
 
 
@@ -153,7 +153,7 @@ def scene():
 
 def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
     told = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
-    exchange, lie = Rig.exchange, np.array([10.0, 10.0, 0.0, 0.0])
+    exchange, lie = Rig.exchange, np.array([0.2, 0.2, 0.0, 0.0])
     monkeypatch.setattr(Rig, "exchange", lambda self, u: exchange(self, u) + lie)
     lied = inspection_servo.run_servo(scene, sensor=False, seconds=0.4)
     np.testing.assert_array_equal(told.off, lied.off)
@@ -163,8 +163,8 @@ def test_by_the_camera_alone_no_reading_of_a_joint_is_used(scene, monkeypatch):
 
 
 def test_every_hole_is_nine_pixels_across_in_two_looks():
-    eye = CalibratedCamera(LENS, Mount(), led_positions())
-    turns = 2 * np.pi * np.arange(missions.LOOKS) / missions.LOOKS
+    camera = CalibratedCamera(LENS, Mount(), led_positions())
+    turns = 2 * np.pi * np.arange(missions.VIEWS) / missions.VIEWS
     aims = missions.RING * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     rim = np.linspace(0, 2 * np.pi, 24)
     for phi in np.linspace(-np.pi, np.pi, 9):
@@ -174,7 +174,7 @@ def test_every_hole_is_nine_pixels_across_in_two_looks():
             for advance in missions.ADVANCES:
                 there = hole - [0.0, advance]
                 for aim in aims:
-                    seen = eye.pixel(there, *aim)
+                    seen = camera.pixel(there, *aim)
                     inside = (seen > 4).all() and (seen < [636, 476]).all()
                     if inside:
                         across.append(np.sqrt(np.linalg.eigvalsh(2 * np.cov(seen.T))[0]))
@@ -290,11 +290,11 @@ def test_a_pipe_of_a_mission_has_its_crack_within_reach_and_clear_of_the_pit():
 
 def test_wall_and_water_are_known_with_errors(scene):
     rig, truth = draw_mission(1)
-    ear = rig.calibration.probe_at(rig.place)
-    assert ear.thickness != truth.wet.thickness
-    assert ear.thickness == pytest.approx(truth.wet.thickness, rel=0.05)
-    assert ear.temperature != truth.temperature
-    assert ear.temperature == pytest.approx(truth.temperature, abs=1.5)
+    probe = rig.calibration.probe_at(rig.place)
+    assert probe.thickness != truth.wet.thickness
+    assert probe.thickness == pytest.approx(truth.wet.thickness, rel=0.05)
+    assert probe.temperature != truth.temperature
+    assert probe.temperature == pytest.approx(truth.temperature, abs=1.5)
 
 
 def test_settling_and_losses_of_a_run():
@@ -308,9 +308,9 @@ def test_settling_and_losses_of_a_run():
 
 
 def test_everything_is_gathered_and_reported(mission):
-    trial = scan_trials.draw_sounding(60_000)
-    scored = scan_trials.examined(trial, [], "sonar")
-    dry = scan_trials.examined(scan_trials.draw_sounding(60_003, kind="dry"), [], "camera")
+    trial = scan_trials.draw_trial(60_000)
+    scored = scan_trials.measured(trial, [])
+    dry = scan_trials.measured(scan_trials.draw_trial(60_003, kind="dry"), [], "camera")
     kinds = dict.fromkeys(("pit", "unfocused", "dished", "hole", "fused"), (scored,)) | {
         "dry": (dry,)
     }

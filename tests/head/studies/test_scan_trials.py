@@ -18,11 +18,11 @@ from minorloop.head.studies.scan_trials import (
     band_figures,
     depth_figures,
     dished_figure,
-    draw_sounding,
+    draw_trial,
     fusion_figures,
     modality_wrong,
+    run_trial,
     scan,
-    sound,
 )
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.ultrasound.field import CalibratedProbe
@@ -33,9 +33,9 @@ FOUND = PitDepth("measured", 0.0, 20e-3, 1e-3, 0.5e-3, 20e-6, 30e-6, 5e-6, gain=
 PATCH = Patch.around(0.0, 20e-3, size=1.6e-3)
 
 
-def run(found=FOUND, truth=TRUTH, *, dry=False, modality="sonar"):
-    ear = CalibratedProbe(Probe(), Mount())
-    place = ScanSite(ear, (0.0, 20e-3), 1e-3, truth, dry)
+def run(found=FOUND, truth=TRUTH, *, dry=False, modality="ultrasound"):
+    probe = CalibratedProbe(Probe(), Mount())
+    place = ScanSite(probe, (0.0, 20e-3), 1e-3, truth, dry)
     return ScoredScan(place, found, 1.0, fuse(found, None, PATCH), modality)
 
 
@@ -75,31 +75,31 @@ def test_a_depth_in_air_or_in_a_hole_is_wrong():
     assert modality_wrong([run(truth=hole)]) == 1
     silent = replace(FOUND, verdict="no coupling", depth=np.nan)
     assert modality_wrong([run(silent, dry=True, modality="camera")]) == 0
-    assert modality_wrong([run(silent, dry=True, modality="sonar")]) == 1
+    assert modality_wrong([run(silent, dry=True, modality="ultrasound")]) == 1
 
 
 def test_scenes_depend_on_the_seed_alone():
-    first, again, other = (draw_sounding(seed, kind="hole") for seed in (1, 1, 2))
+    first, again, other = (draw_trial(seed, kind="hole") for seed in (1, 1, 2))
     assert first.truth == again.truth
     assert first.truth != other.truth
-    assert (first.sonar.shot().trace == again.sonar.shot().trace).all()
+    assert (first.twin.shot().trace == again.twin.shot().trace).all()
     with pytest.raises(ParameterError, match="kind"):
-        draw_sounding(1, kind="crater")
+        draw_trial(1, kind="crater")
 
 
 def test_the_mount_and_the_camera_are_off_together_and_the_place_is_small():
-    place = draw_sounding(3)
+    place = draw_trial(3)
     turned, moved = place.strayed
     assert turned != 0
     assert moved != 0
-    assert place.ear.mount.advance != 20e-3
+    assert place.probe.mount.advance != 20e-3
     assert abs(place.centre[1] - moved - place.truth.z) < 4 * 0.035e-3
     # A study of many specimens keeps every place, and hands it from process to process.
     assert len(pickle.dumps(place.site)) < 10_000
 
 
 def test_the_image_of_a_trial_has_a_dark_mouth():
-    place = draw_sounding(3)
+    place = draw_trial(3)
     patch = Patch.around(*place.centre, size=2.4e-3)
     off = np.linalg.norm(patch.off(*place.centre), axis=-1)
     shade = place.picture(patch)
@@ -108,7 +108,7 @@ def test_the_image_of_a_trial_has_a_dark_mouth():
 
 
 def test_the_scan_is_that_of_mission_and_console():
-    place = draw_sounding(3, kind="dry")
+    place = draw_trial(3, kind="dry")
     probe, bursts = scan(place)
     targets = raster(probe, place.centre, points=RasterScan.points)
     assert probe.mount.advance == pytest.approx(place.centre[1], abs=0.06e-3)
@@ -118,14 +118,14 @@ def test_the_scan_is_that_of_mission_and_console():
     off = np.degrees([burst.angles for burst in bursts] - targets)
     np.testing.assert_array_less(np.abs(off), 1.4)  # a sway of 1 degree, and noise
     assert (off.std(axis=0) > 0.4).all()
-    assert place.sonar.clock >= (len(targets) - 1) * RasterScan.dwell
+    assert place.twin.clock >= (len(targets) - 1) * RasterScan.dwell
 
 
 def test_the_first_burst_detects_a_dry_pipe():
-    assert sound(draw_sounding(3, kind="dry")).modality == "camera"
+    assert run_trial(draw_trial(3, kind="dry")).modality == "camera"
 
 
 def test_a_place_beside_the_catheter_is_scanned_too():
-    probe, bursts = scan(draw_sounding(70_005, kind="dry"))
+    probe, bursts = scan(draw_trial(70_005, kind="dry"))
     assert len(bursts) == RasterScan.points**2
     assert np.isfinite(probe.mount.roll)

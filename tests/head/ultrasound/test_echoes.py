@@ -7,9 +7,9 @@ from minorloop.errors import ParameterError, SignalError
 from minorloop.head.ultrasound.echoes import (
     Pulse,
     average,
-    choose_modality,
     find_echoes,
     front_echo,
+    has_wall_echo,
     trace_fault,
 )
 from minorloop.lab.actuator import Shot
@@ -85,10 +85,10 @@ def test_the_fault_of_a_trace_is_named(trace, fault):
 def test_the_modality_follows_the_front_echo():
     wet = [shot(noisy(seed, echo_at(WALL))) for seed in range(5)]
     dry = [shot(noisy(seed)) for seed in range(5)]
-    assert choose_modality(wet, 8e-3, SPEED) == "sonar"
-    assert choose_modality(dry, 8e-3, SPEED) == "camera"
-    assert choose_modality(wet[:2] + dry[:3], 8e-3, SPEED) == "camera"
-    assert choose_modality([], 8e-3, SPEED) == "camera"
+    assert has_wall_echo(wet, 8e-3, SPEED)
+    assert not has_wall_echo(dry, 8e-3, SPEED)
+    assert not has_wall_echo(wet[:2] + dry[:3], 8e-3, SPEED)
+    assert not has_wall_echo([], 8e-3, SPEED)
     assert not np.isfinite(front_echo(shot(np.full(2048, np.nan)), 8e-3, SPEED).time)
 
 
@@ -153,7 +153,7 @@ def test_what_is_no_row_of_numbers_is_a_verdict(trace):
     odd = Shot(0.0, trace, DT)
     assert trace_fault(odd) == "not a trace"
     assert np.isnan(front_echo(odd, 8e-3, SPEED).time)
-    assert choose_modality([odd] * 3, 8e-3, SPEED) == "camera"
+    assert not has_wall_echo([odd] * 3, 8e-3, SPEED)
     burst = average([odd, shot(noisy(1))], np.zeros((2, 2)), np.zeros(2))
     assert burst.used == 1
 
@@ -167,7 +167,7 @@ def test_a_shot_without_a_sample_interval_is_a_verdict(interval):
 def test_without_a_place_to_listen_there_is_no_echo(distance, speed):
     good = shot(noisy(1, echo_at(WALL)))
     assert np.isnan(front_echo(good, distance, speed).time)
-    assert choose_modality([good], distance, speed) == "camera"
+    assert not has_wall_echo([good], distance, speed)
 
 
 def test_a_sonar_that_repeats_itself_is_frozen():

@@ -10,7 +10,7 @@ from minorloop.head.geometry import Mount, Probe, wall_point, wrapped
 from minorloop.head.reconstruction.depth_map import Patch
 from minorloop.head.reconstruction.findings import finding_of
 from minorloop.head.reconstruction.fusion import mean_depths
-from minorloop.head.studies.scan_trials import draw_sounding
+from minorloop.head.studies.scan_trials import draw_trial
 from minorloop.head.studies.scan_trials import scan as sweep
 from minorloop.head.twins.pipe import Bore, Dent, Pipe
 from minorloop.head.twins.ultrasound import Ultrasound
@@ -219,7 +219,7 @@ def test_an_echo_that_is_not_from_a_floor_makes_no_hole(bores, dents):
 
 
 def test_a_floor_too_loud_for_a_flat_one_has_no_depth():
-    deep = draw_sounding(205, bore=Bore(0.0, 0.0, 0.9e-3, 1.5e-3))
+    deep = draw_trial(205, bore=Bore(0.0, 0.0, 0.9e-3, 1.5e-3))
     probe, heard = sweep(deep)
     found = measure_pit(heard, probe, deep.centre, deep.diameter)
     assert found.verdict == "deeper than 1.25 mm"

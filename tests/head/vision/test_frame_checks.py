@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from minorloop.head.geometry import wall_point
-from minorloop.head.vision.frame_checks import judge
+from minorloop.head.vision.frame_checks import check_frame
 
 from .walls import CAMERA, LENS, photograph
 
@@ -25,44 +25,44 @@ OTHER = photograph(AIM[0] + 0.2, AIM[1] - 0.1, seed=1)
     ],
 )
 def test_what_is_not_a_frame_of_this_camera(image):
-    assert judge(image, LENS) == "wrong size"
+    assert check_frame(image, LENS) == "wrong size"
 
 
 def test_frames_of_a_live_camera_are_good():
-    assert judge(IMAGE, LENS) == "good"
-    assert judge(photograph(*AIM, seed=5), LENS, IMAGE) == "good"
+    assert check_frame(IMAGE, LENS) == "good"
+    assert check_frame(photograph(*AIM, seed=5), LENS, IMAGE) == "good"
 
 
 def test_black_and_white_frames():
     noise = np.random.default_rng(0).integers(0, 3, (480, 640)).astype(np.uint8)
-    assert judge(noise, LENS) == "black"
-    assert judge(noise, LENS, lit=False) == "good"
-    assert judge(np.full((480, 640), 255, np.uint8), LENS) == "saturated"
+    assert check_frame(noise, LENS) == "black"
+    assert check_frame(noise, LENS, lit=False) == "good"
+    assert check_frame(np.full((480, 640), 255, np.uint8), LENS) == "saturated"
 
 
 def test_frames_without_a_picture():
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 256, (480, 640)).astype(np.uint8)
-    assert judge(noise, LENS) == judge(noise, LENS, lit=False) == "no picture"
-    assert judge(np.full((480, 640), 100, np.uint8), LENS) == "no picture"
+    assert check_frame(noise, LENS) == check_frame(noise, LENS, lit=False) == "no picture"
+    assert check_frame(np.full((480, 640), 100, np.uint8), LENS) == "no picture"
     # A bare wall is a picture, though a dull one.
-    assert judge(rng.normal(95, 1.5, (480, 640)).astype(np.uint8), LENS) == "good"
-    assert judge(np.zeros((480, 640), np.uint8), LENS, lit=False) == "good"
+    assert check_frame(rng.normal(95, 1.5, (480, 640)).astype(np.uint8), LENS) == "good"
+    assert check_frame(np.zeros((480, 640), np.uint8), LENS, lit=False) == "good"
 
 
 def test_a_frame_that_is_nearly_white_is_saturated():
     white = np.random.default_rng(2).integers(250, 256, (480, 640)).astype(np.uint8)
-    assert judge(white, LENS) == "saturated"
+    assert check_frame(white, LENS) == "saturated"
 
 
 def test_a_frame_twice_is_frozen():
-    assert judge(IMAGE.copy(), LENS, IMAGE) == "frozen"
+    assert check_frame(IMAGE.copy(), LENS, IMAGE) == "frozen"
 
 
 @pytest.mark.parametrize("row", [40, 200, 401])
 def test_two_halves_of_different_frames_are_torn(row):
     torn = np.concatenate([IMAGE[:row], OTHER[row:]])
-    assert judge(torn, LENS) == "torn"
+    assert check_frame(torn, LENS) == "torn"
     half = IMAGE.copy()
     half[row:] = 0
-    assert judge(half, LENS) == "torn"
+    assert check_frame(half, LENS) == "torn"

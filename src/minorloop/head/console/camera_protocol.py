@@ -78,7 +78,7 @@ report_decoder = msgspec.msgpack.Decoder(CameraReport)
 
 
 class CameraLink(Protocol):
-    """The camera as the control loop sees it; neither call waits."""
+    """Interface of the control loop to the camera; neither call waits."""
 
     def send(self, request: CameraRequest) -> None:
         """Send where the head is, and commands."""

@@ -57,9 +57,9 @@ class Finder:
         """Remember that the view from here was searched."""
         self._searched = position
 
-    def find(self, looks: Sequence[LitFrame], position: Position) -> Findings:
+    def find(self, frames: Sequence[LitFrame], position: Position) -> Findings:
         """Search the frames of an acquisition for defects; takes a tenth of a second."""
-        return find_holes(looks, self.view.calibrated_camera(position))
+        return find_holes(frames, self.view.camera_at(position[2:]))
 
     def add(self, found: Findings) -> None:
         """Remember candidates, each once."""
@@ -74,7 +74,7 @@ class Finder:
         """Return pixel, diameter in pixels and evidence of candidates in view, likeliest first."""
         if not self.known:
             return []
-        camera, angles = self.view.calibrated_camera(position), position[:2]
+        camera, angles = self.view.camera_at(position[2:]), position[:2]
         places = np.array([hole.place for hole in self.known])
         pixels = camera.pixel(places, *angles)
         size = (camera.lens.width, camera.lens.height)

@@ -2,7 +2,7 @@
 
 Poses are unit quaternions (x, y, z, w) that rotate the frame of the operator's head into the
 world, with x to the right, y up and z backward, as headsets and phones give them. Commands are pan
-and tilt in degrees about the middle of the cone of visibility; positive pan looks right, positive
+and tilt in radians about the middle of the cone of visibility; positive pan looks right, positive
 tilt up.
 """
 
@@ -15,11 +15,14 @@ from typing import TypeAlias
 from minorloop.arrays import as_finite
 from minorloop.errors import ParameterError
 from minorloop.head.console.messages import Pair
+from minorloop.head.geometry import wrapped
 
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
 _STEEPEST = 0.1
 """Cosine of the pitch below which the yaw is undefined in practice."""
+_WIDEST = math.radians(45.0)
+"""Largest half-angle of the cone."""
 _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 """Lengths of a quaternion that is accepted as a pose."""
 
@@ -31,15 +34,15 @@ class HeadPoseMap:
     Parameters
     ----------
     cone : float
-        Half-angle of the cone of visibility, in degrees, above 0 and up to 45.
+        Half-angle of the cone of visibility in radians, above 0 and up to an eighth of a turn.
     reach : float
-        Turn of the operator's head that corresponds to the edge of the cone, in degrees.
+        Turn of the operator's head that corresponds to the edge of the cone, in radians.
     dead_band : float
-        Turns up to this many degrees have no effect; it is subtracted from larger ones.
+        Turns up to this many radians have no effect; it is subtracted from larger ones.
     calm, agility : float
-        Cut-off of the filter at rest, in Hz, and its increase for each degree per second.
+        Cut-off of the filter at rest in Hz, and its increase for each radian per second.
     heating, cooling : float
-        Fastest rise and fall of a command that the wires can follow, in degrees per second.
+        Fastest rise and fall of a command that the wires can follow, in rad/s.
     timeout : float
         Age of a pose in seconds beyond which it counts as lost.
 
@@ -49,13 +52,13 @@ class HeadPoseMap:
         If a number is out of its range.
     """
 
-    cone: float = 28.0
-    reach: float = 45.0
-    dead_band: float = 1.0
+    cone: float = math.radians(28.0)
+    reach: float = math.radians(45.0)
+    dead_band: float = math.radians(1.0)
     calm: float = 1.5
-    agility: float = 0.08
-    heating: float = 12.0
-    cooling: float = 8.0
+    agility: float = 0.08 / math.radians(1.0)
+    heating: float = math.radians(12.0)
+    cooling: float = math.radians(8.0)
     timeout: float = 0.1
 
     def __post_init__(self) -> None:
@@ -65,12 +68,12 @@ class HeadPoseMap:
         for name in ("cone", "reach", "calm", "heating", "cooling", "timeout"):
             if getattr(self, name) == 0:
                 raise ParameterError(f"{name} is 0; give a positive number")
-        if self.cone > 45:
-            raise ParameterError(f"cone is {self.cone} degrees; give at most 45")
+        if self.cone > _WIDEST:
+            raise ParameterError(f"cone is {self.cone} rad; give at most {_WIDEST:.3f}")
 
     @property
     def scale(self) -> float:
-        """Degrees of command for a degree of the operator's head."""
+        """Turn of the command over that of the operator's head."""
         return self.cone / self.reach
 
 
@@ -81,15 +84,15 @@ class HeadPoseState:
     Parameters
     ----------
     command : (float, float)
-        Pan and tilt now, in degrees.
+        Pan and tilt now, in radians.
     base : (float, float)
         Command at the reference pose.
     reference : quaternion, optional
         Pose that corresponds to ``base``; None until a pose comes.
     turned : (float, float)
-        Newest yaw and pitch from the reference, in degrees, without jumps of 360.
+        Newest yaw and pitch from the reference in radians, without jumps of a whole turn.
     smooth, speed : (float, float)
-        Filtered turn in degrees and its filtered rate in degrees per second.
+        Filtered turn in radians and its filtered rate in rad/s.
     """
 
     command: Pair = (0.0, 0.0)
@@ -107,7 +110,7 @@ def anchored(state: HeadPoseState, command: Pair | None = None) -> HeadPoseState
     ----------
     state : HeadPoseState
     command : (float, float), optional
-        The present command in degrees, if another source set it.
+        The present command in radians, if another source set it.
     """
     now = state.command if command is None else command
     return HeadPoseState(command=now, base=now)
@@ -157,7 +160,7 @@ def is_pose(pose: Quaternion) -> bool:
 
 
 def turn(reference: Quaternion, pose: Quaternion) -> Pair:
-    """Return yaw to the right and pitch upward of a pose from a reference, in degrees.
+    """Return yaw to the right and pitch upward of a pose from a reference, in radians.
 
     If the head looks straight up or down from the reference, the yaw is NaN.
     """
@@ -165,12 +168,12 @@ def turn(reference: Quaternion, pose: Quaternion) -> Pair:
     # The line of sight: -z in the frame of the reference.
     ahead = (-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y)))
     level = math.hypot(ahead[0], ahead[2])
-    yaw = math.degrees(math.atan2(ahead[0], -ahead[2])) if level > _STEEPEST else math.nan
-    return yaw, math.degrees(math.atan2(ahead[1], level))
+    yaw = math.atan2(ahead[0], -ahead[2]) if level > _STEEPEST else math.nan
+    return yaw, math.atan2(ahead[1], level)
 
 
 def into_cone(angles: Pair, cone: float) -> Pair:
-    """Return angles in degrees; those outside the cone are moved radially to its edge."""
+    """Return angles; those outside the cone are moved radially to its edge."""
     away = math.hypot(*angles)
     if away <= cone:
         return angles
@@ -194,7 +197,7 @@ def _turned(state: HeadPoseState, pose: Quaternion) -> Pair:
     last = state.turned[0]
     if math.isnan(yaw):
         return last, pitch
-    return last + (yaw - last + 180.0) % 360.0 - 180.0, pitch
+    return last + float(wrapped(yaw - last)), pitch
 
 
 def _beyond(turned: Pair, dead_band: float) -> Pair:

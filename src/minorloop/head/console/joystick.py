@@ -23,13 +23,13 @@ class StickMap:
     Parameters
     ----------
     advance, roll : float
-        Rates at full deflection, in mm/s and degrees/s.
+        Rates at full deflection, in m/s and rad/s.
     dead_band : float
         Share of the deflection without effect, from 0 to below 1.
     expo : float
         Shape of the response, from 0, linear, to 1, cubic.
     advance_acceleration, roll_acceleration : float
-        Fastest changes of the rates, in mm/s^2 and degrees/s^2.
+        Fastest changes of the rates, in m/s^2 and rad/s^2.
     timeout : float
         Age of a deflection in seconds beyond which the catheter stops.
 
@@ -43,12 +43,12 @@ class StickMap:
     The rates are such that the motors, with 40 mm/s^2 and 180 degrees/s^2, stop in 0.15 s.
     """
 
-    advance: float = 6.0
-    roll: float = 27.0
+    advance: float = 6e-3
+    roll: float = math.radians(27.0)
     dead_band: float = 0.05
     expo: float = 0.6
-    advance_acceleration: float = 12.0
-    roll_acceleration: float = 60.0
+    advance_acceleration: float = 12e-3
+    roll_acceleration: float = math.radians(60.0)
     timeout: float = 0.1
 
     def __post_init__(self) -> None:
@@ -73,7 +73,7 @@ class StickMap:
 def push(
     config: StickMap, before: Rates, deflection: tuple[float, float] | None, interval: float
 ) -> Rates:
-    """Return rates of advance and roll after an interval, in mm/s and degrees/s.
+    """Return rates of advance and roll after an interval, in m/s and rad/s.
 
     Parameters
     ----------

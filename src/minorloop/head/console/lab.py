@@ -14,8 +14,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Route
 
-from minorloop.head.console import lab_work
-from minorloop.head.console.uploads import FullError, Quota, Upload, Uploads
+from minorloop.head.console.uploads import INPUTS, MODEL, REPORT, FullError, Quota, Upload, Uploads
 from minorloop.head.console.workers import Workers
 
 _LONGEST_REQUEST = 512 * 1024
@@ -26,6 +25,7 @@ _MOST_JOBS = 32
 """Requests that may compute or wait at once."""
 _AT_ONCE = 4
 """Large files that may be received at once."""
+_RESULTS = (MODEL, REPORT, INPUTS)
 _PAUSE, _WHOLE = 10.0, 600.0
 """Most seconds without a byte, and for a whole body."""
 
@@ -324,6 +324,3 @@ def _name(given: str) -> str:
         plain = plain[1:]
     plain = plain.strip(" .")
     return plain if plain and plain not in _RESULTS else "data.csv"
-
-
-_RESULTS = (lab_work.MODEL, lab_work.REPORT, lab_work.INPUTS)

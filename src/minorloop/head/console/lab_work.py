@@ -19,6 +19,7 @@ import numpy.typing as npt
 from minorloop import modelfile
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import table_text, write_atomically
+from minorloop.head.console.uploads import INPUTS, MODEL, REPORT
 from minorloop.identification import Identification, identify
 from minorloop.lab.columns import read_each, read_headers, split_header
 from minorloop.lab.records import Record
@@ -27,7 +28,6 @@ from minorloop.operators.preisach import Preisach
 
 Reports: TypeAlias = Iterator[dict[str, Any]]
 
-MODEL, REPORT, INPUTS = "model.json", "report.html", "inputs.csv"
 _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
 # Limits that keep a task within the time and memory of a worker.

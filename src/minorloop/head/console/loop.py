@@ -27,7 +27,8 @@ from minorloop.errors import MinorloopError, ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest, RemoteCamera
 from minorloop.head.console.channel import NewestPipe, Outbox
-from minorloop.head.console.plant import PlantView, head_of
+from minorloop.head.console.identified_head import head_of
+from minorloop.head.console.plant import PlantView
 from minorloop.head.console.recording import PICTURE, TEXT, Recorder
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings

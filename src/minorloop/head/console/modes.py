@@ -3,7 +3,7 @@
 In HEAD the head follows the operator's head. In TRACK the camera keeps a point of the image in the
 middle, whatever the operator's head does. In SCAN the probe visits the points of a scan. In HOLD
 head and catheter stand still. A change of mode moves nothing: each mode starts at the present
-command. Commands are in degrees and mm, as the operator and the control of the wires have them.
+command.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from minorloop.head.console.head_pose import (
 )
 from minorloop.head.console.joystick import Rates, StickMap, push
 from minorloop.head.console.messages import Mode, Pair
-from minorloop.head.procedures.scan import RasterScan
+from minorloop.head.geometry import REACH
 
 MODES: tuple[Mode, ...] = get_args(Mode)
 
@@ -39,7 +39,7 @@ class TeleopConfig:
     blind : float
         Seconds that a target may be out of sight before TRACK ends.
     reach : float
-        Half-angle of the cone within which a scan may turn the head, in degrees.
+        Half-angle of the cone within which a scan may turn the head, in radians.
     pictures : float
         Seconds that may pass without a picture.
     """
@@ -47,7 +47,7 @@ class TeleopConfig:
     gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
-    reach: float = round(math.degrees(RasterScan.reach), 9)
+    reach: float = REACH
     pictures: float = 0.12
 
 
@@ -71,11 +71,11 @@ class TickInput:
     pictures : bool
         Whether the camera gives pictures.
     servo : (float, float), optional
-        Rates of pan and tilt that centre the target, in degrees per second; None while the
-        target is not visible.
+        Rates of pan and tilt that centre the target, in rad/s; None while the target is not
+        visible.
     scan : ((float, float), (float, float)), optional
-        Pan and tilt in degrees and rates of the catheter in mm/s and degrees/s that a scan
-        requests; None without a scan.
+        Pan and tilt in radians and rates of the catheter in m/s and rad/s that a scan requests;
+        None without a scan.
     """
 
     request: Mode | None = None
@@ -99,9 +99,9 @@ class TeleopState:
     reason : str
         Why the mode is on, if it was not requested; empty otherwise.
     gaze : HeadPoseState
-        Its ``command`` is that of the head, in degrees about the middle of the cone.
+        Its ``command`` is that of the head, in radians about the middle of the cone.
     rates : (float, float)
-        Of the catheter, in mm/s and degrees/s.
+        Of the catheter, in m/s and rad/s.
     unseen : float
         Seconds that the target has been out of sight.
     """
@@ -114,7 +114,7 @@ class TeleopState:
 
     @property
     def command(self) -> Pair:
-        """Pan and tilt in degrees about the middle of the cone."""
+        """Pan and tilt in radians about the middle of the cone."""
         return self.gaze.command
 
 
@@ -184,9 +184,9 @@ def _servoed(config: TeleopConfig, command: Pair, servo: Pair | None, interval: 
 
 
 def _scanned(
-    config: TeleopConfig, state: TeleopState, asked: tuple[Pair, Rates] | None, interval: float
+    config: TeleopConfig, state: TeleopState, requested: tuple[Pair, Rates] | None, interval: float
 ) -> TeleopState:
-    assert asked is not None
+    assert requested is not None
     wider = replace(config.gaze, cone=config.reach)
-    moved = slewed(wider, state.command, into_cone(asked[0], config.reach), interval)
-    return replace(state, gaze=anchored(state.gaze, moved), rates=asked[1])
+    moved = slewed(wider, state.command, into_cone(requested[0], config.reach), interval)
+    return replace(state, gaze=anchored(state.gaze, moved), rates=requested[1])

@@ -107,7 +107,7 @@ class Perception:
     def tick(self, request: CameraRequest) -> CameraReport:
         """Carry out the commands, process a frame and report; ``image`` is the one to show."""
         self._position = request.position
-        self._tip.stand(request.stance)
+        self._tip.move_to(request.stance)
         for name, numbers in request.commands:
             self._try(self.commands[name], numbers)
         if self._queue and self._work is None:  # commands that came while the camera was in use
@@ -191,7 +191,7 @@ class Perception:
 
     def _pixel_of(self, track: TrackState) -> Any:
         """Return the pixel of the tracked place by the measured angles."""
-        camera = self.view.calibrated_camera(self._position)
+        camera = self.view.camera_at(self._position[2:])
         return camera.pixel(track.place, *self._position[:2])
 
     # --- procedures that use the camera
@@ -290,8 +290,8 @@ class Perception:
         self._finder.searched(position)
 
         def after(state: Any) -> None:
-            looks = state.looks
-            self._pending.append((self._later(lambda: self._finder.find(looks, position)), then))
+            frames = state.frames
+            self._pending.append((self._later(lambda: self._finder.find(frames, position)), then))
 
         acquisition = Acquisition()
         self._use(acquisition, acquisition.begin(self._meter.gain), after)

@@ -14,32 +14,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError
+from minorloop.head.console.settings import check_address
 from minorloop.head.console.units import Position
-from minorloop.head.control.head import HeadControl, head_control
-from minorloop.head.control.heating import (
-    HeatedWire,
-    identify_coupling,
-    identify_heating,
-    moving_levels,
-)
 from minorloop.head.geometry import Mount, Pinhole, Probe
-from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, STRAIGHT, HeadCalibration
+from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
-from minorloop.head.ultrasound.field import CalibratedProbe
-from minorloop.head.vision.calibrated_camera import CalibratedCamera
-from minorloop.identification import excitation
-from minorloop.lab.actuator import Actuator
 
-MIDDLE = round(math.degrees(STRAIGHT), 9)
-"""Pan and tilt at which the head looks straight ahead, in degrees."""
-ADDRESSES = ("twin:pipe",)
-_HOLD = 40.0
-"""Seconds of a hold in the identification, in which a wire settles."""
-_BANDS = 12
-_HIGHEST = 0.4
-"""Largest current of the identification in A; it heats a wire by some 108 K, see `WireLimits`."""
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
@@ -49,19 +29,7 @@ _MOUNT, _RADIUS, _THICKNESS, _TEMPERATURE = 0.05e-3, 20e-6, 0.03, 0.3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlantView(HeadCalibration):
-    """Camera and probe as calibrated, at a position of the head."""
-
-    def mount(self, position: Position) -> Mount:
-        """Return how the head sits in the pipe at a position."""
-        return self.mount_at(np.array(position[2:]))
-
-    def calibrated_camera(self, position: Position) -> CalibratedCamera:
-        """Return the camera at a position."""
-        return self.camera_at(np.array(position[2:]))
-
-    def calibrated_probe(self, position: Position) -> CalibratedProbe:
-        """Return the probe at a position."""
-        return self.probe_at(np.array(position[2:]))
+    """Camera and probe as calibrated, as plain values in messages."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for messages."""
@@ -156,62 +124,3 @@ def _pipe(seed: int) -> Any:
         phi, size = float(rng.uniform(-math.pi, math.pi)), float(rng.uniform(0.9e-3, 1.1e-3))
         bores.append(Bore(phi, z, size, depth=float(pit), brightness=0.0, lining=0.08))
     return replace(Pipe.draw(seed, length=_LENGTH), bores=tuple(bores))
-
-
-def head_of(address: str, specimen: int | None) -> HeadControl:
-    """Identify the head at an address, one axis after the other, and return its control.
-
-    Each axis is measured by a loop, reversal curves and a step. This takes some hours with a real
-    head and a second with a simulated one.
-
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered at the address.
-    """
-    check_address(address)
-    from minorloop.head.twins.head import Head
-
-    head = Head(specimen, 0.05, 1)
-    wires, moves = zip(*(_identified(head, axis) for axis in (0, 1)), strict=True)
-    return head_control("observer", wires, coupling=identify_coupling(moves))
-
-
-def _identified(head: Actuator, axis: int) -> tuple[HeatedWire, FloatArray]:
-    loop = _HIGHEST * np.concatenate([np.linspace(0, 1, 17), np.linspace(1, 0, 17)[1:]])
-    angles = _settled(head, axis, loop)
-    levels = moving_levels(loop, angles[axis], _BANDS)
-    _settled(head, axis, np.zeros(1))
-    holds = excitation.reversal_curves(levels)
-    steady = _settled(head, axis, holds)
-    _settled(head, axis, np.zeros(1))
-    t = np.arange(0.0, 40.0, 0.08)
-    current = np.where((t >= 0.16) & (t < 25.0), _HIGHEST, 0.0)
-    y = [0.0, *(float(_moved(head, axis, u, 0.08)[axis]) for u in current[:-1])]
-    found = identify_heating(holds, steady[axis], step=(t, current, np.array(y)), levels=levels)
-    return found.model, angles
-
-
-def _settled(head: Actuator, axis: int, currents: FloatArray) -> FloatArray:
-    """Return (2, T) angles after each hold of the current of one axis."""
-    return np.array([_moved(head, axis, float(i), _HOLD) for i in currents]).T
-
-
-def _moved(head: Actuator, axis: int, current: float, seconds: float) -> FloatArray:
-    u = np.zeros(2)
-    u[axis] = current
-    last: FloatArray = np.asarray(head.apply(u, seconds, seconds).y)[:, -1]
-    return last
-
-
-def check_address(address: str) -> None:
-    """Refuse an address at which nothing can be steered.
-
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered there.
-    """
-    if address not in ADDRESSES:
-        known = ", ".join(f"'{name}'" for name in ADDRESSES)
-        raise ParameterError(f"there is nothing to steer at {address!r}; what exists is {known}")

@@ -1,4 +1,7 @@
-"""The processes of the console: plant, control loop, camera and server, under a supervisor."""
+"""The processes of the console: plant, control loop, camera and server, under a supervisor.
+
+Each process imports only what it needs, and the supervisor none of it, so that they start fast.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +12,21 @@ import socket
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
-from minorloop.head.console import camera_process, serving, watchdog
-from minorloop.head.console import loop as control_loop
+from minorloop.errors import MissingExtraError
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.channel import NewestPipe
-from minorloop.head.console.link import ConsoleLink
-from minorloop.head.console.server import Console
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
 
 PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
 """Processes that have a pipe to each other."""
+
+for _name in ("starlette", "uvicorn"):
+    if find_spec(_name) is None:
+        raise MissingExtraError(_name, "head")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +59,9 @@ def supervised(settings: LoopSettings, how: Serving, notify: Callable[[str], Non
         Shows a sentence on a restarted process to the user.
     """
     parts = [
-        Part(name="plant", target=watchdog.run, args=(settings,)),
-        Part(name="loop", target=control_loop.run, args=(settings,)),
-        Part(name="camera", target=camera_process.run, args=(settings,), patience=2.0),
+        Part(name="plant", target=run_plant, args=(settings,)),
+        Part(name="loop", target=run_loop, args=(settings,)),
+        Part(name="camera", target=run_camera, args=(settings,), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
     supervisor = Supervisor(parts, PIPES, notify=notify)
@@ -66,6 +71,27 @@ def supervised(settings: LoopSettings, how: Serving, notify: Callable[[str], Non
             supervisor.run()
     finally:
         supervisor.end()
+
+
+def run_plant(handle: ProcessHandle, settings: LoopSettings) -> None:
+    """Run the plant; for a process of its own."""
+    from minorloop.head.console.watchdog import run
+
+    run(handle, settings)
+
+
+def run_loop(handle: ProcessHandle, settings: LoopSettings) -> None:
+    """Run the control loop; for a process of its own."""
+    from minorloop.head.console.loop import run
+
+    run(handle, settings)
+
+
+def run_camera(handle: ProcessHandle, settings: LoopSettings) -> None:
+    """Run the camera; for a process of its own."""
+    from minorloop.head.console.camera_process import run
+
+    run(handle, settings)
 
 
 def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
@@ -79,6 +105,10 @@ def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:
     how : Serving
     """
     import uvicorn
+
+    from minorloop.head.console import serving
+    from minorloop.head.console.link import ConsoleLink
+    from minorloop.head.console.server import Console
 
     loop, camera = NewestPipe(), NewestPipe()
     stop = handle.begin(loop=loop, camera=camera)

@@ -12,8 +12,9 @@ from minorloop.arrays import FloatArray
 from minorloop.head.console import messages
 from minorloop.head.console.messages import DepthPatch, Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig
-from minorloop.head.console.plant import MIDDLE, PlantView
+from minorloop.head.console.plant import PlantView
 from minorloop.head.console.units import degrees, mm
+from minorloop.head.procedures.calibration import STRAIGHT
 from minorloop.head.reconstruction import findings as tables
 from minorloop.head.reconstruction.findings import UNDECIDED, kind_of
 
@@ -68,14 +69,16 @@ def with_depth(
 
 def table_of(rows: Sequence[ReportedFinding]) -> str:
     """Return findings as CSV, under the numbers that the pages show."""
-    header, *lines = tables.finding_table([_as_library(row) for row in rows]).splitlines()
+    header, *lines = tables.finding_table([in_si(row) for row in rows]).splitlines()
     numbered = (
         f"{row.number},{line.split(',', 1)[1]}" for row, line in zip(rows, lines, strict=True)
     )
     return "\n".join([header, *numbered, ""])
 
 
-def _as_library(row: ReportedFinding) -> tables.Finding:
+def in_si(row: ReportedFinding) -> tables.Finding:
+    """Return a finding in radians and metres; its width and length are the diameter."""
+
     def m(value: float | None) -> float:
         return math.nan if value is None else 1e-3 * value
 
@@ -112,9 +115,9 @@ def introduction(
                 radius=view.radius,
             ),
             known=view.to_dict(),
-            cone=config.gaze.cone,
-            middle=MIDDLE,
-            stick=(config.stick.advance, config.stick.roll),
+            cone=degrees(config.gaze.cone),
+            middle=degrees(STRAIGHT),
+            stick=(mm(config.stick.advance), degrees(config.stick.roll)),
             planes=[
                 messages.PlaneWeights(levels=wire.levels.tolist(), weights=_rows(wire.weights))
                 for wire in wires

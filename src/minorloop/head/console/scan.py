@@ -44,11 +44,6 @@ class ConsoleScan:
         """Of the procedure, or ``done``."""
         return "done" if self.state.done else self.state.stage
 
-    @property
-    def progress(self) -> float:
-        """Share of the points that were measured."""
-        return self.state.progress
-
 
 @dataclass(frozen=True)
 class ScanRequest:

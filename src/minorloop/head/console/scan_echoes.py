@@ -37,7 +37,7 @@ class ScanEchoes:
 
         ``wanted`` is the pan and tilt that the scan requested, in rad.
         """
-        shots, probe = tip.shots(RasterScan.shots), self._view.calibrated_probe(position)
+        shots, probe = tip.shots(RasterScan.shots), self._view.probe_at(position[2:])
         burst = burst_of(shots, position[:2], wanted, probe, first=not self.bursts)
         self.bursts.append(burst)
         return burst.verdict
@@ -47,7 +47,7 @@ class ScanEchoes:
         return {
             "finding": self._finding,
             "bursts": self.bursts,
-            "probe": self._view.calibrated_probe(position),
+            "probe": self._view.probe_at(position[2:]),
             "centre": self._centre,
             "diameter": self._diameter,
         }

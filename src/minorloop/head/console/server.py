@@ -27,7 +27,7 @@ from minorloop.head.console.imaging import opencv
 from minorloop.head.console.link import ConsoleLink
 from minorloop.head.console.plant import PlantView
 from minorloop.head.console.reports import table_of
-from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.settings import STATIC, LoopSettings
 from minorloop.head.console.units import to_si
 from minorloop.head.console.wall_image import WallImage
 from minorloop.head.console.workers import Workers
@@ -44,7 +44,6 @@ try:
 except ImportError:
     raise MissingExtraError("starlette", "head") from None
 
-STATIC = Path(__file__).parent / "static"
 _PAINT_EVERY, _SHOW_EVERY = 5, 25
 """Pictures after which the map gets one, and after which it is sent: five and one a second."""
 _JOB = bytes([messages.JOB])

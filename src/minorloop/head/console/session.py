@@ -1,8 +1,7 @@
 """One tick of the console: operator's input, modes, plant, and results of the camera.
 
-A `Session` owns the plant and all state that lasts from tick to tick. It knows no clock, process,
-network or picture; `minorloop.head.console.loop` supplies those. Commands and readings of the plant
-are in degrees and mm, as in `Plant` and in the messages; positions are in rad and m.
+A `Session` owns the plant and all state that lasts from tick to tick. It uses no clock, process,
+network or picture; `minorloop.head.console.loop` supplies those.
 """
 
 from __future__ import annotations
@@ -23,11 +22,12 @@ from minorloop.head.console.camera_protocol import (
 )
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
-from minorloop.head.console.plant import MIDDLE, PlantView, reading_at
-from minorloop.head.console.reports import camera_finding, introduction, pair, with_depth
+from minorloop.head.console.plant import PlantView, reading_at
+from minorloop.head.console.reports import camera_finding, in_si, introduction, pair, with_depth
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
-from minorloop.head.console.units import Position, angles_shown, rates_shown, to_si
+from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
+from minorloop.head.procedures.calibration import STRAIGHT, joint_degrees
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.values import Plant, Reading, passed
 from minorloop.head.vision.servo import Cone
@@ -69,7 +69,7 @@ class Session:
         self._known = np.zeros(4)  # the reading, and the last one of a sensor that is lost
         self.ticks = self._lost_ticks = 0
         self._resting = self._no_pictures = False
-        self._control = self.control.begin(self.reading[:2], np.zeros(2))
+        self._control = self.control.begin()
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
         self._request: messages.Mode | None = None
@@ -81,8 +81,8 @@ class Session:
         self._centring = Centring(
             calibration=self.view,
             interval=self.interval,
-            cone=Cone(math.radians(self.config.gaze.cone)),
-            rate_limit=math.radians(self.config.gaze.heating),
+            cone=Cone(self.config.gaze.cone),
+            rate_limit=self.config.gaze.heating,
         )
         self.events: list[bytes] = []
 
@@ -162,18 +162,20 @@ class Session:
     def _currents(self) -> FloatArray:
         """Return the currents of the wires in this tick; zero while they rest."""
         self._resting = self._resting and self.state.mode == "HOLD"
+        read = np.degrees(self.reading[:2])
         if self._resting:
-            self._control = self.control.begin(self.reading[:2], np.zeros(2))
+            self._control = self.control.begin(read, np.zeros(2))
             return np.zeros(2)
-        reference = np.add(self.state.command, MIDDLE)
         currents, self._control = self.control.step(
-            self._control, reference, self.reading[:2], t=self.ticks * self.interval
+            self._control, joint_degrees(self.state.command), read, t=self._t
         )
         return currents
 
     def report(self, now: float, *, late: float = 0.0, safe_at: float = 0.0) -> bytes:
         """Return the `LoopState` of this tick; ``safe_at`` is when the plant was last made safe."""
         drive, axes = self._drive, self._control.axes
+        command = to_shown((*self.state.command, *self.state.rates))
+        read = to_shown((*(self.reading[:2] - STRAIGHT), *self._known[2:]))
         pan, tilt = (_memory(axis.estimate.wire.tracker) for axis in axes)
         return messages.encode(
             messages.LoopState(
@@ -181,10 +183,10 @@ class Session:
                 t=now,
                 mode=self.state.mode,
                 reason=self.state.reason,
-                command=pair(self.state.command),
-                angle=pair(self.reading[:2] - MIDDLE),
-                place=pair(self._known[2:]),
-                rates=pair(self.state.rates),
+                command=pair(command[:2]),
+                angle=pair(read[:2]),
+                place=pair(read[2:]),
+                rates=pair(command[2:]),
                 current=pair((axis.applied for axis in axes), 4),
                 temperature=pair(self._temperatures(), 1),
                 memory=(pan, tilt),
@@ -210,7 +212,7 @@ class Session:
     def position(self) -> Position:
         """Return the last known position of the head, in rad and m."""
         pan, tilt, advanced, roll = self._known.tolist()
-        return to_si((pan - MIDDLE, tilt - MIDDLE, advanced, roll))
+        return pan - STRAIGHT, tilt - STRAIGHT, advanced, roll
 
     def _tick_input(self, now: float) -> TickInput:
         servo, scan = self._servo(), self._scan_tick()
@@ -281,12 +283,12 @@ class Session:
         return self.ticks - self.seen.number < _STALE_TICKS
 
     def _servo(self) -> Pair | None:
-        """Return rates of pan and tilt that centre the target, in degrees per second."""
+        """Return rates of pan and tilt that centre the target, in rad/s."""
         target = self.seen.target
         if target is None or not target[3] or not self._fresh():
             return None
-        step = self._centring.turn(np.radians(self.state.command), target[:2], self._reading())
-        return angles_shown(step.rates)
+        step = self._centring.turn(self.state.command, target[:2], self._reading())
+        return float(step.rates[0]), float(step.rates[1])
 
     def _watch_centre(self) -> None:
         """Focus once the target has come to rest in the middle."""
@@ -352,9 +354,9 @@ class Session:
             return
         found = wanted[-1]
         # The head returns to where it was commanded, the catheter to where it was measured.
-        home = to_si((*self.state.command, *self._known[2:].tolist()))
-        centre = math.radians(found.phi), 1e-3 * found.z
-        self.scan = begin_scan(found.number, centre, 1e-3 * found.diameter, self.view, home)
+        home = *self.state.command, *self.position()[2:]
+        hole = in_si(found)
+        self.scan = begin_scan(found.number, (hole.phi, hole.z), hole.width, self.view, home)
         self._request = "SCAN"
 
     def _scan_tick(self) -> tuple[Pair, Pair] | None:
@@ -362,11 +364,9 @@ class Session:
         if self.scan is None or self.scan.stage == "done":
             return None
         if self.state.mode == "SCAN":
-            pan, tilt = self.state.command
-            command = math.radians(pan), math.radians(tilt)
-            scan = scanned(self.scan, self.view, self.position(), command, self.interval)
-            self.scan, asked = scan
-            self._commands += asked.commands
+            here, command = self.position(), self.state.command
+            self.scan, requested = scanned(self.scan, self.view, here, command, self.interval)
+            self._commands += requested.commands
             if self.scan.stage == "done":
                 sentence = "the scan is done; press a mode to continue"
                 if not len(self.scan.state.targets):
@@ -374,7 +374,7 @@ class Session:
                 self.hold(sentence)
                 self._send(messages.ScanEnded(finding=self.scan.number))
                 return None
-            return angles_shown(asked.angles), rates_shown(asked.rates)
+            return requested.angles, requested.rates
         return self.state.command, (0.0, 0.0)
 
     def _add_depth(self, message: messages.DepthFitted) -> None:
@@ -420,7 +420,7 @@ class Session:
         return messages.ScanProgress(
             finding=self.scan.number,
             stage=self.scan.stage,
-            progress=round(self.scan.progress, 3),
+            progress=round(self.scan.state.progress, 3),
         )
 
     def _temperatures(self) -> list[float]:

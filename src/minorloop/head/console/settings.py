@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
+from minorloop.errors import ParameterError
 from minorloop.head.console.head_pose import HeadPoseMap
 from minorloop.head.console.joystick import StickMap
 from minorloop.head.console.modes import TeleopConfig
 
+ADDRESSES = ("twin:pipe",)
+STATIC = Path(__file__).parent / "static"
+"""Folder of the pages."""
 _SAFE_AFTER = 0.16
 """Four ticks of 40 ms: this leaves 40 ms of the 200 ms in which the head must be safe."""
 _BLIND_AFTER = 0.12
@@ -50,3 +55,16 @@ class LoopSettings:
             stick=StickMap(timeout=self.timeout),
             pictures=max(_BLIND_AFTER, min(self.timeout, _MOST_PATIENT)),
         )
+
+
+def check_address(address: str) -> None:
+    """Refuse an address at which nothing can be steered.
+
+    Raises
+    ------
+    ParameterError
+        If nothing can be steered there.
+    """
+    if address not in ADDRESSES:
+        known = ", ".join(f"'{name}'" for name in ADDRESSES)
+        raise ParameterError(f"there is nothing to steer at {address!r}; what exists is {known}")

@@ -1,7 +1,6 @@
-"""Degrees and millimetres of pages, wires and sticks; poses, scans and pictures are in SI.
+"""Degrees and millimetres, in which pages and pictures have what the console has in rad and m.
 
-A position is pan and tilt about the middle, advance and roll. Pages, pictures, the control of the
-wires and the commands of the operator have it in degrees and mm, everything else in rad and m.
+A position is pan and tilt about the middle, advance and roll.
 """
 
 from __future__ import annotations
@@ -24,18 +23,6 @@ def to_shown(position: Iterable[float]) -> Position:
     """Return a position in degrees and mm from one in rad and m."""
     pan, tilt, advance, roll = position
     return math.degrees(pan), math.degrees(tilt), 1e3 * advance, math.degrees(roll)
-
-
-def angles_shown(angles: Iterable[float]) -> tuple[float, float]:
-    """Return pan and tilt in degrees."""
-    pan, tilt = angles
-    return math.degrees(pan), math.degrees(tilt)
-
-
-def rates_shown(rates: Iterable[float]) -> tuple[float, float]:
-    """Return rates of advance and roll in mm/s and degrees/s."""
-    advance, roll = rates
-    return 1e3 * advance, math.degrees(roll)
 
 
 def mm(metres: float, digits: int = 4) -> float:

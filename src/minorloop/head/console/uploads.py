@@ -23,6 +23,8 @@ from typing import Any, BinaryIO, TypeVar
 from minorloop.errors import OutputError
 
 PREFIX = "minorloop-lab-"
+MODEL, REPORT, INPUTS = "model.json", "report.html", "inputs.csv"
+"""Results in the folder of a file."""
 _LOCK = ".lock"
 _BLOCK = 1 << 18
 """Bytes that are written at once."""

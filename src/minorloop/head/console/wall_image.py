@@ -49,7 +49,7 @@ class WallImage:
         if rows.start >= rows.stop:
             return
         view, (pan, tilt) = self.view, position[:2]
-        camera = view.calibrated_camera(position)
+        camera = view.camera_at(position[2:])
         z = STEP * (np.arange(rows.start, rows.stop) + 0.5)
         step = 2 * math.pi * view.radius / len(self._phi)
         # Rows and columns have nearly the same size; columns fill the circumference.

@@ -1,9 +1,8 @@
 """The process of the plant, which makes the plant safe when no command comes.
 
 The control loop sends the inputs of each tick and gets the readings back. When the loop is silent
-or ends, the plant is made safe, and stays safe until a loop knows of it: each command carries the
-time at which its sender knows the plant was last made safe, and is ignored if it was made safe
-later.
+or ends, the plant is made safe, and stays safe until a loop acknowledges it: each command carries
+the last such time that its sender has acknowledged, and is ignored if that is not the last one.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _POLL = 0.1
 
 
 class Command(msgspec.Struct, frozen=True, array_like=True):
-    """Inputs of a tick, and the time at which the loop knows the plant was last made safe."""
+    """Inputs of a tick, and when the plant was last made safe, as the loop has acknowledged."""
 
     known: float
     u: list[float]

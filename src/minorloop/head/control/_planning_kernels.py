@@ -10,15 +10,15 @@ SMALLEST = 1e-15
 
 @njit(cache=True, nogil=True)
 def courses(plane, stack, rows, start, wire, powers, step, parts, out):
-    """Angles (C, N) of a heated wire under C sequences of powers (C, N), each held.
+    """Return angles (C, N) of a heated wire under C sequences of powers (C, N), each held.
 
     ``stack`` (rows and more, 4) is the memory before and is left as it was; ``start`` is the
     effective power and the angle then, ``wire`` lag and latent heat. Each power is held for
     ``parts`` implicit steps of ``step`` seconds.
     """
     lag, latent = wire
-    room = rows + powers.shape[1] * parts + 4
-    own, trial = np.empty((room, 4)), np.empty((room, 4))
+    most = rows + powers.shape[1] * parts + 4
+    own, trial = np.empty((most, 4)), np.empty((most, 4))
     u, y = np.empty(1), np.empty(1)
     for c in range(powers.shape[0]):
         own[:rows] = stack[:rows]

@@ -68,7 +68,7 @@ class AdaptiveState:
     ----------
     observer : ObserverState
         Of the law.
-    belief : AdaptiveEstimate
+    adapted : AdaptiveEstimate
         Of the model.
     still : float
         Seconds for which the wire has been settled at its target.
@@ -81,7 +81,7 @@ class AdaptiveState:
     """
 
     observer: ObserverState
-    belief: AdaptiveEstimate
+    adapted: AdaptiveEstimate
     still: float
     anchor: float
     learnt: float
@@ -154,90 +154,90 @@ class AdaptiveControl:
         """Return the state of a wire that has settled at an angle under a current."""
         observer = self.control.begin(measurement, current)
         wire = observer.estimate.wire
-        belief = AdaptiveEstimate(
+        adapted = AdaptiveEstimate(
             control=self.control,
             recursion=self._recursive.begin(model=self.control.wire.operator),
             free=wire,
             identified=wire,
             ambient=observer.estimate.ambient,
         )
-        return AdaptiveState(observer, belief, 0.0, wire.power, wire.power, current)
+        return AdaptiveState(observer, adapted, 0.0, wire.power, wire.power, current)
 
     def step(
         self, state: AdaptiveState, reference: float, measurement: float
     ) -> tuple[float, AdaptiveState]:
         """Return the current for the next interval and the next state."""
-        belief = self._followed(state.belief, state.applied)
+        adapted = self._followed(state.adapted, state.applied)
         before = replace(state.observer, applied=state.applied)
-        current, observer = belief.control.step(before, reference, measurement)
+        current, observer = adapted.control.step(before, reference, measurement)
         power = observer.estimate.wire.power
         near = abs(reference - measurement) < _STILL_DEGREES
         span = width(self.control.wire)
         if not (near and abs(power - state.anchor) < _STILL_POWER * span):
-            return current, AdaptiveState(observer, belief, 0.0, power, state.learnt, current)
+            return current, AdaptiveState(observer, adapted, 0.0, power, state.learnt, current)
         still = state.still + self.interval
-        new = AdaptiveState(observer, belief, still, state.anchor, state.learnt, current)
+        new = AdaptiveState(observer, adapted, still, state.anchor, state.learnt, current)
         if still < self.settling or abs(power - state.learnt) < _MOVED * span:
             return current, new
         return current, self._learnt(new, reference)
 
-    def _followed(self, belief: AdaptiveEstimate, current: float) -> AdaptiveEstimate:
+    def _followed(self, adapted: AdaptiveEstimate, current: float) -> AdaptiveEstimate:
         """Simulate the two free wires for an interval."""
-        options = {"ambient": belief.ambient}
+        options = {"ambient": adapted.ambient}
         power = current**2
         return replace(
-            belief,
-            free=belief.control.wire.step(belief.free, power, self.interval, **options),
-            identified=self.control.wire.step(belief.identified, power, self.interval, **options),
+            adapted,
+            free=adapted.control.wire.step(adapted.free, power, self.interval, **options),
+            identified=self.control.wire.step(adapted.identified, power, self.interval, **options),
         )
 
     def _learnt(self, state: AdaptiveState, angle: float) -> AdaptiveState:
         """Return the state after a settled sample at an angle."""
-        belief, estimate = state.belief, state.observer.estimate
-        ambient = belief.ambient + _BIAS_SHARE * (estimate.ambient - belief.ambient)
-        belief = self._scored(replace(belief, ambient=ambient), angle)
-        if belief.score > belief.identified_score + self.tolerance:
-            belief = replace(
-                self._with(belief, self.control.wire.operator),
+        adapted, estimate = state.adapted, state.observer.estimate
+        ambient = adapted.ambient + _BIAS_SHARE * (estimate.ambient - adapted.ambient)
+        adapted = self._scored(replace(adapted, ambient=ambient), angle)
+        if adapted.score > adapted.identified_score + self.tolerance:
+            adapted = replace(
+                self._with(adapted, self.control.wire.operator),
                 recursion=self._recursive.begin(model=self.control.wire.operator),
-                score=belief.identified_score,
-                rollbacks=belief.rollbacks + 1,
+                score=adapted.identified_score,
+                rollbacks=adapted.rollbacks + 1,
             )
         else:
-            belief = self._updated(belief, angle)
-        observer = replace(state.observer, estimate=_carried(estimate, belief.control.wire))
-        return replace(state, observer=observer, belief=belief, learnt=estimate.wire.power)
+            adapted = self._updated(adapted, angle)
+        observer = replace(state.observer, estimate=_carried(estimate, adapted.control.wire))
+        return replace(state, observer=observer, adapted=adapted, learnt=estimate.wire.power)
 
-    def _scored(self, belief: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
+    def _scored(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
         """Update the smoothed errors of the two free wires, before the sample is used."""
-        own, first = abs(belief.free.angle - angle), abs(belief.identified.angle - angle)
+        own, first = abs(adapted.free.angle - angle), abs(adapted.identified.angle - angle)
         return replace(
-            belief,
-            score=belief.score + _SCORE_SHARE * (own - belief.score),
-            identified_score=belief.identified_score
-            + _SCORE_SHARE * (first - belief.identified_score),
+            adapted,
+            score=adapted.score + _SCORE_SHARE * (own - adapted.score),
+            identified_score=adapted.identified_score
+            + _SCORE_SHARE * (first - adapted.identified_score),
         )
 
-    def _updated(self, belief: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
+    def _updated(self, adapted: AdaptiveEstimate, angle: float) -> AdaptiveEstimate:
         """Change the weights to explain the sample, within the limit of one update."""
-        memory = belief.free.tracker.memory
-        before = replace(belief.recursion, memory=memory, updates=0)
+        memory = adapted.free.tracker.memory
+        before = replace(adapted.recursion, memory=memory, updates=0)
         after = self._recursive.update(before, memory.u, angle)
         change = after.theta - before.theta
         size = float(np.abs(change).sum())
         if not np.isfinite(size) or size == 0.0:
-            return belief
+            return adapted
         theta = before.theta + min(1.0, self._most / size) * change
-        updates = belief.updates + 1
+        updates = adapted.updates + 1
         recursion = replace(after, theta=theta, updates=updates)
-        learnt = replace(belief, recursion=recursion, updates=updates)
+        learnt = replace(adapted, recursion=recursion, updates=updates)
         return self._with(learnt, self._recursive.model(recursion))
 
-    def _with(self, belief: AdaptiveEstimate, operator: Preisach) -> AdaptiveEstimate:
+    def _with(self, adapted: AdaptiveEstimate, operator: Preisach) -> AdaptiveEstimate:
         """Return the estimate with another operator, its free wire at the same effective power."""
         wire = replace(self.control.wire, operator=operator)
-        control = replace(belief.control, wire=wire)
-        return replace(belief, control=control, free=_moved_to(belief.free, wire))
+        control = replace(adapted.control, wire=wire)
+        return replace(adapted, control=control, free=_moved_to(adapted.free, wire))
 
     @cached_property
     def _most(self) -> float:

@@ -221,11 +221,12 @@ class Guard:
         estimate, heated = self._observed(state, steps, sensed.value)
         reach = self._watched(state, sensed, wanted, estimate)
         target = self._target(wanted, reach)
-        asked, inner = self.controller.step(state.inner, target, sensed.value)
-        asked = min(max(asked, 0.0), self.observer.highest) if math.isfinite(asked) else 0.0
+        requested, inner = self.controller.step(state.inner, target, sensed.value)
+        most = self.observer.highest
+        requested = min(max(requested, 0.0), most) if math.isfinite(requested) else 0.0
         cool = self._allowed(estimate, heated)
-        current = min(asked, cool, self._useful(sensed, reach, estimate))
-        if current != asked:
+        current = min(requested, cool, self._useful(sensed, reach, estimate))
+        if current != requested:
             inner = replace(inner, applied=current)
         behind = self._behind(state, wanted, sensed.value, current)
         idle = self._idle(state, wanted, sensed.value, current)
@@ -242,7 +243,7 @@ class Guard:
             behind,
             idle,
         )
-        return current, self._logged(state, new, notes, cool < asked)
+        return current, self._logged(state, new, notes, cool < requested)
 
     def temperature(self, state: GuardState) -> float:
         """Return the highest temperature that the wire may have now, in degrees Celsius."""

@@ -96,8 +96,8 @@ class WireLimits:
         interval : float
             In seconds.
         """
-        room = (self.highest_power - effective) * (wire.lag + interval) / interval
-        return max(effective + room - bias, 0.0)
+        reserve = (self.highest_power - effective) * (wire.lag + interval) / interval
+        return max(effective + reserve - bias, 0.0)
 
     def stressed(self, angle: float) -> bool:
         """Whether the spring loads the wire beyond the stress that its maker advises.

@@ -273,8 +273,8 @@ class Planner:
         power = np.empty_like(wanted)
         for k in range(wanted.size):
             target = float(wanted[min(k + ahead, wanted.size - 1)])
-            asked = heating(self.wire, state, target, response=self.interval)
-            power[k] = min(max(asked, 0.0), self.highest**2)
+            requested = heating(self.wire, state, target, response=self.interval)
+            power[k] = min(max(requested, 0.0), self.highest**2)
             for _ in range(self.parts):
                 state = self.wire.step(state, float(power[k]), self.interval / self.parts)
         return power

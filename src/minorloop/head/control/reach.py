@@ -190,7 +190,7 @@ class ReachWatch(Loop):
             bank = self._hypotheses.begin(angle, estimate, moving=moving)
             trial = Trial(bank, angle, angle)
         trial = self._followed(trial, measurement, angle, current)
-        return ReachState(trial, self._judged(trial, reference, angle))
+        return ReachState(trial, self._verdict(trial, reference, angle))
 
     def _kept(
         self, state: ReachState, verdict: Unreachable, reference: float, measurement: float
@@ -221,7 +221,7 @@ class ReachWatch(Loop):
             still=0.0 if moved else trial.still + self.interval,
         )
 
-    def _judged(self, trial: Trial, reference: float, angle: float) -> Unreachable | None:
+    def _verdict(self, trial: Trial, reference: float, angle: float) -> Unreachable | None:
         """Return a verdict once it is certain, and its reason is clear or the time is over."""
         if trial.full < self.wire.lag or reference - angle <= self.tolerance:
             return None

@@ -49,7 +49,7 @@ class Transient:
 
 
 def as_waveform(t: npt.ArrayLike, current: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Times (T,) and currents (T,), refused unless time increases."""
+    """Return times (T,) and currents (T,); refuse them unless time increases."""
     times, currents = as_samples(t, name="t"), as_samples(current, name="current")
     if times.ndim != 1 or times.shape != currents.shape or times.size < 2:
         raise SignalError(
@@ -64,7 +64,7 @@ def as_waveform(t: npt.ArrayLike, current: npt.ArrayLike) -> tuple[FloatArray, F
 def as_holds(
     current: npt.ArrayLike, angle: npt.ArrayLike, *, gaps: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Currents (T,) and settled angles (T,) of holds, refused unless both change."""
+    """Return currents (T,) and settled angles (T,) of holds; refuse them unless both change."""
     i, y = as_samples(current, name="current"), as_samples(angle, name="angle", gaps=gaps)
     if i.ndim != 1 or i.shape != y.shape:
         raise SignalError(
@@ -85,7 +85,7 @@ def as_holds(
 
 
 def check_holds(current: FloatArray, angle: FloatArray, levels: Levels) -> None:
-    """Refuse holds that do not look into the plane of the levels."""
+    """Refuse holds that do not cover the plane of the levels."""
     low, high = float(levels[0]), float(levels[-1])
     _check_sign(levels, "a level")
     enough, measured = 2 * (levels.size - 1), int(np.isfinite(angle).sum())
@@ -105,7 +105,7 @@ def check_holds(current: FloatArray, angle: FloatArray, levels: Levels) -> None:
 def as_transient(
     step: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike], levels: Levels
 ) -> Transient:
-    """The record of a step, refused where no lag can be seen in it.
+    """Return the record of a step; refuse one that shows no lag.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def check_lag(step: Transient, lag: float, rms: float) -> None:
 
 
 def advice(rms: float, width: float) -> Iterator[str]:
-    """What is weak about the fit to a step, and what to do about it."""
+    """Yield advice on a weak fit to a step."""
     if rms > _ROUGH * width:
         yield (
             f"the step is followed to {rms / width:.0%} of the range only, so the lag is rough: "

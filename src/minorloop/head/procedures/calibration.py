@@ -20,6 +20,11 @@ STRAIGHT = math.radians(30.0)
 direction only, so that half of its stroke is on either side."""
 
 
+def joint_degrees(angles: npt.ArrayLike) -> FloatArray:
+    """Return pan and tilt of the joints in degrees, as control has them, for a line of sight."""
+    return np.asarray(np.degrees(np.asarray(angles) + STRAIGHT))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeadCalibration:
     """Calibration of camera and probe, and of how they are mounted on the head.

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import SignalError
+from minorloop.head.geometry import REACH
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.meter import LIMITS
 from minorloop.head.procedures.values import Procedure, Reading, Request, held_since, passed
@@ -21,8 +22,8 @@ from minorloop.head.vision.servo import Cone, Servo, ServoState, ServoStep
 from minorloop.head.vision.sighting import sighted_angles
 from minorloop.head.vision.tracking import TRACKED, PatchTracker, Track, TrackState
 
-CONE = Cone(half=math.radians(30.0))
-"""Directions in which the head may look; beyond, the lens touches the wall."""
+CONE = Cone(half=REACH)
+"""Directions in which the head may look."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,7 +122,7 @@ class Centring(Procedure[CentreState]):
         angles, sighted = self._angles(state.place, seen, reading)
         state = replace(state, track=tracked, shown=shown, sighted=sighted, verdict=track.verdict)
         move, state = self._steer(state, seen, angles, reading)
-        state = self._judged(state, move, reading.t)
+        state = self._checked(state, move, reading.t)
         return state, Request(angles=move.angles, sighted=sighted, frame=True)
 
     def pick(
@@ -215,7 +216,7 @@ class Centring(Procedure[CentreState]):
         move, servo = hold.servo.step(state.servo, seen, angles)
         return move, replace(state, servo=servo, hold=hold.begin(move.angles))
 
-    def _judged(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
+    def _checked(self, state: CentreState, move: ServoStep, t: float) -> CentreState:
         """Return the state with the error, done if that has been small for long enough."""
         since = held_since(state.near_since, t, move.error < self.in_middle)
         still = since is not None and passed(since, t, self.still)

@@ -10,13 +10,7 @@ import numpy.typing as npt
 
 from minorloop.head.geometry import wall_distance
 from minorloop.head.procedures.meter import LIMITS, LightLimits
-from minorloop.head.procedures.values import (
-    NOTHING,
-    LitCamera,
-    Procedure,
-    Reading,
-    Request,
-)
+from minorloop.head.procedures.values import NOTHING, LitCamera, Procedure, Reading, Request
 from minorloop.head.vision.defects import ALONE, SEQUENCE, Hole
 from minorloop.head.vision.reflectance_map import LitFrame
 
@@ -30,8 +24,8 @@ class AcquisitionState:
     """Gain under all lights, the frames so far, and whether the next one was requested."""
 
     gain: float
-    looks: tuple[LitFrame, ...] = ()
-    asked: bool = False
+    frames: tuple[LitFrame, ...] = ()
+    requested: bool = False
     done: bool = False
 
 
@@ -51,15 +45,15 @@ class Acquisition(Procedure[AcquisitionState]):
         return AcquisitionState(gain=gain)
 
     def _next(self, state: AcquisitionState, reading: Reading) -> tuple[AcquisitionState, Request]:
-        if state.asked and reading.image is not None:
+        if state.requested and reading.image is not None:
             pan, tilt = reading.angles.tolist()
-            look = LitFrame(reading.image, pan, tilt, SEQUENCE[len(state.looks)])
-            state = replace(state, looks=(*state.looks, look))
-        if len(state.looks) == len(SEQUENCE):
+            frame = LitFrame(reading.image, pan, tilt, SEQUENCE[len(state.frames)])
+            state = replace(state, frames=(*state.frames, frame))
+        if len(state.frames) == len(SEQUENCE):
             return replace(state, done=True), Request(exposure=self._exposure(True, state.gain))
-        lights = SEQUENCE[len(state.looks)]
+        lights = SEQUENCE[len(state.frames)]
         exposure = self._exposure(all(lights), state.gain)
-        return replace(state, asked=True), Request(lights=lights, exposure=exposure, frame=True)
+        return replace(state, requested=True), Request(lights=lights, exposure=exposure, frame=True)
 
     def _exposure(self, all_lit: bool, gain: float) -> tuple[float, float]:
         return self.limits.exposure * (1.0 if all_lit else ALONE), gain
@@ -86,7 +80,7 @@ def acquire(camera: LitCamera, angles: npt.ArrayLike, *, gain: float = 1.0) -> t
             camera.switch(request.lights)
         if request.exposure is not None:
             camera.expose(*request.exposure)
-    return state.looks
+    return state.frames
 
 
 def nearest(

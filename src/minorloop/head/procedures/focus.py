@@ -150,5 +150,5 @@ class Focusing(Procedure[FocusState]):
 
     def _sharpness(self, image: Image, pixel: FloatArray) -> float:
         """Return the sharpness of the region, NaN if the frame is not usable."""
-        good = frame_checks.judge(image, self.lens) == frame_checks.GOOD
+        good = frame_checks.check_frame(image, self.lens) == frame_checks.GOOD
         return sharpness(image, pixel) if good else math.nan

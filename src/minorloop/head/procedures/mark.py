@@ -21,12 +21,9 @@ approaches from the side of the axis and does not drive the head beyond the cone
 
 
 def aim_at(
-    calibration: HeadCalibration,
-    place: npt.ArrayLike,
-    catheter: npt.ArrayLike,
-    share: float = 1.0,
+    calibration: HeadCalibration, place: npt.ArrayLike, catheter: npt.ArrayLike, share: float = 1.0
 ) -> FloatArray:
-    """(2,) pan and tilt, within the cone, of a share of the turn towards a place of the wall.
+    """Return pan and tilt (2,), within the cone, of a share of the turn towards a place.
 
     Parameters
     ----------

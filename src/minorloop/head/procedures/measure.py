@@ -12,7 +12,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_distance
 from minorloop.head.reconstruction.depth_map import DepthMap, Patch
 from minorloop.head.reconstruction.fusion import fuse, mean_depths, outline_of
-from minorloop.head.ultrasound.echoes import Burst, average, choose_modality
+from minorloop.head.ultrasound.echoes import Burst, average, has_wall_echo
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pits import PitDepth
 from minorloop.lab.actuator import Shot
@@ -23,11 +23,6 @@ measured, so that only bursts outside the raster are refused: two and a half ste
 PATCH = 2.4e-3
 """Side of the map about a finding in metres: the raster and a footprint of the beam around it."""
 NO_COUPLING = "no coupling"
-
-
-def wall_answers(shots: Sequence[Shot], probe: CalibratedProbe) -> bool:
-    """Whether there is an echo of the wall, as there is in water only."""
-    return choose_modality(shots, probe.radius - probe.transducer.face, probe.speed) == "sonar"
 
 
 def burst_of(
@@ -56,7 +51,8 @@ def burst_of(
     off = float(wall_distance(spot, aimed, probe.radius))
     count = len(shots)
     burst = average(shots, np.tile(angles, (count, 1)), np.full(count, off), most_off=MOST_OFF)
-    if first and not burst.verdict and not wall_answers(shots, probe):
+    wall = probe.radius - probe.transducer.face
+    if first and not burst.verdict and not has_wall_echo(shots, wall, probe.speed):
         return replace(burst, trace=np.empty(0), used=0, verdict=NO_COUPLING)
     return burst
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,8 +9,9 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.control.head import HeadControl
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
 from minorloop.head.procedures.values import (
+    NOTHING,
     Plant,
     Procedure,
     Reading,
@@ -67,7 +67,7 @@ class InspectionRig:
         self._state = control.begin()
         self._commanded = np.full(2, -STRAIGHT)
         self._read = self._known = np.zeros(4)
-        tip.stand(plant.stance())
+        tip.move_to(plant.stance())
 
     @property
     def t(self) -> float:
@@ -77,28 +77,27 @@ class InspectionRig:
     @property
     def place(self) -> FloatArray:
         """(2,) advance in metres and roll in radians as measured."""
-        return np.array([1e-3 * self._known[2], np.radians(self._known[3])])
+        return self._known[2:].copy()
 
     @property
     def angles(self) -> FloatArray:
         """(2,) pan and tilt in radians by the joints, or by the model of the wires."""
         if self._sensors:
-            return np.asarray(np.radians(self._known[:2]) - STRAIGHT)
+            return np.asarray(self._known[:2] - STRAIGHT)
         own = np.array([axis.estimate.wire.angle for axis in self._state.axes])
         return np.asarray(np.radians(np.asarray(self.control.coupling) @ own) - STRAIGHT)
 
-    def reading(self, request: Request | None = None) -> Reading:
+    def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst."""
-        asked = request or Request()
-        apply_to_tip(self.tip, asked)
+        apply_to_tip(self.tip, request)
         return Reading(
             t=self.t,
             angles=self.angles,
             place=self.place,
             base=np.zeros(2) if self._gyroscope is None else self._gyroscope(),
-            image=self.tip.frame().image if asked.frame else None,
-            shots=tuple(self.tip.shots(asked.shots)) if asked.shots else (),
-            fired=asked.shots > 0,
+            image=self.tip.frame().image if request.frame else None,
+            shots=tuple(self.tip.shots(request.shots)) if request.shots else (),
+            fired=request.shots > 0,
         )
 
     def run(
@@ -114,7 +113,7 @@ class InspectionRig:
         each : callable, optional
             Called with the state after every tick.
         """
-        request = Request()
+        request = NOTHING
         while True:
             state, request = procedure.step(state, self.reading(request))
             if state.done:
@@ -132,14 +131,13 @@ class InspectionRig:
         """Move head and catheter as requested for one tick."""
         if request.angles is not None:
             self._commanded = request.angles
-        read = self._read[:2]
+        read = np.degrees(self._read[:2])
         if not self._sensors:
             sighted = request.sighted
-            read = np.full(2, np.nan) if sighted is None else np.degrees(sighted + STRAIGHT)
-        wanted = np.degrees(self._commanded + STRAIGHT)
+            read = np.full(2, np.nan) if sighted is None else joint_degrees(sighted)
+        wanted = joint_degrees(self._commanded)
         currents, self._state = self.control.step(self._state, wanted, read)
-        advance, roll = request.rates.tolist()
-        self._read = self.plant.exchange(np.array([*currents, 1e3 * advance, math.degrees(roll)]))
+        self._read = self.plant.exchange(np.concatenate([currents, request.rates]))
         self._known = np.where(np.isnan(self._read), self._known, self._read)
         self._ticks += 1
-        self.tip.stand(self.plant.stance())
+        self.tip.move_to(self.plant.stance())

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import REACH, wrapped
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.go import GO, Go, GoState
 from minorloop.head.procedures.measure import burst_of
@@ -29,8 +29,8 @@ class ScanState:
     ``centre`` is phi and z of the middle; ``shift`` the displacement of the raster in pitches;
     ``home`` place and angles to return to, None to stay; ``go`` the state of the way there or
     back; ``targets`` (N, 2) pan and tilt of the points, ``point`` the next of them. The head was
-    sent there, or the burst was requested (``asked``), at ``since``. ``bursts`` are filled if the
-    readings contain shots.
+    sent there, or the burst was ``requested``, at ``since``. ``bursts`` are filled if the readings
+    contain shots.
     """
 
     centre: tuple[float, float]
@@ -41,7 +41,7 @@ class ScanState:
     targets: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     point: int = 0
     since: float = 0.0
-    asked: bool = False
+    requested: bool = False
     bursts: tuple[Burst, ...] = ()
     done: bool = False
 
@@ -88,7 +88,7 @@ class RasterScan(Procedure[ScanState]):
     dwell: float = 0.48
     most_dwell: float = 1.2
     silent: float = 2.0
-    reach: float = math.radians(30.0)
+    reach: float = REACH
     go: Go = GO
     homing: float = 6.0
 
@@ -157,18 +157,18 @@ class RasterScan(Procedure[ScanState]):
     def _points(self, state: ScanState, reading: Reading) -> tuple[ScanState, Request]:
         """Fire once the head is at rest, and stay until the burst has arrived."""
         target = state.targets[state.point]
-        if not state.asked:
+        if not state.requested:
             near = float(np.hypot(*(reading.angles - target))) < self.aimed
             if not passed(state.since, reading.t, self.dwell if near else self.most_dwell):
                 return state, Request(angles=target)
-            state = replace(state, asked=True, since=reading.t)
+            state = replace(state, requested=True, since=reading.t)
             return state, Request(angles=target, shots=self.shots)
         late = passed(state.since, reading.t, self.silent)
         if not (reading.fired or reading.shots or late):
             return state, Request(angles=target)
         if reading.shots:
             state = replace(state, bursts=(*state.bursts, self._burst(state, reading, target)))
-        state = replace(state, point=state.point + 1, asked=False, since=reading.t)
+        state = replace(state, point=state.point + 1, requested=False, since=reading.t)
         if state.point == len(state.targets):
             return self._back(state), Request(angles=target)
         return state, Request(angles=state.targets[state.point])

@@ -27,27 +27,27 @@ TEXEL, MARGIN = 0.05e-3, 0.6e-3
 """Size of a texel of the map of a crack, and margin about the crack, in metres."""
 
 
-def traces_of(looks: Findings, radius: float, **heights: float) -> tuple[TracedCrack, ...]:
+def traces_of(found: Findings, radius: float, **heights: float) -> tuple[TracedCrack, ...]:
     """Trace cracks in an acquisition, except at the rims of holes.
 
     Parameters
     ----------
-    looks : Findings
+    found : Findings
         The acquisition.
     radius : float
         Of the pipe, in metres.
     **heights
         ``high`` and ``low`` of `trace_cracks`.
     """
-    if looks.wall is None:
+    if found.wall is None:
         return ()
-    holes = [(float(h.place[0]), float(h.place[1]), h.diameter) for h in looks.holes]
-    return trace_cracks(looks.wall.brightest, looks.wall.window, radius, apart=holes, **heights)
+    holes = [(float(h.place[0]), float(h.place[1]), h.diameter) for h in found.holes]
+    return trace_cracks(found.wall.brightest, found.wall.window, radius, apart=holes, **heights)
 
 
-def traced_again(looks: Findings, course: FloatArray, radius: float) -> tuple[TracedCrack, ...]:
+def traced_again(found: Findings, course: FloatArray, radius: float) -> tuple[TracedCrack, ...]:
     """Return the traces of an acquisition that belong to a known course (N, 2)."""
-    for traces in (traces_of(looks, radius), traces_of(looks, radius, **AGAIN)):
+    for traces in (traces_of(found, radius), traces_of(found, radius, **AGAIN)):
         same = tuple(trace for trace in traces if one_course(trace.places, course, radius))
         if same:
             return same

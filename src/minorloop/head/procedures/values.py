@@ -130,12 +130,13 @@ class Plant(Protocol):
         """Duration of one ``exchange``, in seconds."""
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold pan and tilt currents in A, advance in mm/s and roll in degrees/s for a tick.
+        """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
 
         Returns
         -------
         (4,) array
-            Pan, tilt, advance and roll at its end, in degrees and mm; NaN where a sensor is lost.
+            Pan and tilt of the joints, advance and roll at its end, in rad and m; NaN where a
+            sensor is lost.
         """
 
     def stance(self) -> tuple[float, ...]:
@@ -159,7 +160,7 @@ class LitCamera(FrameSource, Protocol):
 class Tip(LitCamera, Protocol):
     """A camera with lights, and a probe."""
 
-    def stand(self, stance: tuple[float, ...]) -> None:
+    def move_to(self, stance: tuple[float, ...]) -> None:
         """Take over the pose of the plant."""
 
     def focus_at(self, distance: float) -> None:

@@ -14,7 +14,7 @@ from minorloop.head.geometry import wrapped
 
 STEP = 0.1e-3
 """Size of a texel in metres, a tenth of the footprint of an echo."""
-UNSEEN, CAMERA, SONAR, BOTH = 0, 1, 2, 3
+UNSEEN, CAMERA, ECHOES, BOTH = 0, 1, 2, 3
 Bytes = npt.NDArray[np.uint8]
 
 
@@ -94,7 +94,7 @@ class DepthMap:
         Depth and standard deviation in metres; NaN and infinite where unknown. In a through-hole
         the depth is infinite.
     source : (rows, columns) array of uint8
-        ``UNSEEN``, ``CAMERA``, ``SONAR`` or ``BOTH``.
+        ``UNSEEN``, ``CAMERA``, ``ECHOES`` or ``BOTH``.
     """
 
     patch: Patch
@@ -146,7 +146,7 @@ def camera_map(
     return DepthMap(patch, depth, np.where(open_to, sd, np.inf), source)
 
 
-def sonar_map(
+def echo_map(
     patch: Patch,
     spots: npt.ArrayLike,
     depths: npt.ArrayLike,
@@ -190,7 +190,7 @@ def sonar_map(
     reached = nearest > 0
     depth = np.divide(total, weight, out=np.full_like(total, np.nan), where=reached)
     sd = np.sqrt(np.divide(1.0, weight, out=np.full_like(total, np.inf), where=reached))
-    return DepthMap(patch, depth, sd, np.where(reached, SONAR, UNSEEN).astype(np.uint8))
+    return DepthMap(patch, depth, sd, np.where(reached, ECHOES, UNSEEN).astype(np.uint8))
 
 
 def blend(first: DepthMap, second: DepthMap) -> DepthMap:

@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import SignalError
 from minorloop.head.geometry import wall_point
-from minorloop.head.reconstruction.depth_map import CAMERA, SONAR, UNSEEN, DepthMap, Patch
+from minorloop.head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, DepthMap, Patch
 from minorloop.head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop.head.ultrasound.echoes import Burst
 from minorloop.head.ultrasound.field import CalibratedProbe
@@ -35,7 +35,7 @@ _UNKNOWN = 0.6e-3
 _LEAST_RIM = 0.03e-3
 """Least standard deviation of the place of a rim, in metres: a third of a texel."""
 _WALL = 0.05e-3
-"""Standard deviation of a wall that only the camera sees, in metres; images show no depth."""
+"""Standard deviation of a wall that only the camera shows, in metres; images give no depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,22 +268,16 @@ def fuse(
             raise SignalError(f"the image has shape {seen.shape}; the patch has {inside.shape}")
     source = np.where(seen, CAMERA, UNSEEN)
     if means is not None:
-        source = source | np.where(_reached(means, patch), SONAR, UNSEEN)
+        source = source | np.where(_reached(means, patch), ECHOES, UNSEEN)
     if pit.verdict == "through-hole":
-        depth, sd = (
-            np.where(inside >= 0.5, np.inf, 0.0),
-            np.where(inside >= 0.5, np.nan, _WALL),
-        )
+        depth, sd = (np.where(inside >= 0.5, np.inf, 0.0), np.where(inside >= 0.5, np.nan, _WALL))
     elif means is None:
         depth, sd = np.where(inside < 0.5, 0.0, np.nan), np.where(inside < 0.5, _WALL, np.inf)
     else:
         depth, sd = _fused(pit, means, patch, inside, image)
     known = source != UNSEEN
     return DepthMap(
-        patch,
-        np.where(known, depth, np.nan),
-        np.where(known, sd, np.inf),
-        source.astype(np.uint8),
+        patch, np.where(known, depth, np.nan), np.where(known, sd, np.inf), source.astype(np.uint8)
     )
 
 
@@ -295,11 +289,7 @@ def _reached(means: MeanDepths, patch: Patch) -> BoolArray:
 
 
 def _fused(
-    pit: PitDepth,
-    means: MeanDepths,
-    patch: Patch,
-    inside: FloatArray,
-    image: npt.ArrayLike | None,
+    pit: PitDepth, means: MeanDepths, patch: Patch, inside: FloatArray, image: npt.ArrayLike | None
 ) -> tuple[FloatArray, FloatArray]:
     """Return depth and deviation where there are echoes."""
     mean, spread, rim = _prior_of(patch, pit, inside)

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError, OutputError, ParameterError
-from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, SONAR, UNSEEN, DepthMap
+from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN, DepthMap
 
 SUFFIXES = (".ply", ".glb", ".gltf")
 _COLOURS = {
     UNSEEN: (60, 60, 60),
     CAMERA: (180, 180, 180),
-    SONAR: (110, 160, 200),
+    ECHOES: (110, 160, 200),
     BOTH: (200, 200, 190),
 }
 _DEEP = (200, 60, 30)

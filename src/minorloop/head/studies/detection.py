@@ -2,8 +2,8 @@
 
 Each seed gives a scene with a hole and one without, beside saturated glints. A finding within
 0.3 mm of the hole is right; one farther than 0.8 mm off, or without a hole, is false. Places are
-compared on the map of the calibrated camera, which knows the pivot to 0.2 mm and the angles to 0.05
-degrees, so that errors of the pose do not count.
+compared on the map of the calibrated camera, whose pivot is known to 0.2 mm and whose angles are
+known to 0.05 degrees, so that errors of the pose do not count.
 """
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ class Search:
     ----------
     view : SceneView
         The scene and its truth.
-    eye : CalibratedCamera
+    camera : CalibratedCamera
         The calibrated camera.
-    looks : tuple of LitFrame
+    frames : tuple of LitFrame
         The acquisition.
     holes : tuple of Hole
         All findings, however weak, strongest first.
@@ -99,8 +99,8 @@ class Search:
     """
 
     view: SceneView
-    eye: CalibratedCamera
-    looks: tuple[LitFrame, ...]
+    camera: CalibratedCamera
+    frames: tuple[LitFrame, ...]
     holes: tuple[Hole, ...]
     place: FloatArray
 
@@ -119,7 +119,7 @@ class Search:
 
     def rim(self, hole: Hole) -> FloatArray:
         """Return the pixels (N, 2) of the outline of a finding."""
-        return self.eye.pixel(hole.rim, self.view.pan, self.view.tilt)
+        return self.camera.pixel(hole.rim, self.view.pan, self.view.tilt)
 
 
 def search_scene(
@@ -130,13 +130,13 @@ def search_scene(
     way = rng.uniform(0, 2 * np.pi)
     off = np.array(view.mount.offset) + PIVOT * np.array([np.cos(way), np.sin(way)])
     mount = replace(view.mount, offset=(float(off[0]), float(off[1])))
-    eye = CalibratedCamera(view.camera.calibration, mount, view.camera.leds)
-    truth = eye.place(scoring.true_pixel(view.camera, *view.place), view.pan, view.tilt)
+    camera = CalibratedCamera(view.camera.calibration, mount, view.camera.leds)
+    truth = camera.place(scoring.true_pixel(view.camera, *view.place), view.pan, view.tilt)
     searches = []
     for mode in modes:
-        looks = tuple(_shots(view, rng, mode))
-        holes = find_holes(looks, eye, mode=mode, least=-math.inf).holes
-        searches.append(Search(view, eye, looks, holes, truth))
+        frames = tuple(_shots(view, rng, mode))
+        holes = find_holes(frames, camera, mode=mode, least=-math.inf).holes
+        searches.append(Search(view, camera, frames, holes, truth))
     return searches
 
 
@@ -251,12 +251,12 @@ def _shots(view: SceneView, rng: np.random.Generator, mode: str) -> list[LitFram
     elif mode == DITHER:
         lights = (SEQUENCE[-1],) * 5
         turns = TURN * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)], dtype=np.float64)
-    looks = []
+    frames = []
     for on, turn in zip(lights, turns, strict=True):
         pan, tilt = view.pan + float(turn[0]), view.tilt + float(turn[1])
         view.camera.look(pan, tilt)
         view.camera.switch(on)
         view.camera.expose(LIMITS.exposure * (1.0 if all(on) else ALONE), view.gain)
-        seen = np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)
-        looks.append(LitFrame(view.camera.frame().image, float(seen[0]), float(seen[1]), tuple(on)))
-    return looks
+        a, b = (np.array([pan, tilt]) + ANGLE * rng.standard_normal(2)).tolist()
+        frames.append(LitFrame(view.camera.frame().image, a, b, tuple(on)))
+    return frames

@@ -12,11 +12,7 @@ from minorloop.head.vision.defects import DITHER, LEAST_EVIDENCE, SINGLE, SWITCH
 from minorloop.report import Picture, Table
 from minorloop.studies.drawing import new_figure
 
-_WORDS = {
-    SWITCHED: "three lights and none",
-    SINGLE: "one frame",
-    DITHER: "five turns of 2 degrees",
-}
+_WORDS = {SWITCHED: "three lights and none", SINGLE: "one frame", DITHER: "five turns of 2 degrees"}
 _ASKED = (0.05, 0.98)
 _FEW = 3e-3
 _SHOWN = 6
@@ -57,7 +53,7 @@ def limits(outcomes: Sequence[SceneOutcome]) -> str:
             "where noise hides an edge that part of the lights do not reach, and a white one "
             "hardly brighter than the wall. "
         )
-    words += f"The finder stood at {false} false findings in {len(own)} acquisitions"
+    words += f"There were {false} false findings in {len(own)} acquisitions"
     if false:
         words += (
             "; such are round spots of dirt, which images alone cannot tell from a hole, and "
@@ -133,7 +129,7 @@ def draw_scenes(shown: Sequence[tuple[str, Search, Hole | None]]) -> Any:
         about = true if rim is None else rim
         middle = np.zeros(2) if about is None else about.mean(axis=0)
         for one, frame, light in zip(row, _FRAMES, _LIGHTS, strict=True):
-            root = np.sqrt(search.looks[frame].image, dtype=np.float32)  # shadows are seen so
+            root = np.sqrt(search.frames[frame].image, dtype=np.float32)  # shadows are seen so
             one.imshow(root, cmap="gray", vmin=0, vmax=16)
             for line, colour in ((true, "C0"), (rim, "C1")):
                 if line is not None:

@@ -85,10 +85,7 @@ CLAIMS = (
     Claim("heating, 63 % of the way [s]", "twin.heat_t63_s", "not given", least=5, most=9),
     Claim("cooling, 63 % of the way [s]", "twin.cool_t63_s", "not given", least=3.5, most=6.5),
     Claim(
-        "random holds, operator on power: rms [deg]",
-        "static.rms_deg",
-        "agrees (Fig 5)",
-        most=1.5,
+        "random holds, operator on power: rms [deg]", "static.rms_deg", "agrees (Fig 5)", most=1.5
     ),
     Claim("the same, mesh of 0.1 V: rms [deg]", "static.mesh_rms_deg", "agrees (Fig 5)"),
     Claim("the same, dots of that mesh: rms [deg]", "static.dots_rms_deg", "not studied"),
@@ -97,12 +94,7 @@ CLAIMS = (
         "stepping_inverse.rms_pct",
         "used (Fig 6)",
     ),
-    Claim(
-        "exact inverse, times better",
-        "exact_inverse.times_better",
-        "not studied",
-        least=100,
-    ),
+    Claim("exact inverse, times better", "exact_inverse.times_better", "not studied", least=100),
     Claim(
         "open loop, settled holds: rms [deg]",
         "open_loop.rms_deg",

@@ -79,10 +79,7 @@ def study_report(
 
 
 def _add_overview(
-    report: Report,
-    study: HeadStudy,
-    figures: Mapping[str, Any],
-    runs: Sequence[Mapping[str, Any]],
+    report: Report, study: HeadStudy, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
 ) -> None:
     facts = study.facts
     report.add(
@@ -92,8 +89,8 @@ def _add_overview(
             "Preisach operator in it. Each specimen has its own material, springs and pulleys, "
             "within 10 % of nominal. Figures are medians over specimens of the worst case of "
             "each. A step has settled within 2 % of its target, or 0.3 degrees where that is "
-            "more. Angles are judged without the noise of the sensor.",
-            "Three printed formulas of the paper cannot be used as they stand. With relays of 0 "
+            "more. Angles are scored without the noise of the sensor.",
+            "Three printed formulas of the paper cannot be used as they are. With relays of 0 "
             "and 1 the density is the mixed derivative of the reversal values, without the "
             "factor 1/2 that belongs to relays of -1 and +1. The sums of Eqs. (5) and (6) end "
             "with the last minimum m(n-1), and lack the output of the cold wire. And 1.2 V over "
@@ -246,8 +243,8 @@ def _add_limits(report: Report, study: HeadStudy) -> None:
         text=f"No run may exceed {HIGHEST} A or {HOTTEST:.0f} degrees Celsius, with a sensor that "
         "sticks or is lost, and where little cools the wire, as well. At the end of its stroke the "
         "angle does not tell how hot a wire is; there it is not heated on. The controller cannot "
-        "measure the temperature and uses the higher of two estimates; the truth of the twin is "
-        "the judge. A target that cannot be reached is given up with its cause: flooded without a "
+        "measure the temperature and uses the higher of two estimates; the score uses the truth of "
+        "the twin. A target that cannot be reached is given up with its cause: flooded without a "
         "sleeve the wire hardly warms, in air of -10 degrees most specimens do not turn all the "
         "way.",
         table=Table(columns, rows),

@@ -129,13 +129,7 @@ CLAIMS = (
 
 
 _OF_CRACKS = ("crack_length_error_pct", "crack_width_error_pct", "crack_off_mm")
-_OF_MISSIONS = (
-    "touch_mm",
-    "position_mm",
-    "diameter_error_pct",
-    "depth_error_mm",
-    "water_error_mm",
-)
+_OF_MISSIONS = ("touch_mm", "position_mm", "diameter_error_pct", "depth_error_mm", "water_error_mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +186,7 @@ def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> In
         runs=runs,
         outcomes=tuple(outcomes),
         edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
-        scored=_soundings(FIRST_SOUNDING + (soundings + 4) * seed, soundings),
+        scored=_scored_scans(FIRST_SOUNDING + (soundings + 4) * seed, soundings),
         mission=run_mission(seed),
         seconds=time.process_time() - began,
     )
@@ -256,13 +250,13 @@ def _median(missions: Sequence[Mapping[str, Any]], key: str) -> float:
     return float(np.median([mission[key] for mission in missions])) if missions else np.nan
 
 
-def _soundings(seed: int, pits: int) -> dict[str, tuple[ScoredScan, ...]]:
+def _scored_scans(seed: int, pits: int) -> dict[str, tuple[ScoredScan, ...]]:
     drawn = {
-        "pit": [scan_trials.draw_sounding(seed + 4 + k) for k in range(max(pits - 1, 1))],
-        "fused": [scan_trials.draw_sounding(seed, bore=FUSED)],
-        "unfocused": [scan_trials.draw_sounding(seed + 4, lens=False)],
-        "dished": [scan_trials.draw_sounding(seed + 1, kind="dished")],
-        "hole": [scan_trials.draw_sounding(seed + 2, kind="hole")],
-        "dry": [scan_trials.draw_sounding(seed + 3, kind="dry")],
+        "pit": [scan_trials.draw_trial(seed + 4 + k) for k in range(max(pits - 1, 1))],
+        "fused": [scan_trials.draw_trial(seed, bore=FUSED)],
+        "unfocused": [scan_trials.draw_trial(seed + 4, lens=False)],
+        "dished": [scan_trials.draw_trial(seed + 1, kind="dished")],
+        "hole": [scan_trials.draw_trial(seed + 2, kind="hole")],
+        "dry": [scan_trials.draw_trial(seed + 3, kind="dry")],
     }
-    return {kind: tuple(scan_trials.sound(one) for one in each) for kind, each in drawn.items()}
+    return {kind: tuple(scan_trials.run_trial(one) for one in each) for kind, each in drawn.items()}

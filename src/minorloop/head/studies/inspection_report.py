@@ -15,10 +15,10 @@ from minorloop.head.studies.inspection_servo import SETTLED_PX, SWAY_WAIT
 from minorloop.head.studies.mission import Mission
 from minorloop.head.studies.mission_report import (
     draw_crack,
+    draw_depths,
     draw_finding,
     draw_images,
     draw_ring,
-    draw_soundings,
     finding_rows,
     save_mission,
 )
@@ -27,7 +27,7 @@ from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.drawing import new_figure
 
-_LOOKED = "A camera looks into a defect as onto the wall, but tells no depth there."
+_LOOKED = "The camera sees the surface of a defect but gives no depth there."
 
 if TYPE_CHECKING:
     from minorloop.head.studies.inspection import InspectionStudy
@@ -47,26 +47,46 @@ def study_report(
     runs : sequence of mapping
         The figures of each specimen.
     """
-    mission = study.mission
-    outcomes = [outcome for run in runs for outcome in run["outcomes"]]
-    report = Report(
-        TITLE,
-        f"Servo, finding, tracking, depth and fusion on {specimens(runs)} "
-        f"with {'pipes of their own' if len(runs) > 1 else 'a pipe of its own'}; figures are drawn "
-        f"for {'that of ' if len(runs) > 1 else ''}seed {study.seed}. "
-        f"{figures['detection']['recall']:.1%} of the holes were found with "
-        f"{figures['detection']['false_per_acquisition']:.2f} false findings an "
-        f"acquisition, depths were off by {figures['depth']['bias_um']:.1f} um on average, and "
-        f"{_missions(figures)}.",
-    )
+    report = Report(TITLE, _summary(study.seed, figures, runs))
     report.add(
         "What was found",
         text="Head, camera, pipe and probe are twins: wires of phase, heat and springs, rays that "
         "meet a brushed cylinder between three lights that turn with the head, and pulses through "
-        "a lens onto a concave wall. Whatever makes an estimate knows them as calibrated, a little "
-        "off. Pixels are those of a 320 by 240 image.",
+        "a lens onto a concave wall. Estimators use their calibration, which has small errors. "
+        "Pixels are those of a 320 by 240 image.",
         table=claim_table(CLAIMS, figures),
     )
+    _add_servo(report, study, figures["sway"])
+    _add_detection(report, study.mission, figures["detection"], runs)
+    report.add(
+        "Depths by echoes",
+        text="A lens of 8 mm focus, a raster of 36 places, 16 shots at each while the head sways "
+        "by a degree, and one fit of all waveforms. Without the lens the beam is as wide as the "
+        "disc: where another depth explains the echoes nearly as well, none is given.",
+        table=_depth_table(study),
+        pictures=[Picture(draw_depths(runs), "Depths of all specimens, less the true ones.")],
+    )
+    _add_mission(report, study.mission)
+    return report
+
+
+def _summary(seed: int, figures: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> str:
+    """Return the first paragraph."""
+    many, found, missions = len(runs) > 1, figures["detection"], figures["mission"]
+    of = missions["of"]
+    measured, cracks = (round(missions[key] * of) for key in ("measured", "crack_found"))
+    return (
+        f"Servo, finding, tracking, depth and fusion on {specimens(runs)} "
+        f"with {'pipes of their own' if many else 'a pipe of its own'}; figures are drawn "
+        f"for {'that of ' if many else ''}seed {seed}. "
+        f"{found['recall']:.1%} of the holes were found with "
+        f"{found['false_per_acquisition']:.2f} false findings an acquisition, depths were off by "
+        f"{figures['depth']['bias_um']:.1f} um on average, and in {measured} of {of} "
+        f"mission{'s' if of > 1 else ''} the pit was measured, in {cracks} the crack found."
+    )
+
+
+def _add_servo(report: Report, study: InspectionStudy, sway: Mapping[str, float]) -> None:
     report.add(
         "Bringing a point to the middle, and holding it",
         text="The paper's law takes the image Jacobian of a camera at rest; a head that pans turns "
@@ -74,47 +94,40 @@ def study_report(
         "columns are added, and the integral has the sign of the proportional term. Against sway "
         "the wanted angles are those that put the point in the middle, predicted by the delay of "
         "the wires. Motion that is too fast for the wires is removed by shifting the image to the "
-        f"tracked point: {figures['sway'].get('stabilised_ratio', np.nan):.2f} of the sway of a "
-        f"still head remains, {figures['sway']['ratio']:.2f} without the shift. By the camera "
-        "alone, no reading of a joint is used: the model of the wires brings the head near, and "
-        "then control uses the angles that follow from the tracked patch.",
+        f"tracked point: {sway.get('stabilised_ratio', np.nan):.2f} of the sway of a still head "
+        f"remains, {sway['ratio']:.2f} without the shift. By the camera alone, no reading of a "
+        "joint is used: the model of the wires brings the head near, and then control uses the "
+        "angles that follow from the tracked patch.",
         pictures=[
             Picture(draw_servo(study), "Distance of the true point from the middle of the image.")
         ],
     )
+
+
+def _add_detection(
+    report: Report, mission: Mission, found: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]
+) -> None:
+    outcomes = [outcome for run in runs for outcome in run["outcomes"]]
+    pictures = detection_pictures(outcomes)
+    if mission.first is not None:
+        words = "Fig 14 redrawn: the picked point as first seen, and with the axis sent to it."
+        pictures.append(Picture(draw_images(mission), words))
     report.add(
         "Finding holes beside reflections (Fig 14)",
         text=(
             "Three lights, one after the other, and one frame without any: a reflection moves with "
             "its light, the edge of a hole does not, and light from behind is there without any. "
             "Where nothing is near, nine tenths of the outline of a dark hole are within "
-            f"{figures['detection']['plain_edge_px_p90']:.2f} pixels of its edge.",
+            f"{found['plain_edge_px_p90']:.2f} pixels of its edge.",
             limits(outcomes),
         ),
-        table=detection_table(figures["detection"]),
-        pictures=[
-            *detection_pictures(outcomes),
-            *(
-                [
-                    Picture(
-                        draw_images(mission),
-                        "Fig 14 redrawn: the picked point as first seen, and with the axis sent "
-                        "to it.",
-                    )
-                ]
-                if mission.first is not None
-                else []
-            ),
-        ],
+        table=detection_table(found),
+        pictures=pictures,
     )
-    report.add(
-        "Depths by echoes",
-        text="A lens of 8 mm focus, a raster of 36 places, 16 shots at each while the head sways "
-        "by a degree, and one fit of all waveforms. Without the lens the beam is as wide as the "
-        "disc: where another depth explains the echoes nearly as well, none is given.",
-        table=_depth_table(study),
-        pictures=[Picture(draw_soundings(runs), "Depths of all specimens, less the true ones.")],
-    )
+
+
+def _add_mission(report: Report, mission: Mission) -> None:
+    """Add the steps of a mission, its pit, its cracks, and the map once round the pipe."""
     rows = [(f"{step.t:.0f} s", step.what, step.outcome) for step in mission.log]
     report.add(
         "A mission without an operator",
@@ -125,26 +138,23 @@ def study_report(
     if mission.wall is None or mission.pit is None:
         report.add("No pit", text=nothing_found(mission))
     else:
+        words = f"The pit, unrolled and in 3-D. {_LOOKED}"
         report.add(
             "The pit",
             text="The outline is that of the image and of the echoes together, the depth that of "
             "the joint fit spread by the footprints of the beams; the rim is the least sure.",
             table=finding_rows(finding_of(mission.pit)),
-            pictures=[
-                Picture(draw_finding(mission.wall), f"The pit, unrolled and in 3-D. {_LOOKED}")
-            ],
+            pictures=[Picture(draw_finding(mission.wall), words)],
         )
     _add_cracks(report, mission)
     if mission.ring is not None:
+        words = "The pit is circled; a crack is drawn as traced."
         report.add(
             "Once round the pipe",
             text="What is under water has a profile by echoes, and what the camera saw in the "
             "drained pipe lies on its cylinder. The dashed line is the water, as found.",
-            pictures=[
-                Picture(draw_ring(mission), "The pit is circled; a crack is drawn as traced.")
-            ],
+            pictures=[Picture(draw_ring(mission), words)],
         )
-    return report
 
 
 def _add_cracks(report: Report, mission: Mission) -> None:
@@ -153,24 +163,20 @@ def _add_cracks(report: Report, mission: Mission) -> None:
         words = "No line was seen again in a near view, so that no crack is reported."
         report.add("No crack", text=words)
     for crack in mission.cracks:
-        words = (
-            "Dark under every light, thin, and seen again in a near view. Verdict of the echoes on "
-            f"its depth where it is widest: {crack.finding.verdict}. The floor of a narrow crack "
-            "reflects too little of a beam to be measured."
+        traced = (
+            "The crack and its course (orange), drawn at the measured angles: their errors "
+            "separate the two."
         )
+        around = f"The wall about it, unrolled and in 3-D. {_LOOKED}"
         report.add(
             "A crack",
-            text=words,
+            text="Dark under every light, thin, and seen again in a near view. Verdict of the "
+            f"echoes on its depth where it is widest: {crack.finding.verdict}. The floor of a "
+            "narrow crack reflects too little of a beam to be measured.",
             table=finding_rows(crack.finding),
             pictures=[
-                Picture(
-                    draw_crack(crack),
-                    "The crack and its course (orange), drawn where the head was read to look: "
-                    "what the readings were off, from look to look, is between the two.",
-                ),
-                Picture(
-                    draw_finding(crack.wall), f"The wall about it, unrolled and in 3-D. {_LOOKED}"
-                ),
+                Picture(draw_crack(crack), traced),
+                Picture(draw_finding(crack.wall), around),
             ],
         )
 
@@ -185,20 +191,11 @@ def nothing_found(mission: Mission) -> str:
     why = (
         "nothing round was seen"
         if mission.pit is None
-        else f"the echoes said: {mission.pit.verdict}"
+        else f"verdict of the echoes: {mission.pit.verdict}"
     )
     return (
         f"The mission of seed {mission.seed} ended without the depth of a pit ({why}); no mesh of "
         "one is written."
-    )
-
-
-def _missions(figures: Mapping[str, Any]) -> str:
-    found = figures["mission"]
-    many = f"mission{'s' if found['of'] > 1 else ''}"
-    measured, cracks = (round(found[key] * found["of"]) for key in ("measured", "crack_found"))
-    return (
-        f"in {measured} of {found['of']} {many} the pit was measured, in {cracks} the crack found"
     )
 
 
@@ -225,15 +222,11 @@ def draw_servo(study: InspectionStudy) -> Any:
 
 def _depth_table(study: InspectionStudy) -> Table:
     rows = []
-    for kind, scored in [(kind, one) for kind, each in study.scored.items() for one in each]:
-        pit, truth = scored.found, scored.sounding.depth
-        rows.append(
-            (
-                kind,
-                "through" if np.isinf(truth) else f"{1e3 * truth:.3f}",
-                pit.verdict,
-                f"{1e3 * pit.depth:.3f}" if np.isfinite(pit.depth) else "-",
-                f"{1e6 * PER_DEVIATION * pit.depth_sd:.1f}" if np.isfinite(pit.depth_sd) else "-",
-            )
-        )
+    for kind, scored in ((kind, one) for kind, each in study.scored.items() for one in each):
+        pit, truth = scored.found, scored.site.depth
+        true = "through" if np.isinf(truth) else f"{1e3 * truth:.3f}"
+        depth = f"{1e3 * pit.depth:.3f}" if np.isfinite(pit.depth) else "-"
+        sd = pit.depth_sd
+        band = f"{1e6 * PER_DEVIATION * sd:.1f}" if np.isfinite(sd) else "-"
+        rows.append((kind, true, pit.verdict, depth, band))
     return Table(("scene", "true depth, mm", "verdict", "depth, mm", "90 % band, um"), rows)

@@ -19,7 +19,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.sensing import SensorWatch
 from minorloop.head.geometry import Mount, meet_wall
-from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.calibration import HeadCalibration, joint_degrees
 from minorloop.head.procedures.centre import CONE, CentreState, Centring
 from minorloop.head.procedures.go import Go
 from minorloop.head.procedures.meter import Metering
@@ -30,7 +30,7 @@ from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
-from minorloop.head.twins.rig import STRAIGHT, Rig, SimulatedTip, Sway
+from minorloop.head.twins.rig import Rig, SimulatedTip, Sway
 from minorloop.head.vision.tracking import TRACKED
 
 TICK = 0.04
@@ -40,8 +40,8 @@ SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
 START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
-MOTION, MOTION_SECONDS = 10.0, 20.0
-"""Fastest motion under which the tracker is tested, in degrees a second, and its duration."""
+SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
+"""Amplitude of the motion under which the tracker is tested, its fastest rate, and its duration."""
 STROKE_SHARE = 0.93
 """Largest share of a wire's identified stroke in a scene, so that every hole can be reached."""
 BLIND = SensorWatch(patience=10_000)
@@ -126,7 +126,7 @@ class Scene:
         while True:
             away, way = np.radians(rng.uniform(19, 27)), float(rng.uniform(0, 2 * np.pi))
             aim = away * np.array([np.cos(way), np.sin(way)])
-            own = np.linalg.solve(np.asarray(self.control.coupling), np.degrees(aim) + STRAIGHT)
+            own = np.linalg.solve(np.asarray(self.control.coupling), joint_degrees(aim))
             if (own < STROKE_SHARE * np.array(top)).all():
                 return aim, way
 
@@ -223,8 +223,8 @@ class Swinging(Procedure[CentreState]):
 
     def _next(self, state: CentreState, reading: Reading) -> tuple[CentreState, Request]:
         state, request = self.centring.step(state, reading)
-        phase = MOTION / 7.0 * (reading.t - (state.began or 0.0))
-        swing = np.radians(7.0 * np.sin(phase) * np.array([1.0, 0.6]))
+        phase = MOTION / SWING * (reading.t - (state.began or 0.0))
+        swing = SWING * np.sin(phase) * np.array([1.0, 0.6])
         return state, replace(request, angles=CONE.clip(self.aim + swing))
 
 
@@ -276,9 +276,6 @@ def servo_figures(scene: Scene) -> tuple[dict[str, Any], dict[str, ServoRun]]:
             "held_px": held,
             "still_px": still,
         },
-        "tracking": {
-            "lost_fraction": runs["motion"].lost,
-            "reacquire_s": runs["motion"].reacquire,
-        },
+        "tracking": {"lost_fraction": runs["motion"].lost, "reacquire_s": runs["motion"].reacquire},
     }
     return figures, runs

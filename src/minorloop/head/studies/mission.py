@@ -26,14 +26,13 @@ from minorloop.head.studies.mission_steps import (
     centre,
     extract,
     focus,
-    look,
+    go,
     meter,
     pick,
+    search,
     touch,
-    travel,
-    turn,
 )
-from minorloop.head.studies.ultrasonic_scan import drain, rebuilt, ring_of, scan, sweep
+from minorloop.head.studies.ultrasonic_scan import drain, fused_wall, ring_of, scan, sweep
 from minorloop.head.twins.pipe import Bore, Crack
 from minorloop.head.ultrasound.pits import PitDepth, measure_pit
 from minorloop.head.ultrasound.profile import Profile
@@ -41,7 +40,7 @@ from minorloop.head.vision.cracks import TracedCrack
 from minorloop.head.vision.defects import Findings, Hole, strongest
 from minorloop.head.vision.reflectance_map import ReflectanceMap
 
-RING, LOOKS = math.radians(25.0), 8
+RING, VIEWS = math.radians(25.0), 8
 """Deflection of the views from one place in radians, and their number."""
 ADVANCES = (0.0, 3e-3, 6e-3, 9e-3, 12e-3, 15e-3, 18e-3, 21e-3, 24e-3)
 """Positions of the catheter in metres from which the mission looks around, until echoes confirm a
@@ -70,7 +69,7 @@ class Mission:
         Height of the water, in m.
     log : tuple of LogEntry
         Its steps.
-    looks : Findings, optional
+    near : Findings, optional
         Of the near view of the candidate.
     first, centred : (H, W) arrays, optional
         Images of the finding when picked, and with the axis sent to it.
@@ -97,7 +96,7 @@ class Mission:
     truth_crack: Crack
     truth_water: float
     log: tuple[LogEntry, ...] = ()
-    looks: Findings | None = None
+    near: Findings | None = None
     first: npt.NDArray[np.uint8] | None = None
     pixel: FloatArray | None = None
     centred: npt.NDArray[np.uint8] | None = None
@@ -120,7 +119,7 @@ class Mission:
         )
 
     def figures(self) -> dict[str, Any]:
-        """Errors of the result; NaN where nothing was found."""
+        """Return errors of the result; NaN where nothing was found."""
         place = width = depth = np.nan
         if self.pit is not None:
             place = 1e3 * scoring.apart((self.pit.phi, self.pit.z), self.truth, RADIUS)
@@ -207,8 +206,8 @@ def _approached(
     first, pixel = pick(rig, hole.place, f"evidence {hole.evidence:+.1f}")
     centre(rig, hole.place)
     focus(rig)
-    looks, found, again = extract(rig, hole)
-    return replace(mission, looks=looks, first=first, pixel=pixel, found=found), again, looks.wall
+    near, found, again = extract(rig, hole)
+    return replace(mission, near=near, first=first, pixel=pixel, found=found), again, near.wall
 
 
 def _measured(
@@ -221,17 +220,17 @@ def _measured(
     centred_image = touch(rig, hole)
     off = scoring.off_bore(truth.plant, truth.offset, truth.bore, RADIUS)
     place = (float(hole.place[0]), float(hole.place[1]))
-    ear, bursts = scan(rig, place)
-    pit = measure_pit(bursts, ear, place, hole.diameter)
+    probe, bursts = scan(rig, place)
+    pit = measure_pit(bursts, probe, place, hole.diameter)
     rig.say("measure", f"{pit.bursts} of {len(bursts)} places; {pit.verdict}")
     if pit.verdict == AGAIN:
-        ear, others = scan(rig, place, shift=0.5)
-        other = measure_pit(others, ear, place, hole.diameter)
+        probe, others = scan(rig, place, shift=0.5)
+        other = measure_pit(others, probe, place, hole.diameter)
         rig.say("measure again", f"{other.bursts} of {len(others)} places; {other.verdict}")
         pit, bursts = (other, others) if other.measured else (pit, bursts)
     one = replace(one, centred=centred_image, touch=off, pit=pit)
     if np.isfinite(pit.depth):
-        wall = rebuilt(bursts, ear, pit, hole, view)
+        wall = fused_wall(bursts, probe, pit, hole, view)
         profile, water = sweep(rig, place)
         size = f"{1e3 * pit.diameter:.2f} mm by {1e3 * pit.depth:.3f} mm"
         rig.say("reconstruct", f"{kind_of(pit.verdict)} of {size}")
@@ -247,10 +246,10 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
     for advance in (None, *(place for place in ADVANCES if place not in seen.places)):
         if advance is not None:
             _look_around(rig, advance, seen)
-        for trace, looks in likely(seen.traces, tried, RADIUS):
+        for trace, views in likely(seen.traces, tried, RADIUS):
             if len(tried) < mission_cracks.MOST:
                 tried.append(trace)
-                crack = mission_cracks.examined(rig, trace, looks)
+                crack = mission_cracks.examined(rig, trace, views)
                 found += [] if crack is None else [crack]
         if found:
             break
@@ -259,22 +258,22 @@ def _cracks(rig: InspectionRig, seen: Overview) -> tuple[SeenCrack, ...]:
 
 def _look_around(rig: InspectionRig, advance: float, seen: Overview) -> list[Hole]:
     """Return the candidates seen from one place, the likeliest first; add views and traces."""
-    travel(rig, advance, 0.0)
+    go(rig, place=(advance, 0.0))
     seen.places.append(advance)
     holes: list[Hole] = []
     lines = 0
-    for k in range(LOOKS):
-        way = 2 * np.pi * k / LOOKS
-        turn(rig, RING * np.array([np.cos(way), np.sin(way)]))
+    for k in range(VIEWS):
+        way = 2 * np.pi * k / VIEWS
+        go(rig, angles=RING * np.array([np.cos(way), np.sin(way)]))
         meter(rig)
-        found = look(rig)
+        found = search(rig)
         holes += found.holes
         traces = traces_of(found, RADIUS)
         lines += len(traces)
         seen.traces += traces
         seen.views += [found.wall] if found.wall is not None else []
     each = strongest(holes, RADIUS, -np.inf)
-    words = f"{len(each)} thing{'s' if len(each) > 1 else ''}" if each else "nothing"
+    words = f"{len(each)} candidate{'s' if len(each) > 1 else ''}" if each else "nothing"
     words += f"; {lines} line{'s' if lines > 1 else ''}" if lines else ""
-    rig.say("look around", f"from {1e3 * advance:g} mm, {LOOKS} looks: {words}")
+    rig.say("look around", f"from {1e3 * advance:g} mm, {VIEWS} views: {words}")
     return list(each)

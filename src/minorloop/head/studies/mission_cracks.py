@@ -22,7 +22,7 @@ from minorloop.head.procedures.trace import (
 from minorloop.head.reconstruction.depth_map import DepthMap
 from minorloop.head.reconstruction.findings import Finding
 from minorloop.head.studies.mission_scene import RADIUS
-from minorloop.head.studies.mission_steps import Photo, centre, focus, look_nearer, pick
+from minorloop.head.studies.mission_steps import Photo, centre, focus, near_view, pick
 from minorloop.head.studies.ultrasonic_scan import drain, scan
 from minorloop.head.twins.pipe import Crack
 from minorloop.head.ultrasound.crack_depth import CrackDepth, crack_depth, crack_finding, crack_map
@@ -66,14 +66,14 @@ class SeenCrack:
 
     @property
     def finding(self) -> Finding:
-        """Its line in the table."""
+        """Line of the table of findings."""
         return crack_finding(self.course.places, self.width, self.found, RADIUS)
 
 
-def examined(rig: InspectionRig, trace: TracedCrack, looks: int) -> SeenCrack | None:
+def examined(rig: InspectionRig, trace: TracedCrack, views: int) -> SeenCrack | None:
     """Go to a course, trace it in a near view, and scan across it; None if not seen again."""
     middle = trace.places[len(trace.places) // 2]
-    many = f"{looks} look{'s' if looks > 1 else ''}"
+    many = f"{views} view{'s' if views > 1 else ''}"
     pick(rig, middle, f"a line of {1e3 * trace.length:.1f} mm in {many}")
     centre(rig, middle)
     focus(rig)
@@ -86,9 +86,9 @@ def examined(rig: InspectionRig, trace: TracedCrack, looks: int) -> SeenCrack | 
     where, width = widest(best)
     words = f"{1e3 * course.length:.1f} mm long, {1e3 * width:.2f} mm at its widest"
     rig.say("trace", f"a crack, {words}")
-    ear, bursts = scan(rig, (float(where[0]), float(where[1])))
+    probe, bursts = scan(rig, (float(where[0]), float(where[1])))
     drain(rig)
-    found = crack_depth(bursts, ear, best.places, width)
+    found = crack_depth(bursts, probe, best.places, width)
     deep = f", {1e3 * found.depth:.2f} mm deep" if np.isfinite(found.depth) else ""
     rig.say("measure", f"{found.verdict}{deep}")
     patch = patch_about(course.places, rig.calibration.radius)
@@ -101,7 +101,7 @@ def _again(
 ) -> tuple[tuple[TracedCrack, ...], Photo | None]:
     """Return the traces of a course in near views, and the photo."""
     for by in CLOSER:
-        near, photo = look_nearer(rig, middle, by)
+        near, photo = near_view(rig, middle, by)
         again = traced_again(near, trace.places, rig.calibration.radius)
         if again:
             return again, photo

@@ -12,7 +12,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import MissingExtraError
 from minorloop.head.geometry import wrapped
-from minorloop.head.reconstruction.depth_map import SONAR, DepthMap
+from minorloop.head.reconstruction.depth_map import ECHOES, DepthMap
 from minorloop.head.reconstruction.findings import Finding, save_findings
 from minorloop.head.reconstruction.mesh import save_mesh
 from minorloop.head.studies.mission import Mission
@@ -21,11 +21,11 @@ from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Table
 from minorloop.studies.drawing import new_figure
 
-_SOURCES = ("unseen", "camera", "sonar", "both")
+_SOURCES = ("unseen", "camera", "echoes", "both")
 _SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
 _AROUND = 25.0  # pixels
-_NARROW = 0.55  # of its length, is a map with room for two ticks across
+_NARROW = 0.55  # of its length is the width of a map that has two ticks across
 _EVEN = 1e-6  # mm, between the least and the most of a map of one colour
 _MOST_FACES = 160  # along a side of a surface
 _FINE = 60  # texels a side, from which on their edges are not drawn
@@ -122,11 +122,11 @@ def _two_ticks(half: float) -> tuple[float, float]:
 
 
 def _draw_values(axes: Any, values: FloatArray, extent: tuple[float, float, float, float]) -> None:
-    """A map of a number, with its colours; one that is the same all over is said in words."""
+    """Draw a map of a number with its colours; write an even one in words."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     even = high - low < _EVEN
-    # An even map is of the shade that what the camera has seen has.
+    # An even map has the shade of wall that the camera has seen.
     axes.imshow(
         np.where(np.isfinite(values), 0.0, np.nan) if even else values,
         origin="lower", extent=extent, cmap="Greys_r" if even else "viridis",
@@ -135,13 +135,13 @@ def _draw_values(axes: Any, values: FloatArray, extent: tuple[float, float, floa
     if not even:
         axes.figure.colorbar(axes.images[0], ax=axes, shrink=0.9)
         return
-    told = f"{low:.3g} mm\nwherever known" if known.size else "nowhere known"
+    words = f"{low:.3g} mm\nwherever known" if known.size else "nowhere known"
     place = {"x": 1.06, "y": 0.5, "va": "center", "fontsize": 9, "transform": axes.transAxes}
-    axes.text(s=f"{told}\n(blank: unknown)" if known.size else told, **place)
+    axes.text(s=f"{words}\n(blank: unknown)" if known.size else words, **place)
 
 
 def _solid(axes: Any, wall: DepthMap) -> None:
-    """The wall from inside, the depth down, with the curve of the pipe; open where not known."""
+    """Draw the curved wall from inside, the depth down, with holes where it is not known."""
     x, y = (5e2 * n * wall.patch.step * np.linspace(-1.0, 1.0, n) for n in wall.depth.shape[::-1])
     radius = 1e3 * wall.patch.radius
     bow = radius - np.sqrt(radius**2 - x**2)
@@ -162,7 +162,7 @@ def _solid(axes: Any, wall: DepthMap) -> None:
 
 
 def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
-    """A surface of (rows, columns, 3) corners; matplotlib's own pads what NaN cuts with garbage."""
+    """Draw a surface of (rows, columns, 3) corners; that of matplotlib draws garbage beside NaN."""
     from mpl_toolkits.mplot3d import art3d
 
     every = max(-(-max(shades.shape[:2]) // _MOST_FACES), 1)
@@ -178,7 +178,7 @@ def _add_quads(axes: Any, corners: FloatArray, shades: FloatArray) -> None:
 
 
 def _shades(wall: DepthMap) -> FloatArray:
-    """Colours (rows, columns, 4) of depths, as they are in the map beside."""
+    """Return colours (rows, columns, 4) of depths, those of the map beside."""
     from matplotlib import colormaps
 
     low, high = _limits(wall)
@@ -187,7 +187,7 @@ def _shades(wall: DepthMap) -> FloatArray:
 
 
 def _limits(wall: DepthMap) -> tuple[float, float]:
-    """Least and greatest depth of colours, in metres: not above the wall by less than a band."""
+    """Return the least and greatest depth of colours, in m; heights within a band count as 0."""
     known = np.isfinite(wall.depth)
     if not known.any():
         return 0.0, 0.0
@@ -197,7 +197,7 @@ def _limits(wall: DepthMap) -> tuple[float, float]:
 
 
 def draw_ring(mission: Mission) -> Any:
-    """Once round the pipe, laid flat: who saw what, the water line, and the profile."""
+    """Draw the unrolled pipe: the source of each part, the water line, and the profile."""
     from matplotlib.colors import ListedColormap
 
     figure, (top, low) = new_figure(2, 1, height=4.6)
@@ -215,12 +215,12 @@ def draw_ring(mission: Mission) -> Any:
     bar.ax.set_yticklabels(_SOURCES)
     top.set(title=f"seen by; {ring.unseen:.1%} unseen", ylabel="along the pipe [mm]")
     low.grid(False)
-    heard = np.isfinite(ring.depth) & (ring.source & SONAR > 0)
-    depth = 1e3 * np.where(heard, ring.depth, np.nan)
+    measured = np.isfinite(ring.depth) & (ring.source & ECHOES > 0)
+    depth = 1e3 * np.where(measured, ring.depth, np.nan)
     shown = low.imshow(depth, origin="lower", extent=extent, aspect="auto", cmap="viridis")
     figure.colorbar(shown, ax=low, label="depth [mm]")
     low.set(
-        title="depth under the wall by echoes; blank where none came back",
+        title="depth under the wall by echoes; blank without an echo",
         xlabel="around the pipe [degrees]",
         ylabel="along the pipe [mm]",
     )
@@ -237,7 +237,7 @@ def draw_ring(mission: Mission) -> Any:
 
 
 def draw_crack(crack: SeenCrack) -> Any:
-    """A crack as it was seen from nearer, its course over it, and how wide it is along it."""
+    """Draw the near view of a crack, its course over it, and its width along it."""
     figure, (bare, traced, wide) = new_figure(1, 3, height=3.0)
     image, course = crack.photo.image, crack.photo.pixels(crack.traced.places)
     widest = crack.photo.pixels(crack.widest)
@@ -262,13 +262,13 @@ def draw_crack(crack: SeenCrack) -> Any:
 
 
 def _course(axes: Any, phi: FloatArray, z: FloatArray) -> None:
-    """A course on the unrolled wall, broken where it leaves it on one side."""
+    """Draw a course on the unrolled wall, broken where it crosses the edge."""
     broken = np.flatnonzero(np.abs(np.diff(phi)) > 180.0) + 1
     axes.plot(np.insert(phi, broken, np.nan), np.insert(z, broken, np.nan), color="C1", lw=1.0)
 
 
 def _water_angles(height: float, radius: float) -> FloatArray:
-    """Where the surface of the water meets the wall, in degrees; none where all is under it."""
+    """Return the angles in degrees at which the water meets the wall; none if all is flooded."""
     if not abs(height) < 0.995 * radius:
         return np.empty(0)
     up = float(np.degrees(np.arcsin(height / radius)))
@@ -276,23 +276,23 @@ def _water_angles(height: float, radius: float) -> FloatArray:
     return (both + 180.0) % 360.0 - 180.0
 
 
-def draw_soundings(runs: Sequence[Mapping[str, Any]]) -> Any:
-    """Measured less true depth of every pit, with its 90 % band."""
+def draw_depths(runs: Sequence[Mapping[str, Any]]) -> Any:
+    """Draw measured minus true depth of every pit, with its 90 % band."""
     figure, (left, right) = new_figure(1, 2, height=3.4)
     for axes, kinds, title in (
         (left, ("pit", "fused"), "through the lens"),
         (right, ("unfocused",), "unfocused disc"),
     ):
         each = [one for run in runs for kind in kinds for one in run["scored"][kind]]
-        told = [one for one in each if one.found.measured]
-        depth = [1e3 * one.sounding.depth for one in told]
-        error = [1e6 * (one.found.depth - one.sounding.depth) for one in told]
-        band = [1e6 * PER_DEVIATION * one.found.depth_sd for one in told]
-        if told:
+        known = [one for one in each if one.found.measured]
+        depth = [1e3 * one.site.depth for one in known]
+        error = [1e6 * (one.found.depth - one.site.depth) for one in known]
+        band = [1e6 * PER_DEVIATION * one.found.depth_sd for one in known]
+        if known:
             axes.errorbar(depth, error, yerr=band, fmt="o", ms=3, lw=0.8, capsize=1.5)
         axes.axhline(0.0, color="0.3", lw=0.8)
         axes.set(
-            title=f"{title}: {len(told)} of {len(each)} measured",
+            title=f"{title}: {len(known)} of {len(each)} measured",
             xlabel="true depth [mm]",
             ylabel="measured less true [um], 90 % band",
         )
@@ -300,7 +300,7 @@ def draw_soundings(runs: Sequence[Mapping[str, Any]]) -> Any:
 
 
 def finding_rows(finding: Finding) -> Table:
-    """A finding with the 90 % band of each of its figures."""
+    """Return a table of a finding with the 90 % band of each value."""
     rows = []
     for name, what, scale, unit in (
         ("phi", "angle", 180 / np.pi, "deg"),

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
 from minorloop.head.control.head import head_control
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
@@ -70,14 +69,14 @@ def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
     dry = replace(Pipe.draw(seed), bores=(bore,), cracks=(crack,))
     wet = [bore.phi, *(phi for phi, _ in crack.points)]
     flooded = replace(dry, water=_level(wet, np.random.default_rng([seed, 32])))
-    off = rng.uniform(-0.2e-3, 0.2e-3, 2)
-    known_off = off + rng.normal(0, 0.05e-3, 2)
+    x, y = rng.uniform(-0.2e-3, 0.2e-3, 2).tolist()
+    known_x, known_y = (np.array([x, y]) + rng.normal(0, 0.05e-3, 2)).tolist()
     about = np.random.default_rng([seed, 33])
     warm = float(about.uniform(12, 30))
     plant = Rig(Head(seed, 0.05, seed, delay=0.04), Catheter(seed, 0.02, seed), seed=seed)
     tip = SimulatedTip(
         dry,
-        mount=Mount(offset=_pair(off)),
+        mount=Mount(offset=(x, y)),
         specimen=seed,
         seed=seed,
         flooded=flooded,
@@ -87,14 +86,14 @@ def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
     calibration = HeadCalibration(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
-        offset=_pair(known_off),
+        offset=(known_x, known_y),
         thickness=flooded.thickness * float(1 + OFF_THICKNESS * about.normal()),
         temperature=warm + OFF_TEMPERATURE * float(about.normal()),
     )
     wires, coupling = wires_of(seed)
     control = head_control("observer", wires, coupling=coupling)
     rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
-    return rig, MissionTruth(bore, crack, flooded, warm, plant, _pair(off))
+    return rig, MissionTruth(bore, crack, flooded, warm, plant, (x, y))
 
 
 def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:
@@ -113,10 +112,6 @@ def _level(angles: Sequence[float], rng: np.random.Generator) -> float:
     up = float(np.sin(angles).min())
     highest = min(min(RADIUS, Probe().face) * up - 1e-3, RADIUS * up - 2.5e-3)
     return float(rng.uniform(-0.98 * RADIUS, highest)) if highest > -0.98 * RADIUS else -0.9999e-2
-
-
-def _pair(values: FloatArray) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
 
 
 def distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:

@@ -11,7 +11,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.procedures.centre import NOT_IN_VIEW, CentreState, Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
-from minorloop.head.procedures.go import Go
+from minorloop.head.procedures.go import GO
 from minorloop.head.procedures.mark import APPROACH, Marking, aim_at
 from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
@@ -31,24 +31,17 @@ class Photo:
     """An image, the calibrated camera, and the line of sight in radians."""
 
     image: npt.NDArray[np.uint8]
-    eye: CalibratedCamera
+    camera: CalibratedCamera
     angles: tuple[float, float]
 
     def pixels(self, places: npt.ArrayLike) -> FloatArray:
         """Return columns and rows (..., 2) of places (..., 2) on the wall."""
-        return np.asarray(self.eye.pixel(np.asarray(places), *self.angles))
+        return np.asarray(self.camera.pixel(np.asarray(places), *self.angles))
 
 
-def travel(rig: InspectionRig, advance: float, roll: float) -> None:
-    """Bring the catheter to an advance in metres and a roll in radians, without the head."""
-    go = Go()
-    rig.run(go, go.begin(place=(advance, roll)))
-
-
-def turn(rig: InspectionRig, angles: npt.ArrayLike) -> None:
-    """Turn the head to a line of sight (2,)."""
-    go = Go()
-    rig.run(go, go.begin(angles=angles))
+def go(rig: InspectionRig, **where: npt.ArrayLike) -> None:
+    """Bring the catheter to a ``place`` (2,), advance and roll, or the head to ``angles`` (2,)."""
+    rig.run(GO, GO.begin(**where))
 
 
 def meter(rig: InspectionRig) -> None:
@@ -57,11 +50,11 @@ def meter(rig: InspectionRig) -> None:
     rig.gain = rig.run(metering, metering.begin(rig.gain)).gain
 
 
-def look(rig: InspectionRig) -> Findings:
+def search(rig: InspectionRig) -> Findings:
     """Take five frames and return the findings in them."""
     acquisition = Acquisition()
-    looks = rig.run(acquisition, acquisition.begin(rig.gain)).looks
-    return find_holes(looks, rig.calibration.camera_at(rig.place))
+    frames = rig.run(acquisition, acquisition.begin(rig.gain)).frames
+    return find_holes(frames, rig.calibration.camera_at(rig.place))
 
 
 def photo(rig: InspectionRig) -> Photo:
@@ -75,8 +68,8 @@ def photo(rig: InspectionRig) -> Photo:
 def pick(rig: InspectionRig, place: FloatArray, words: str) -> tuple[Image, FloatArray]:
     """Go to where a place is within the cone, turn towards it, and return image and pixel."""
     ahead = rig.calibration.radius / np.tan(CENTRED)
-    travel(rig, max(float(place[1]) - ahead, FIRST), 0.0)
-    turn(rig, aim_at(rig.calibration, place, rig.place, APPROACH))
+    go(rig, place=(max(float(place[1]) - ahead, FIRST), 0.0))
+    go(rig, angles=aim_at(rig.calibration, place, rig.place, APPROACH))
     meter(rig)
     where = f"phi {np.degrees(place[0]):.0f} deg, z {1e3 * place[1]:.1f} mm"
     rig.say("pick", f"{where}, {words}")
@@ -93,7 +86,7 @@ def centre(rig: InspectionRig, place: FloatArray) -> None:
 def _centred(rig: InspectionRig, state: CentreState, step: str) -> None:
     """Log the distance from the middle; turn by the joints if the place is not in view."""
     if state.verdict == NOT_IN_VIEW:
-        turn(rig, aim_at(rig.calibration, state.place, rig.place))
+        go(rig, angles=aim_at(rig.calibration, state.place, rig.place))
         rig.say(step, "not whole in view; turned there by the joints alone")
     else:
         rig.say(step, f"{state.error / 2:.2f} px from the middle of a 320 by 240 image")
@@ -109,25 +102,25 @@ def focus(rig: InspectionRig) -> None:
     rig.say("focus", f"{1e3 * found.distance:.1f} mm, {found.verdict}")
 
 
-def look_nearer(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
+def near_view(rig: InspectionRig, place: FloatArray, by: float = NEAR) -> tuple[Findings, Photo]:
     """Advance by some metres, take five frames and a photo of a place, and return."""
-    advance, roll = rig.place.tolist()
-    travel(rig, advance + by, roll)
-    turn(rig, aim_at(rig.calibration, place, rig.place))
+    home = rig.place
+    go(rig, place=np.add(home, (by, 0.0)))
+    go(rig, angles=aim_at(rig.calibration, place, rig.place))
     meter(rig)
-    looks, seen = look(rig), photo(rig)
-    travel(rig, advance, roll)
-    return looks, seen
+    findings, seen = search(rig), photo(rig)
+    go(rig, place=home)
+    return findings, seen
 
 
 def extract(rig: InspectionRig, picked: Hole) -> tuple[Findings, Hole, bool]:
     """Outline a candidate in a near view; return whether it is seen again."""
-    looks, _ = look_nearer(rig, picked.place)
-    again = nearest(looks.holes, picked.place, rig.calibration.radius)
+    findings, _ = near_view(rig, picked.place)
+    again = nearest(findings.holes, picked.place, rig.calibration.radius)
     hole = again or picked
-    words = "seen again from nearer" if again else "not seen again; the first look counts"
+    words = "seen again from nearer" if again else "not seen again; the first view counts"
     rig.say("extract", f"{1e3 * hole.diameter:.2f} mm across, {words}")
-    return looks, hole, again is not None
+    return findings, hole, again is not None
 
 
 def touch(rig: InspectionRig, hole: Hole) -> Image:

@@ -1,6 +1,6 @@
 """Pits, holes and marks drawn by seed, scanned by a probe that sways, and scored after the scan.
 
-The estimate knows what a real head would know: noisy angles, mount and water temperature with small
+The estimate gets what a real head has: noisy angles, mount and water temperature with small
 errors, and place and size by the camera. The scan is the procedure of mission and console.
 """
 
@@ -52,7 +52,7 @@ class ScanSite:
 
     Parameters
     ----------
-    ear : CalibratedProbe
+    probe : CalibratedProbe
         As calibrated.
     centre : (float, float)
         Phi and z of the mouth by the camera.
@@ -66,7 +66,7 @@ class ScanSite:
         Known minus true roll and advance of the mount. For scoring only.
     """
 
-    ear: CalibratedProbe
+    probe: CalibratedProbe
     centre: tuple[float, float]
     diameter: float
     truth: Bore
@@ -85,28 +85,28 @@ class ScanTrial(ScanSite):
 
     Parameters
     ----------
-    sonar : Ultrasound
-        The twin.
+    twin : Ultrasound
+        Of the probe.
     pipe : Pipe
         With water, if any.
     mount : Mount
         True mount. For scoring only.
-    probe : dict
+    settings : dict
         Noise, gain and temperature of the twin.
     rng : numpy Generator
         Of the sway, of the noise of the angles, and of the picture.
     """
 
-    sonar: Ultrasound
+    twin: Ultrasound
     pipe: Pipe
     mount: Mount
-    probe: dict[str, Any]
+    settings: dict[str, Any]
     rng: np.random.Generator
 
     @property
     def site(self) -> ScanSite:
         """The place without the twin of the probe, which fills 19 MB."""
-        return ScanSite(self.ear, self.centre, self.diameter, self.truth, self.dry, self.strayed)
+        return ScanSite(self.probe, self.centre, self.diameter, self.truth, self.dry, self.strayed)
 
     def picture(self, patch: Patch) -> FloatArray:
         """Return the logarithm (rows, columns) of the unrolled image with a dark mouth.
@@ -120,7 +120,7 @@ class ScanTrial(ScanSite):
         return shade
 
 
-def draw_sounding(
+def draw_trial(
     seed: int, *, kind: str = "pit", lens: bool = True, snr: float = 20.0, bore: Bore | None = None
 ) -> ScanTrial:
     """Draw a pit of 0.85 to 1.5 mm by 0.2 to 1 mm, or another defect, in a pipe by seed.
@@ -157,17 +157,17 @@ def draw_sounding(
     off = rng.uniform(-0.2e-3, 0.2e-3, 2)
     roll = phi + float(rng.normal(0, 0.02))
     true = Mount(
-        offset=(float(off[0]), float(off[1])),
-        roll=roll,
-        advance=_Z + float(rng.normal(0, 0.1e-3)),
+        offset=(float(off[0]), float(off[1])), roll=roll, advance=_Z + float(rng.normal(0, 0.1e-3))
     )
     guess = off + rng.normal(0, 0.05e-3, 2)
     known = replace(true, offset=(float(guess[0]), float(guess[1])))
-    warm, probe = float(rng.uniform(12, 30)), Probe() if lens else Probe(focus=math.inf)
+    warm, transducer = float(rng.uniform(12, 30)), Probe() if lens else Probe(focus=math.inf)
     level = 1.0
     if kind in ("pit", "dished", "dry"):
         level = scoring.floor_level(
-            Ultrasound(pipe, true, probe, noise=0.0, temperature=warm, specimen=seed, seed=seed)
+            Ultrasound(
+                pipe, true, transducer, noise=0.0, temperature=warm, specimen=seed, seed=seed
+            )
         )
     noise = level * 10 ** (-snr / 20) * math.sqrt(RasterScan.shots)
     settings: dict[str, Any] = {
@@ -175,9 +175,9 @@ def draw_sounding(
         "gain": min(0.5, 0.5 / (0.7 + 4 * noise)),
         "temperature": warm,
     }
-    sonar = Ultrasound(pipe, true, probe, specimen=seed, seed=seed, **settings)
-    ear = CalibratedProbe(
-        probe,
+    twin = Ultrasound(pipe, true, transducer, specimen=seed, seed=seed, **settings)
+    probe = CalibratedProbe(
+        transducer,
         known,
         thickness=pipe.thickness * float(rng.uniform(0.97, 1.03)),
         temperature=warm + float(rng.normal(0, 0.3)),
@@ -191,9 +191,9 @@ def draw_sounding(
     turned, moved = float(rng.normal(0, _ROLL_SD)), float(rng.normal(0, _ADVANCE_SD))
     known = replace(known, roll=known.roll + turned, advance=known.advance + moved)
     centre = (centre[0] + turned, centre[1] + moved)
-    ear = replace(ear, mount=known)
-    about = (ear, centre, seen, pit, kind == "dry", (turned, moved))
-    return ScanTrial(*about, sonar=sonar, pipe=pipe, mount=true, probe=settings, rng=rng)
+    probe = replace(probe, mount=known)
+    about = (probe, centre, seen, pit, kind == "dry", (turned, moved))
+    return ScanTrial(*about, twin=twin, pipe=pipe, mount=true, settings=settings, rng=rng)
 
 
 def scan(trial: ScanTrial) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
@@ -207,33 +207,33 @@ def scan(trial: ScanTrial) -> tuple[CalibratedProbe, tuple[Burst, ...]]:
         At the place of the scan.
     bursts : tuple of Burst
     """
-    scanning = RasterScan(calibration=_calibration(trial.ear))
+    scanning = RasterScan(calibration=_calibration(trial.probe))
     state, request = scanning.begin(trial.centre), NOTHING
-    place = start = np.array([trial.ear.mount.advance, trial.ear.mount.roll])
+    place = start = np.array([trial.probe.mount.advance, trial.probe.mount.roll])
     joints, begin = np.zeros(2), float(trial.rng.uniform(0.0, _PHASES))
     while not state.done:
         joints = joints if request.angles is None else request.angles
         place = place + _TICK * request.rates
         advance, roll = (place - start).tolist()
         true = trial.mount
-        trial.sonar.move(replace(true, advance=true.advance + advance, roll=true.roll + roll))
+        trial.twin.move(replace(true, advance=true.advance + advance, roll=true.roll + roll))
         reading = _reading(trial, request.shots, joints, place, begin)
         state, request = scanning.step(state, reading)
-        trial.sonar.wait(_TICK)
+        trial.twin.wait(_TICK)
     return scanning.calibration.probe_at(place), state.bursts
 
 
-def _calibration(ear: CalibratedProbe) -> HeadCalibration:
+def _calibration(probe: CalibratedProbe) -> HeadCalibration:
     """Return the calibration of a head with this probe in this pipe."""
     return HeadCalibration(
         lens=LENS,
         leds=np.empty((0, 3)),
-        offset=ear.mount.offset,
-        lever=ear.mount.lever,
-        probe=ear.transducer,
-        radius=ear.radius,
-        thickness=ear.thickness,
-        temperature=ear.temperature,
+        offset=probe.mount.offset,
+        lever=probe.mount.lever,
+        probe=probe.transducer,
+        radius=probe.radius,
+        thickness=probe.thickness,
+        temperature=probe.temperature,
     )
 
 
@@ -241,18 +241,18 @@ def _reading(
     trial: ScanTrial, count: int, joints: FloatArray, place: FloatArray, begin: float
 ) -> Reading:
     """Fire a burst, and read joints, catheter and gyroscope."""
-    t, sonar, rng = trial.sonar.clock, trial.sonar, trial.rng
+    t, twin, rng = trial.twin.clock, trial.twin, trial.rng
     shots = []
     for _ in range(count):
-        pan, tilt = joints + np.radians(_SWAY.at(begin + sonar.clock))
-        sonar.look(float(pan), float(tilt))
-        shots.append(sonar.shot())
+        pan, tilt = joints + _SWAY.at(begin + twin.clock)
+        twin.look(float(pan), float(tilt))
+        shots.append(twin.shot())
     base = _SWAY.at(begin + t) + GYROSCOPE_NOISE * rng.standard_normal(2)
     return Reading(
         t=t,
         angles=joints + _JOINT_NOISE * rng.standard_normal(2),
         place=place,
-        base=np.radians(base),
+        base=base,
         shots=tuple(shots),
         fired=count > 0,
     )
@@ -264,7 +264,7 @@ class ScoredScan:
 
     Parameters
     ----------
-    sounding : ScanSite
+    site : ScanSite
         Where.
     found : PitDepth
         The estimate.
@@ -276,28 +276,28 @@ class ScoredScan:
         By the first burst.
     """
 
-    sounding: ScanSite
+    site: ScanSite
     found: PitDepth
     seconds: float
     wall: DepthMap
     modality: str
 
 
-def sound(trial: ScanTrial) -> ScoredScan:
+def run_trial(trial: ScanTrial) -> ScoredScan:
     """Scan, measure and fuse one place."""
     probe, bursts = scan(trial)
     coupled = bool(bursts) and bursts[0].verdict != NO_COUPLING
-    return examined(replace(trial, ear=probe), bursts, "sonar" if coupled else "camera")
+    return measured(replace(trial, probe=probe), bursts, "ultrasound" if coupled else "camera")
 
 
-def examined(sounding: ScanTrial, bursts: Sequence[Burst], modality: str = "sonar") -> ScoredScan:
+def measured(trial: ScanTrial, bursts: Sequence[Burst], modality: str = "ultrasound") -> ScoredScan:
     """Measure and fuse the bursts of one place."""
     before = time.process_time()
-    found = measure_pit(bursts, sounding.ear, sounding.centre, sounding.diameter)
+    about = trial.probe, trial.centre, trial.diameter
+    found = measure_pit(bursts, *about)
     seconds = time.process_time() - before
-    about = sounding.ear, sounding.centre, sounding.diameter
-    wall = wall_about(found, bursts, *about, seen=sounding.picture)
-    return ScoredScan(sounding.site, found, seconds, wall, modality)
+    wall = wall_about(found, bursts, *about, seen=trial.picture)
+    return ScoredScan(trial.site, found, seconds, wall, modality)
 
 
 def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
@@ -324,7 +324,7 @@ def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
     """Return the largest errors of findings, and the share of texels inside their 90 % band."""
     runs = [run for run in scored if run.found.measured]
     depths = np.array([1e3 * _error(run) for run in runs])
-    sizes = [run.found.diameter / run.sounding.truth.diameter - 1 for run in runs]
+    sizes = [run.found.diameter / run.site.truth.diameter - 1 for run in runs]
     texels = np.concatenate([_covered(run) for run in runs]) if runs else np.zeros(1, bool)
     return {
         "position_mm": max((1e3 * _miss(run) for run in runs), default=math.nan),
@@ -350,19 +350,21 @@ def modality_wrong(scored: Iterable[ScoredScan]) -> int:
     """Return how often a depth was given in air or for a hole, or the modality was wrong."""
     wrong = 0
     for run in scored:
-        dry, hole = run.sounding.dry, run.sounding.truth.through
+        dry, hole = run.site.dry, run.site.truth.through
         claimed = np.isfinite(run.found.depth)
-        wrong += bool((dry or hole) and claimed) or run.modality != ("camera" if dry else "sonar")
+        wrong += bool((dry or hole) and claimed) or run.modality != (
+            "camera" if dry else "ultrasound"
+        )
     return wrong
 
 
 def _error(run: ScoredScan) -> float:
-    return run.found.depth - run.sounding.depth
+    return run.found.depth - run.site.depth
 
 
 def _miss(run: ScoredScan) -> float:
-    found, truth = run.found, run.sounding.truth
-    radius = run.sounding.ear.radius
+    found, truth = run.found, run.site.truth
+    radius = run.site.probe.radius
     return float(wall_distance((found.phi, found.z), (truth.phi, truth.z), radius))
 
 
@@ -371,8 +373,8 @@ def _covered(run: ScoredScan) -> BoolArray:
 
     The frame is the known one of the head: its error counts in the position of a finding.
     """
-    patch, bore = run.wall.patch, run.sounding.truth
-    turned, moved = run.sounding.strayed
+    patch, bore = run.wall.patch, run.site.truth
+    turned, moved = run.site.strayed
     off = patch.off(bore.phi + turned, bore.z + moved)
     square = (off**2).sum(axis=-1) / (bore.diameter / 2) ** 2
     floor = bore.depth + off @ np.array(bore.floor_tilt) - bore.dish * square

@@ -20,12 +20,12 @@ from minorloop.head.reconstruction.depth_map import (
     WaterLine,
     blend,
     camera_map,
+    echo_map,
     find_water,
     paste,
-    sonar_map,
 )
 from minorloop.head.studies.mission_scene import RADIUS
-from minorloop.head.studies.mission_steps import travel, turn
+from minorloop.head.studies.mission_steps import go
 from minorloop.head.ultrasound.echoes import Burst, average
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.ultrasound.pits import PitDepth, raster
@@ -66,26 +66,26 @@ def drain(rig: InspectionRig) -> None:
     rig.reading(Request(water=False))
 
 
-def rebuilt(
+def fused_wall(
     bursts: Sequence[Burst],
-    ear: CalibratedProbe,
+    probe: CalibratedProbe,
     pit: PitDepth,
     hole: Hole,
     view: ReflectanceMap | None,
 ) -> DepthMap:
     """Fuse echoes and the near view to a map about a pit."""
     centre = (float(hole.place[0]), float(hole.place[1]))
-    seen = None if view is None else lambda patch: laid(view, patch)
-    return wall_about(pit, bursts, ear, centre, hole.diameter, seen=seen)
+    seen = None if view is None else lambda patch: resampled(view, patch)
+    return wall_about(pit, bursts, probe, centre, hole.diameter, seen=seen)
 
 
 def sweep(rig: InspectionRig, place: tuple[float, float]) -> tuple[Profile, WaterLine]:
     """Roll the catheter once round, and measure profile and water line."""
-    ear = rig.calibration.probe_at(rig.place)
-    turn(rig, raster(ear, place, points=1)[0])
+    probe = rig.calibration.probe_at(rig.place)
+    go(rig, angles=raster(probe, place, points=1)[0])
     profiles = []
     for k in range(TURNS):
-        travel(rig, float(rig.place[0]), np.radians(-180.0 + 360.0 * k / TURNS))
+        go(rig, place=(rig.place[0], np.radians(-180.0 + 360.0 * k / TURNS)))
         now = rig.reading(Request(shots=RING_SHOTS))
         angles = np.tile(now.line_of_sight, (RING_SHOTS, 1))
         burst = average(now.shots, angles, np.zeros(RING_SHOTS))
@@ -107,9 +107,9 @@ def ring_of(
     patch = Patch(-np.pi, low, rows, columns)
     seen = np.zeros((rows, columns), dtype=bool)
     for view in views:
-        seen |= np.isfinite(laid(view, patch))
-    spoken = sonar_map(patch, profile.spots, profile.depths, profile.sds, footprint=0.35e-3)
-    ring = blend(camera_map(patch, seen, np.zeros(seen.shape)), spoken)
+        seen |= np.isfinite(resampled(view, patch))
+    echoes = echo_map(patch, profile.spots, profile.depths, profile.sds, footprint=0.35e-3)
+    ring = blend(camera_map(patch, seen, np.zeros(seen.shape)), echoes)
     for part in parts:
         ring = paste(ring, part)
     return ring
@@ -123,14 +123,12 @@ def _span(parts: Sequence[DepthMap]) -> tuple[float, float]:
     return min(low - MARGIN, middle - 0.5 * RING), max(high + MARGIN, middle + 0.5 * RING)
 
 
-def laid(view: ReflectanceMap, patch: Patch) -> FloatArray:
+def resampled(view: ReflectanceMap, patch: Patch) -> FloatArray:
     """Resample a view of the camera on a patch (rows, columns); NaN where nothing is seen."""
     window, places = view.window, patch.places
     half = 0.5 * (window.columns - 1)
     middle = window.phi + half * window.step / patch.radius
     x = wrapped(places[..., 0] - middle) * patch.radius / window.step + half
     y = (places[..., 1] - window.z) / window.step
-    laid: FloatArray = map_coordinates(
-        np.asarray(view.whole, dtype=np.float64), [y, x], order=1, mode="constant", cval=np.nan
-    )
-    return laid
+    whole = np.asarray(view.whole, dtype=np.float64)
+    return np.asarray(map_coordinates(whole, [y, x], order=1, mode="constant", cval=np.nan))

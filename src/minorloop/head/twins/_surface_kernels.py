@@ -12,7 +12,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def add_dent(surface, size, x0, z0, width, height):
-    """Slopes of a Gaussian bump at x0 around and z0 along."""
+    """Add the slopes of a Gaussian bump at x0 around and z0 along."""
     rows, columns = surface.shape[:2]
     reach = 4.0 * width
     first, last = int(np.floor((z0 - reach) / size[1])), int(np.ceil((z0 + reach) / size[1]))
@@ -28,7 +28,7 @@ def add_dent(surface, size, x0, z0, width, height):
 
 @njit(cache=True, nogil=True)
 def add_scratch(surface, size, x0, z0, angle, length, width, slope, albedo):
-    """Flanks of a straight groove."""
+    """Add the flanks of a straight groove."""
     rows, columns = surface.shape[:2]
     c, s = np.cos(angle), np.sin(angle)
     half, reach = 0.5 * length, 2.0 * width
@@ -52,7 +52,7 @@ def add_scratch(surface, size, x0, z0, angle, length, width, slope, albedo):
 
 @njit(cache=True, nogil=True)
 def add_dirt(surface, size, x0, z0, radius, albedo, softness, lobes):
-    """A patch whose outline has lobes (N, 2): amplitude and phase of harmonic 2, 3, and so on."""
+    """Add a patch whose outline has lobes (N, 2): amplitude and phase of harmonics from 2."""
     rows, columns = surface.shape[:2]
     reach = radius * (1.0 + np.abs(lobes[:, 0]).sum()) + 3.0 * softness
     for i in range(

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from minorloop.twins._kernels import course, recall, remember
+from minorloop.head.twins._kernels import course, recall, remember
 
 ITERATIONS = 200
 NEAR = 1e-11

@@ -42,13 +42,7 @@ class Beam:
 
 
 def beam_of(
-    aperture: float,
-    focus: float,
-    wavenumbers: FloatArray,
-    *,
-    near: float,
-    far: float,
-    off: float,
+    aperture: float, focus: float, wavenumbers: FloatArray, *, near: float, far: float, off: float
 ) -> Beam:
     """Compute the beam of a disc by its angular spectrum.
 

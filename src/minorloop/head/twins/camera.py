@@ -23,6 +23,7 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import LimitError, ParameterError
 from minorloop.head.geometry import Mount, Pinhole, Pose, meet_wall, wall_point
 from minorloop.head.twins import _camera_kernels as kernels
+from minorloop.head.twins.mounted import Mounted
 from minorloop.head.twins.pipe import Bore, Crack, Pipe
 from minorloop.head.twins.surface import lay_out
 from minorloop.lab.actuator import Frame
@@ -92,7 +93,7 @@ class ImageSensor:
             raise ParameterError("a sensor needs electrons and an interval above 0")
 
 
-class Camera:
+class Camera(Mounted):
     """640 by 480 grey pixels, 25 frames a second, between three LEDs.
 
     Parameters
@@ -144,43 +145,20 @@ class Camera:
             )
         self.sensor = sensor or ImageSensor()
         self.leds = led_positions()
-        self._pipe, self._mount = pipe, mount or Mount()
+        super().__init__(mount)
+        self._pipe = pipe
         self._optics, self.calibration, self._strengths = _specimen(optics, specimen)
         self._rng = np.random.default_rng([seed, 1])
         self._noise = self._rng.standard_normal(_NOISE_BANK, dtype=np.float32)
-        self._pan, self._tilt, self._rates = 0.0, 0.0, (0.0, 0.0)
         self._on = (True,) * len(self.leds)
         self._exposure, self._gain = 0.01, 1.0
         self._focus = self._focus_wanted = 1 / 0.015
-        self._clock = 0.0
         self._prepare()
-
-    @property
-    def clock(self) -> float:
-        """Time at which the next frame begins, in seconds."""
-        return self._clock
 
     @property
     def focus(self) -> float:
         """Distance in focus now, in metres."""
         return 1 / self._focus
-
-    def look(self, pan: float, tilt: float, *, rates: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Set the angles of the head at the start of the next frame, and their rates.
-
-        Parameters
-        ----------
-        pan, tilt : float
-            In radians.
-        rates : (float, float)
-            Of pan and tilt, in radians per second.
-        """
-        self._pan, self._tilt = as_finite("pan", pan), as_finite("tilt", tilt)
-        self._rates = (as_finite("rate of pan", rates[0]), as_finite("rate of tilt", rates[1]))
-
-    def move(self, mount: Mount) -> None:
-        """Move the head to another place in the pipe."""
-        self._mount = mount
 
     def switch(self, lights: Sequence[bool]) -> None:
         """Switch LEDs on or off from the next frame on.
@@ -235,9 +213,7 @@ class Camera:
 
     def _advance(self, seconds: float) -> None:
         """Advance the clock: the head continues to turn and the focus to move."""
-        self._clock += seconds
-        self._pan += seconds * self._rates[0]
-        self._tilt += seconds * self._rates[1]
+        super()._advance(seconds)
         reach = seconds * _FOCUS_RATE
         self._focus += float(np.clip(self._focus_wanted - self._focus, -reach, reach))
 
@@ -307,12 +283,7 @@ class Camera:
         fields = np.empty(
             (kernels.COMMON + kernels.PER_LED * len(leds), *self._rays.shape[:2]), np.float32
         )
-        lens = (
-            self._optics.focal,
-            self.sensor.aperture,
-            1 / self._focus,
-            self.sensor.sharpest**2,
-        )
+        lens = (self._optics.focal, self.sensor.aperture, 1 / self._focus, self.sensor.sharpest**2)
         kernels.fill_nodes(
             self._rays, turns, lenses, self._pipe.radius, leds, strengths, 1.0, lens, fields
         )

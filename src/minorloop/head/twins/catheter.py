@@ -9,15 +9,14 @@ to 60, in; ``advance`` in mm and ``roll`` in degrees, of the tip, out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.twins.sensor import Fault
+from minorloop.head.twins._kernels import catheter_run
 from minorloop.head.twins.simulated_axes import SimulatedAxes
 from minorloop.lab.actuator import Channel
-from minorloop.twins import _kernels
 from minorloop.twins.checkpoints import check_within, damaged
 
 TRAVEL = 1500.0
@@ -37,35 +36,15 @@ _NOMINAL = {
     "roll_relaxation": 0.06,  # s
     "friction_growth": 1e-3,  # 1/mm
 }
+_DRIVES = list(_NOMINAL)[:8]
 
 
 class Catheter(SimulatedAxes):
     """A motor, an elastic tube and friction: two rates in, the place of the tip out.
 
-    Parameters
-    ----------
-    specimen : int, optional
-        Seed of a specimen: the nine parameters of motors, tube and friction are drawn within
-        +-10 % of nominal. Without it, the nominal catheter.
-    noise : float
-        Standard deviation of the readings, in mm and in degrees.
-    seed : int
-        Seed of the noise.
-    tick : float
-        Duration of one ``exchange``, in seconds.
-    delay : float
-        Delay of the readings, in seconds.
-    faults : sequence of Fault
-        Times in which readings are stuck or lost, channel ``advance`` or ``roll``.
-    substeps : int
-        Divides every time step of the integration, 10 ms at most.
-    log_truth : bool
-        Whether to log the hidden state at the end of every call, for scoring after the run.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
+    Its nine parameters are those of motors, tube and friction; options are those of
+    ``SimulatedAxes``. Noise is in mm and degrees, the channels of faults are ``advance`` and
+    ``roll``.
 
     Notes
     -----
@@ -81,37 +60,16 @@ class Catheter(SimulatedAxes):
         Channel("roll rate", "deg/s", -60.0, 60.0),
     )
     outputs = (Channel("advance", "mm"), Channel("roll", "deg"))
+    _nominal = _NOMINAL
     _rest_input = (0.0, 0.0)
-    _longest_step = 0.01
     _farthest = 2000.0
     _truth_names = ("tip", "motor", "motor_rate")
 
-    def __init__(
-        self,
-        specimen: int | None = None,
-        noise: float = 0.0,
-        seed: int = 0,
-        *,
-        tick: float = 0.04,
-        delay: float = 0.0,
-        faults: Sequence[Fault] = (),
-        substeps: int = 1,
-        log_truth: bool = False,
-    ) -> None:
-        super().__init__(
-            _NOMINAL,
-            specimen=specimen,
-            noise=noise,
-            seed=seed,
-            tick=tick,
-            delay=delay,
-            faults=faults,
-            substeps=substeps,
-            log_truth=log_truth,
-        )
-        *drives, self._growth = self._parameters.values()
-        ends = np.array([[0.0, TRAVEL], [-TURNS, TURNS]])
-        self._drives = np.hstack([np.reshape(drives, (2, 4)), ends])
+    @cached_property
+    def _drives(self) -> FloatArray:
+        """Parameters of both axes (2, 6), see ``catheter_step``."""
+        drives = np.reshape([self._parameters[name] for name in _DRIVES], (2, 4))
+        return np.hstack([drives, [[0.0, TRAVEL], [-TURNS, TURNS]]])
 
     def _at_rest(self) -> FloatArray:
         return np.zeros((2, 4))
@@ -122,17 +80,17 @@ class Catheter(SimulatedAxes):
         fastest = np.array([channel.high for channel in self.inputs])
         check_within(rate, -fastest, fastest, "rate of motor")
         check_within(motor, low, high, "position of motor")
-        stretch = 1.0 + self._growth * TRAVEL
+        stretch = 1.0 + self._parameters["friction_growth"] * TRAVEL
         most = stretch * (breakaway + sliding) + (relaxation + self._longest_step) * fastest
         check_within(motor - tip, -most, most, "lag of tip")
         if not np.isin(way, (-1.0, 0.0, 1.0)).all():
             raise damaged("a tip neither sticks nor slides")
 
     def _run(self, ends: FloatArray, first: FloatArray, u: FloatArray) -> FloatArray:
-        out: FloatArray = _kernels.catheter_run(
+        out: FloatArray = catheter_run(
             self._state,
             self._drives,
-            self._growth,
+            self._parameters["friction_growth"],
             self._clock,
             ends,
             first,

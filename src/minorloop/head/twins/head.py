@@ -12,13 +12,9 @@ Channels, in this order: ``pan current`` and ``tilt current`` in A, 0 to 0.4, in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.twins.sensor import Fault
-from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.wire import HIGHEST_CURRENT, WIRE, HeatedWires
 from minorloop.lab.actuator import Channel
 
@@ -36,34 +32,9 @@ _COUPLING = {
 class Head(HeatedWires):
     """Two wires at right angles: two currents in, pan and tilt out.
 
-    Parameters
-    ----------
-    specimen : int, optional
-        Seed of a specimen: the seventeen parameters of each wire and the five of the coupling
-        are drawn within +-10 % of nominal; the pan wire is that of ``Wire(specimen)``.
-    noise : float
-        Standard deviation of the measured angles, in degrees.
-    seed : int
-        Seed of the noise.
-    tick : float
-        Duration of one ``exchange``, in seconds.
-    delay : float
-        Delay of the measured angles, in seconds.
-    surroundings : Surroundings, optional
-        Ambient, convection and load over time; still air at 20 degrees without it.
-    ageing, drift : float
-        As in ``Wire``, of both wires.
-    faults : sequence of Fault
-        Times in which readings are stuck or lost, channel ``pan`` or ``tilt``.
-    substeps : int
-        Divides every time step of the integration, 10 ms at most.
-    log_truth : bool
-        Whether to log the hidden state at the end of every call, for scoring after the run.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
+    The seventeen parameters of each wire and the five of the coupling belong to a specimen; its pan
+    wire is that of ``Wire(specimen)``. Options are those of ``HeatedWires``; the channels of faults
+    are ``pan`` and ``tilt``.
 
     Notes
     -----
@@ -81,38 +52,12 @@ class Head(HeatedWires):
         Channel("tilt current", "A", 0.0, HIGHEST_CURRENT),
     )
     outputs = (Channel("pan", "deg"), Channel("tilt", "deg"))
+    _nominal = {  # noqa: RUF012
+        **{f"pan_{name}": value for name, value in WIRE.items()},
+        **{f"tilt_{name}": value for name, value in WIRE.items()},
+        **_COUPLING,
+    }
     _rest_input = (0.0, 0.0)
-
-    def __init__(
-        self,
-        specimen: int | None = None,
-        noise: float = 0.0,
-        seed: int = 0,
-        *,
-        tick: float = 0.04,
-        delay: float = 0.0,
-        surroundings: Surroundings | None = None,
-        ageing: float = 0.0,
-        drift: float = 0.0,
-        faults: Sequence[Fault] = (),
-        substeps: int = 1,
-        log_truth: bool = False,
-    ) -> None:
-        wires = {f"{axis}_{name}": WIRE[name] for axis in ("pan", "tilt") for name in WIRE}
-        super().__init__(
-            {**wires, **_COUPLING},
-            specimen=specimen,
-            noise=noise,
-            seed=seed,
-            tick=tick,
-            delay=delay,
-            surroundings=surroundings,
-            ageing=ageing,
-            drift=drift,
-            faults=faults,
-            substeps=substeps,
-            log_truth=log_truth,
-        )
 
     def _wires(self) -> list[dict[str, float]]:
         return [

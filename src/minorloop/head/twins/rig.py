@@ -3,7 +3,7 @@
 Pan and tilt of the wires are 30 degrees when the camera looks along the pipe, since a wire pulls in
 one direction only. Flow may sway the base of the head; this moves camera and probe, but the joint
 sensors do not measure it. A `Rig` and its `SimulatedTip` may run in separate processes: only a
-`Stance` passes between them.
+`Stance` passes between them. Angles are in radians, lengths in metres.
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Pipe
 from minorloop.head.twins.ultrasound import Ultrasound
-from minorloop.lab.actuator import Channel, Frame, Shot
+from minorloop.lab.actuator import Frame, Shot
 
-STRAIGHT = 30.0
-"""Pan and tilt of the joints of a head that looks along the pipe, in degrees."""
-MOST_SWAY = 10.0
-GYROSCOPE_NOISE = 0.05
-"""Standard deviation of the gyroscope in the base, in degrees."""
+STRAIGHT = math.radians(30.0)
+"""Pan and tilt of the joints of a head that looks along the pipe."""
+MOST_SWAY = math.radians(10.0)
+GYROSCOPE_NOISE = math.radians(0.05)
+"""Standard deviation of the gyroscope in the base."""
+_UNITS = np.array([math.radians(1.0), math.radians(1.0), 1e-3, math.radians(1.0)])
+"""Units of the channels of head and catheter: degrees, mm and degrees."""
 _FULL = 0.9999  # height of the water in a full pipe, as a share of the radius
 
 Stance: TypeAlias = tuple[float, float, float, float, float, float]
-"""True pan and tilt in radians, their rates, advance in metres and roll in radians."""
+"""True pan and tilt, their rates, advance and roll."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Sway:
     Parameters
     ----------
     amplitude : float
-        In degrees, 0 to 10.
+        In radians, up to 10 degrees.
     pan, tilt : float
         Frequencies in Hz.
 
@@ -54,25 +56,22 @@ class Sway:
         If the amplitude is out of its range.
     """
 
-    amplitude: float = 1.0
+    amplitude: float = math.radians(1.0)
     pan: float = 0.3
     tilt: float = 0.23
 
     def __post_init__(self) -> None:
         if not 0 <= self.amplitude <= MOST_SWAY:
-            raise ParameterError(f"a sway of {self.amplitude} degrees; give 0 to {MOST_SWAY:g}")
+            raise ParameterError(f"a sway of {self.amplitude} rad; give 0 to {MOST_SWAY:.3f}")
 
     def at(self, t: float) -> FloatArray:
-        """Return (2,) degrees at a time in seconds."""
+        """Return pan and tilt (2,) at a time in seconds."""
         phases = 2 * math.pi * t * np.array([self.pan, self.tilt])
         return np.asarray(self.amplitude * np.sin(phases))
 
 
 class Rig:
     """A head and the catheter that carries it, on one clock.
-
-    Channels, in this order: ``pan current``, ``tilt current``, ``advance rate`` and ``roll rate``
-    in; ``pan``, ``tilt``, ``advance`` and ``roll`` out.
 
     Parameters
     ----------
@@ -85,10 +84,6 @@ class Rig:
     seed : int
         Of the noise of the gyroscope.
     """
-
-    kind = "rig"
-    inputs: tuple[Channel, ...] = (*Head.inputs, *Catheter.inputs)
-    outputs: tuple[Channel, ...] = (*Head.outputs, *Catheter.outputs)
 
     def __init__(
         self,
@@ -105,7 +100,12 @@ class Rig:
         self._before = self._line_of_sight()
 
     def exchange(self, u: FloatArray) -> FloatArray:
-        """Hold the four inputs for one tick and return the four outputs at its end.
+        """Hold two currents and the rates of advance and roll for a tick.
+
+        Returns
+        -------
+        (4,) array
+            Pan, tilt, advance and roll at its end; NaN where a sensor is lost.
 
         Raises
         ------
@@ -113,9 +113,9 @@ class Rig:
             If an input is beyond its limits.
         """
         self._before = self._line_of_sight()
-        angles = np.asarray(self.head.exchange(np.asarray(u[:2])), dtype=np.float64)
-        place = np.asarray(self.catheter.exchange(np.asarray(u[2:])), dtype=np.float64)
-        return np.concatenate([angles, place])
+        angles = np.asarray(self.head.exchange(u[:2]))
+        place = np.asarray(self.catheter.exchange(u[2:] / _UNITS[2:]))
+        return np.asarray(_UNITS * np.concatenate([angles, place]))
 
     def safe(self) -> None:
         """Let the wires cool and stop the catheter."""
@@ -123,24 +123,24 @@ class Rig:
         self.catheter.safe()
 
     def gyroscope(self) -> FloatArray:
-        """Return the measured turn of the base, (2,) radians; zeros without sway."""
+        """Return the measured turn (2,) of the base; zeros without sway."""
         if self.sway is None:
             return np.zeros(2)
         noise = GYROSCOPE_NOISE * self._gyro.standard_normal(2)
-        return np.radians(self.sway.at(self.head.clock) + noise)
+        return np.asarray(self.sway.at(self.head.clock) + noise)
 
     def stance(self) -> Stance:
         """Return the true state, for the simulated tip and for scoring after a run."""
         now = self._line_of_sight()
         pan_rate, tilt_rate = ((now - self._before) / self.tick).tolist()
-        advance, roll = self.catheter._output_now().tolist()
+        advance, roll = (_UNITS[2:] * self.catheter._output_now()).tolist()
         pan, tilt = now.tolist()
-        return pan, tilt, pan_rate, tilt_rate, 1e-3 * advance, math.radians(roll)
+        return pan, tilt, pan_rate, tilt_rate, advance, roll
 
     def _line_of_sight(self) -> FloatArray:
-        """Return (2,) pan and tilt of the camera in radians."""
+        """Return pan and tilt (2,) of the camera."""
         swayed = np.zeros(2) if self.sway is None else self.sway.at(self.head.clock)
-        return np.asarray(np.radians(self.head._output_now() - STRAIGHT + swayed))
+        return np.asarray(np.radians(self.head._output_now()) - STRAIGHT + swayed)
 
 
 class SimulatedTip:
@@ -192,7 +192,7 @@ class SimulatedTip:
         self._wet, self._framed = False, True
         self._stance: tuple[float, ...] = (0.0,) * 6
 
-    def stand(self, stance: tuple[float, ...]) -> None:
+    def move_to(self, stance: tuple[float, ...]) -> None:
         """Set the place of the rig; a camera without a frame since the last call waits for one."""
         if not self._framed:
             self.camera._advance(self.camera.sensor.interval)

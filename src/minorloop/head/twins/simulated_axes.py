@@ -24,36 +24,49 @@ class SimulatedAxes(SimulatedPlant):
 
     Parameters
     ----------
-    parameters, specimen, noise, seed, tick, substeps
-        As in ``SimulatedPlant``.
+    specimen : int, optional
+        Seed of a specimen: each parameter is drawn within +-10 % of nominal. Nominal without it.
+    noise : float
+        Standard deviation of the readings, in the unit of each.
+    seed : int
+        Seed of the noise.
+    tick : float
+        Duration of one ``exchange``, in seconds.
     delay : float
         Delay of the readings, in seconds.
     faults : sequence of Fault
-        Times in which readings fail.
+        Times in which readings are stuck or lost.
+    substeps : int
+        Divides every time step of the integration, 10 ms at most.
     log_truth : bool
         Whether to log the hidden state at the end of every call, for scoring after the run.
+
+    Raises
+    ------
+    ParameterError
+        If an option is out of its range.
     """
 
+    _nominal: dict[str, float]
     _rest_input: tuple[float, ...]
-    _longest_step: float
+    _longest_step = 0.01
     _farthest: float
     _truth_names: tuple[str, ...]
 
     def __init__(
         self,
-        parameters: dict[str, float],
+        specimen: int | None = None,
+        noise: float = 0.0,
+        seed: int = 0,
         *,
-        specimen: int | None,
-        noise: float,
-        seed: int,
-        tick: float,
-        delay: float,
-        faults: Sequence[Fault],
-        substeps: int,
-        log_truth: bool,
+        tick: float = 0.04,
+        delay: float = 0.0,
+        faults: Sequence[Fault] = (),
+        substeps: int = 1,
+        log_truth: bool = False,
     ) -> None:
         super().__init__(
-            parameters, specimen=specimen, noise=noise, seed=seed, tick=tick, substeps=substeps
+            self._nominal, specimen=specimen, noise=noise, seed=seed, tick=tick, substeps=substeps
         )
         self.delay = as_finite("delay", delay)
         if not 0 <= self.delay <= MOST_DELAY:

@@ -79,9 +79,9 @@ class Course:
 
     def __call__(self, t: float) -> float:
         """Return the value at a time in seconds."""
-        from minorloop.twins import _kernels
+        from minorloop.head.twins._kernels import course
 
-        return float(_kernels.course(self.numbers, float(t)))
+        return float(course(self.numbers, float(t)))
 
     @property
     def numbers(self) -> FloatArray:

@@ -3,9 +3,9 @@
 The disc, with a fixed lens or without, is 5 mm wide and less than 10 mm from the wall: it works
 in its near field, where an echo is an integral over the wall. A loop is::
 
-    sonar = Ultrasound(Pipe.draw(3, pits=1, water=-9.9e-3))
-    sonar.look(0.44, 0.0)      # radians; where the head is now
-    shot = sonar.shot()        # 2048 samples at 100 MHz, then 1 ms has passed
+    twin = Ultrasound(Pipe.draw(3, pits=1, water=-9.9e-3))
+    twin.look(0.44, 0.0)      # radians; where the head is now
+    shot = twin.shot()        # 2048 samples at 100 MHz, then 1 ms has passed
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from minorloop.head.geometry import Mount, Probe, meet_wall, wall_point, wrapped
 from minorloop.head.twins import _echo_kernels as kernels
 from minorloop.head.twins.beam_field import Beam, beam_of
 from minorloop.head.twins.crack_echo import CrackBasis, basis_of_crack
+from minorloop.head.twins.mounted import Mounted
 from minorloop.head.twins.pipe import Bore, Crack, Pipe
 from minorloop.head.twins.pit_echo import PitBasis, basis_of
 from minorloop.head.twins.sensor import Fault
@@ -44,7 +45,7 @@ Spectrum = npt.NDArray[np.complex128]
 Features = tuple[FloatArray, FloatArray]
 
 
-class Ultrasound:
+class Ultrasound(Mounted):
     """Pulse and echo of a disc in a flooded metal pipe.
 
     Parameters
@@ -113,39 +114,17 @@ class Ultrasound:
             if not as_finite(name, value) >= 0:
                 raise ParameterError(f"{name} of the probe is {value}; give a number >= 0")
         self.probe = probe or Probe()
-        self._pipe, self._mount = pipe, mount or Mount()
+        super().__init__(mount)
+        self._pipe = pipe
         self._speed = _speed_of_sound(temperature)
         self._noise, self._faults, self._settle = noise, tuple(faults), float(settle)
         self._rng = np.random.default_rng([seed, 2])
         self._settings, self._true_probe, self._boresight = _specimen(self.probe, specimen)
         self._surface = _surface(np.random.default_rng([seed, 3]), roughness, grain)
-        self._clock, self._pan, self._tilt, self._rates = 0.0, 0.0, 0.0, (0.0, 0.0)
         self.amplify(gain)
         self._kept: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._before: FloatArray | None = None
         self._prepare()
-
-    @property
-    def clock(self) -> float:
-        """Time at which the next pulse is fired, in seconds."""
-        return self._clock
-
-    def look(self, pan: float, tilt: float, *, rates: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Set the angles of the head at the next pulse, and their rates.
-
-        Parameters
-        ----------
-        pan, tilt : float
-            In radians.
-        rates : (float, float)
-            Of pan and tilt, in radians per second.
-        """
-        self._pan, self._tilt = as_finite("pan", pan), as_finite("tilt", tilt)
-        self._rates = (as_finite("rate of pan", rates[0]), as_finite("rate of tilt", rates[1]))
-
-    def move(self, mount: Mount) -> None:
-        """Move the head to another place in the pipe."""
-        self._mount = mount
 
     def wait(self, seconds: float) -> None:
         """Advance the clock without a pulse; the head continues to turn.
@@ -157,9 +136,7 @@ class Ultrasound:
         """
         if not as_finite("a wait", seconds) >= 0:
             raise ParameterError(f"a wait of {seconds} s; give a time >= 0")
-        self._clock += seconds
-        self._pan += seconds * self._rates[0]
-        self._tilt += seconds * self._rates[1]
+        self._advance(seconds)
 
     def amplify(self, gain: float) -> None:
         """Set the peak of the echo of a plain wall as a share of full scale.
@@ -301,12 +278,7 @@ class Ultrasound:
         if part.size == 0:
             return np.zeros(len(self._k), dtype=np.complex128)
         points = np.ascontiguousarray(course.points[part].reshape(-1, 3))
-        pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
-        kernels.pressure_at(
-            self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
-            self._stand_off, points, pressure,
-        )  # fmt: skip
-        mouth = pressure.reshape(len(self._k), part.size, -1)
+        mouth = self._pressure(points, origin, axis).reshape(len(self._k), part.size, -1)
         thickness = self._pipe.thickness
         change = -course.echo(mouth, part, self._k, 0.0) * (1 + self._steel(thickness))
         if crack.depth < thickness:
@@ -328,14 +300,19 @@ class Ultrasound:
         centre = wall_point(pit.phi, pit.z, radius)
         x, y = basis.places.T
         points = centre + x[:, None] * around + y[:, None] * np.array([0.0, 0.0, 1.0])
+        under = self._steel(self._pipe.thickness - pit.depth)
+        pressure = self._pressure(points, origin, axis)
+        floor: Spectrum = basis.echo(pressure, self._k) * (1 + under)
+        return floor
+
+    def _pressure(self, points: FloatArray, origin: FloatArray, axis: FloatArray) -> Spectrum:
+        """Return the pressure (F, N) of the beam at points (N, 3)."""
         pressure = np.empty((len(self._k), len(points)), dtype=np.complex128)
         kernels.pressure_at(
             self._beam.table, self._beam.grid, self._k[0], self._k[1] - self._k[0], origin, axis,
             self._stand_off, points, pressure,
         )  # fmt: skip
-        under = self._steel(self._pipe.thickness - pit.depth)
-        floor: Spectrum = basis.echo(pressure, self._k) * (1 + under)
-        return floor
+        return pressure
 
     def _to_time(self, spectrum: Spectrum, at: float) -> FloatArray:
         """Return the trace (T,) of a spectrum whose phases count from time ``at``."""

@@ -58,20 +58,38 @@ WIRE = {
 
 
 class HeatedWires(SimulatedAxes):
-    """Wires, each heated by its own current, in the same surroundings."""
+    """Wires, each heated by its own current, in the same surroundings.
 
-    _longest_step = 0.01
+    Parameters
+    ----------
+    surroundings : Surroundings, optional
+        Ambient, convection and load over time; still air at 20 degrees without it.
+    ageing : float
+        Used share of the life of the wires. At 1 they have lost 10 % of their stroke, at the hot
+        end, and all their transformations need 5 K more.
+    drift : float
+        Increase of the ageing per hour.
+    specimen, noise, seed, tick, delay, faults, substeps, log_truth
+        As in ``SimulatedAxes``.
+    """
+
     _farthest = 180.0
     _truth_names = ("angle", "temperature", "stress", "martensite")
 
     def __init__(
         self,
-        parameters: dict[str, float],
+        specimen: int | None = None,
+        noise: float = 0.0,
+        seed: int = 0,
         *,
-        surroundings: Surroundings | None,
-        ageing: float,
-        drift: float,
-        **options: Any,
+        tick: float = 0.04,
+        delay: float = 0.0,
+        surroundings: Surroundings | None = None,
+        ageing: float = 0.0,
+        drift: float = 0.0,
+        faults: Sequence[Fault] = (),
+        substeps: int = 1,
+        log_truth: bool = False,
     ) -> None:
         self.surroundings = Surroundings() if surroundings is None else surroundings
         check_kind("surroundings", self.surroundings, Surroundings)
@@ -82,7 +100,16 @@ class HeatedWires(SimulatedAxes):
         self._around = self.surroundings.courses()
         self._loads = self.surroundings.loads(len(self.outputs))
         self._age = np.array([self.ageing, self.drift / 3600.0])
-        super().__init__(parameters, **options)
+        super().__init__(
+            specimen,
+            noise,
+            seed,
+            tick=tick,
+            delay=delay,
+            faults=faults,
+            substeps=substeps,
+            log_truth=log_truth,
+        )
 
     def reset(self) -> None:
         """Go back to the start: cold wires, clock at 0, the noise from its beginning."""
@@ -174,37 +201,8 @@ class HeatedWires(SimulatedAxes):
 class Wire(HeatedWires):
     """One wire of 0.2 x 70 mm, its spring and its pulley: current in, angle out.
 
-    Parameters
-    ----------
-    specimen : int, optional
-        Seed of a specimen: all seventeen parameters of the material, the spring and the
-        pulley are drawn within +-10 % of nominal. Without it, the nominal wire.
-    noise : float
-        Standard deviation of the measured angle, in degrees.
-    seed : int
-        Seed of the noise.
-    tick : float
-        Duration of one ``exchange``, in seconds.
-    delay : float
-        Delay of the measured angle, in seconds.
-    surroundings : Surroundings, optional
-        Ambient, convection and load over time; still air at 20 degrees without it.
-    ageing : float
-        Used share of the life of the wire. At 1 it has lost 10 % of its stroke, at the hot end,
-        and all its transformations need 5 K more.
-    drift : float
-        Increase of the ageing per hour.
-    faults : sequence of Fault
-        Times in which readings are stuck or lost.
-    substeps : int
-        Divides every time step of the integration, 10 ms at most.
-    log_truth : bool
-        Whether to log the hidden state at the end of every call, for scoring after the run.
-
-    Raises
-    ------
-    ParameterError
-        If an option is out of its range.
+    Its seventeen parameters are those of the material, the spring and the pulley; options are those
+    of ``HeatedWires``.
 
     Notes
     -----
@@ -227,37 +225,8 @@ class Wire(HeatedWires):
     kind = "wire"
     inputs = (Channel("current", "A", 0.0, HIGHEST_CURRENT),)
     outputs = (Channel("angle", "deg"),)
+    _nominal = WIRE
     _rest_input = (0.0,)
-
-    def __init__(
-        self,
-        specimen: int | None = None,
-        noise: float = 0.0,
-        seed: int = 0,
-        *,
-        tick: float = 0.04,
-        delay: float = 0.0,
-        surroundings: Surroundings | None = None,
-        ageing: float = 0.0,
-        drift: float = 0.0,
-        faults: Sequence[Fault] = (),
-        substeps: int = 1,
-        log_truth: bool = False,
-    ) -> None:
-        super().__init__(
-            WIRE,
-            specimen=specimen,
-            noise=noise,
-            seed=seed,
-            tick=tick,
-            delay=delay,
-            surroundings=surroundings,
-            ageing=ageing,
-            drift=drift,
-            faults=faults,
-            substeps=substeps,
-            log_truth=log_truth,
-        )
 
     def _wires(self) -> list[dict[str, float]]:
         return [self._parameters]

@@ -71,11 +71,7 @@ def detect_deep_floor(fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burs
 
 
 def _gains(
-    fit: JointFit,
-    unknowns: FloatArray,
-    bursts: Sequence[Burst],
-    depths: FloatArray,
-    after: float,
+    fit: JointFit, unknowns: FloatArray, bursts: Sequence[Burst], depths: FloatArray, after: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gain (D,) of a floor at each depth, and the power (D,) of a flat one."""
     model, (x, y, size) = fit.model, unknowns[:3]

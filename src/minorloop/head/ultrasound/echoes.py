@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import hilbert
+from scipy import fft
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
@@ -23,6 +23,8 @@ MOST_OFF = 0.3e-3
 _LEAST_SNR = 4.0
 """Amplitude over noise from which on a peak counts as an echo; noise alone reaches it in one of
 3000 samples."""
+_SLACK, _LEAST_ECHO = 1.5e-3, 0.02
+"""Distance in metres of the wall from where it is expected, and least amplitude of its echo."""
 _CLIPPED = 0.985
 """Share of full scale from which on a sample counts as clipped."""
 
@@ -86,22 +88,15 @@ class Echo:
 NO_ECHO = Echo(np.nan, 0.0, 0.0)
 
 
-def trace_fault(shot: Shot, full_scale: float = 1.0) -> str:
+def trace_fault(shot: Shot) -> str:
     """Return what is wrong with a trace, or an empty string.
-
-    Parameters
-    ----------
-    shot : Shot
-        As fired.
-    full_scale : float
-        Full scale of the converter.
 
     Returns
     -------
     str
         ``"not a trace"`` (wrong shape, too short, not real numbers, not finite, or without a
         positive sample interval), ``"dropout"`` (flat where noise should be), ``"clipped"`` (at
-        full scale after the dead time), or ``""``.
+        full scale, which is 1, after the dead time), or ``""``.
     """
     trace = _numbers(shot.trace)
     if trace is None or not _positive(shot.sample_interval):
@@ -115,7 +110,7 @@ def trace_fault(shot: Shot, full_scale: float = 1.0) -> str:
     whole = received[: received.size // stretch * stretch].reshape(-1, stretch)
     if (np.ptp(whole, axis=1) == 0).any() and (np.ptp(received) == 0 or received.std() > 2e-3):
         return "dropout"
-    return "clipped" if np.abs(received).max() >= _CLIPPED * full_scale else ""
+    return "clipped" if np.abs(received).max() >= _CLIPPED else ""
 
 
 def _positive(value: object) -> bool:
@@ -139,8 +134,11 @@ def matched(trace: npt.ArrayLike, interval: float, pulse: Pulse) -> npt.NDArray[
     samples = pulse.samples(interval)
     samples = samples / np.linalg.norm(samples)
     filtered = np.convolve(np.asarray(trace, dtype=np.float64), samples[::-1], mode="same")
-    analytic: npt.NDArray[np.complex128] = hilbert(filtered)
-    return analytic
+    # As in scipy.signal, whose import takes longer than all others of a console process together.
+    spectrum, half = fft.fft(filtered), (filtered.size + 1) // 2
+    spectrum[1:half] *= 2.0
+    spectrum[filtered.size // 2 + 1 :] = 0.0
+    return np.asarray(fft.ifft(spectrum))
 
 
 def find_echoes(
@@ -234,9 +232,7 @@ def _crest(wave: FloatArray, place: float) -> float:
     return _vertex(wave, int(crests[np.argmin(np.abs(crests - place))]))[0]
 
 
-def front_echo(
-    shot: Shot, distance: float, speed: float, *, pulse: Pulse | None = None, slack: float = 1.5e-3
-) -> Echo:
+def front_echo(shot: Shot, distance: float, speed: float) -> Echo:
     """Return the first echo near the expected distance of the wall.
 
     Parameters
@@ -247,10 +243,6 @@ def front_echo(
         Of the wall along the beam, in metres.
     speed : float
         Of sound in the water, in m/s.
-    pulse : Pulse, optional
-        To match.
-    slack : float
-        How far the wall may be from there, in metres.
 
     Returns
     -------
@@ -262,15 +254,13 @@ def front_echo(
         return NO_ECHO
     if not (_positive(distance) and _positive(speed)):
         return NO_ECHO
-    gate = (2 * (distance - slack) / speed, 2 * (distance + slack) / speed)
-    echoes = find_echoes(shot.trace, shot.sample_interval, pulse, gate=gate)
+    gate = (2 * (distance - _SLACK) / speed, 2 * (distance + _SLACK) / speed)
+    echoes = find_echoes(shot.trace, shot.sample_interval, gate=gate)
     return echoes[0] if echoes else NO_ECHO
 
 
-def choose_modality(
-    shots: Sequence[Shot], distance: float, speed: float, *, least: float = 0.02
-) -> str:
-    """Return ``"sonar"`` where the wall gives an echo, else ``"camera"``.
+def has_wall_echo(shots: Sequence[Shot], distance: float, speed: float) -> bool:
+    """Return whether more than half of the shots have an echo of the wall; in air, none has.
 
     Parameters
     ----------
@@ -280,17 +270,10 @@ def choose_modality(
         Of the wall along the beam, in metres.
     speed : float
         Of sound in water, in m/s.
-    least : float
-        Least amplitude of an echo, in the unit of the traces.
-
-    Notes
-    -----
-    Air couples no ultrasound into steel: there is no echo near the wall. More than half of the
-    shots must have one.
     """
     echoes = [front_echo(shot, distance, speed) for shot in shots]
-    count = sum(echo.amplitude >= least and echo.snr >= _LEAST_SNR for echo in echoes)
-    return "sonar" if shots and count > len(shots) / 2 else "camera"
+    count = sum(echo.amplitude >= _LEAST_ECHO and echo.snr >= _LEAST_SNR for echo in echoes)
+    return count > len(shots) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,12 +306,7 @@ class Burst:
 
 
 def average(
-    shots: Sequence[Shot],
-    angles: npt.ArrayLike,
-    off: npt.ArrayLike,
-    *,
-    most_off: float = MOST_OFF,
-    full_scale: float = 1.0,
+    shots: Sequence[Shot], angles: npt.ArrayLike, off: npt.ArrayLike, *, most_off: float = MOST_OFF
 ) -> Burst:
     """Average the usable shots of one burst.
 
@@ -343,8 +321,6 @@ def average(
         tracked.
     most_off : float
         Shots farther away are left out.
-    full_scale : float
-        Full scale of the converter.
 
     Returns
     -------
@@ -362,8 +338,7 @@ def average(
     far = np.asarray(off, dtype=np.float64).ravel()
     if not len(shots) == len(places) == far.size:
         raise SignalError(f"{len(shots)} shots, {len(places)} angles and {far.size} distances")
-    faults = [trace_fault(shot, full_scale) for shot in shots]
-    faults = _with_frozen(shots, faults)
+    faults = _with_frozen(shots, [trace_fault(shot) for shot in shots])
     with np.errstate(invalid="ignore"):
         tracked = far <= most_off
     kinds = [

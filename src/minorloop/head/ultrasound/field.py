@@ -164,18 +164,18 @@ def sound_field(probe: CalibratedProbe) -> SoundField:
 
 
 @lru_cache(maxsize=8)
-def _sound_field(aperture: float, focus: float, speed: float, stand: float) -> SoundField:
+def _sound_field(aperture: float, focus: float, speed: float, standoff: float) -> SoundField:
     frequencies = np.arange(LOWEST, HIGHEST + 1.0, RESOLUTION)
     k = 2 * np.pi * frequencies / speed
     lens = np.isfinite(focus)
     reach = 1.4e-3 if lens else 0.5 * aperture + 1.2e-3
     off = np.arange(0.0, reach + 0.9e-3, 0.016e-3 if lens else 0.03e-3)
-    along = np.arange(stand - 0.8e-3, stand + 0.5e-3, 0.06e-3)
+    along = np.arange(standoff - 0.8e-3, standoff + 0.5e-3, 0.06e-3)
     nodes, weights = np.polynomial.legendre.leggauss(36 if lens else 48)
     rings = 0.25 * aperture * (nodes + 1)
     areas = 2 * np.pi * rings * 0.25 * aperture * weights
     lags = np.hypot(focus, rings) - focus if lens else np.zeros_like(rings)
-    count = 24 + int(k[-1] * off[-1] * aperture / 2 / stand / 2)
+    count = 24 + int(k[-1] * off[-1] * aperture / 2 / standoff / 2)
     cosines = np.cos(np.pi * (np.arange(count) + 0.5) / count)
     table = kernels.rayleigh(
         off, along, rings, areas, lags, cosines, float(k[0]), float(k[1] - k[0]), len(k)

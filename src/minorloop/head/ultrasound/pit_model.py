@@ -141,9 +141,9 @@ class PitModel:
     def missing(self, pressure: ComplexArray, size: float) -> ComplexArray:
         """Return the echo (N, F) that the wall loses by the mouth."""
         area = (self.radius * np.exp(size)) ** 2 * self._disc.weights
-        gone = np.empty(pressure.shape[:2], dtype=np.complex128)
-        kernels.square_sum(pressure, area, gone)
-        return 2j * self.sound.wavenumbers * gone
+        lost = np.empty(pressure.shape[:2], dtype=np.complex128)
+        kernels.square_sum(pressure, area, lost)
+        return 2j * self.sound.wavenumbers * lost
 
     def squares(
         self, pressure: ComplexArray, size: float, tilt: tuple[float, float], dish: float

@@ -318,6 +318,6 @@ def _verdict(fit: JointFit, best: JointSolution, hole: float) -> tuple[str, floa
 def _no_pit_or_faint(fit: JointFit, best: JointSolution) -> str:
     """Return that there is no pit, if its mouth would have been noticed; else ``too faint``."""
     model, (x, y, size) = fit.model, best.unknowns[:3]
-    gone = fit.pulse * model.missing(model.mouth(x, y, size), size)
-    power = 0.5 * np.abs(gone / fit.spectra.noise[model.near, None]) ** 2
+    lost = fit.pulse * model.missing(model.mouth(x, y, size), size)
+    power = 0.5 * np.abs(lost / fit.spectra.noise[model.near, None]) ** 2
     return NO_PIT if power.sum() > _NOTICEABLE * _NOTICED * best.cost else FAINT

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal.windows import tukey
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wrapped
@@ -93,7 +92,7 @@ def spectra_of(
             for burst, t in zip(bursts, expected + delays, strict=True)
         ]
     )
-    window = tukey(round(WINDOW / bursts[0].sample_interval), TAPER)
+    window = tapered(round(WINDOW / bursts[0].sample_interval))
     noise = np.array([burst.noise for burst in bursts]) * np.sqrt((window**2).sum() / 2)
     return Spectra(spectra, np.maximum(noise, 1e-9), angles)
 
@@ -126,5 +125,17 @@ def _spectrum(burst: Burst, at: float, after: float) -> ComplexArray:
     piece[inside] = burst.trace[source[inside]]
     f = np.arange(LOWEST, HIGHEST + 1.0, RESOLUTION)
     t = source * interval - at
-    turned: ComplexArray = (piece * tukey(count, TAPER)) @ np.exp(2j * np.pi * t[:, None] * f)
+    turned: ComplexArray = (piece * tapered(count)) @ np.exp(2j * np.pi * t[:, None] * f)
     return turned
+
+
+def tapered(count: int) -> FloatArray:
+    """Return a Tukey window (count,), whose cosine flanks are ``TAPER`` of it together."""
+    last = count - 1
+    flank = int(TAPER * last / 2)
+    n = np.arange(count, dtype=np.float64)
+    window = np.ones(count)
+    window[: flank + 1] = 0.5 * (1 + np.cos(np.pi * (-1 + 2 * n[: flank + 1] / TAPER / last)))
+    fall = n[last - flank :]
+    window[last - flank :] = 0.5 * (1 + np.cos(np.pi * (-2 / TAPER + 1 + 2 * fall / TAPER / last)))
+    return window

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal.windows import tukey
 
 from minorloop.arrays import FloatArray
 from minorloop.head.ultrasound.field import HIGHEST, LOWEST, ComplexArray
 from minorloop.head.ultrasound.joint_fit import JointFit, JointSolution
-from minorloop.head.ultrasound.spectra import LEAD, TAPER, WINDOW
+from minorloop.head.ultrasound.spectra import LEAD, WINDOW, tapered
 
 _TIMES: FloatArray = np.arange(-0.5e-6, 2.3e-6, 0.05e-6)
 """Times at which the residual is tested, in seconds after the echo of the wall."""
@@ -43,16 +42,16 @@ def is_through_hole(fit: JointFit, hole: JointSolution) -> bool:
     residual = _power(fit, fit.residual(echoes))
     taken = np.zeros_like(fit.spectra.received)
     taken[model.near] = model.missing(model.mouth(x, y, size), size)
-    gone = _power(fit, fit.pulse * taken).sum(axis=1)
-    share = gone / max(float(gone.max()), 1e-12)
-    usual = np.interp(_TIMES, WINDOW * np.linspace(0, 1, 512) - LEAD, tukey(512, TAPER) ** 2)
+    lost = _power(fit, fit.pulse * taken).sum(axis=1)
+    share = lost / max(float(lost.max()), 1e-12)
+    usual = np.interp(_TIMES, WINDOW * np.linspace(0, 1, 512) - LEAD, tapered(512) ** 2)
     # The median of the power of noise gives its mean, even if a few traces contain echoes.
     usual *= np.median(residual / usual) / np.log(2)
     excess = _windows(share @ (residual - usual))
     samples = (_TIMES[1] - _TIMES[0]) * (HIGHEST - LOWEST)
     sure = excess / np.sqrt(_windows(usual**2) * (share**2).sum() / samples)
     late = _TIMES[: excess.size] > _LATE
-    early = (sure > _EARLY_SURE) & (excess > _EARLY_SHARE * float(share @ gone))
+    early = (sure > _EARLY_SURE) & (excess > _EARLY_SHARE * float(share @ lost))
     return not (early[~late].any() or (sure[late] > _LATE_SURE).any())
 
 

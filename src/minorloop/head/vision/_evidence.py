@@ -11,11 +11,7 @@ where each half of the seeds is one set of scenes.
 
 from __future__ import annotations
 
-THRESHOLDS = {
-    "switched": -1.22,
-    "single": -0.86,
-    "dither": -1.31,
-}
+THRESHOLDS = {"switched": -1.22, "single": -0.86, "dither": -1.31}
 
 WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
     "switched": {
@@ -207,10 +203,7 @@ WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
                 "ring": 0.92,
             },
         ),
-        "lit": (
-            -20.00,
-            {},
-        ),
+        "lit": (-20.00, {}),
     },
     "dither": {
         "dark": (
@@ -294,9 +287,6 @@ WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
                 "ring": 0.70,
             },
         ),
-        "lit": (
-            -20.00,
-            {},
-        ),
+        "lit": (-20.00, {}),
     },
 }

@@ -208,11 +208,7 @@ def _reached(graph: Any, start: int) -> FloatArray:
 
 
 def _measured(
-    course: npt.NDArray[np.int64],
-    level: Image32,
-    ridge: Image32,
-    window: Window,
-    radius: float,
+    course: npt.NDArray[np.int64], level: Image32, ridge: Image32, window: Window, radius: float
 ) -> TracedCrack | None:
     """Measure length and widths along a course; None if it is not slender."""
     if len(course) < 8:

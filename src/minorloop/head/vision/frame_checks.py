@@ -41,7 +41,7 @@ _CELL, _BLOCK, _LEAST_GREY, _ALIKE, _DIM = 16, 4, 10.0, 0.035, 0.25
 _MOST, _EQUAL_ROWS, _ROW_GREY = 0.9, 2, 4
 
 
-def judge(
+def check_frame(
     image: Any, lens: Pinhole, before: npt.NDArray[np.uint8] | None = None, *, lit: bool = True
 ) -> str:
     """Return ``good``, or what is wrong with a frame.
@@ -49,7 +49,7 @@ def judge(
     Parameters
     ----------
     image : (height, width) array of uint8
-        The frame; any other object is judged too.
+        The frame; any other object has the wrong size.
     lens : Pinhole
         The lens, which has the size of a frame.
     before : (height, width) array of uint8, optional

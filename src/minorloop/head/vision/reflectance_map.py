@@ -30,7 +30,7 @@ NO_ANGLE = "angle unknown"
 """Verdict on a frame without the angles of the head."""
 
 FARTHEST = np.pi / 2
-"""Largest plausible pan or tilt, in radians: the head frames into the pipe."""
+"""Largest plausible pan or tilt, in radians: the head looks into the pipe."""
 
 LEAST_SEEN = 14e3
 """Least resolution of the wall in pixels per metre: 12 pixels across a hole of 0.85 mm."""
@@ -111,7 +111,7 @@ def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
                 f"frame {number} has {len(frame.lights)} lights; give a truth value for each of "
                 f"the {len(camera.leds)} of the camera"
             )
-        verdict = frame_checks.judge(frame.image, camera.lens, lit=any(frame.lights))
+        verdict = frame_checks.check_frame(frame.image, camera.lens, lit=any(frame.lights))
         if verdict != frame_checks.GOOD:
             return verdict
         if any(np.array_equal(frame.image, other.image) for other in earlier):
@@ -121,20 +121,20 @@ def check_frames(frames: Sequence[LitFrame], camera: CalibratedCamera) -> str:
         earlier.append(frame)
     if not any(any(frame.lights) for frame in frames):
         return frame_checks.BLACK
-    return _judge_pairs(frames)
+    return _check_pairs(frames)
 
 
-def _judge_pairs(frames: Sequence[LitFrame]) -> str:
+def _check_pairs(frames: Sequence[LitFrame]) -> str:
     """Return what is wrong with a frame that repeats another, or lacks its light."""
     brightness = [frame_checks.Brightness.of(frame.image) for frame in frames]
     for (one, first), (other, second) in combinations(zip(frames, brightness, strict=True), 2):
-        verdict = _judge_pair(one, other, first, second)
+        verdict = _check_pair(one, other, first, second)
         if verdict != frame_checks.GOOD:
             return verdict
     return frame_checks.GOOD
 
 
-def _judge_pair(
+def _check_pair(
     one: LitFrame, other: LitFrame, first: frame_checks.Brightness, second: frame_checks.Brightness
 ) -> str:
     if frame_checks.shares_rows(one.image, other.image):

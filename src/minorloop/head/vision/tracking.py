@@ -161,7 +161,7 @@ class PatchTracker:
             no detail in it.
         """
         self.camera.check(image)
-        if frame_checks.judge(image, self.camera.lens) == frame_checks.BLACK:
+        if frame_checks.check_frame(image, self.camera.lens) == frame_checks.BLACK:
             raise SignalError("the frame is black; switch the lights on before a patch is picked")
         place = self.camera.place(pixel, pan, tilt)
         flat = self._flat(image, place, pan, tilt, self._cells * self.texel, self.texel)
@@ -193,7 +193,7 @@ class PatchTracker:
             Of the head when the frame was taken, measured or commanded, in radians; without
             finite numbers the verdict is ``angle unknown``.
         """
-        verdict = frame_checks.judge(image, self.camera.lens, state.before)
+        verdict = frame_checks.check_frame(image, self.camera.lens, state.before)
         known = finite_angles(pan, tilt)
         pan, tilt = (pan, tilt) if known else (math.nan, math.nan)
         if verdict != frame_checks.WRONG_SIZE:
