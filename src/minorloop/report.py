@@ -13,6 +13,7 @@ from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
+    from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.result import Identification
     from minorloop.lab.reduction import Reduction
 
@@ -207,6 +208,58 @@ def reduction_report(
         "it was extrapolated from the end of its hold."
     )
     report.add("What they look like", pictures=[Picture(reduction.plot(), caption)])
+    return report
+
+
+def frequency_report(
+    response: FrequencyResponse, source: str, names: tuple[str, str], notes: Sequence[str] = ()
+) -> Report:
+    """Return a report on a frequency response: a table and a Bode plot.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        The response.
+    source : str
+        Name of the store or log.
+    names : (str, str)
+        Name and unit of input and output, such as ``voltage [V]``.
+    notes : sequence of str
+        Advice.
+
+    Returns
+    -------
+    Report
+    """
+    from minorloop.identification.frequency import decibels, degrees
+
+    several = response.after is not None and response.amplitudes.size > 1
+    spread = f" {response.gain_spread()}." if several else ""
+    report = Report(
+        f"Frequency response of {names[1]} to {names[0]}",
+        f"{source}: gain and phase of the fundamental component at {response.frequencies.size} "
+        f"frequencies and {response.amplitudes.size} amplitudes.{spread}".replace(". g", ". G"),
+    )
+    figure = response.plot()
+    caption = "Gain and phase from input to output"
+    if response.after is not None:
+        caption += ", and from the output of the model to that of the actuator"
+    report.add("Bode plot", pictures=[Picture(figure, f"{caption}.")], notes=notes)
+    kinds = [response.plant] if response.after is None else [response.plant, response.after]
+    polar = [(decibels(gains), degrees(gains)) for gains in kinds]
+    rows = [
+        (
+            f"{frequency:.4g}",
+            f"{amplitude:.4g}",
+            *(f"{values[i, j]:.3f}" for pair in polar for values in pair),
+            f"{response.distortion[i, j]:.2%}",
+        )
+        for j, frequency in enumerate(response.frequencies)
+        for i, amplitude in enumerate(response.amplitudes)
+    ]
+    after = ("after, dB", "phase, deg") if response.after is not None else ()
+    columns = ("Hz", "amplitude", "gain, dB", "phase, deg", *after, "distortion")
+    report.add("Gains", table=Table(columns, rows))
     return report
 
 

@@ -16,6 +16,7 @@ from minorloop.cli import (
     drive,
     export,
     fleet,
+    frequency,
     identify,
     invert,
     plan,
@@ -47,7 +48,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 _VERBS = (
-    *(reduce, identify, simulate, invert, plan, run_verb, drive, resume, runs),
+    *(reduce, identify, simulate, invert, plan, run_verb, drive, resume, runs, frequency),
     *(export, fleet, study, console, demo),
 )
 for _verb in _VERBS:

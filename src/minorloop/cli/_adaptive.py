@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli._common import HOLD
+from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
@@ -50,6 +51,10 @@ def chooser_of(setup: Setup, points: Sequence[Point]) -> Adaptive:
     """Return what chose the levels of a store, with the noise that its points show."""
     from minorloop.identification.adaptive import Adaptive
 
+    if "sines" in (setup.design or {}):
+        raise ParameterError(
+            "the store has sines and no settled points; evaluate it with minorloop frequency"
+        )
     chooser = Adaptive(**(setup.design or {}), seed=setup.seed)
     chooser.learn_noise([point.sd for point in points])
     return chooser

@@ -12,6 +12,8 @@ from minorloop.errors import ParameterError
 from minorloop.files import check_name
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from minorloop.arrays import FloatArray
     from minorloop.identification.excitation import ExcitationReport
 
@@ -25,6 +27,8 @@ _PATTERNS = {
     "reversal": "reversal_curves",
     "staircase": "staircase",
 }
+_SINES = "sines"
+_OF_SINES = ("frequencies", "amplitudes", "preamble", "offset", "settling", "cycles", "samples")
 _SHOWN = 24
 """Most inputs that are printed."""
 _RANKED = 60
@@ -38,31 +42,81 @@ def run(
         str,
         typer.Argument(
             show_default=False,
-            help="decaying or reversal (determine the plane), or staircase (one loop).",
+            help="decaying or reversal (determine the plane), staircase (one loop), or sines "
+            "(frequency response).",
         ),
     ],
-    low: Annotated[float, _common.number_option("Least input.")],
-    high: Annotated[float, _common.number_option("Greatest input.")],
-    levels: Annotated[int, _common.whole_option("Bands between them, 250 at most.")] = 10,
-    hold: Annotated[float, _common.number_option("Seconds to hold each input.")] = _common.HOLD,
+    low: Annotated[
+        float | None, _common.number_option("Least input; for all plans but sines.")
+    ] = None,
+    high: Annotated[
+        float | None, _common.number_option("Greatest input; for all plans but sines.")
+    ] = None,
+    levels: Annotated[
+        int | None, _common.whole_option("Bands between them, 250 at most; 10 if not given.")
+    ] = None,
+    hold: Annotated[
+        float,
+        _common.number_option("Seconds to hold each input; of sines, the preamble and the offset."),
+    ] = _common.HOLD,
     input: Annotated[
         str, typer.Option(help="Header of the column of the input: its name and unit.")
     ] = "input",
+    frequencies: Annotated[
+        str | None, typer.Option(metavar="F1,F2,...", help="Sines: frequencies in Hz.")
+    ] = None,
+    amplitudes: Annotated[
+        str | None,
+        typer.Option(metavar="A1,A2,...", help="Sines: amplitudes, each at every frequency."),
+    ] = None,
+    preamble: Annotated[
+        float | None,
+        _common.number_option("Sines: input that saturates the actuator before each sine."),
+    ] = None,
+    offset: Annotated[
+        float | None, _common.number_option("Sines: mean of the input, 0 if not given.")
+    ] = None,
+    settling: Annotated[
+        float | None,
+        _common.number_option(
+            "Sines: seconds before periods are measured, five of the slowest time constants; three "
+            "periods at least."
+        ),
+    ] = None,
+    cycles: Annotated[
+        float | None, _common.number_option("Sines: measured periods, 2 if not given.")
+    ] = None,
+    samples: Annotated[
+        float | None, _common.number_option("Sines: samples of a period, 240 if not given.")
+    ] = None,
+    tick: Annotated[
+        float | None,
+        _common.number_option(
+            "Sines: tick of the bench in seconds; frequencies are rounded to whole ticks."
+        ),
+    ] = None,
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
     """Plan the measurement that identifies an actuator."""
+    given = locals()
     _common.check_outputs([save], force=force)
-    if pattern not in _PATTERNS:
-        known = ", ".join(_PATTERNS)
+    if pattern not in (*_PATTERNS, _SINES):
+        known = ", ".join((*_PATTERNS, _SINES))
         raise ParameterError(f"there is no plan {pattern!r}; give one of {known}")
+    _check_options(pattern, given)
+    if pattern == _SINES:
+        _plan_sines(given, input, save, force, as_json)
+        return
+    if low is None or high is None:
+        raise ParameterError(f"Missing option '--{'low' if low is None else 'high'}'")
     if not 0 < hold < float("inf"):
         raise ParameterError(f"--hold is {hold}; give a positive number of seconds")
     check_name("--input", input)
     if input == _HOLD:
         raise ParameterError(f"--input is {_HOLD!r}, the header of hold times; give another name")
-    inputs, report = _planned(pattern, low, high, levels)
+    inputs, report = _planned(pattern, low, high, 10 if levels is None else levels)
     if save is not None:
         _common.write_csv(save, {input: inputs, _HOLD: [hold] * inputs.size}, force=force)
     if as_json:
@@ -71,6 +125,59 @@ def run(
     _print(inputs, hold, report)
     if save is not None:
         typer.echo(f"written to {save}")
+
+
+def _check_options(pattern: str, given: dict[str, Any]) -> None:
+    """Refuse options of another kind of plan, and sines without what they need."""
+    others = ("low", "high", "levels") if pattern == _SINES else (*_OF_SINES, "tick")
+    for name in others:
+        if given[name] is not None:
+            raise ParameterError(f"--{name} is not for {pattern}; leave it out")
+    for name in ("frequencies", "amplitudes", "preamble") if pattern == _SINES else ():
+        if given[name] is None:
+            raise ParameterError(f"--{name} is missing; a plan of sines needs it")
+
+
+def _plan_sines(
+    given: dict[str, Any], input: str, save: Path | None, force: bool, as_json: bool
+) -> None:
+    """Write and print a plan of sines."""
+    from minorloop.lab.sines import SinePlan
+
+    check_name("--input", input)
+    names = {"offset": "offset", "settling": "settling", "cycles": "measured"}
+    names |= {"samples": "samples", "tick": "tick"}
+    options: dict[str, Any] = {
+        theirs: given[mine] for mine, theirs in names.items() if given[mine] is not None
+    }
+    plan = SinePlan.grid(
+        _numbers("frequencies", given["frequencies"]),
+        _numbers("amplitudes", given["amplitudes"]),
+        preamble=given["preamble"],
+        hold=given["hold"],
+        input=input,
+        **options,
+    )
+    if save is not None:
+        plan.to_csv(save, force=force)
+    if as_json:
+        _common.print_json({**plan.to_dict(), "hours": plan.duration / _HOUR})
+        return
+    typer.echo(f"{len(plan)} sines, {as_duration(plan.duration)} in all")
+    kinds = dict.fromkeys((s.frequency, s.discarded, s.measured, s.samples) for s in plan)
+    rows = [[f"{row[0]:.6g}", *map(str, row[1:])] for row in kinds]
+    _common.print_table(("frequency [Hz]", "discarded", "measured periods", "samples"), rows)
+    if save is not None:
+        typer.echo(f"written to {save}")
+
+
+def _numbers(name: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ParameterError(
+            f"--{name} is {text!r}; give numbers separated by commas, such as 0.1,1"
+        ) from None
 
 
 def _planned(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from minorloop.cli import _common, drive
+from minorloop.cli import _common, _sines, drive
 from minorloop.cli.run import carry_out
 
 NAME = "resume"
@@ -27,5 +27,7 @@ def run(
         with _common.connected(setup.address, **options) as plant:
             if drive.is_drive(setup):
                 drive.carry_out(plant, opened, as_json)
+            elif _sines.is_sines(setup):
+                _sines.carry_out(plant, opened, as_json)
             else:
                 carry_out(plant, opened, as_json)

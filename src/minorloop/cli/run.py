@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from minorloop.cli import _adaptive, _common
+from minorloop.cli import _adaptive, _common, _sines
 from minorloop.cli._watch import as_duration, watching
 from minorloop.errors import InstrumentError, ParameterError, StoreError
 
@@ -119,8 +119,9 @@ def run(
     ] = None,
     as_json: _common.Json = False,
 ) -> None:
-    """Hold each level of a plan until the output settles; resume continues a stopped run."""
+    """Carry out a plan: levels held until the output settles, or sines; resume continues it."""
     from minorloop.lab.run import answer_time, check_plan
+    from minorloop.lab.sines import is_sine_plan
     from minorloop.lab.store import Setup, Store
 
     given = locals()
@@ -139,6 +140,11 @@ def run(
             )
         _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
         names = str(plant.inputs[0]), str(plant.outputs[0])
+        if not adaptive and is_sine_plan(plan):
+            _sines.refuse_options({**settings, "shortest": shortest})
+            known = Setup(actuator, *names, specimen, seed, {"noise": noise})
+            _sines.begin(plant, plan, store, known, as_json)
+            return
         setup = Setup(actuator, *names, specimen, seed, {"noise": noise})
         if adaptive:
             setup = replace(setup, design=_adaptive.design_of(plant, options))

@@ -271,7 +271,7 @@ def frequency_response(
             t, u = _waveform(frequency, amplitude, bias, preamble, settling, periods, samples)
             sensed, y = _measured_periods(drive(t, u), t, periods * samples)
             component = fundamental(y, periods)
-            plant[i, j] = component / _fundamental_of_sine(sensed, periods)
+            plant[i, j] = component / fundamental_of_sine(sensed, periods)
             distortion[i, j] = harmonic_distortion(y, periods)
             last, one_before = (
                 fundamental(y[y.size - n * samples : y.size - (n - 1) * samples], 1) for n in (1, 2)
@@ -279,7 +279,7 @@ def frequency_response(
             unsettled[i, j] = abs(last - one_before) / abs(last)
             if operator is not None:
                 w = operator.simulate(u, start)[-periods * samples :]
-                after[i, j] = component / _fundamental_of_sine(w, periods)
+                after[i, j] = component / fundamental_of_sine(w, periods)
     return FrequencyResponse(
         hertz,
         swings,
@@ -352,6 +352,11 @@ def decibels(gain: ComplexArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.abs(gain)))
 
 
+def degrees(gain: ComplexArray) -> FloatArray:
+    """Phase in degrees, along the last axis without jumps."""
+    return np.asarray(np.degrees(np.unwrap(np.angle(gain))))
+
+
 def _waveform(
     frequency: float,
     amplitude: float,
@@ -388,8 +393,14 @@ def _measured_periods(record: Record, t: FloatArray, wanted: int) -> tuple[Float
     return np.interp(places, clock, record.u), np.interp(places, clock, record.y)
 
 
-def _fundamental_of_sine(x: FloatArray, periods: int) -> complex:
-    """Fundamental of a signal that must oscillate."""
+def fundamental_of_sine(x: FloatArray, periods: int) -> complex:
+    """Fundamental of a signal (T,) of whole periods that must oscillate.
+
+    Raises
+    ------
+    SignalError
+        If it does not.
+    """
     component = fundamental(x, periods)
     if abs(component) <= 1e-9 * np.abs(x).max(initial=0.0):
         raise SignalError(

@@ -20,6 +20,7 @@ from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreE
 from minorloop.lab.actuator import SIX_DIGITS, Actuator, Rounding, Timed, check_input
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
+from minorloop.lab.records import Quantity
 from minorloop.lab.settling import SPAN_SHARE, judge, trend
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
 from minorloop.lab.store import Point, Store
@@ -148,16 +149,10 @@ def run(
         return "finished"
     if isinstance(actuator, Described) and actuator.description is not None:
         store.check_bench(actuator.description)
-    with _left_safe(actuator):
+    with left_safe(actuator):
         mode, ended = _take_up(actuator, store, watch)
-        session = store.begin_session(mode)
-        try:
+        with noted_session(store, mode):
             _carry_on(actuator, store, choose, watch, ended)
-        except BaseException as error:
-            with suppress(MinorloopError):
-                store.end_session(session, _reason(error))
-            raise
-        store.end_session(session, "finished")
     return mode
 
 
@@ -173,27 +168,61 @@ def check_plan(actuator: Actuator, plan: Plan) -> None:
     LimitError
         If a level is beyond the limits.
     """
+    check_channels(actuator, plan.input)
+    channel = actuator.inputs[0]
+    known = plan.inputs[np.isfinite(plan.inputs)]
+    for level in (known.min(), known.max()) if known.size else ():
+        check_input(actuator.inputs, level)
+    if isinstance(actuator, Rounding):
+        check_written(actuator, plan.inputs, channel.high - channel.low)
+    plan.check_answers(answer_time(actuator))
+
+
+def check_channels(actuator: Actuator, input: Quantity) -> None:
+    """Refuse an actuator with several channels, or with another unit than the plan.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        What the plan is for.
+    input : Quantity
+        The input of the plan.
+
+    Raises
+    ------
+    ParameterError
+        If the actuator cannot be used.
+    """
     if len(actuator.inputs) != 1 or len(actuator.outputs) != 1:
         raise ParameterError(
             f"the actuator has {len(actuator.inputs)} inputs and {len(actuator.outputs)} outputs; "
             "a plan is for one of each"
         )
     channel = actuator.inputs[0]
-    if plan.input.unit and plan.input.unit != channel.unit:
+    if input.unit and input.unit != channel.unit:
         raise ParameterError(
-            f"the plan is for '{plan.input}' and the actuator takes '{channel}'; "
+            f"the plan is for '{input}' and the actuator takes '{channel}'; "
             f"give the levels in {channel.unit or 'pure numbers'}"
         )
-    known = plan.inputs[np.isfinite(plan.inputs)]
-    for level in (known.min(), known.max()) if known.size else ():
-        check_input(actuator.inputs, level)
-    if isinstance(actuator, Rounding):
-        _check_written(actuator, plan.inputs, channel.high - channel.low)
-    plan.check_answers(answer_time(actuator))
 
 
-def _check_written(actuator: Rounding, levels: FloatArray, span: float) -> None:
-    """Refuse a level that the source would write as another input."""
+def check_written(actuator: Rounding, levels: FloatArray, span: float) -> None:
+    """Refuse a level that the source would write as another input.
+
+    Parameters
+    ----------
+    actuator : Rounding
+        The actuator.
+    levels : (n,) array
+        Levels of the input; NaN is not checked.
+    span : float
+        Range of the input.
+
+    Raises
+    ------
+    ParameterError
+        Naming the first such level.
+    """
     for index in np.flatnonzero(np.isfinite(levels)):
         level = float(levels[index])
         written = actuator.written(level)
@@ -337,10 +366,36 @@ def _reason(error: BaseException) -> str:
 
 
 @contextmanager
-def _left_safe(actuator: Actuator) -> Iterator[None]:
+def noted_session(store: Store, mode: str) -> Iterator[None]:
+    """Note in the store that a session begins, and how it ended.
+
+    Parameters
+    ----------
+    store : Store
+        Open to write.
+    mode : str
+        How the actuator was brought to the first level.
+    """
+    session = store.begin_session(mode)
+    try:
+        yield
+    except BaseException as error:
+        with suppress(MinorloopError):
+            store.end_session(session, _reason(error))
+        raise
+    store.end_session(session, "finished")
+
+
+@contextmanager
+def left_safe(actuator: Actuator) -> Iterator[None]:
     """Bring the actuator to its safe input at the end, whatever ends the context.
 
     Signals are raised only inside the context, so that none comes between its end and safety.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        What is made safe.
     """
     with ended_by_signals(), Deferred():
         try:

@@ -1,0 +1,79 @@
+"""Runs of sines: begun by ``run``, continued by ``resume``."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.cli._watch import as_duration, watching
+from minorloop.errors import InstrumentError, ParameterError
+
+if TYPE_CHECKING:
+    from minorloop.lab.actuator import Actuator
+    from minorloop.lab.store import Setup, Store
+
+
+def begin(plant: Actuator, file: str, store: Path, setup: Setup, as_json: bool) -> None:
+    """Carry out a plan of sines on the actuator of a setup, in a new store.
+
+    Raises
+    ------
+    ParameterError
+        If the actuator cannot carry out the plan.
+    LimitError
+        If an input is beyond the limits.
+    """
+    from minorloop.lab.sine_run import check_sines, sine_design
+    from minorloop.lab.sines import SinePlan
+    from minorloop.lab.store import Store
+
+    plan = SinePlan.from_csv(file)
+    check_sines(plant, plan)
+    known = replace(setup, design=sine_design(plan, plant))
+    with Store.create(store, plan.holds(), known) as opened:
+        carry_out(plant, opened, as_json)
+
+
+def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
+    """Carry out the rest of the sines of a store, and print how many there are."""
+    from minorloop.lab.sine_run import run_sines
+
+    try:
+        with watching(store) as watch:
+            mode = run_sines(plant, store, watch=watch)
+    except InstrumentError as error:
+        raise type(error)(
+            f"{error}; {len(store)} of {len(store.plan)} sines are kept; continue with minorloop "
+            f"resume --store {shlex.quote(str(store.path))}"
+        ) from None
+    points = store.points()
+    held = sum(point.held for point in points)
+    if as_json:
+        about = {"store": str(store.path), "actuator": store.setup.address}
+        counts = {"sines": len(points), "planned": len(store.plan), "finished": store.finished}
+        _common.print_json({**about, **counts, "held_s": held, "way": mode})
+        return
+    if mode == "finished":
+        typer.echo("this run was finished already; nothing was applied")
+    typer.echo(f"{len(points)} of {len(store.plan)} sines measured, {as_duration(held)} in all")
+    typer.echo(f"kept in {store.path}; next: minorloop frequency {store.path}")
+
+
+def is_sines(setup: Setup) -> bool:
+    """Whether the store of a run has sines."""
+    return "sines" in (setup.design or {})
+
+
+def refuse_options(options: dict[str, Any]) -> None:
+    """Refuse options of runs of holds, where the plan has sines."""
+    for name, value in options.items():
+        if value is not None:
+            raise ParameterError(
+                f"--{name.replace('_', '-')} is for plans of holds, and this one has sines; leave "
+                "it out"
+            )

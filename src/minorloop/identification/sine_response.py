@@ -1,0 +1,290 @@
+"""Frequency response from measured sines: of the actuator, and behind an identified operator.
+
+Gain and phase are those of the fundamental components. Before the operator they are from the input
+u to the output y; after it from w, the output of the operator for u, to y. If the actuator is an
+operator followed by linear dynamics, the latter do not depend on the amplitude (Chen, Tan and
+Shahinpoor 2005, section V).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, as_pair, as_samples, as_times
+from minorloop.errors import ParameterError, SignalError
+from minorloop.identification.frequency import (
+    FrequencyResponse,
+    fundamental,
+    fundamental_of_sine,
+    harmonic_distortion,
+)
+from minorloop.operators.operator import Operator
+
+if TYPE_CHECKING:
+    from minorloop.lab.sine_run import MeasuredSine
+
+__all__ = ["SinePeriods", "logged_periods", "measured_periods", "sine_response"]
+
+FEWEST_SAMPLES = 20
+"""Least samples of a period in a log."""
+_MOST_SAMPLES = 4096
+"""Most samples of a period to which a log is interpolated."""
+_SAME_AMPLITUDE = 1.05
+"""Amplitudes of a log whose ratio is below this count as one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SinePeriods:
+    """The measured whole periods of a sine.
+
+    Parameters
+    ----------
+    frequency, amplitude, offset : float
+        Frequency in Hz, amplitude and mean of the input in its unit.
+    periods : int
+        Number of periods.
+    u, y : (T,) arrays
+        Inputs and outputs, evenly sampled over the periods.
+    w : (T,) array or None
+        Outputs of the operator; None without an operator.
+    held : bool
+        Whether each input was held until its output was read; otherwise it is linear in between.
+    """
+
+    frequency: float
+    amplitude: float
+    offset: float
+    periods: int
+    u: FloatArray
+    y: FloatArray
+    w: FloatArray | None = None
+    held: bool = False
+
+    @property
+    def correction(self) -> complex:
+        """Fundamental of a held input over that of its samples at the ends of the holds."""
+        if not self.held:
+            return 1.0
+        turn = 2j * np.pi * self.periods / self.u.size
+        return complex((np.exp(turn) - 1) / turn)
+
+    def gains(self) -> tuple[complex, complex]:
+        """Return the gains of the fundamental before and after the operator; NaN without one."""
+        y = fundamental(self.y, self.periods)
+        before, after = (
+            np.nan if x is None else y / (fundamental_of_sine(x, self.periods) * self.correction)
+            for x in (self.u, self.w)
+        )
+        return before, after
+
+    def unsettled(self) -> float:
+        """Return the relative change of the fundamental between the last two periods."""
+        each = self.y.size // self.periods
+        last, before = (
+            fundamental(self.y[self.y.size - k * each : self.y.size - (k - 1) * each], 1)
+            for k in (1, 2)
+        )
+        return abs(last - before) / abs(last) if last else np.inf
+
+
+def measured_periods(one: MeasuredSine, operator: Operator | None = None) -> SinePeriods:
+    """Return the measured periods of a sine of an experiment store.
+
+    Parameters
+    ----------
+    one : MeasuredSine
+        The sine and its samples.
+    operator : Operator, optional
+        Model of the hysteresis; it gets all inputs since the preamble.
+    """
+    sine = one.sine
+    count = sine.measured * sine.samples
+    w = None
+    if operator is not None:
+        inputs = np.concatenate([one.before, one.u])
+        w = operator.simulate(inputs, _side(sine.preamble, sine.offset))[-count:]
+    u, y = one.u[-count:], one.y[-count:]
+    about = sine.frequency, sine.amplitude, sine.offset, sine.measured
+    return SinePeriods(*about, u, y, w, one.held)
+
+
+def logged_periods(
+    t: Any,
+    u: Any,
+    y: Any,
+    frequency: Any,
+    operator: Operator | None = None,
+    *,
+    periods: int = 2,
+) -> list[SinePeriods]:
+    """Return the last whole periods of each sine in a log.
+
+    Rows of one frequency that follow each other are a sine. Rows of frequency 0 come before it,
+    such as a saturating input; they drive the memory of the operator.
+
+    Parameters
+    ----------
+    t : (T,) array_like
+        Times in seconds, increasing.
+    u, y : (T,) array_like
+        Inputs and outputs.
+    frequency : (T,) array_like
+        Frequency of the sine in each row, in Hz; 0 between sines.
+    operator : Operator, optional
+        Model of the hysteresis.
+    periods : int
+        Periods to use at the end of each sine, 2 at least.
+
+    Raises
+    ------
+    ParameterError
+        If ``periods`` is too small.
+    SignalError
+        If there is no sine, a sine is shorter than the periods, or has too few samples or gaps.
+    """
+    times, (inputs, outputs) = as_times(t), as_pair(u, y)
+    hertz = as_samples(frequency, name="frequency")
+    if inputs.shape != times.shape or hertz.shape != times.shape:
+        raise SignalError("time, input, output and frequency differ in length; give one row each")
+    if periods < 2:
+        raise ParameterError(f"periods is {periods}; give at least 2")
+    edges = np.flatnonzero(np.diff(hertz)) + 1
+    found: list[SinePeriods] = []
+    since = 0
+    for first, end in zip([0, *edges], [*edges, hertz.size], strict=True):
+        if hertz[first] > 0:
+            part = slice(since, end)
+            w = None
+            if operator is not None:
+                begin = inputs[since]
+                w = operator.simulate(inputs[part], _side(begin, float(inputs[first:end].mean())))
+            rows = slice(first, end)
+            tail = None if w is None else w[first - since :]
+            log = times[rows], inputs[rows], outputs[rows], tail
+            found.append(_last_periods(log, float(hertz[first]), periods, len(found) + 1))
+            # Without rows before the next sine, this one drives its memory.
+            since = end if end < hertz.size and hertz[end] <= 0 else since
+    if not found:
+        raise SignalError("the log has no row with a positive frequency; there is no sine in it")
+    return found
+
+
+def sine_response(sines: Sequence[SinePeriods]) -> tuple[FrequencyResponse, list[str]]:
+    """Return gains at the frequencies that were measured at every amplitude, and notes.
+
+    Parameters
+    ----------
+    sines : sequence of SinePeriods
+        Sines, in any order; the last of several with one frequency and amplitude is used.
+
+    Raises
+    ------
+    SignalError
+        If no frequency was measured at every amplitude, or a sine does not oscillate.
+    """
+    if not sines:
+        raise SignalError("no sine is finished yet; resume the run first")
+    amplitudes, place = _grouped([sine.amplitude for sine in sines])
+    frequencies = sorted({sine.frequency for sine in sines})
+    table = {(place[k], sine.frequency): sine for k, sine in enumerate(sines)}
+    complete = [f for f in frequencies if all((i, f) in table for i in range(len(amplitudes)))]
+    if not complete:
+        raise SignalError(
+            f"no frequency was measured at all of the {len(amplitudes)} amplitudes; "
+            "measure each frequency at the same amplitudes"
+        )
+    notes = []
+    if len(complete) < len(frequencies):
+        left = ", ".join(f"{f:g}" for f in frequencies if f not in complete)
+        notes.append(f"{left} Hz left out: not measured at every amplitude")
+    offsets = [sine.offset for sine in sines]
+    if np.ptp(offsets) > 0.05 * max(amplitudes):
+        notes.append(
+            f"the offsets differ, from {min(offsets):.4g} to {max(offsets):.4g}; gains at "
+            "different offsets cannot be compared"
+        )
+    grid = [[table[i, f] for f in complete] for i in range(len(amplitudes))]
+    gains = np.array([[sine.gains() for sine in row] for row in grid])
+    response = FrequencyResponse(
+        np.array(complete),
+        np.array(amplitudes),
+        float(np.mean(offsets)),
+        gains[:, :, 0],
+        gains[:, :, 1] if all(sine.w is not None for sine in sines) else None,
+        np.array([[harmonic_distortion(s.y, s.periods) for s in row] for row in grid]),
+        np.array([[s.unsettled() for s in row] for row in grid]),
+    )
+    return response, notes
+
+
+def _last_periods(
+    log: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None],
+    frequency: float,
+    periods: int,
+    number: int,
+) -> SinePeriods:
+    """Return the last periods of a sine, interpolated at evenly spaced times."""
+    t, u, y, w = log
+    step = float(np.median(np.diff(t))) if t.size > 1 else np.inf
+    known = (float(t[-1] - t[0]) + min(step, 1 / frequency)) * frequency
+    named = f"sine {number} ({frequency:g} Hz)"
+    if known < periods * (1 - 1e-9):
+        raise SignalError(
+            f"{named} lasts {known:.3g} periods and {periods} whole ones are evaluated; record it "
+            "for longer"
+        )
+    if step * frequency > (1 + 1e-6) / FEWEST_SAMPLES:
+        raise SignalError(
+            f"{named} has {1 / (step * frequency):.3g} samples in a period; give at least "
+            f"{FEWEST_SAMPLES}"
+        )
+    samples = min(round(1 / (step * frequency)), _MOST_SAMPLES)
+    places = t[-1] - np.arange(periods * samples)[::-1] / (samples * frequency)
+    if np.isnan(y[t >= places[0]]).any():
+        raise SignalError(f"{named} has gaps in its last {periods} periods; record it again")
+    even_u, even_y = np.interp(places, t, u), np.interp(places, t, y)
+    even_w = None if w is None else np.interp(places, t, w)
+    swing = abs(fundamental_of_sine(even_u, periods))
+    return SinePeriods(frequency, swing, float(even_u.mean()), periods, even_u, even_y, even_w)
+
+
+def _grouped(values: Sequence[float]) -> tuple[list[float], list[int]]:
+    """Return the different amplitudes in order, and the place of each value among them."""
+    groups: list[list[int]] = []
+    for k in np.argsort(values, kind="stable").tolist():
+        if groups and values[k] < _SAME_AMPLITUDE * values[groups[-1][0]]:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    place = {k: i for i, group in enumerate(groups) for k in group}
+    levels = [float(np.median([values[k] for k in group])) for group in groups]
+    return levels, [place[k] for k in range(len(values))]
+
+
+def _side(preamble: float, offset: float) -> str:
+    """Return the start of the operator's memory that a saturating input belongs to."""
+    return "negative" if preamble <= offset else "positive"
+
+
+def unsaturated(operator: Any, preambles: Sequence[float]) -> Iterator[str]:
+    """Yield a note if an input before a sine does not saturate the operator.
+
+    Parameters
+    ----------
+    operator : model
+        The operator; only one with ``levels`` is checked.
+    preambles : sequence of float
+        Inputs before the sines.
+    """
+    levels = getattr(operator, "levels", None)
+    for preamble in preambles:
+        if levels is not None and levels[0] < preamble < levels[-1]:
+            yield (
+                f"the preamble of {preamble:g} does not saturate the model, whose levels reach "
+                f"from {levels[0]:g} to {levels[-1]:g}; memory of before is not wiped out"
+            )
+            return
