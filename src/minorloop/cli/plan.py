@@ -132,7 +132,7 @@ def _check_options(pattern: str, given: dict[str, Any]) -> None:
     others = ("low", "high", "levels") if pattern == _SINES else (*_OF_SINES, "tick")
     for name in others:
         if given[name] is not None:
-            raise ParameterError(f"--{name} is not for {pattern}; leave it out")
+            raise ParameterError(f"--{name} is not for a plan of {pattern}; leave it out")
     for name in ("frequencies", "amplitudes", "preamble") if pattern == _SINES else ():
         if given[name] is None:
             raise ParameterError(f"--{name} is missing; a plan of sines needs it")

@@ -31,6 +31,8 @@ __all__ = ["SinePeriods", "logged_periods", "measured_periods", "sine_response"]
 
 FEWEST_SAMPLES = 20
 """Least samples of a period in a log."""
+_NOTHING = 1e-9
+"""Share of the output below which its fundamental is rounding."""
 _MOST_SAMPLES = 4096
 """Most samples of a period to which a log is interpolated."""
 _SAME_AMPLITUDE = 1.05
@@ -73,8 +75,19 @@ class SinePeriods:
         return complex((np.exp(turn) - 1) / turn)
 
     def gains(self) -> tuple[complex, complex]:
-        """Return the gains of the fundamental before and after the operator; NaN without one."""
+        """Return the gains of the fundamental before and after the operator; NaN without one.
+
+        Raises
+        ------
+        SignalError
+            If input, operator or output does not oscillate.
+        """
         y = fundamental(self.y, self.periods)
+        if abs(y) <= _NOTHING * np.abs(self.y).max(initial=0.0):
+            raise SignalError(
+                f"the output does not oscillate at {self.frequency:g} Hz and amplitude "
+                f"{self.amplitude:g}; check the sensor, or increase the amplitude"
+            )
         before, after = (
             np.nan if x is None else y / (fundamental_of_sine(x, self.periods) * self.correction)
             for x in (self.u, self.w)

@@ -1,0 +1,140 @@
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+from minorloop.lab import sines
+from minorloop.lab.drivers.bench import Bench
+from minorloop.operators.preisach import Preisach
+
+PLAN = "plan sines --frequencies 0.2,1 --amplitudes 0.7,1 --preamble -1.2 --hold 5 --samples 40"
+RUN = "run --actuator twin:ipmc --specimen 1001 --plan sines.csv --store s.sqlite"
+
+
+@pytest.fixture(autouse=True)
+def _planned(_somewhere, run):
+    assert run(f'{PLAN} --input "voltage [V]" --save sines.csv')[0] == 0
+    model = Preisach(np.linspace(-1.2, 1.2, 9), np.tril(np.full((8, 8), 0.24)))
+    modelfile.save(model, "strip.json", input="voltage [V]", output="curvature [1/m]")
+
+
+@pytest.fixture
+def store(run):
+    status, out, err = run(RUN)
+    assert status == 0
+    assert "4 of 4 sines measured" in out
+    assert err.count("\n") == 4
+    return "s.sqlite"
+
+
+def test_from_a_plan_to_gain_and_phase(store, run, answer):
+    status, out, _ = run(
+        f"frequency {store} --model strip.json --save bode.csv --samples log.csv --report b.html"
+    )
+    assert status == 0
+    assert "gains differ by" in out
+    with open("bode.csv", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header[:4] == ["frequency [Hz]", "amplitude [V]", "gain [dB]", "phase [deg]"]
+    known = [(float(row[0]), float(row[1])) for row in rows]
+    assert known == [(0.2, 0.7), (0.2, 1.0), (1.0, 0.7), (1.0, 1.0)]
+    found = answer(f"frequency {store} --model strip.json")
+    np.testing.assert_allclose(np.ravel(found["gain_db"], "F"), [float(row[2]) for row in rows])
+    assert found["gain_spread_before_db"] > 0
+    for said in ("Bode plot", "from the output of the model", "data:image/svg"):
+        assert said in Path("b.html").read_text()
+    line = "frequency log.csv --input voltage --output curvature --model strip.json"
+    again = answer(line)
+    for key in ("gain_db", "phase_deg", "after_gain_db", "after_phase_deg"):
+        np.testing.assert_allclose(again[key], found[key], rtol=1e-6)
+
+
+def test_without_a_model_there_is_no_operator(store, answer):
+    found = answer(f"frequency {store}")
+    assert found["after_gain_db"] is None
+    assert found["gain_spread_before_db"] is None
+
+
+def test_resume_knows_a_finished_run_of_sines(store, run, answer):
+    assert "nothing was applied" in run(f"resume --store {store}")[1]
+    known = answer(f"resume --store {store}")
+    assert (known["sines"], known["planned"], known["way"]) == (4, 4, "finished")
+
+
+def test_a_plan_is_printed_as_json(answer):
+    found = answer(f"{PLAN} --tick 0.03 --offset 0.1 --settling 20 --cycles 3")
+    assert [sine["measured"] for sine in found["sines"]] == [3] * 4
+    assert found["sines"][3]["discarded"] == 20
+    assert found["sines"][0]["offset"] == 0.1
+    assert found["sines"][2]["samples"] == 33
+
+
+def test_a_simulated_bench_measures_sines(run, refused, monkeypatch):
+    pytest.importorskip("pyvisa_sim", reason="needs pyvisa and pyvisa-sim: minorloop[instruments]")
+    simulated = Path(__file__).parent.parent / "lab/drivers/bench.yaml"
+    Path("bench.yaml").write_bytes(simulated.read_bytes())
+    bench = {
+        "library": "bench.yaml@sim",
+        "source": {
+            "resource": "ASRL1::INSTR",
+            "set": "VOLT {:.9f}",
+            "safe": ["VOLT 0.000000000", "OUTP OFF"],
+            "confirm": "VOLT?",
+        },
+        "meter": {"resource": "ASRL2::INSTR"},
+        "input": {"name": "voltage", "unit": "V", "low": -1.2, "high": 1.2},
+        "output": {"name": "tip", "unit": "mm"},
+        "tick": 0.05,
+        "timeout": 0.1,
+    }
+    monkeypatch.setattr(Bench, "answer_time", lambda bench: 0.0)
+    monkeypatch.setattr(sines, "FEWEST_SAMPLES", 4)
+    Path("bench.json").write_text(json.dumps(bench))
+    Path("s.csv").write_text(
+        "frequency [Hz],voltage amplitude [V],voltage offset [V],voltage preamble [V],"
+        "preamble hold [s],discarded periods,measured periods,samples per period\n"
+        "5,1,0,-1.2,0.05,0,2,4\n"
+    )
+    status, out, _ = run("run --actuator visa:bench.json --plan s.csv --store b.sqlite")
+    assert status == 0
+    assert "1 of 1 sines measured" in out
+    # Its meter always reads the same.
+    assert "the output does not oscillate at 5 Hz" in refused("frequency b.sqlite")
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (f"{PLAN} --cycles 2.5", "measured periods are 2.5; give a whole number"),
+        (f"{PLAN} --samples 8", "samples per period are 8"),
+        (f"{PLAN} --tick 0.1", "a tick of 0.1 s is too slow for 1 Hz"),
+        (f"{PLAN} --low -1", "--low is not for a plan of sines"),
+        (PLAN.replace("0.7,1", "0.7;1"), "--amplitudes is '0.7;1'; give numbers separated"),
+        (PLAN.replace("--preamble -1.2", ""), "--preamble is missing"),
+        ("plan decaying --low 0 --high 1 --cycles 3", "--cycles is not for a plan of decaying"),
+        (f"{RUN} --tolerance 1", "--tolerance is for plans of holds"),
+        (f"{RUN} --levels 4", "--levels is for --plan adaptive"),
+        ("frequency none.csv", "none.csv does not exist"),
+        ("frequency good.csv --input voltage", "--output is missing"),
+        ("frequency good.csv --input voltage --output length", "good.csv has no column 'freq"),
+        ("frequency good.csv --samples s.csv", "--samples is for an experiment store"),
+    ],
+)
+def test_bad_input_is_one_sentence(line, says, refused):
+    assert says in refused(line)
+
+
+def test_an_amplitude_beyond_the_limits_leaves_no_store(run, refused):
+    run(f'{PLAN.replace("0.7,1", "1.5")} --input "voltage [V]" --save sines.csv --force')
+    assert "sine 1 (0.2 Hz): voltage -1.5 V is beyond the limits" in refused(RUN)
+    assert not Path("s.sqlite").exists()
+
+
+def test_a_store_of_sines_is_used_for_sines_only(store, refused, run):
+    assert "evaluate it with minorloop frequency" in refused(f"identify {store}")
+    assert "leave --input, --output and --time out" in refused(f"frequency {store} --input u")
+    modelfile.save(Preisach([0, 1], [[1.0]]), "amps.json", input="current [A]", output="y")
+    assert "identify a model in V" in refused(f"frequency {store} --model amps.json")
