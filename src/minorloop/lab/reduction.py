@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, RecordError
@@ -28,10 +27,6 @@ WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
-_STUCK = 4
-"""Equal readings in a row, at an end of the range of the output, that count as saturated."""
-_NOISY = 0.5
-"""Share of neighbours that differ in an output with noise."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +89,8 @@ class Reduction:
 
     def __str__(self) -> str:
         counts = {name: self.count(name) for name in ("settled", "extrapolated", "unsettled")}
-        said = ", ".join(f"{count} {name}" for name, count in counts.items())
-        return f"{sum(counts.values())} holds in {len(self.log)} samples: {said}"
+        verdicts = ", ".join(f"{count} {name}" for name, count in counts.items())
+        return f"{sum(counts.values())} holds in {len(self.log)} samples: {verdicts}"
 
     def summary(self) -> list[tuple[str, str]]:
         """Return rows of a short table: holds, verdicts and uncertainties."""
@@ -247,11 +242,11 @@ def reduce(
             "needed: where the input never rests, identify the record as it is, and where it is "
             "noisier than its steps, give the input tolerance"
         )
-    readings, notes = _usable(record, limits)
+    readings, notes = usable(record, limits)
     y, common = readings, np.zeros(readings.size)
     quantity = record.output
     if conversion is not None:
-        y, lost = _converted(readings, conversion)
+        y, lost = converted(readings, conversion)
         common = conversion.sd(readings)
         quantity = conversion.quantity(record.output)
         notes += lost
@@ -357,79 +352,24 @@ def _span(log: Record, holds: list[FoundHold]) -> float:
     return float(np.ptp(ends)) if ends else 0.0
 
 
-def _usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArray, list[str]]:
-    """Return the readings, NaN where the sensor is beyond its range or saturated; and notes."""
-    y, notes = record.y, []
-    if limits is not None:
-        low, high = limits
-        if not low < high:
-            raise ParameterError(
-                f"the range of the sensor is [{low:g}, {high:g}]; give low below high"
-            )
-        beyond = (y <= low) | (y >= high)
-        if beyond.any():
-            notes.append(
-                f"{np.count_nonzero(beyond)} of {y.size} readings of {record.output} are beyond "
-                f"the range of the sensor, {low:g} to {high:g}, first {y[np.argmax(beyond)]:g} at "
-                f"sample {np.argmax(beyond)}; they are not used: move the sensor or reduce the "
-                "input"
-            )
-            y = np.where(beyond, np.nan, y)
-    for extreme, saturated in _saturated(y):
-        notes.append(
-            f"the sensor is saturated: {np.count_nonzero(saturated)} of {y.size} readings of "
-            f"{record.output} are exactly {extreme:g}, first at sample {np.argmax(saturated)}; "
-            "they are not used: use a wider range or reduce the input"
-        )
-        y = np.where(saturated, np.nan, y)
-    return y, notes
-
-
-def _saturated(y: FloatArray) -> list[tuple[float, npt.NDArray[np.bool_]]]:
-    """Return extremes that a noisy output takes several times in a row, and where it does."""
-    known = y[np.isfinite(y)]
-    if known.size < 2 * _STUCK or np.mean(np.diff(known) != 0) < _NOISY:
-        return []
-    found = []
-    for extreme in (float(known.min()), float(known.max())):
-        at = y == extreme
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-        if edges.size and int(np.diff(edges)[::2].max()) >= _STUCK:
-            found.append((extreme, at))
-    return found
-
-
-def _converted(readings: FloatArray, conversion: Conversion) -> tuple[FloatArray, list[str]]:
-    y = conversion.convert(readings)
-    lost = np.isfinite(readings) & ~np.isfinite(y)
-    if not lost.any():
-        return y, []
-    first = int(np.argmax(lost))
-    return y, [
-        f"{np.count_nonzero(lost)} of {y.size} readings cannot be converted, first "
-        f"{readings[first]:g} at sample {first}; the conversion covers {conversion.covered}: check "
-        "the geometry or the calibration and its unit"
-    ]
-
-
 def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
     holds = [point for point in points if point.verdict != "passed"]
     unsettled = [k for k, point in enumerate(holds, 1) if point.verdict == "unsettled"]
-    said = []
+    notes = []
     if unsettled:
         shown = ", ".join(map(str, unsettled[:8])) + (", ..." if len(unsettled) > 8 else "")
-        said.append(
+        notes.append(
             f"{len(unsettled)} of {len(holds)} holds have not settled (hold {shown}): their "
             "outputs are left out, and their inputs drive the memory only; hold longer"
         )
     passed = len(points) - len(holds)
     if passed:
-        said.append(
+        notes.append(
             f"{passed} extremes of {log.input.name} between, before or after the holds are kept as "
             "rows without an output: they drive the memory"
         )
     if not log.timed:
-        said.append(
+        notes.append(
             "no time column was given: durations are counted in samples, and slopes are per sample"
         )
-    return said
+    return notes

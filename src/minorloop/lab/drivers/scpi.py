@@ -114,9 +114,9 @@ class ScpiSource:
         """
         if not math.isfinite(value):
             raise InstrumentError(f"{value} is not a valid input; nothing was sent")
-        said = self._written(value)
+        written = self._written(value)
         width = abs(value) if self._span is None else self._span
-        if any(abs(number - value) > _ROUNDED * width for number in said):
+        if any(abs(number - value) > _ROUNDED * width for number in written):
             raise ParameterError(
                 f"{self._set!r} makes {self._set.format(value)!r} of {value:.9g}, which is another "
                 "input; write more digits, such as {:.9g}, or give inputs that need fewer"
