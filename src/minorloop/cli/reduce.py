@@ -133,7 +133,7 @@ def run(
 def _conversion(
     chosen: dict[str, Any], named: dict[str, Any], reading: Quantity
 ) -> Conversion | None:
-    from minorloop.lab.conversion import LaserCurvature, Polynomial, Table
+    from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable, LaserCurvature
 
     given = [name for name, value in chosen.items() if value is not None]
     if len(given) > 1:
@@ -146,17 +146,17 @@ def _conversion(
         numbers = _numbers("laser", chosen["laser"], (2, 4), _LASER)
         return LaserCurvature(*numbers, unit=reading.unit)
     if given == ["table"]:
-        found = Table.from_csv(chosen["table"], calibration_sd=named["calibration_sd"])
+        found = CalibrationTable.from_csv(chosen["table"], calibration_sd=named["calibration_sd"])
         names = named["name"] or found.name, named["unit"] or found.unit
-        return Table(*names, found.calibration_sd, found.readings, found.values)
+        return CalibrationTable(*names, found.calibration_sd, found.readings, found.values)
     values = tuple(named.values())
     if given == ["linear"]:
         gain, *offset = _numbers("linear", chosen["linear"], (1, 2), "GAIN,OFFSET")
-        return Polynomial(*values, (*(offset or [0.0]), gain))
+        return CalibrationPolynomial(*values, (*(offset or [0.0]), gain))
     if given == ["polynomial"]:
         numbers = _numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,...")
-        return Polynomial(*values, tuple(numbers))
-    return Polynomial(*values) if any(named.values()) else None
+        return CalibrationPolynomial(*values, tuple(numbers))
+    return CalibrationPolynomial(*values) if any(named.values()) else None
 
 
 def _numbers(name: str, text: str, counts: Any, form: str) -> list[float]:

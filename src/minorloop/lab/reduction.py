@@ -18,6 +18,7 @@ from minorloop.figures import figure_of
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
+from minorloop.lab.readings import converted, usable
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.settling import SPAN_SHARE, judge, trend
 
