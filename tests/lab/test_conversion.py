@@ -86,7 +86,7 @@ class TestCalibrations:
             (lambda: CalibrationTable(readings=[1.0, np.inf], values=[1.0, 2.0]), "not finite"),
             (
                 lambda: CalibrationTable(readings=[0, 2, 1, 3], values=[0, 1, 2, 3]),
-                "are 2 and then 1; they",
+                "are 2 and then 1",
             ),
         ],
     )

@@ -119,6 +119,7 @@ def run(
             tolerance=tolerance,
             input_tolerance=input_tolerance,
             shortest=shortest,
+            breaks=log.check.breaks if log.check else (),
         )
     said = [*log.notes, *reduction.notes]
     steps: list[Callable[[], None]] = [partial(_show, reduction, said, as_json)]

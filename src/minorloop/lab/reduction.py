@@ -7,10 +7,11 @@ output is inserted, so that it drives the memory of a model.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, RecordError
@@ -21,6 +22,7 @@ from minorloop.lab.holds import FoundHold, find_holds, turning_points
 from minorloop.lab.readings import converted, usable
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.settling import SPAN_SHARE, judge, trend
+from minorloop.lab.timebase import known_memory
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
 
@@ -53,6 +55,8 @@ class ReducedPoint:
         Standard deviation of the conversion, which is common to all points.
     begin, stop : int
         First sample of the hold, and the one after the last.
+    known : bool
+        Whether the memory is known; after a break it is not, until the input has made it known.
     """
 
     t: float
@@ -65,6 +69,7 @@ class ReducedPoint:
     common_sd: float
     begin: int
     stop: int
+    known: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +179,8 @@ class Reduction:
 
     @staticmethod
     def _output(point: ReducedPoint, unsettled: bool) -> float:
-        return point.value if unsettled or point.verdict != "unsettled" else np.nan
+        usable = point.known and (unsettled or point.verdict != "unsettled")
+        return point.value if usable else np.nan
 
 
 def reduce(
@@ -187,6 +193,7 @@ def reduce(
     tolerance: float | None = None,
     input_tolerance: float | None = None,
     shortest: float = 0.0,
+    breaks: npt.ArrayLike = (),
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
 
@@ -207,6 +214,9 @@ def reduce(
         Changes of the input up to this size are noise; estimated if not given.
     shortest : float
         Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
+    breaks : (B,) array_like of int, optional
+        Samples after which it is not known what the input did, as
+        `minorloop.lab.timebase.check_times` finds them.
 
     Returns
     -------
@@ -252,7 +262,11 @@ def reduce(
         quantity = conversion.quantity(record.output)
         notes += lost
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
-    points = _points(log, holds, common, tolerance)
+    known = known_memory(u, breaks)
+    points = [
+        replace(point, known=bool(known[point.stop - 1]))
+        for point in _points(log, holds, common, tolerance)
+    ]
     if not any(np.isfinite(point.value) for point in points):
         raise RecordError(
             f"none of the {len(holds)} holds has a usable output: "
@@ -362,6 +376,12 @@ def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
         notes.append(
             f"{len(unsettled)} of {len(holds)} holds have not settled (hold {shown}): their "
             "outputs are left out, and their inputs drive the memory only; hold longer"
+        )
+    unknown = sum(not point.known for point in holds)
+    if unknown:
+        notes.append(
+            f"{unknown} of {len(holds)} holds follow a break in time before the memory is known "
+            "again: their outputs are left out"
         )
     passed = len(points) - len(holds)
     if passed:
