@@ -366,3 +366,50 @@ def test_an_overload_code_is_left_out_and_named(answer):
     found = answer(IDENTIFY.replace("good", "over"))
     assert (found["samples"], found["codes"], found["warnings"]) == (399, [4], [])
     assert "sample 4 (9.9e+37)" in found["advice"][0]
+
+
+def numbered(name="numbered.csv", curves=6, each=40):
+    """Curves of the record, each simulated alone, with their number."""
+    u, _ = record()
+    model = modelfile.read("model.json").model
+    rows = []
+    for k in range(curves):
+        part = u[k * each : (k + 1) * each]
+        rows.append(np.column_stack([np.full(each, k), part, model.simulate(part, "positive")]))
+    header = "curve,voltage [V],length [um]"
+    np.savetxt(name, np.concatenate(rows), delimiter=",", header=header, comments="")
+
+
+def test_curves_of_a_column_begin_anew_and_are_left_out(model, run, answer):
+    modelfile.save(model, "model.json", force=True)
+    numbered()
+    line = f"{IDENTIFY.replace('good', 'numbered')} --no-slope --diagonal {model.diagonal}"
+    found = answer(f"{line} --curves curve --start-of-curve positive --skip 2")
+    assert found["skipped"] == 12
+    assert found["samples"] == 6 * 38
+    assert found["nrmse_groups"] < 0.02
+    assert found["band_sd"] > 0
+    assert run(f"{line} --groups curve")[0] == 1  # one curve for all: not to be trusted
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--start-of-curve positive", "without curves; give curves (--curves)"),
+        ("--curves voltage", "groups of one row"),
+        ("--groups other", "no column 'other'"),
+        ("--skip 399", "skip leaves 1 measured rows"),
+        ("--skip x", "'x' is not a whole number"),
+    ],
+)
+def test_refuses_curves_and_groups_that_cannot_be(options, says, run):
+    status, out, err = run(f"{IDENTIFY} {options}")
+    assert (status, out) == (2, "")
+    assert says in " ".join(err.split())
+
+
+def test_the_choices_and_the_residual_are_in_the_json(answer, run):
+    found = answer(f"{IDENTIFY} --lag auto")
+    assert [choice["name"] for choice in found["choices"]] == ["structure"]
+    assert found["residual"]["worst_sample"] < 400
+    assert "chosen structure: " in run(f"{IDENTIFY}")[1]

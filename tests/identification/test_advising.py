@@ -34,12 +34,13 @@ def test_an_outlier_held_out_does_not_condemn_the_model():
     assert "1 outlier: sample 350" in warning
 
 
-def test_the_option_for_a_lag_is_not_recommended_where_it_was_given():
+@pytest.mark.parametrize("option", ["lag", "slope"])
+def test_an_option_is_not_recommended_where_it_was_given_or_compared(option):
     u = INPUTS["levels"]
-    for lag, said in ((0, True), ("auto", False)):
-        found = identify(u, u**3, levels=3, lag=lag, holdout=0.3)
+    for given, said in (({}, True), ({option: "auto"}, False)):
+        found = identify(u, u**3, levels=3, holdout=0.3, diagonal="uniform", **given)
         worse = next(text for text in found.warnings if "polynomial" in text)
-        assert ("--lag auto" in worse) == said
+        assert (f"--{option}" in worse) == said
 
 
 @pytest.mark.parametrize(
@@ -64,6 +65,15 @@ def test_other_advice():
     changed = np.where(np.arange(y.size) > 1000, y + 10, y)
     assert "more than twice" in " ".join(identify(u, changed, levels=10, holdout=0.3).advice)
     assert identify(u, y, levels=LEVELS, holdout=0.3).advice == ()
+
+
+def test_groups_that_differ_are_named():
+    u, y = a_record(400)
+    groups = np.arange(400) // 80
+    same = " ".join(identify(u, y, levels=10, groups=groups).advice)
+    assert "no data were held out" not in same
+    differ = identify(u, y * (1 + 0.1 * groups), levels=10, groups=groups, prior="none")
+    assert "the error on left-out groups" in " ".join(differ.advice)
 
 
 def test_noise_alone_is_not_taken_for_hysteresis():

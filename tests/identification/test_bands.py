@@ -25,34 +25,10 @@ def test_what_was_not_measured_counts_for_nothing():
     assert np.isnan(shown.covers(np.full(3, np.nan)))
 
 
-def test_a_model_predicts_with_and_without_bands():
-    shown = FIT.predict(U, bands=0.5)
-    np.testing.assert_array_equal(shown.y, FIT.predict(U))
-    assert (shown.lower < shown.y).all()
-    assert (shown.sd > 0).all()
-    assert "bands of 50%" in str(shown)
-    assert len(shown.plot().axes) == 2
-
-
-def test_an_inversion_says_how_sure_it_is():
-    targets = np.quantile(MODEL.simulate(U), [0.3, 0.8, 0.5])
-    found = FIT.invert(targets)
-    np.testing.assert_allclose(found.sd, FIT.predict(found.u, bands=0.9).sd)
-    assert "sd" in str(found).splitlines()[0]
-    assert FIT.model.invert(targets).sd is None
-
-
 @pytest.mark.parametrize("bands", [0, 1, -0.1, 1.5, np.nan])
 def test_refuses_what_is_no_probability(bands):
     with pytest.raises(ParameterError, match="bands is"):
         FIT.predict(U, bands=bands)
-
-
-def test_a_model_without_the_prior_has_no_bands():
-    plain = identify(U, MODEL.simulate(U), levels=8, prior="none")
-    with pytest.raises(ParameterError, match="prior gaussian"):
-        plain.predict(U, bands=0.9)
-    assert plain.invert([0.0], unreachable="clip").sd is None
 
 
 def test_no_outputs_are_said_to_be_none():
@@ -70,10 +46,3 @@ def test_no_outputs_are_said_to_be_none():
 def test_refuses_what_the_prior_cannot_use(options, says):
     with pytest.raises(ParameterError, match=says):
         identify(U, U, **options)
-
-
-def test_the_record_is_drawn_with_bands_between_the_samples():
-    record = FIT.plot().axes[2]
-    assert record.get_title() == "Record"
-    across = record.collections[0].get_paths()[0].vertices[:, 0]
-    assert len(np.unique(across)) > 5 * U.size

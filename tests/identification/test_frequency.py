@@ -147,7 +147,7 @@ def test_a_plant_that_has_not_settled_is_said():
     found = frequency_response(
         driving(PLANE, system=slow), [0.5], [0.4], preamble=PREAMBLE, settling=0.0, bias=0.5
     )
-    assert "settle for longer" in found.advice[0]
+    assert "increase the settling time" in found.advice[0]
     assert "advice" in str(found)
 
 
@@ -239,7 +239,11 @@ def test_refuses_records_that_do_not_fit():
     def pair(t, u):
         return Record(t, np.array([u, u]), u, inputs=("a", "b"))
 
-    for drive, why in ((short, "were asked for"), (gap, "gaps"), (pair, "several channels")):
+    for drive, why in (
+        (short, "without gaps are needed"),
+        (gap, "gaps"),
+        (pair, "several channels"),
+    ):
         with pytest.raises(SignalError, match=why):
             frequency_response(drive, [1.0], [0.5], preamble=PREAMBLE, settling=1.0)
     with pytest.raises(SignalError, match="does not"):

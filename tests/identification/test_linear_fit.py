@@ -22,18 +22,18 @@ def fit():
     return arx(*record(), second=record(seed=7))
 
 
-def test_the_band_of_the_step_response_is_that_over_many_records():
+def test_the_band_of_the_step_response_is_the_scatter_over_many_records():
     t = np.array([5.0, 20.0, 60.0, 150.0])
     fits = [arx(*record(seed=seed), highest_order=2, longest_dead_time=0) for seed in range(40)]
     spread = np.std([one.model.step_response(t) for one in fits], axis=0)
-    told = np.mean([one.step_deviation(t) for one in fits], axis=0)
-    np.testing.assert_allclose(told, spread, rtol=0.5)
+    predicted = np.mean([one.step_deviation(t) for one in fits], axis=0)
+    np.testing.assert_allclose(predicted, spread, rtol=0.5)
     errors = np.array([one.model.step_response(t) for one in fits]) - PLANT.step_response(t)
-    assert np.mean(np.abs(errors) <= 2 * told) >= 0.85
+    assert np.mean(np.abs(errors) <= 2 * predicted) >= 0.85
 
 
-def test_the_band_begins_and_ends_at_nothing(fit):
-    """The step response is 0 at first and comes to 1, both by definition."""
+def test_the_band_is_zero_at_the_beginning_and_the_end(fit):
+    """The step response begins at 0 and ends at 1 by definition."""
     spread = fit.step_deviation([-1.0, 0.0, 30.0, 5000.0])
     np.testing.assert_allclose(spread[[0, 1, 3]], 0, atol=1e-9)
     assert spread[2] > 1e-5
@@ -41,21 +41,21 @@ def test_the_band_begins_and_ends_at_nothing(fit):
         fit.step_deviation([1.0, 0.0])
 
 
-def test_what_it_says(fit):
+def test_the_printed_summary(fit):
     assert fit.free_run_nrmse == fit.candidate.free_run
     assert fit.time_constant_deviations.shape == (fit.model.order,)
     assert fit.advice == ()
     text = str(fit)
-    for words in ("time constants [s]", "gain of the record", "taken", "±"):
+    for words in ("time constants [s]", "gain of the record", "chosen", "±"):
         assert words in text
     assert len(fit.plot().axes) == 2
 
 
 def test_advice():
     alone = arx(*record())
-    assert any("give a second one to choose by" in text for text in alone.advice)
+    assert any("give a second record to choose it by" in text for text in alone.advice)
     short = arx(*record(noise=0.0, hold=30))
-    assert any("hold three times as long" in text for text in short.advice)
+    assert any("hold for three time constants" in text for text in short.advice)
     wrong = replace(alone, candidate=replace(alone.candidate, nrmse=0.1))
     assert any("not linear over these steps" in text for text in wrong.advice)
     turning = replace(alone, model=Linear([0.0, 1.5], [1.0, 0.5], interval=1.0))

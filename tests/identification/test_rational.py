@@ -33,7 +33,7 @@ def test_poles_and_zeros_are_found():
     np.testing.assert_allclose(np.sort(fit.model.zeros), np.sort(truth.zeros), rtol=1e-4)
 
 
-def test_noise_is_fitted_no_worse_than_by_the_truth():
+def test_a_fit_of_noisy_gains_has_no_greater_error_than_the_true_function():
     truth, rng = Linear.from_poles([-0.1, -3.0], [-0.07]), np.random.default_rng(0)
     clean = np.tile(truth.response(HERTZ), (3, 1))
     gains = clean * (1 + 0.02 * (rng.normal(size=clean.shape) + 1j * rng.normal(size=clean.shape)))
@@ -42,23 +42,23 @@ def test_noise_is_fitted_no_worse_than_by_the_truth():
     np.testing.assert_allclose(fit.model.response(HERTZ), clean[0], rtol=0.05)
 
 
-def irrational(swing=0.05):
-    """Gains of a diffusion, at two amplitudes: no rational function has them."""
+def irrational(difference=0.05):
+    """Gains of a diffusion at two amplitudes, which no rational function has."""
     s = 2j * np.pi * HERTZ
     gains = 1 / (1 + np.sqrt(s / 4))
-    return np.array([gains * (1 + swing * 1j * HERTZ), gains])
+    return np.array([gains * (1 + difference * 1j * HERTZ), gains])
 
 
-@pytest.mark.parametrize("swing", [0.05, 0.5, 1.0, 2.0])
-def test_more_poles_fit_no_worse(swing):
-    errors = fit_response(HERTZ, irrational(swing)).errors
+@pytest.mark.parametrize("difference", [0.05, 0.5, 1.0, 2.0])
+def test_more_poles_fit_no_worse(difference):
+    errors = fit_response(HERTZ, irrational(difference)).errors
     assert list(errors) == [1, 2, 3, 4]
     assert all(errors[n + 1] <= errors[n] for n in (1, 2, 3))
 
 
 @pytest.mark.parametrize("poles", [1, 2])
-def test_no_other_sum_of_lags_is_nearer(poles):
-    """Against a search over shares and corners from many places."""
+def test_no_other_sum_of_lags_has_a_smaller_error(poles):
+    """Compared with a search over shares and corners from many initial values."""
     gains, s = irrational(), 2j * np.pi * HERTZ
 
     def misfit(x):
@@ -73,13 +73,13 @@ def test_no_other_sum_of_lags_is_nearer(poles):
     assert found.error <= 1.001 * np.sqrt(2 * min(costs) / gains.size)
 
 
-def test_stays_stable_where_the_gains_are_not():
+def test_the_fit_of_gains_of_an_unstable_plant_is_stable():
     fit = fit_response(HERTZ, np.conj(Linear.lags(1.0).response(HERTZ)))
     assert fit.model.stable
     assert abs(fit.model.dc_gain - 1) <= 1e-12
 
 
-def test_the_least_order_that_is_enough_is_taken():
+def test_the_lowest_sufficient_order_is_chosen():
     fit = fit_response(HERTZ, Linear.lags(2.0).response(HERTZ))
     assert fit.model.order == 1
     few = fit_response([0.1, 1.0], Linear.lags(2.0).response([0.1, 1.0]))
@@ -125,7 +125,7 @@ def test_prints_and_draws():
     assert len(fit.plot().axes) == 2
 
 
-def test_noise_is_not_taken_for_resonances():
+def test_noise_is_not_fitted_as_resonances():
     hertz = np.geomspace(0.002, 2, 13)
     plant = Linear.lags(10.0, 1.0)
     rng = np.random.default_rng(0)

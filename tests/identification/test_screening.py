@@ -4,7 +4,6 @@ import pytest
 from fault_records import INPUTS, SIZE, kinds, plant, record, sine
 from minorloop.errors import SignalError
 from minorloop.identification import identify
-from minorloop.identification.baseline import percent
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import codes, record_faults
 
@@ -113,10 +112,6 @@ def test_a_small_range_that_was_held_out_does_not_hide_its_error():
     found = identify(u, y, levels=8, holdout=0.2)
     assert found.nrmse < 0.1 < found.holdout_nrmse
     assert any(f"is {found.holdout_nrmse:.3%} of range" in text for text in found.warnings)
-
-
-def test_no_percentage_has_dozens_of_digits():
-    assert [percent(share) for share in (0.15504, 1e36)] == ["15.504%", "1e+38%"]
 
 
 def test_a_polynomial_is_not_both_better_and_nearly_as_good():

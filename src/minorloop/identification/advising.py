@@ -141,7 +141,14 @@ def _accuracy(result: Fit) -> Iterator[str]:
     held, base = result.holdout_nrmse, result.baseline_nrmse
     score = result.nrmse if held is None else held
     span = float(np.ptp(result.y[result.fitted])) or 1.0
-    if held is None:
+    if held is None and result.groups_nrmse is not None:
+        if result.groups_nrmse > _OVERFIT * max(result.nrmse, _ROUNDING):
+            yield (
+                f"the error on left-out groups ({percent(result.groups_nrmse)}) is more than twice "
+                f"that on fitted data ({percent(result.nrmse)}): the groups differ, or are too few "
+                "for so many levels. Expect that error for another group"
+            )
+    elif held is None:
         yield (
             "no data were held out, so the error on other inputs is unknown; pass holdout=0.3 "
             "(--holdout 0.3)"
@@ -175,14 +182,20 @@ def _error_warnings(result: Fit) -> Iterator[str]:
     if _falls(result):
         yield _FALLS
     elif score > base and score > _ROUNDING:
-        lagging = "" if result.sought else 'lag="auto" and '
-        option = "" if result.sought else "--lag auto "
         yield (
             f"a polynomial of the delayed input is better ({percent(base)} "
             f"against {percent(score)}): the hysteresis here is weak or rate-dependent; try "
-            f"{lagging}slope=True ({option}--slope), and for butterfly loops signed=True "
-            "(--signed)"
+            f"{_untried(result)}"
         )
+
+
+def _untried(result: Fit) -> str:
+    """Name the options that were neither given nor compared."""
+    compared = {choice.name for choice in result.choices}
+    options = [] if result.sought else ['lag="auto" (--lag auto)']
+    if not result.matrix.spec.slope and "structure" not in compared:
+        options.append("slope=True (--slope)")
+    return " and ".join([*options, "for butterfly loops signed=True (--signed)"])
 
 
 def _has_outliers(result: Fit) -> bool:

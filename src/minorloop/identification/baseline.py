@@ -65,13 +65,15 @@ def polynomial_nrmse(
     highest = min(max(DEGREES), rows.size - 1)
     least, chosen = np.inf, (0, min(DEGREES))
     for delay in DELAYS[: u.size]:
-        basis = np.polynomial.chebyshev.chebvander(late(rows, delay), highest)
+        basis = np.asarray(
+            np.polynomial.chebyshev.chebvander(late(rows, delay), highest), np.float64
+        )
         for degree, error in enumerate(_errors(basis, wanted), start=min(DEGREES)):
             if error < least:
                 least, chosen = error, (delay, degree)
     best_delay, degree = chosen
-    basis = np.polynomial.chebyshev.chebvander(late(rows, best_delay), min(degree, highest))
-    best, *_ = np.linalg.lstsq(basis, wanted, rcond=None)
+    powers = np.polynomial.chebyshev.chebvander(late(rows, best_delay), min(degree, highest))
+    best, *_ = np.linalg.lstsq(powers, wanted, rcond=None)
     predicted = np.polynomial.chebyshev.chebval(late(np.flatnonzero(scored), best_delay), best)
     return nrmse(predicted - y[scored], y[scored])
 

@@ -28,7 +28,7 @@ _SEGMENTS = 5
 """Contiguous segments of each part, for the lag and the levels, which need no extrapolation."""
 LEVELS = 25
 """Bands with which ``levels="auto"`` begins; twice as many are compared with it."""
-_MOST_ROWS = 100_000
+_MOST_ROWS = 40_000
 """Samples, the first ones, that options are compared on."""
 _COARSE_BANDS = 15
 _SAMPLES_EACH = 2

@@ -1,6 +1,6 @@
-"""Which inputs to apply, and what they would tell about the plane.
+"""Inputs for identification, and what they determine about the plane.
 
-Inputs are given in the order in which they are to be applied and measured.
+Inputs are in the order in which they are applied and measured.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from minorloop.operators.preisach import Diagonal
 
 
 def staircase(levels: npt.ArrayLike) -> FloatArray:
-    """Up through every level and down again, (2 L + 1,).
+    """Return every level going up, then going down, (2 L + 1,).
 
     Parameters
     ----------
@@ -33,16 +33,16 @@ def staircase(levels: npt.ArrayLike) -> FloatArray:
 
 
 def major_loop(levels: npt.ArrayLike) -> FloatArray:
-    """Up through every level, down and up again, (3 L + 1,): a loop that closes on itself."""
+    """Return every level going up, down and up again, (3 L + 1,): a closed loop."""
     grid = as_levels(levels)
     return np.concatenate([grid, grid[-2::-1], grid[1:]])
 
 
 def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
-    """Up and down through every level, one level shorter each turn: 1 + L (L + 1) / 2 inputs.
+    """Return a staircase up and down, one level shorter at each turn: 1 + L (L + 1) / 2 inputs.
 
-    As many measurements as there are weights and offset, and each turn brings one new unknown
-    for each of its steps, so that the plane is determined exactly.
+    There are as many measurements as weights and offset. Each step adds one unknown, so that the
+    plane is determined exactly.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def decaying_staircase(levels: npt.ArrayLike) -> FloatArray:
 
 
 def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
-    """First-order reversal curves: to each level in turn, and down through every level.
+    """Return first-order reversal curves: up to each level in turn, and down every level.
 
     1 + L + L (L + 1) / 2 inputs, the returns to the lowest level included.
 
@@ -77,18 +77,18 @@ def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ExcitationReport:
-    """What an input, measured at every sample, tells about the plane.
+    """What an input that is measured at every sample determines about the plane.
 
     Parameters
     ----------
     samples, unknowns : int
-        Measurements, and weights plus offset.
+        Number of measurements; number of weights and offset.
     rank : int
-        Independent unknowns that are determined.
+        Number of independent unknowns that are determined.
     condition : float
-        Of the regressors with unit columns, over the rank.
+        Condition number of the regressors with unit columns, within the rank.
     excited : (L, L) array of bool
-        Cells that some sample looks into.
+        Cells in which a sample evaluates the Everett function.
     """
 
     samples: int
@@ -116,7 +116,7 @@ class ExcitationReport:
         )
 
     def plot(self) -> Any:
-        """Draw which cells are excited; gives the matplotlib figure."""
+        """Draw the excited cells; gives the matplotlib figure."""
         return figure_of(self)
 
 
@@ -127,12 +127,12 @@ def report(
     diagonal: Diagonal = "uniform",
     start: Start = "negative",
 ) -> ExcitationReport:
-    """Rank, condition and excited cells of an input, before it is applied.
+    """Return rank, condition and excited cells of an input, before it is applied.
 
     Parameters
     ----------
     u : (T,) array_like
-        Inputs, each of them measured.
+        Inputs; each is measured.
     levels : (L + 1,) array_like
         Thresholds of the plane to be identified.
     diagonal, start
@@ -141,7 +141,7 @@ def report(
     Raises
     ------
     SignalError
-        If u is not one finite sequence.
+        If ``u`` is not one finite sequence.
     """
     inputs = as_samples(u, name="u")
     if inputs.ndim != 1:

@@ -246,7 +246,8 @@ def _fit_with_prior(
             coarse=regression.coarse,
         )
         guess = found.learnt
-        suspect = _suspect(found, regression, record.signed, noise)
+        plausible = between_neighbours(record)[regression.rows]
+        suspect = _suspect(found, regression, plausible, record.signed, noise)
         if suspect is None or len(suspects) >= regression.rows.size // _FEWEST_EACH_SUSPECT:
             break
         suspects.append(int(regression.rows[suspect]))
@@ -263,14 +264,19 @@ def _fit_with_prior(
 
 
 def _suspect(
-    found: PriorFit, regression: Regression, signed: bool, noise: float | None
+    found: PriorFit,
+    regression: Regression,
+    plausible: BoolArray,
+    signed: bool,
+    noise: float | None,
 ) -> int | None:
     """Sample that lies far outside the band of a fit without it; None if there is none."""
     dense, coarse, y = regression.dense, regression.coarse, regression.y
     if found.leave_one_out is None or dense is None or y.size < _FEWEST_EACH_SUSPECT:
         return None
-    worst = int(np.argmax(np.abs(found.leave_one_out)))
-    if abs(found.leave_one_out[worst]) < _SUSPICIOUS:
+    off = np.where(plausible, 0.0, np.abs(found.leave_one_out))
+    worst = int(np.argmax(off))
+    if off[worst] < _SUSPICIOUS:
         return None
     others = np.arange(y.size) != worst
     without = fit_dense(
@@ -286,6 +292,20 @@ def _suspect(
     h, unit = without.posterior.hyperparameters, without.posterior.unit
     allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * unit)
     return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
+
+
+def between_neighbours(record: FitRecord) -> BoolArray:
+    """(T,) samples whose input and output both lie between those of their neighbours.
+
+    On a steep branch such a sample may be far from the prediction, but it is no outlier.
+    """
+    y = np.where(record.fitted, record.y, np.nan)
+    between = np.zeros(y.size, dtype=np.bool_)
+    inputs, outputs = np.diff(record.u), np.diff(y)
+    between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= 0)
+    begins = record.curves.begins
+    between[np.concatenate([begins, np.maximum(begins - 1, 0)])] = False
+    return between
 
 
 def best_lag(spec: PlaneSpec, record: FitRecord) -> int:

@@ -1,8 +1,8 @@
 """Frequency responses of plants with hysteresis, by their fundamental component.
 
-A sine into a plant with hysteresis gives harmonics and a gain that depends on the amplitude.
-When the plant is a rate-independent operator with linear dynamics behind it, the gain from the
-output of the operator to that of the plant depends on the amplitude no longer.
+A plant with hysteresis answers a sine with harmonics, and its gain depends on the amplitude. If the
+plant is a rate-independent operator followed by linear dynamics, the gain from the output of the
+operator to the output of the plant does not depend on the amplitude.
 """
 
 from __future__ import annotations
@@ -24,30 +24,32 @@ if TYPE_CHECKING:
     from minorloop.lab.records import Record
 
 Drive: TypeAlias = "Callable[[FloatArray, FloatArray], Record]"
-"""Drives a plant with inputs u at times t, straight in between, and records it."""
+"""Drives a plant with inputs u at times t, linear in between, and returns its record."""
 
 SAMPLES = 240
-"""Samples a period, so that the tenth harmonic has 24."""
+"""Samples per period; the tenth harmonic then has 24."""
 PERIODS = 2
+"""Periods that are measured."""
 FEWEST_PERIODS = 3
-"""Least number of periods before the measured ones."""
+"""Fewest periods before those that are measured."""
 HARMONICS = 10
+"""Highest harmonic of the distortion."""
 _SWITCH = 1e-3
-"""Seconds of a change of the input in the preamble."""
+"""Duration of a change of the input in the preamble, in seconds."""
 _UNSETTLED = 0.01
-"""Relative change of the fundamental from period to period above which it is not settled."""
+"""Relative change of the fundamental between periods above which it is not settled."""
 
 
 @dataclass(frozen=True)
 class Preamble:
-    """What is done before every sine, so that plant and operator remember the same.
+    """Inputs before every sine, which bring plant and operator to the same memory.
 
     Parameters
     ----------
     input : float
-        Input that saturates the plant, or wipes out what it remembers.
+        Input that saturates the plant, or wipes out its memory.
     hold : float
-        Seconds for which it is held, and then the bias.
+        Seconds for which this input is held, and then the bias.
 
     Raises
     ------
@@ -66,9 +68,9 @@ class Preamble:
 
 @dataclass(frozen=True)
 class GainSpread:
-    """How far the gains of the amplitudes lie apart, in dB, at most over some frequencies.
+    """Largest difference between the gains of several amplitudes, in dB.
 
-    ``before`` from input to output, ``after`` from the operator's output to that of the plant.
+    ``before``: from input to output. ``after``: from the operator's output to that of the plant.
     """
 
     before: float
@@ -76,13 +78,13 @@ class GainSpread:
 
     @property
     def ratio(self) -> float:
-        """After over before: what the operator leaves of the dependence on amplitude."""
+        """``after`` over ``before``: the dependence on amplitude that remains."""
         return self.after / self.before if self.before else np.inf
 
     def __str__(self) -> str:
         return (
-            f"gains {self.before:.3g} dB apart from input to output, {self.after:.3g} dB from "
-            f"operator to output: {self.ratio:.2f} of it"
+            f"gains differ by {self.before:.3g} dB from input to output, and by {self.after:.3g} "
+            f"dB from operator to output: {self.ratio:.2f} of it"
         )
 
 
@@ -93,19 +95,19 @@ class FrequencyResponse:
     Parameters
     ----------
     frequencies : (F,) array
-        In Hz.
+        Frequencies in Hz.
     amplitudes : (A,) array
-        Of the input, in its unit.
+        Amplitudes of the input, in its unit.
     bias : float
-        Input about which it swings.
+        Mean of the input.
     plant : (A, F) complex array
-        From input to output.
+        Gains from input to output.
     after : (A, F) complex array or None
-        From the output of the operator to that of the plant; None without an operator.
+        Gains from the output of the operator to that of the plant; None without an operator.
     distortion : (A, F) array
         Total harmonic distortion of the output: harmonics 2 to 10 over the fundamental.
     unsettled : (A, F) array
-        Change of the fundamental from the period before the last to the last, relative.
+        Relative change of the fundamental between the last two periods.
     """
 
     frequencies: FloatArray
@@ -117,12 +119,12 @@ class FrequencyResponse:
     unsettled: FloatArray
 
     def gain_spread(self, low: float = 0.0, high: float = np.inf) -> GainSpread:
-        """Largest distance between the gains over frequencies from ``low`` to ``high``, in Hz.
+        """Largest difference between gains at frequencies from ``low`` to ``high``, in Hz.
 
         Raises
         ------
         ParameterError
-            If no frequency is between these, or there was no operator.
+            If no frequency lies between these, or there was no operator.
         """
         inside = self._between(low, high)
         return GainSpread(
@@ -131,12 +133,12 @@ class FrequencyResponse:
         )
 
     def phase_spread(self, low: float = 0.0, high: float = np.inf) -> tuple[float, float]:
-        """Largest distance between the phases before and after, in degrees.
+        """Largest differences between phases, before and after the operator, in degrees.
 
         Raises
         ------
         ParameterError
-            If no frequency is between these, or there was no operator.
+            If no frequency lies between these, or there was no operator.
         """
         inside = self._between(low, high)
         before, after = (
@@ -146,7 +148,7 @@ class FrequencyResponse:
         return float(np.ptp(before, axis=0).max()), float(np.ptp(after, axis=0).max())
 
     def fit(self, **options: Any) -> RationalFit:
-        """One transfer function for all amplitudes, from operator to output.
+        """Fit one transfer function from operator to output for all amplitudes.
 
         Parameters
         ----------
@@ -162,15 +164,15 @@ class FrequencyResponse:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """What is weak, and what to do about it; empty where nothing is."""
+        """Sentences about what is weak and what to do; empty if nothing is weak."""
         worst = float(self.unsettled.max())
         if worst <= _UNSETTLED:
             return ()
         row, column = np.unravel_index(int(np.argmax(self.unsettled)), self.unsettled.shape)
         return (
-            f"the fundamental still changes by {worst:.1%} a period at "
-            f"{self.frequencies[column]:g} Hz and amplitude {self.amplitudes[row]:g}; let it "
-            "settle for longer",
+            f"the fundamental still changes by {worst:.1%} per period at "
+            f"{self.frequencies[column]:g} Hz and amplitude {self.amplitudes[row]:g}; increase the "
+            "settling time",
         )
 
     def __str__(self) -> str:
@@ -220,33 +222,33 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Measure gains of the fundamental component.
 
-    For every frequency and amplitude the plant is taken through the preamble, to the bias, and
-    then swings about it until ``settling`` seconds and at least three whole periods have
-    passed; the last ``periods`` are measured. The operator is given what the plant was given.
+    At each frequency and amplitude the plant gets the preamble, the bias, and then a sine about
+    the bias. After ``settling`` seconds and at least three whole periods, ``periods`` more are
+    measured. The operator gets the same input as the plant.
 
     Parameters
     ----------
     drive : callable
-        ``drive(t, u)`` drives the plant with inputs u (T,) at times t (T,) in seconds from its
-        beginning, straight in between, and gives a `Record` of that length of time.
+        ``drive(t, u)`` drives the plant with inputs u (T,) at times t (T,) in seconds, linear in
+        between, and returns a `Record` of that duration.
     frequencies : (F,) array_like
-        In Hz.
+        Frequencies in Hz.
     amplitudes : (A,) array_like
-        Of the input, in its unit.
+        Amplitudes of the input, in its unit.
     preamble : Preamble
-        Brings plant and operator to a common memory.
+        Inputs that bring plant and operator to the same memory.
     settling : float
-        Seconds; five times the slowest time constant is enough.
+        Seconds before the measured periods; five of the slowest time constants are enough.
     bias : float
-        Input about which it swings.
+        Mean of the input.
     operator : Operator, optional
         Model of the hysteresis that comes before the dynamics.
     start : start state of the operator
         Memory before the preamble, which should wipe it out.
     periods : int
-        Measured, at least 2.
+        Measured periods, at least 2.
     samples : int
-        A period, at least 40.
+        Samples per period, at least 40.
 
     Returns
     -------
@@ -257,7 +259,7 @@ def frequency_response(
     ParameterError
         If a frequency, amplitude or option is out of its range.
     SignalError
-        If the record does not last as long as it was asked to, or the input does not swing.
+        If the record is too short, or the input does not oscillate.
     """
     hertz, swings = _positive("frequency", frequencies), _positive("amplitude", amplitudes)
     _check_counts(periods, samples, settling)
@@ -267,9 +269,9 @@ def frequency_response(
     for i, amplitude in enumerate(swings):
         for j, frequency in enumerate(hertz):
             t, u = _waveform(frequency, amplitude, bias, preamble, settling, periods, samples)
-            sensed, y = _swings(drive(t, u), t, periods * samples)
+            sensed, y = _measured_periods(drive(t, u), t, periods * samples)
             component = fundamental(y, periods)
-            plant[i, j] = component / _swing(sensed, periods)
+            plant[i, j] = component / _fundamental_of_sine(sensed, periods)
             distortion[i, j] = harmonic_distortion(y, periods)
             last, one_before = (
                 fundamental(y[y.size - n * samples : y.size - (n - 1) * samples], 1) for n in (1, 2)
@@ -277,7 +279,7 @@ def frequency_response(
             unsettled[i, j] = abs(last - one_before) / abs(last)
             if operator is not None:
                 w = operator.simulate(u, start)[-periods * samples :]
-                after[i, j] = component / _swing(w, periods)
+                after[i, j] = component / _fundamental_of_sine(w, periods)
     return FrequencyResponse(
         hertz,
         swings,
@@ -297,20 +299,20 @@ def describing_function(
     start: Any = "negative",
     samples: int = 4096,
 ) -> complex:
-    """Gain of the fundamental component of an operator for a sine, in its closed loop.
+    """Gain of the fundamental component of an operator for a periodic sine.
 
     Parameters
     ----------
     model : Operator
         Any rate-independent operator.
     amplitude : float
-        Of the input, in its unit.
+        Amplitude of the input, in its unit.
     bias : float
-        Input about which it swings.
+        Mean of the input.
     start : start state of the operator
         Memory before the sine.
     samples : int
-        A period; the quadrature errs by the order of one over their square.
+        Samples per period; the error decreases with their square.
 
     Returns
     -------
@@ -334,19 +336,19 @@ def describing_function(
 
 
 def fundamental(x: FloatArray, periods: int, harmonic: int = 1) -> complex:
-    """Complex amplitude of a component of a signal (T,) of whole periods."""
+    """Complex amplitude of a harmonic of a signal (T,) of whole periods."""
     phase = 2 * np.pi * harmonic * periods * np.arange(1, x.size + 1) / x.size
     return complex(2 / x.size * np.sum(x * np.exp(-1j * phase)))
 
 
 def harmonic_distortion(x: FloatArray, periods: int) -> float:
-    """Root of the summed squares of harmonics 2 to 10 over the fundamental."""
+    """Root of the sum of squares of harmonics 2 to 10, over the fundamental."""
     parts = [abs(fundamental(x, periods, k)) for k in range(1, HARMONICS + 1)]
     return float(np.linalg.norm(parts[1:]) / parts[0]) if parts[0] else np.inf
 
 
 def decibels(gain: ComplexArray) -> FloatArray:
-    """20 log10 of the modulus."""
+    """Gain in decibels: 20 log10 of the modulus."""
     return np.asarray(20 * np.log10(np.abs(gain)))
 
 
@@ -359,7 +361,7 @@ def _waveform(
     periods: int,
     samples: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Preamble, bias and sine; the last ``periods * samples`` are those to be measured."""
+    """Times and inputs of preamble, bias and sine; the last ``periods * samples`` are measured."""
     discarded = max(FEWEST_PERIODS, int(np.ceil(settling * frequency)))
     count = np.arange(1, (discarded + periods) * samples + 1)
     switch = min(_SWITCH, preamble.hold / 2)
@@ -369,25 +371,31 @@ def _waveform(
     return np.concatenate([t, t[-1] + count / (samples * frequency)]), np.concatenate([u, sine])
 
 
-def _swings(record: Record, t: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray]:
-    """Input and output of the last samples that were asked for, on their clock."""
+def _measured_periods(record: Record, t: FloatArray, wanted: int) -> tuple[FloatArray, FloatArray]:
+    """Input and output at the last samples, interpolated at their times."""
     if record.u.ndim != 1 or record.y.ndim != 1:
-        raise SignalError("the plant has several channels; give a drive that records one of each")
+        raise SignalError(
+            "the plant has several channels; give a drive that records one input and one output"
+        )
     clock = record.t - record.t[0]
     span = float(t[-1])
     if clock[-1] < t[-2] or np.isnan(record.y).any():
         raise SignalError(
-            f"the record lasts {clock[-1]:g} s with {np.count_nonzero(np.isnan(record.y))} gaps; "
-            f"{span:g} s without one were asked for"
+            f"the record lasts {clock[-1]:g} s and has {np.isnan(record.y).sum()} gaps; "
+            f"{span:g} s without gaps are needed"
         )
     places = t[-wanted:] - t[0]
     return np.interp(places, clock, record.u), np.interp(places, clock, record.y)
 
 
-def _swing(x: FloatArray, periods: int) -> complex:
+def _fundamental_of_sine(x: FloatArray, periods: int) -> complex:
+    """Fundamental of a signal that must oscillate."""
     component = fundamental(x, periods)
     if abs(component) <= 1e-9 * np.abs(x).max(initial=0.0):
-        raise SignalError("a signal that should swing does not; is the amplitude in the deadzone?")
+        raise SignalError(
+            "the input or the operator does not oscillate; increase the amplitude beyond the "
+            "deadzone"
+        )
     return component
 
 

@@ -138,18 +138,22 @@ class _System:
         self.shift = float(used.mean()) if spec.offset else 0.0
         self.unit = float(np.ptp(used)) or float(np.abs(used).max(initial=0.0)) or 1.0
         self.y = (problem.y - self.shift) / self.unit
-        if whole is not None and weight.size > _MANY:  # few samples are left out
-            self.gram = whole.gram.copy()
-            _kernels.scale_lower(self.gram, 1.0 / whole.scale)
-            self.gram -= problem.matrix.gram(whole.weight - weight)
-        else:
-            self.gram = problem.matrix.gram(weight)
+        self.gram: FloatArray = self._gram(whole)
         squares = self.gram.diagonal().copy()
-        self.scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
+        self.scale: FloatArray = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
         _kernels.scale_lower(self.gram, self.scale)
         self.bounded = np.full(spec.unknowns, not problem.signed)
         if spec.offset:
             self.bounded[spec.cells] = False
+
+    def _gram(self, whole: _System | None) -> FloatArray:
+        """Gram matrix; of many samples, that of all less that of the few left out."""
+        matrix = self.problem.matrix
+        if whole is None or self.weight.size <= _MANY:
+            return matrix.gram(self.weight)
+        gram = whole.gram.copy()
+        _kernels.scale_lower(gram, 1.0 / whole.scale)
+        return np.asarray(gram - matrix.gram(whole.weight - self.weight))
 
     def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:
         """Fit with a smoothness, starting from a guess of the unknowns if there is one."""
@@ -171,12 +175,12 @@ class _System:
 
         def gradient(z: FloatArray) -> FloatArray:
             if slope is not None:
-                g = _kernels.multiply_lower(self.gram, z) - slope
+                g = np.asarray(_kernels.multiply_lower(self.gram, z) - slope)
                 if strength:
                     _kernels.multiply_symmetric(rows, columns, values, z, g)
                 return g
             residual = (matrix.forward(self.scale * z) - self.y) * self.weight
-            g = self.scale * matrix.adjoint(residual)
+            g = np.asarray(self.scale * matrix.adjoint(residual))
             if strength:
                 _kernels.multiply_symmetric(rows, columns, values, z, g)
             return g

@@ -34,15 +34,15 @@ class TriedEquation:
     structure : Structure
         Numbers of coefficients, and delay.
     coefficients : Coefficients
-        As refined.
+        Fitted coefficients.
     kind : {"plain", "oscillatory", "alternating"}
         Whether all poles are real and positive, some are complex, or some are negative.
     bic : float
         Bayesian information criterion of the simulation error.
     nrmse : float
-        Simulation error over the range, on the record.
+        Simulation error on the record, over the range of its output.
     free_run : float or None
-        The same on the second record.
+        Simulation error on the second record, over its range; None without one.
     """
 
     structure: Structure
@@ -54,7 +54,7 @@ class TriedEquation:
 
     @property
     def score(self) -> float:
-        """Simulation error on the second record, on the first if there is no second."""
+        """Simulation error on the second record, or on the first if there is no second."""
         return self.nrmse if self.free_run is None else self.free_run
 
 
@@ -67,15 +67,15 @@ class LinearFit:
     model : Linear
         Sampled, with DC gain 1.
     gain : float
-        DC gain that the record has.
+        DC gain of the record.
     candidate : TriedEquation
-        The one that was taken.
+        The chosen equation.
     candidates : tuple of TriedEquation
-        All that were tried.
+        All equations that were tried.
     covariance : (na + nb, na + nb) array
-        Of the coefficients of A and B, before the gain was made 1.
+        Covariance of the coefficients of A and B, before the gain was scaled to 1.
     stretches, second : tuple of Stretch
-        The record as it was fitted, and the second one as it was scored.
+        The fitted record, and the second record, which was scored.
     """
 
     model: Linear
@@ -98,7 +98,7 @@ class LinearFit:
 
     @cached_property
     def continuous(self) -> Linear | None:
-        """The model in continuous time; None where there is none of the same order."""
+        """The model in continuous time; None if none of the same order exists."""
         try:
             return self.model.continuous()
         except ParameterError:
@@ -124,7 +124,7 @@ class LinearFit:
     def step_deviation(self, t: npt.ArrayLike) -> FloatArray:
         """Standard deviation of the unit step response at times t (T,), in seconds from the step.
 
-        To first order in the coefficients, with the DC gain held at 1.
+        Computed to first order in the coefficients, with the DC gain fixed at 1.
 
         Raises
         ------
@@ -147,25 +147,25 @@ class LinearFit:
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What is weak, and what to do about it; empty where nothing is."""
+        """Sentences about what is weak and what to do; empty if nothing is weak."""
         texts = []
         if self.candidate.score > _COARSE:
             texts.append(
-                f"the simulation is off by {self.candidate.score:.1%} of range; the plant is not "
-                "linear over these steps, take smaller ones or one response for each direction"
+                f"the simulation error is {self.candidate.score:.1%} of range; the plant is not "
+                "linear over these steps: use smaller steps, or one response for each direction"
             )
         if self.continuous is None:
-            texts.append("a pole has no continuous counterpart; sample faster")
+            texts.append("a pole has no equivalent in continuous time; sample faster")
         if self.free_run_nrmse is None:
             texts.append(
-                "the order was chosen on the record itself; give a second one to choose by"
+                "the order was chosen on the fitted record; give a second record to choose it by"
             )
         slowest = float(self.model.time_constants[0])
         longest = max(np.count_nonzero(one.u) for one in self.stretches) * self._interval
         if np.exp(-longest / slowest) > _NOT_AT_REST:
             texts.append(
-                f"the slowest mode takes {slowest:.3g} s and the longest hold {longest:.3g} s; "
-                "hold three times as long as the mode takes"
+                f"the slowest time constant is {slowest:.3g} s and the longest hold "
+                f"{longest:.3g} s; hold for three time constants"
             )
         return tuple(texts)
 
@@ -194,13 +194,13 @@ class LinearFit:
         return self.model.interval or 1.0
 
     def _table(self) -> list[str]:
-        """The best candidates, one a line."""
+        """Return the best candidates, one a line."""
         lines = [f"{'tried: A, B, delay':<24} {'BIC':>10} {'record':>9} {'second':>9}"]
         for one in sorted(self.candidates, key=lambda each: each.score)[:_SHOWN]:
             structure = one.structure
             name = f"{structure.na}, {structure.nb}, {structure.delay}"
             second = "" if one.free_run is None else f"{one.free_run:.3%}"
-            mark = "  taken" if one is self.candidate else ""
+            mark = "  chosen" if one is self.candidate else ""
             kind = "" if one.kind == "plain" else f"  {one.kind}"
             lines.append(f"{name:<24} {one.bic:10.1f} {one.nrmse:9.3%} {second:>9}{kind}{mark}")
         return lines
@@ -213,7 +213,7 @@ class StepResponse:
     Parameters
     ----------
     rising, falling : LinearFit or None
-        None where the record has no such step.
+        Fit of each direction; None if the record has no such step.
     """
 
     rising: LinearFit | None
@@ -221,7 +221,7 @@ class StepResponse:
 
     @property
     def models(self) -> tuple[Linear, Linear]:
-        """The two models; the one that there is for both, where the other is missing."""
+        """Models for rising and falling outputs; the same one twice if one is missing."""
         up, down = self.rising or self.falling, self.falling or self.rising
         if up is None or down is None:
             raise ParameterError("there is no response; identify at least one direction")

@@ -1,4 +1,4 @@
-"""A rational transfer function through measured frequency responses."""
+"""Fit a rational transfer function to measured frequency responses."""
 
 from __future__ import annotations
 
@@ -17,15 +17,23 @@ from minorloop.figures import figure_of
 ComplexArray = npt.NDArray[np.complex128]
 
 HIGHEST_ORDER = 4
-_ROUNDS = 20
+"""Poles, at most."""
+_ITERATIONS = 20
+_CONVERGED = 1e-9
+"""Relative change of the error at which the iteration ends."""
 _CORNERS = 4
-_STILL = 1e-9
-_WORTH = 0.5
-_DECAYS = 0.1
+"""Frequencies from which the initial poles are taken."""
+_MUCH_BETTER = 0.5
+"""Ratio of errors below which unusual poles and zeros are accepted."""
+_LEAST_DAMPING = 0.1
+"""Damping ratio below which a pole is unusual."""
 _EXACT = 1e-9
-_DAMPED = 1e-3
+"""Relative error that counts as rounding."""
+_LEAST_ITERATED_DAMPING = 1e-3
 _REFINED = 3
+"""Best results of the iteration that are refined."""
 _BEYOND = 10.0
+"""Factor by which poles may lie beyond the frequencies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +45,11 @@ class RationalFit:
     model : Linear
         Continuous, stable, with DC gain 1.
     frequencies : (F,) array
-        In Hz, those of every response one after the other.
+        Frequencies in Hz of all responses, one after the other.
     measured : (F,) complex array
-        The gains it was fitted to.
+        Measured gains.
     errors : dict of int to float
-        Relative error of the best fit of each order that was tried.
+        Relative error of the best fit of each order.
     """
 
     model: Linear
@@ -71,21 +79,21 @@ def fit_response(
     order: int | Literal["auto"] = "auto",
     zeros: int | None = None,
 ) -> RationalFit:
-    """Fit G(s) with G(0) = 1 and all poles in the left half plane.
+    """Fit a transfer function G(s) with G(0) = 1 and all poles in the left half plane.
 
     Parameters
     ----------
     frequencies : (F,) array_like
-        In Hz, positive; repeats are welcome.
+        Positive frequencies in Hz; they may repeat.
     measured : (F,) or (A, F) complex array_like
-        Gains at these frequencies; the rows of several amplitudes are fitted together.
+        Gains at these frequencies. Rows of several amplitudes are fitted together.
     order : int or "auto"
-        Number of poles, 1 to 4; ``"auto"`` takes the one of the least Bayesian information
-        criterion (Schwarz, Estimating the dimension of a model, 1978).
+        Number of poles, 1 to 4. ``"auto"`` minimises the Bayesian information criterion (Schwarz,
+        Estimating the dimension of a model, 1978).
     zeros : int, optional
-        Number of zeros, at most ``order``; if not given, the criterion decides among up to one
-        less than poles. Poles that hardly decay and zeros in the right half plane must then
-        halve the error, or are taken for noise.
+        Number of zeros, at most ``order``. If not given, the criterion chooses up to one less
+        than poles. Weakly damped poles and zeros in the right half plane must then halve the
+        error, because they often fit noise.
 
     Returns
     -------
@@ -94,16 +102,17 @@ def fit_response(
     Raises
     ------
     SignalError
-        If the shapes differ, a number is not finite or zero, or the frequencies are too few.
+        If the shapes differ, a number is zero or not finite, or there are too few frequencies.
     ParameterError
         If an order is out of its range.
 
     Notes
     -----
-    With N = 1 + n_1 s + ... and D = 1 + d_1 s + ..., the sum of abs(N - G D)^2 / abs(G D')^2 is
-    minimised over and over, D' being the D of the round before, whose unstable roots are
-    mirrored. The weights make the errors relative. From the best of several beginnings, poles
-    are then moved to the least relative error itself, within a decade of the frequencies.
+    With N = 1 + n_1 s + ... and D = 1 + d_1 s + ..., each iteration minimises the sum of
+    abs(N - G D)^2 / abs(G D')^2, where D' is the D of the previous iteration with its unstable
+    roots mirrored. The weights make the errors relative. The best results of several initial
+    poles are then refined: nonlinear least squares minimises the relative error itself, with
+    poles within a decade of the frequencies.
 
     References
     ----------
@@ -116,11 +125,13 @@ def fit_response(
     tried = {form: _fit(hertz, gains, *form) for form in forms}
     fits = {form: model for form, model in tried.items() if model is not None}
     if not fits:
-        raise SignalError("the response cannot be fitted; are its gains of one system?")
+        raise SignalError(
+            "the response cannot be fitted; check that all gains belong to one system"
+        )
     errors = {form: _relative_error(model, hertz, gains) for form, model in fits.items()}
-    plain = [form for form, model in fits.items() if not _odd(model)]
-    least = min((errors[form] for form in plain), default=np.inf)
-    kept = [form for form in fits if form in plain or errors[form] < _WORTH * least]
+    usual = [form for form, model in fits.items() if not _unusual(model)]
+    least = min((errors[form] for form in usual), default=np.inf)
+    kept = [form for form in fits if form in usual or errors[form] < _MUCH_BETTER * least]
     count = 2 * gains.size
 
     def criterion(form: tuple[int, int]) -> float:
@@ -134,14 +145,14 @@ def fit_response(
     return RationalFit(fits[best], hertz, gains, of_order)
 
 
-def _odd(model: Linear) -> bool:
-    """Whether a pole hardly decays, or a zero lies in the right half plane."""
+def _unusual(model: Linear) -> bool:
+    """Whether a pole is weakly damped, or a zero lies in the right half plane."""
     poles, zeros = model.poles, model.zeros
-    return bool((-poles.real < _DECAYS * np.abs(poles)).any() or (zeros.real >= 0).any())
+    return bool((-poles.real < _LEAST_DAMPING * np.abs(poles)).any() or (zeros.real >= 0).any())
 
 
 def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Linear | None:
-    """The best of what the iteration comes to from poles spread over the frequencies."""
+    """Fit from several initial poles, and return the best; None if a pole was lost."""
     scale = float(2 * np.pi * np.exp(np.mean(np.log(hertz))))
     s = np.asarray(2j * np.pi * hertz / scale, dtype=np.complex128)
     corners = np.geomspace(np.abs(s).min(), np.abs(s).max(), _CORNERS)
@@ -153,7 +164,7 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
     found += [_refined(s, gains, bottom, zeros) for _, bottom in found[:_REFINED] if bottom[0]]
     top, bottom = min(found, key=lambda pair: _distance(s, gains, *pair))
     powers = scale ** -np.arange(poles, -1, -1.0)
-    if bottom[0] == 0:  # it has lost a pole, and is what fewer poles give
+    if bottom[0] == 0:  # one pole less, which is another candidate
         return None
     return Linear(
         (top * powers[-top.size :]) / powers[0], (bottom * powers) / powers[0]
@@ -163,16 +174,16 @@ def _fit(hertz: FloatArray, gains: ComplexArray, poles: int, zeros: int) -> Line
 def _iterated(
     s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int, poles: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Numerator and denominator that the iteration comes to from a denominator."""
+    """Iterate from a denominator; gives the best numerator and denominator."""
     best, least, before = None, np.inf, np.inf
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         weight = 1 / np.abs(gains * np.polyval(bottom, s))
         bottom = _stable(_solve(s, gains, weight, zeros, poles)[1])
         top = _numerator(s, gains, bottom, zeros)
         error = _distance(s, gains, top, bottom)
         if error < least or best is None:
             best, least = (top, bottom), error
-        if abs(before - error) <= _STILL * error:
+        if abs(before - error) <= _CONVERGED * error:
             break
         before = error
     assert best is not None
@@ -182,10 +193,10 @@ def _iterated(
 def _refined(
     s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Numerator and denominator of the least distance near a denominator.
+    """Minimise the relative error near a denominator; gives numerator and denominator.
 
-    The iteration weights by the round before and stops short of that where the gains are those
-    of no rational function, as those of several amplitudes are not.
+    The iteration takes its weights from the previous one. Where no rational function has these
+    gains, for example those of several amplitudes, it does not reach the minimum.
     """
     from scipy.optimize import least_squares
 
@@ -194,7 +205,7 @@ def _refined(
     sizes = np.concatenate([real, np.abs(upper)])
     damping = -upper.real / np.abs(upper)
     reach = np.abs(s).min() / _BEYOND, np.abs(s).max() * _BEYOND
-    low = np.log(np.repeat([reach[0], _DAMPED], [sizes.size, damping.size]))
+    low = np.log(np.repeat([reach[0], _LEAST_ITERATED_DAMPING], [sizes.size, damping.size]))
     high = np.log(np.repeat([reach[1], 1.0], [sizes.size, damping.size]))
 
     def both(x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -234,7 +245,7 @@ def _solve(
 
 
 def _numerator(s: ComplexArray, gains: ComplexArray, bottom: FloatArray, zeros: int) -> FloatArray:
-    """The best numerator for a denominator that is fixed."""
+    """Fit the numerator for a given denominator."""
     if zeros == 0:
         return np.ones(1)
     below = np.polyval(bottom, s)
@@ -255,9 +266,11 @@ def _real_least_squares(
 
 
 def _stable(bottom: FloatArray) -> FloatArray:
-    """The polynomial with roots of the right half plane mirrored, and its constant 1."""
+    """Mirror the roots of the right half plane, and scale the constant to 1."""
     roots = np.roots(bottom / np.abs(bottom).max())
-    left = -np.maximum(np.abs(roots.real), _DAMPED * np.abs(roots)) + 1j * roots.imag
+    left = (
+        -np.maximum(np.abs(roots.real), _LEAST_ITERATED_DAMPING * np.abs(roots)) + 1j * roots.imag
+    )
     mirrored = np.atleast_1d(np.real(np.poly(left)))
     padded = np.concatenate([np.zeros(bottom.size - mirrored.size), mirrored])
     return np.asarray(padded / padded[-1])
@@ -302,6 +315,7 @@ def _orders(order: int | str, zeros: int | None, points: int) -> list[int]:
         )
     if points < wanted[0]:
         raise SignalError(
-            f"{points} frequencies for {wanted[0]} poles; measure at more, or give a lower order"
+            f"{points} frequencies for {wanted[0]} poles; measure at more frequencies, or give a "
+            "lower order"
         )
     return wanted

@@ -84,8 +84,12 @@ class ResidualSummary:
 
 
 def summary(result: Fit) -> ResidualSummary:
-    """Summarise the residual of a fit on its fitted samples."""
-    rows = np.flatnonzero(result.fitted)
+    """Summarise the residual of a fit on its fitted samples, without outliers."""
+    used = result.fitted.copy()
+    for fault in result.findings:
+        if fault.kind == "outlier":
+            used[list(fault.samples)] = False
+    rows = np.flatnonzero(used)
     span = float(np.ptp(result.y[rows])) or 1.0
     error = (result.prediction - result.y)[rows] / span
     worst = int(np.argmax(np.abs(error)))
@@ -202,9 +206,18 @@ def advice(result: Fit) -> Iterator[str]:
     if found.autocorrelation > _ALIKE:
         yield (
             f"neighbouring residuals are alike (autocorrelation {found.autocorrelation:.2f}), so "
-            "they are an error of the model and no noise: other levels, a slope or a lag may "
-            "reduce it; averaging more readings does not"
+            f"they are an error of the model and no noise: {_remedy(result)}"
         )
+
+
+def _remedy(result: Fit) -> str:
+    if any(choice.name == "structure" for choice in result.choices):
+        return (
+            "the options that were compared do not remove it, so it may depend on the rate, creep "
+            "or temperature"
+        )
+    lag = "" if result.sought else ' or lag="auto" (--lag auto)'
+    return f'other levels, slope="auto" (--slope){lag} may reduce it'
 
 
 def _startup_text(startup: Startup) -> str:

@@ -93,13 +93,14 @@ class Identification(Fit):
         Returns
         -------
         Inversion
-            With ``sd`` where the prior was used, and with the warnings about this model.
+            With ``sd`` where the model has bands, and with the warnings about this model.
         """
         begin = self.start if start is None else start
         found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
-        if self.posterior is None:
+        if self.posterior is None and self.scatter is None:
             return found
-        return replace(found, sd=self.posterior.deviation(found.u, begin))
+        samples = np.arange(found.u.size)
+        return replace(found, sd=self._deviation(found.u, Curves.whole(begin), samples, lag=0))
 
     def deviation(self, samples: npt.ArrayLike) -> FloatArray:
         """Standard deviation of predicted readings along the record, sensor noise included.
@@ -118,16 +119,21 @@ class Identification(Fit):
         ParameterError
             If the model was identified without the prior and without groups.
         """
-        sd = self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64), BAND)
+        sd = self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
         if self.posterior is None or self.scatter is not None:
             return sd
         return np.hypot(sd, self.posterior.hyperparameters.noise * self.posterior.unit)
 
     def _deviation(
-        self, u: FloatArray, curves: Curves, samples: IntArray, probability: float
+        self,
+        u: FloatArray,
+        curves: Curves,
+        samples: IntArray,
+        probability: float = BAND,
+        lag: int | None = None,
     ) -> FloatArray:
         """Standard deviation at some samples of an input, in increasing order."""
-        inputs, places = curves.driven(u, self.model.levels, self.lag)
+        inputs, places = curves.driven(u, self.model.levels, self.lag if lag is None else lag)
         known = np.zeros(samples.size)
         if self.posterior is not None:
             wanted = np.zeros(inputs.size, dtype=np.bool_)

@@ -25,6 +25,15 @@ def result(folder, **options):
     return next(each["result"] for each in reply if "result" in each)
 
 
+def test_advice_names_a_startup(folder):
+    u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T
+    y[:4] += np.ptp(y) * np.array([0.5, 0.4, 0.3, 0.3])
+    table = np.column_stack([u, y])
+    np.savetxt("run.csv", table, delimiter=",", header="u [V],y [um]", comments="")
+    advice = " ".join(result(folder, levels=5, holdout=0.3)["advice"])
+    assert "a start-up that the model does not follow" in advice
+
+
 def test_columns_are_described_with_few_points(folder):
     (reply,) = lab_work.look(folder, "run.csv")
     assert [column["unit"] for column in reply["columns"]] == ["V", "um"]

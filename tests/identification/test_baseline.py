@@ -1,0 +1,32 @@
+import numpy as np
+import pytest
+
+from minorloop.identification.baseline import delayed, percent, polynomial_nrmse
+from minorloop.identification.curves import Curves
+
+
+def test_a_delayed_polynomial_is_found():
+    u = np.sin(np.arange(300) / 9) + 0.3 * np.sin(np.arange(300) / 31)
+    y = delayed(u, 4) ** 3 - delayed(u, 4)
+    train = np.arange(300) % 3 > 0
+    assert polynomial_nrmse(u, y, train, ~train) < 1e-12
+    curves = Curves(np.array([0, 150]), "negative")
+    assert polynomial_nrmse(u, curves.delayed(u, 4) ** 3, train, ~train, curves) < 1e-12
+
+
+def test_few_distinct_inputs_do_not_give_a_high_degree():
+    u = np.resize([0.0, 1.0, 2.0], 60)
+    y = np.random.default_rng(0).normal(size=60)
+    every = np.ones(60, dtype=bool)
+    best = min(np.std(y - mean_by(u, y, k)) for k in range(21)) / np.ptp(y)
+    assert polynomial_nrmse(u, y, every, every) == pytest.approx(best, rel=1e-6)
+
+
+def mean_by(u, y, delay):
+    """Mean output for each delayed input: the best function of it."""
+    late = delayed(u, delay)
+    return np.array([y[late == value].mean() for value in late])
+
+
+def test_no_percentage_has_dozens_of_digits():
+    assert [percent(share) for share in (0.15504, 1e36)] == ["15.504%", "1e+38%"]

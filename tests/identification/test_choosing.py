@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from fault_records import record
+from minorloop.errors import ParameterError
+from minorloop.identification import identify
+from minorloop.lab.columns import read_columns
+from plane_records import LEVELS, a_plane, a_record
+
+AUTO = dict.fromkeys(("levels", "diagonal", "slope", "lag"), "auto")
+
+
+def magnet():
+    """Field of a magnet over rising currents: nearly linear, with a little hysteresis."""
+    peaks = np.arange(50.0, 401.0, 50.0)
+    u = np.concatenate([np.r_[np.linspace(0, p, 40)[1:], np.linspace(p, 0, 40)[1:]] for p in peaks])
+    radii, places = np.linspace(2, 40, 12), np.zeros(12)
+    y = np.empty(u.size)
+    for k, current in enumerate(u):
+        places = np.clip(places, current - radii, current + radii)
+        y[k] = 1e-3 * current + 1e-4 * places.mean()
+    return u, y + 1e-5 * np.random.default_rng(1000).normal(size=u.size)
+
+
+def test_a_slope_is_chosen_where_the_output_is_nearly_linear():
+    u, y = magnet()
+    options = {"levels": 12, "start": "demagnetised", "holdout": 0.3, "prior": "none"}
+    plain, chosen = identify(u, y, **options), identify(u, y, **options, slope="auto")
+    assert chosen.model.slope > 0
+    assert chosen.holdout_nrmse < 0.2 * plain.holdout_nrmse
+    (choice,) = chosen.choices
+    assert choice.name == "structure"
+    assert choice.error < choice.other_error
+    assert str(choice) in str(chosen)
+
+
+def test_the_simplest_structure_is_kept_where_others_are_no_better():
+    u, y = a_record(600)
+    found = identify(u, y, levels=LEVELS, diagonal="auto", slope="auto", lag="auto")
+    assert (found.model.diagonal, found.model.slope, found.lag) == ("uniform", 0.0, 0)
+
+
+def test_a_reversible_diagonal_is_chosen_where_small_loops_have_no_area():
+    rng = np.random.default_rng(1)
+    u = np.repeat(rng.uniform(-1.2, 1.2, 500), 2) + np.tile([0, 0.1], 500)
+    u = np.clip(u, -1.2, 1.2)
+    y = a_plane(diagonal="reversible").simulate(u) + 0.05 * rng.normal(size=u.size)
+    assert identify(u, y, levels=LEVELS, diagonal="auto").model.diagonal == "reversible"
+
+
+def test_relays_are_compared_without_an_offset_only():
+    u, y = a_record(300)
+    assert identify(u, y, levels=5, relay="auto").choices == ()
+    (choice,) = identify(u, y + 10, levels=5, relay="auto", offset=False).choices
+    assert "relays" in choice.chosen
+
+
+def test_the_prior_is_compared_where_samples_are_few():
+    u, y = record("staircase")
+    found = identify(u, y, levels=8, diagonal="auto")
+    assert [one.name for one in found.choices] == ["structure", "prior"]
+
+
+def test_few_samples_are_not_compared():
+    u, y = record("staircase")
+    assert identify(u[:15], y[:15], **{**AUTO, "levels": 4}).choices == ()
+
+
+def test_a_spelling_mistake_is_refused():
+    with pytest.raises(ParameterError, match="slope is 'odd'"):
+        identify(*a_record(50), slope="odd")
+
+
+def test_the_piezo_stage_as_recorded(shared_data):
+    columns = read_columns(
+        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
+    )
+    found = identify(*columns.values(), **AUTO, holdout=0.3)
+    assert found.holdout_nrmse <= 0.005
+    assert found.lag == 3
+    assert [one.name for one in found.choices] == ["lag", "structure", "levels"]

@@ -1,0 +1,85 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from minorloop.identification import identify
+from minorloop.identification.leave_out import GroupScatter
+from minorloop.lab.columns import read_columns
+from plane_records import a_plane
+
+LABELS = np.repeat(np.arange(10), 40)
+
+
+def specimens(seed=1000, scatter=0.05):
+    """One plane whose output has another gain in each group."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1.2, 1.2, LABELS.size)
+    plane = a_plane()
+    y = np.concatenate([plane.simulate(u[k == LABELS]) for k in range(10)])
+    return u, (y - 3.0) * (1 + scatter * rng.normal(size=10))[LABELS] + 0.05 * rng.normal(size=400)
+
+
+def inside(found, u, y, labels):
+    band = found.predict(u, bands=0.9, curves=labels)
+    return (y >= band.lower) & (y <= band.upper)
+
+
+def covered(u, y, labels, folds, **options):
+    """Share of the rows of left-out groups inside bands of fits to the others."""
+    names = np.unique(labels)
+    rows = []
+    for k in range(folds):
+        out = np.isin(labels, names[k::folds])
+        found = identify(u[~out], y[~out], curves=labels[~out], **options)
+        rows.append(inside(found, u[out], y[out], labels[out]))
+    return float(np.concatenate(rows).mean())
+
+
+@pytest.mark.parametrize(("prior", "rows", "folds"), [("none", 40, 5), ("gaussian", 8, 2)])
+def test_bands_hold_for_groups_that_were_left_out(prior, rows, folds):
+    u, y = specimens()
+    some = np.arange(u.size) % 40 < rows
+    share = covered(u[some], y[some], LABELS[some], folds, levels=4, prior=prior)
+    assert 0.85 <= share <= 0.95
+
+
+def test_bands_without_groups_are_too_narrow_for_other_groups():
+    u, y = specimens(scatter=0.1)
+    seen, other = (np.arange(u.size) % 40 < 8) & (LABELS < 8), LABELS >= 8
+    options = {"levels": 4, "prior": "gaussian", "curves": LABELS[seen]}
+    grouped = identify(u[seen], y[seen], **options)
+    alone = replace(grouped, scatter=None)
+    shares = [inside(one, u[other], y[other], LABELS[other]).mean() for one in (alone, grouped)]
+    assert shares[0] < 0.8 < shares[1]
+
+
+def test_each_group_is_predicted_by_a_fit_to_the_others():
+    u, y = specimens()
+    found = identify(u, y, levels=5, curves=LABELS, smoothness=0.0)
+    out = LABELS == 3
+    others = identify(
+        u[~out], y[~out], levels=found.model.levels, curves=LABELS[~out], smoothness=0.0
+    )
+    np.testing.assert_allclose(found.left_out[out], others.predict(u[out]), atol=1e-6)
+    assert found.nrmse < found.groups_nrmse < 0.1
+    assert found.scatter.nrmse == found.groups_nrmse
+    assert "error on left-out groups" in str(found)
+
+
+def test_few_groups_have_wider_bands():
+    scores = np.linspace(0, 2, 100)
+    few, many = (GroupScatter(n, np.array([0.0]), np.array([1.0]), scores, 0.0) for n in (3, 30))
+    at = np.zeros(1)
+    assert few.deviation(at, at, 0.9) > 1.4 * many.deviation(at, at, 0.9)
+
+
+def test_reversal_curves_of_a_magnet_lie_in_their_bands(shared_data):
+    columns = read_columns(
+        shared_data / "forc_feco_nanowires.csv", ["curve", "field_Oe", "moment_emu"]
+    )
+    curve, u, y = columns.values()
+    drift = np.append(True, np.diff(curve) != 0)  # the first row of each is a drift calibration
+    used = ~drift & (curve % 4 == 0)
+    options = {"levels": 20, "spacing": "adaptive", "start_of_curve": "positive"}
+    assert 0.85 <= covered(u[used], y[used], curve[used], 3, **options) <= 0.95

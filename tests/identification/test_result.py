@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import ParameterError
+from minorloop.identification import identify
+from minorloop.operators.preisach import Preisach
+from plane_records import LEVELS, a_record
+
+MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
+U = np.random.default_rng(0).uniform(0, 1, 25)
+FIT = identify(U, MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25), levels=8)
+
+
+def test_a_model_predicts_with_and_without_bands():
+    shown = FIT.predict(U, bands=0.5)
+    np.testing.assert_array_equal(shown.y, FIT.predict(U))
+    assert (shown.lower < shown.y).all()
+    assert (shown.sd > 0).all()
+    assert "bands of 50%" in str(shown)
+    assert len(shown.plot().axes) == 2
+
+
+def test_an_inversion_says_how_sure_it_is():
+    targets = np.quantile(MODEL.simulate(U), [0.3, 0.8, 0.5])
+    found = FIT.invert(targets)
+    np.testing.assert_allclose(found.sd, FIT.predict(found.u, bands=0.9).sd)
+    assert "sd" in str(found).splitlines()[0]
+    assert FIT.model.invert(targets).sd is None
+
+
+def test_a_model_without_the_prior_has_no_bands():
+    plain = identify(U, MODEL.simulate(U), levels=8, prior="none")
+    with pytest.raises(ParameterError, match="prior gaussian"):
+        plain.predict(U, bands=0.9)
+    assert plain.invert([0.0], unreachable="clip").sd is None
+
+
+def test_the_record_is_drawn_with_bands_between_the_samples():
+    record = FIT.plot().axes[2]
+    assert record.get_title() == "Record"
+    across = record.collections[0].get_paths()[0].vertices[:, 0]
+    assert len(np.unique(across)) > 5 * U.size
+
+
+def test_draws_itself(tmp_path):
+    u, y = a_record()
+    identify(u, y, levels=5, holdout=0.3).plot().savefig(tmp_path / "fit.png")
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+
+
+def test_bands_of_groups_are_those_of_an_inversion_too():
+    u, y = a_record(300)
+    found = identify(u, y, levels=LEVELS, groups=np.arange(300) // 60)
+    inverse = found.invert([3.0, 4.0])
+    np.testing.assert_allclose(inverse.sd, found.predict(inverse.u, bands=0.9).sd)
+    assert (found.deviation(np.arange(300)) > 0).all()
