@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -144,20 +145,21 @@ def _conversion(
             raise ParameterError(
                 "--laser gives curvature [1/m]; leave --name, --unit and --calibration-sd out"
             )
-        numbers = _numbers("laser", chosen["laser"], (2, 4), _LASER)
-        return LaserCurvature(*numbers, unit=reading.unit)
+        d0, h0, *sds = _numbers("laser", chosen["laser"], (2, 4), _LASER)
+        sd_d0, sd_h0 = sds or (0.0, 0.0)
+        return LaserCurvature(d0, h0, sd_d0, sd_h0, reading.unit)
     if given == ["table"]:
         found = CalibrationTable.from_csv(chosen["table"], calibration_sd=named["calibration_sd"])
-        names = named["name"] or found.name, named["unit"] or found.unit
-        return CalibrationTable(*names, found.calibration_sd, found.readings, found.values)
-    values = tuple(named.values())
+        return replace(found, name=named["name"] or found.name, unit=named["unit"] or found.unit)
+    coefficients: tuple[float, ...] = (0.0, 1.0)
     if given == ["linear"]:
         gain, *offset = _numbers("linear", chosen["linear"], (1, 2), "GAIN,OFFSET")
-        return CalibrationPolynomial(*values, (*(offset or [0.0]), gain))
-    if given == ["polynomial"]:
-        numbers = _numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,...")
-        return CalibrationPolynomial(*values, tuple(numbers))
-    return CalibrationPolynomial(*values) if any(named.values()) else None
+        coefficients = (*(offset or [0.0]), gain)
+    elif given == ["polynomial"]:
+        coefficients = tuple(_numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,..."))
+    elif not any(named.values()):
+        return None
+    return CalibrationPolynomial(**named, coefficients=coefficients)
 
 
 def _numbers(name: str, text: str, counts: Any, form: str) -> list[float]:

@@ -336,21 +336,24 @@ def _passed(
     if after is None:
         places = np.union1d(places, [path.size - 1])
     lead = len(ends[0])
-    return [
-        ReducedPoint(
-            float(log.t[k]),
-            float(log.u[k]),
-            *([np.nan] * 2),
-            "passed",
-            0.0,
-            np.nan,
-            np.nan,
-            k,
-            k + 1,
-        )
-        for k in (int(place) - lead + begin for place in places)
-        if begin <= k < end
-    ]
+    rows = (int(place) - lead + begin for place in places)
+    return [_extreme(log, row) for row in rows if begin <= row < end]
+
+
+def _extreme(log: Record, row: int) -> ReducedPoint:
+    unknown = np.nan
+    return ReducedPoint(
+        t=float(log.t[row]),
+        input=float(log.u[row]),
+        value=unknown,
+        sd=unknown,
+        verdict="passed",
+        held=0.0,
+        end=unknown,
+        common_sd=unknown,
+        begin=row,
+        stop=row + 1,
+    )
 
 
 def _duration(t: FloatArray, hold: FoundHold, interval: float) -> float:
