@@ -13,7 +13,7 @@ from minorloop.cli import _identification_output as output
 from minorloop.cli import identify as verb
 from minorloop.errors import OutputError
 from minorloop.identification import design_matrix, identify
-from minorloop.lab import columns
+from minorloop.lab import text_tables
 
 IDENTIFY = "identify good.csv --input voltage --output length --levels 8"
 KEYS = (
@@ -180,7 +180,7 @@ def test_places_that_hold_no_table(refused, tmp_path):
 
 
 def test_a_file_too_large_is_not_begun(refused, monkeypatch):
-    monkeypatch.setattr(columns, "MAX_BYTES", 100)
+    monkeypatch.setattr(text_tables, "MAX_BYTES", 100)
     said = refused(IDENTIFY)
     assert "more than the 100 that are read; split it" in said
 

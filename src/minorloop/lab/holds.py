@@ -239,4 +239,4 @@ def _moves(y: FloatArray, span: float) -> bool:
     part = max(values.size // 8, 1)
     noise = float(np.median(np.abs(np.diff(values)))) / (0.6745 * np.sqrt(2))
     change = abs(float(values[:part].mean() - values[-part:].mean()))
-    return change > max(_MOVES * span, 4 * noise * np.sqrt(2 / part))
+    return bool(change > max(_MOVES * span, 4 * noise * np.sqrt(2 / part)))
