@@ -32,9 +32,9 @@ _RISE = 0.3
 _LAGS = (1, 4, 16, 64, 256)
 """Samples between those whose difference is noise; longer ones where shorter ones find no holds."""
 _LEAST_SD = 1e-9
-_MOST_CUTS = 1000
+_MOST_CUTS = 300
 """Cuts of an input beside two for each jump; a sweep would need many more."""
-_MOST_SEARCHED = 50_000
+_MOST_SEARCHED = 25_000
 """Samples in which a raw log is looked for; means of neighbours, if there are more."""
 _LEAST_HOLDS, _HELD, _MOVING, _MOVES = 3, 0.6, 0.25, 0.01
 """Of a raw log: least holds, least share of the rows in them, least share of holds in which the
