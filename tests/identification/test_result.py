@@ -20,7 +20,7 @@ def test_a_model_predicts_with_and_without_bands():
     assert len(shown.plot().axes) == 2
 
 
-def test_an_inversion_says_how_sure_it_is():
+def test_an_inversion_has_standard_deviations():
     targets = np.quantile(MODEL.simulate(U), [0.3, 0.8, 0.5])
     found = FIT.invert(targets)
     np.testing.assert_allclose(found.sd, FIT.predict(found.u, bands=0.9).sd)

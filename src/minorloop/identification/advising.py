@@ -192,7 +192,7 @@ def _error_warnings(result: Fit) -> Iterator[str]:
 def _untried(result: Fit) -> str:
     """Name the options that were neither given nor compared."""
     compared = {choice.name for choice in result.choices}
-    options = [] if result.sought else ['lag="auto" (--lag auto)']
+    options = [] if result.searched else ['lag="auto" (--lag auto)']
     if not result.matrix.spec.slope and "structure" not in compared:
         options.append("slope=True (--slope)")
     return " and ".join([*options, "for butterfly loops signed=True (--signed)"])

@@ -169,7 +169,7 @@ def identify(
         posterior=found.posterior,
         suspects=found.suspects,
         codes=coded,
-        sought=lag == "auto",
+        searched=lag == "auto",
         left_out=left_out,
         scatter=scatter,
         skipped=int(np.count_nonzero(skipped)),

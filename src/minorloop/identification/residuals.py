@@ -216,7 +216,7 @@ def _remedy(result: Fit) -> str:
             "the options that were compared do not remove it, so it may depend on the rate, creep "
             "or temperature"
         )
-    lag = "" if result.sought else ' or lag="auto" (--lag auto)'
+    lag = "" if result.searched else ' or lag="auto" (--lag auto)'
     return f'other levels, slope="auto" (--slope){lag} may reduce it'
 
 
@@ -245,7 +245,7 @@ def _uneven(found: ResidualSummary, result: Fit) -> Iterator[str]:
             "slow inputs",
             "fast inputs",
             "measure at the rate that you will use"
-            + ("" if result.sought else ', try lag="auto" (--lag auto)')
+            + ("" if result.searched else ', try lag="auto" (--lag auto)')
             + ", or add linear dynamics",
         ),
     ):
