@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from minorloop.identification import active_set, residuals
+from minorloop.identification import active_set
 from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
+from minorloop.identification.residual_advice import residual_advice
 from minorloop.identification.screening import codes
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def advice(result: Fit) -> Iterator[str]:
     yield from warnings(result)
     yield from _codes(result)
     yield from _outliers(result)
-    yield from residuals.advice(result)
+    yield from residual_advice(result)
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)

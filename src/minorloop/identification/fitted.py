@@ -166,7 +166,15 @@ class Fit:
     @cached_property
     def residual(self) -> ResidualSummary:
         """What the residual on the fitted samples shows."""
-        return residuals.summary(self)
+        used = self.fitted.copy()
+        for fault in self.findings:
+            if fault.kind == "outlier":
+                used[list(fault.samples)] = False
+        if not used.any():
+            used = self.fitted
+        span = float(np.ptp(self.y[used])) or 1.0
+        applied = self.curves.delayed(self.u, self.lag)
+        return residuals.summary(applied, (self.prediction - self.y) / span, used)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:
