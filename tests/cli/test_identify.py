@@ -414,4 +414,5 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
     found = answer(f"{IDENTIFY} --lag auto")
     assert [choice["name"] for choice in found["choices"]] == ["structure"]
     assert found["residual"]["worst_sample"] < 400
-    assert "chosen structure: " in run(f"{IDENTIFY}")[1]
+    assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html")[1]
+    assert "Chosen structure: " in Path("chosen.html").read_text()

@@ -72,7 +72,7 @@ class LateHelp(TyperCommand):
 
 
 DataFile = Annotated[
-    Path, typer.Argument(help="CSV file: one header line, then numbers.", show_default=False)
+    Path, typer.Argument(help="Table with one header line: CSV, .mat or .xlsx.", show_default=False)
 ]
 ModelFile = Annotated[
     Path, typer.Argument(help="Model file, as identify --save writes it.", show_default=False)

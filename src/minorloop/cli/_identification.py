@@ -91,6 +91,8 @@ def identified(
             return _of_run(record, run_by, rows, options, provenance)
         logged = record
         of_time: tuple[str, ...] = ()
+        if log is not None and columns.curves is not None:
+            log = log.with_memory_set_anew()
         if log is not None:
             whole = not labels and rows is None
             record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)

@@ -9,7 +9,7 @@ from minorloop.identification.curves import Curves
 
 _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
-_MOST = 20_000
+_MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
 _DEPENDENT = 1e-10
 """Part of a polynomial that the lower ones do not explain, below which it is rounding."""
