@@ -56,7 +56,9 @@ def test_there_and_back_again(run, model):
     np.testing.assert_allclose(model.simulate(applied), y, atol=1e-8 * np.ptp(y))
 
 
-@pytest.mark.parametrize("options", ["", "--holdout 0.2", "--levels 12 --rows 0:120", "--signed --slope"])
+@pytest.mark.parametrize(
+    "options", ["", "--holdout 0.2", "--levels 12 --rows 0:120", "--signed --slope"]
+)
 def test_json_has_what_is_documented(options, answer):
     found = answer(f"{IDENTIFY} {options}")
     assert set(KEYS.split()) <= set(found)
