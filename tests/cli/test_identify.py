@@ -57,7 +57,7 @@ def test_there_and_back_again(run, model):
 
 
 @pytest.mark.parametrize(
-    "options", ["", "--holdout 0.2", "--levels 20 --rows 0:100", "--signed --slope"]
+    "options", ["", "--holdout 0.2", "--levels 12 --rows 0:120", "--signed --slope"]
 )
 def test_json_has_what_is_documented(options, answer):
     found = answer(f"{IDENTIFY} {options}")

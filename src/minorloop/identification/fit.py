@@ -126,6 +126,8 @@ def identify(
     """
     inputs, outputs, coded = checks.checked_record(u, y)
     check_option("spacing", spacing, ("uniform", "adaptive"))
+    check_option("relay", relay, ("bipolar", "unipolar", "auto"))
+    check_option("diagonal", diagonal, ("uniform", "reversible", "auto"))
     checks.check_flags(slope=False if slope == "auto" else slope, signed=signed, offset=offset)
     checks.check_prior(prior, smoothness)
     sensor = checks.as_noise(noise)

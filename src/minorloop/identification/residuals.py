@@ -21,7 +21,7 @@ _DRIFT = 0.5
 """Share of the variance of the residual that a drift explains."""
 PARTS = 3
 """Parts of equal size by amplitude and by rate."""
-_MOST = 200_000
+_MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, about."""
 
 
@@ -168,7 +168,7 @@ def amplitudes(u: FloatArray) -> FloatArray:
 
 
 def _thin(places: npt.NDArray[Any]) -> Any:
-    """About 200,000 of the places, evenly distributed."""
+    """About 50,000 of the places, evenly distributed."""
     return places[:: max(places.size // _MOST, 1)]
 
 
