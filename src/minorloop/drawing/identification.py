@@ -44,14 +44,18 @@ def _draw_loop(axes: Axes, result: Identification, input_label: str, output_labe
     places = np.flatnonzero(measured) - result.lag
     places = places[places >= 0]
     u, y = result.u[places], result.y[places + result.lag]
-    few = result.u.size <= _FEW and not result.lag
+    few = result.u.size <= _FEW and not result.lag and result.curves.begins.size == 1
     if few:
         axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
         inputs = _interpolated(result.u)
         modelled = inputs, result.predict(inputs)
     else:
         axes.plot(u, y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
-        modelled = u, result.prediction[places + result.lag]
+        later = np.searchsorted(places + result.lag, result.curves.begins[1:])
+        modelled = (
+            np.insert(u, later, np.nan),  # no line from curve to curve
+            np.insert(result.prediction[places + result.lag], later, np.nan),
+        )
     axes.plot(*modelled, lw=0.8, color="C0", label="model", rasterized=True)
     at = "" if not result.lag else f" {result.lag} samples before"
     axes.set(xlabel=input_label + at, ylabel=output_label, title="Loop")
@@ -84,7 +88,8 @@ def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
     dots: dict[str, Any] = {"ms": 4, "color": "C1"} if index.size <= _FEW else _DOTS
     axes.plot(index, result.y, ".", label="measured", rasterized=True, **dots)
     axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
-    if result.posterior is not None and 1 < index.size <= _FEW and not result.lag:
+    plain = not result.lag and result.curves.begins.size == 1
+    if result.posterior is not None and 1 < index.size <= _FEW and plain:
         # Between samples too, where bands are wide.
         between = result.predict(_interpolated(result.u), bands=0.9)
         places = np.linspace(0, index[-1], between.u.size)
@@ -99,15 +104,27 @@ def _draw_residual(axes: Axes, result: Identification) -> None:
     index = np.arange(result.y.size)
     residual = 100 * (result.prediction - result.y) / unit
     axes.plot(index, residual, ".", ms=2.0, color="C0", rasterized=True)
-    if result.posterior is not None:
+    if result.posterior is not None or result.scatter is not None:
         shown = np.unique(np.linspace(0, index[-1], _MOST_BANDS).astype(np.int64))
         reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
         axes.fill_between(shown, -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
         axes.legend(framealpha=0.9, loc="upper right")
     axes.axhline(0.0, color="0.3", lw=0.8)
     _shade_held_out(axes, result)
+    _shade_startup(axes, result, residual)
     axes.set(xlabel="sample", ylabel="residual, % of range", title="Model less measured")
     axes.grid(alpha=0.25)
+
+
+def _shade_startup(axes: Axes, result: Identification, residual: FloatArray) -> None:
+    """Shade a start-up, and scale the axis to the later rows."""
+    startup = result.residual.startup
+    if startup is not None:
+        later = np.abs(residual[startup.rows :])
+        reach = 1.2 * float(np.nanmax(later))
+        axes.set_ylim(-reach, reach)
+        axes.axvspan(0, startup.rows, color="C3", alpha=0.2, label="start-up, not to scale")
+        axes.legend(framealpha=0.9, loc="upper right")
 
 
 def _shade_held_out(axes: Axes, result: Identification) -> None:
