@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,10 @@ from minorloop.identification.sine_response import (
 )
 from minorloop.lab.sine_run import MeasuredSine
 from minorloop.lab.sines import SinePlan
+from minorloop.operators.polynomial import Polynomial
+from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
+from minorloop.operators.relays import RelayModel
 
 G = Linear.from_poles([-20.0, -1.5], [-1.0])
 PLANE = Preisach(np.linspace(-1, 1, 9), np.tril(np.random.default_rng(0).uniform(0, 1, (8, 8))))
@@ -104,6 +109,29 @@ def test_a_dead_sensor_is_found(sines):
     still = MeasuredSine(one.sine, one.u, np.full(one.y.size, 2.5), held=False)
     with pytest.raises(SignalError, match=r"output does not oscillate at 0\.1 Hz"):
         sine_response([measured_periods(still)])
+
+
+def test_gaps_in_the_output_are_found(sines):
+    one = sines[0]
+    lost = MeasuredSine(one.sine, one.u, np.where(one.u > 0.39, np.nan, one.y), held=False)
+    with pytest.raises(SignalError, match="has gaps in its output"):
+        sine_response([measured_periods(lost)])
+
+
+@pytest.mark.parametrize("preamble", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    "operator",
+    [
+        PrandtlIshlinskii([0.0, 0.1], [1.0, 0.5]),
+        Polynomial([0.0, 2.0], -1.0, 1.0),
+        RelayModel([-0.2, 0.2], [[0.0, 0.0], [1.0, 0.0]]),
+    ],
+    ids=lambda operator: type(operator).__name__,
+)
+def test_every_kind_of_model_is_an_operator(sines, operator, preamble):
+    sine = replace(sines[0].sine, preamble=preamble)
+    one = MeasuredSine(sine, sines[0].u, sines[0].y, held=False)
+    assert np.isfinite(measured_periods(one, operator).gains()).all()
 
 
 def test_different_offsets_are_noted(sines):

@@ -82,6 +82,11 @@ class SinePeriods:
         SignalError
             If input, operator or output does not oscillate.
         """
+        if np.isnan(self.y).any():
+            raise SignalError(
+                f"the sine of {self.frequency:g} Hz and amplitude {self.amplitude:g} has gaps in "
+                "its output; measure it again"
+            )
         y = fundamental(self.y, self.periods)
         if abs(y) <= _NOTHING * np.abs(self.y).max(initial=0.0):
             raise SignalError(
