@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minorloop.connect import connect
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
@@ -13,8 +14,9 @@ from minorloop.identification.sine_response import (
     sine_response,
     unsaturated,
 )
-from minorloop.lab.sine_run import MeasuredSine
+from minorloop.lab.sine_run import MeasuredSine, measured_sines, run_sines, sine_design
 from minorloop.lab.sines import SinePlan
+from minorloop.lab.store import Setup, Store
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
@@ -92,6 +94,28 @@ def test_held_inputs_are_corrected_for_their_delay():
     np.testing.assert_allclose(held.gains()[0], system.response([1.0])[0], rtol=0.02)
     plain = SinePeriods(1.0, 1.0, 0.0, 2, u[-48:], y)
     assert abs(plain.gains()[0] / system.response([1.0])[0] - 1) > 0.1
+
+
+class Streamed:
+    """A twin to which inputs can only be given tick by tick."""
+
+    def __init__(self, twin):
+        self.apply, self.exchange, self.safe = twin.apply, twin.exchange, twin.safe
+        self.inputs, self.outputs, self.tick = twin.inputs, twin.outputs, twin.tick
+
+
+def test_a_strip_gives_the_same_tick_by_tick_as_by_waveform(tmp_path):
+    plan = SinePlan.grid([0.5, 1.0], [0.7], preamble=-1.2, hold=5.0, tick=0.05, input="voltage [V]")
+    gains = []
+    for name, kind in (("waveform", lambda twin: twin), ("ticks", Streamed)):
+        strip = kind(connect("twin:ipmc", specimen=1000, tick=0.05, substeps=8))
+        setup = Setup("", "voltage [V]", "curvature [1/m]", design=sine_design(plan, strip))
+        with Store.create(tmp_path / name, plan.holds(), setup) as store:
+            run_sines(strip, store)
+            response, _ = sine_response([measured_periods(one) for one in measured_sines(store)])
+        gains.append(response.plant)
+    assert [sine.samples for sine in plan] == [40, 20]
+    np.testing.assert_allclose(gains[1] / gains[0], 1.0, atol=0.03)
 
 
 def test_frequencies_without_every_amplitude_are_left_out(sines):

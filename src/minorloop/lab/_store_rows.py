@@ -68,7 +68,7 @@ class Setup:
         Further options of `connect`, such as ``noise``; ready for JSON.
     design : dict, optional
         Parameters of what chooses the levels that the plan leaves open: of an adaptive run or,
-        under ``drive``, of a drive; ready for JSON.
+        under ``drive``, of a drive; under ``sines``, the sines of a run. Ready for JSON.
     """
 
     address: str
