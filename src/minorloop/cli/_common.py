@@ -19,6 +19,7 @@ from minorloop.errors import MinorloopError, OutputError, ParameterError, Record
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.lab.actuator import Actuator
+    from minorloop.lab.conversion import LaserCurvature
     from minorloop.lab.logs import Log
     from minorloop.report import Report
 
@@ -87,9 +88,38 @@ Time = Annotated[
         help="Column of time, in s, ms, us, min, h or d by its header, or date and time (ISO)."
     ),
 ]
+_LASER = "D0,H0[,SD,SD]"
+Laser = Annotated[
+    str | None,
+    typer.Option(
+        metavar=_LASER,
+        help="Convert laser distance to curvature: distance to the straight strip and height above "
+        "the clamp, and their standard deviations, in the unit of the distance.",
+    ),
+]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+def laser_curvature(text: str, unit: str) -> LaserCurvature:
+    """Return the conversion that ``--laser`` gives, of a distance in some unit."""
+    from minorloop.lab.conversion import LaserCurvature
+
+    d0, h0, *sds = numbers("laser", text, (2, 4), _LASER)
+    sd_d0, sd_h0 = sds or (0.0, 0.0)
+    return LaserCurvature(d0, h0, sd_d0, sd_h0, unit)
+
+
+def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
+    """Return the numbers of an option, separated by commas."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts:
+        raise ParameterError(f"--{name} is {text!r}; give {form}, numbers separated by commas")
+    return numbers
 
 
 def print_json(content: Mapping[str, Any]) -> None:
