@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 from typer.core import TyperCommand
 
+from minorloop.cli._completion import addresses, one_of
 from minorloop.errors import MinorloopError, OutputError, ParameterError, RecordError
 
 if TYPE_CHECKING:
@@ -79,7 +80,18 @@ ModelFile = Annotated[
 ]
 Start = Annotated[
     str,
-    typer.Option(help="Memory before the first row: negative, positive or demagnetised."),
+    typer.Option(
+        help="Memory before the first row: negative, positive or demagnetised.",
+        autocompletion=one_of(lambda: ("negative", "positive", "demagnetised")),
+    ),
+]
+Address = Annotated[
+    str,
+    typer.Option(
+        show_default=False,
+        help="Its address, such as twin:ipmc or visa:bench.json.",
+        autocompletion=one_of(addresses),
+    ),
 ]
 Time = Annotated[
     str | None,
@@ -92,9 +104,26 @@ Force = Annotated[bool, typer.Option("--force", help="Replace files that exist."
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
+_json_missing = False
+"""Whether a JSON object is expected on stdout and not yet there."""
+
+
+def expect_json(wanted: bool) -> None:
+    """Note at the begin of a command line whether it asks for JSON."""
+    global _json_missing
+    _json_missing = wanted
+
+
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON object on stdout; numbers that are not finite become null."""
+    expect_json(False)
     print(json.dumps(_plain(content), allow_nan=False))
+
+
+def print_missing_json(content: Mapping[str, Any]) -> None:
+    """Print the object that is expected instead of a result; nothing if the result was printed."""
+    if _json_missing:
+        print_json(content)
 
 
 def _plain(value: Any) -> Any:
