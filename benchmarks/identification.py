@@ -7,12 +7,14 @@ import json
 import numpy as np
 from scipy.optimize import nnls
 
-from benchmarks._timing import Row, best, dearer, faster, in_child
+from benchmarks._timing import Row, best, dearer, faster, in_child, within
 from benchmarks.one_fit import a_record
 from minorloop import identify
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 
 HARDEST = ((100, 100_000, "0"), (200, 20_000, "0"), (200, 20_000, "auto"))
+LONG = ((500_000, "auto", 3.0), (5_000_000, "25", 20.0))
+"""Samples and levels of long records, all other options compared, and most seconds."""
 GROWTH = ((25, 20_000), (50, 20_000), (100, 2_000), (100, 5_000), (100, 50_000))
 
 
@@ -24,7 +26,8 @@ def rows(quick: bool = False) -> list[Row]:
     dense = min(row.theirs for row in found)
     found += [_fit(100, 20_000, smoothness, 4, dense) for smoothness in ("0", "auto")]
     found += [_fit(bands, samples, smoothness, 8) for bands, samples, smoothness in HARDEST]
-    return found + [_fit(bands, samples, "0", 8) for bands, samples in GROWTH]
+    found += [_fit(bands, samples, "0", 8) for bands, samples in GROWTH]
+    return found + [_long(*case) for case in LONG]
 
 
 def _against_nnls(kind: str, bands: int, samples: int) -> Row:
@@ -54,3 +57,12 @@ def _fit(bands: int, samples: int, smoothness: str, most: int, dense: float | No
         return Row(what, figures["seconds"], required="kkt, memory", met=met, accuracy=accuracy)
     way = "dense nnls of L = 50, N = 2,000"
     return dearer(what, figures["seconds"], way, dense, 5, accuracy, met)
+
+
+def _long(samples: int, levels: str, most: float) -> Row:
+    """A long record in a child, within so many seconds and 1.5 GB."""
+    figures = json.loads(in_child("-m", "benchmarks.long_record", samples, levels))
+    accuracy = f"{figures['error']:.2%} held out, L = {figures['levels']}"
+    accuracy += f"; peak {figures['peak_gb']:.2f} of 1.5 GB"
+    small = figures["peak_gb"] <= 1.5
+    return within(f"identify N = {samples:,}", figures["seconds"], most, accuracy, small)

@@ -163,12 +163,15 @@ def identification_report(
         ("rms error on fitted data", f"{result.rmse:.4g}"),
         *_band_rows(result),
     ]
-    report.add("How good it is", table=Table(("", ""), rows), notes=result.advice)
+    chosen = [f"Chosen {choice}." for choice in result.choices]
+    table = Table(("", ""), rows)
+    report.add("How good it is", text=chosen, table=table, notes=result.advice)
     # A dollar in a label does not begin a formula.
     of_input, of_output = (label.replace("$", r"\$") for label in (input_label, output_label))
     figure = result.plot(input_label=of_input, output_label=of_output)
     grey = "" if result.posterior else ", cells that the record does not excite in grey"
-    band = ", with the band in which 90 % of the readings should lie" if result.posterior else ""
+    banded = result.posterior is not None or result.scatter is not None
+    band = ", with the band in which 90 % of the readings should lie" if banded else ""
     caption = (
         f"Measured loop with the model; density on the Preisach plane{grey}; the record over time, "
         f"with held-out samples shaded; the residual{band}."
@@ -212,7 +215,7 @@ def reduction_report(
 
 def _band_rows(result: Identification) -> list[tuple[str, str]]:
     """Return the smoothness, or the width of the bands and how many readings lie within."""
-    if result.posterior is None:
+    if result.posterior is None and result.scatter is None:
         return [("smoothness", f"{result.smoothness:g}")]
     import numpy as np
 

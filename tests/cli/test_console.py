@@ -2,6 +2,8 @@ import socket
 
 import pytest
 
+pytest.importorskip("starlette", reason="needs starlette and uvicorn: minorloop[head]")
+
 
 @pytest.mark.parametrize(
     ("options", "sentence"),

@@ -13,7 +13,7 @@ from minorloop.cli import _identification_output as output
 from minorloop.cli import identify as verb
 from minorloop.errors import OutputError
 from minorloop.identification import design_matrix, identify
-from minorloop.lab import columns
+from minorloop.lab import text_tables
 
 IDENTIFY = "identify good.csv --input voltage --output length --levels 8"
 KEYS = (
@@ -57,7 +57,7 @@ def test_there_and_back_again(run, model):
 
 
 @pytest.mark.parametrize(
-    "options", ["", "--holdout 0.2", "--levels 20 --rows 0:100", "--signed --slope"]
+    "options", ["", "--holdout 0.2", "--levels 12 --rows 0:120", "--signed --slope"]
 )
 def test_json_has_what_is_documented(options, answer):
     found = answer(f"{IDENTIFY} {options}")
@@ -180,7 +180,7 @@ def test_places_that_hold_no_table(refused, tmp_path):
 
 
 def test_a_file_too_large_is_not_begun(refused, monkeypatch):
-    monkeypatch.setattr(columns, "MAX_BYTES", 100)
+    monkeypatch.setattr(text_tables, "MAX_BYTES", 100)
     said = refused(IDENTIFY)
     assert "more than the 100 that are read; split it" in said
 
@@ -414,4 +414,5 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
     found = answer(f"{IDENTIFY} --lag auto")
     assert [choice["name"] for choice in found["choices"]] == ["structure"]
     assert found["residual"]["worst_sample"] < 400
-    assert "chosen structure: " in run(f"{IDENTIFY}")[1]
+    assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html")[1]
+    assert "Chosen structure: " in Path("chosen.html").read_text()

@@ -15,15 +15,15 @@ KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 TWIN = "--actuator twin:ipmc --noise 0.05 --specimen 3 --seed 4"
 RUN = f"run {TWIN} --plan plan.csv"
-DRIVE = f"drive model.json targets.csv --target curvature {TWIN} --corrections 1 --hold 30"
+DRIVE = f"drive strip.json wanted.csv --target curvature {TWIN} --corrections 1 --hold 30"
 
 
 @pytest.fixture(autouse=True)
 def _planned(_somewhere, run):
     assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
     model = Preisach(np.linspace(-1.2, 1.2, 5), np.tril(np.full((4, 4), 5.0)))
-    save(model, "model.json", input="voltage [V]", output="curvature [1/m]")
-    Path("targets.csv").write_text("curvature [1/m]\n3\n-4\n6\n0.5\n-7\n")
+    save(model, "strip.json", input="voltage [V]", output="curvature [1/m]")
+    Path("wanted.csv").write_text("curvature [1/m]\n3\n-4\n6\n0.5\n-7\n")
 
 
 def _exported(name):

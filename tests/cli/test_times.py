@@ -27,6 +27,16 @@ def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
     assert "name the column" not in found["advice"][0]
 
 
+def test_curves_that_begin_anew_have_no_gaps(answer):
+    t = np.where(np.arange(900) < 450, T, T + 1000)
+    y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])
+    rows = np.column_stack([t, U, y, np.arange(900) >= 450])
+    write("log.csv", f"{COLUMNS},curve", rows.astype(float))
+    found = answer(f"{LINE} --lag 0 --time time --curves curve")
+    assert found["samples"] == 900
+    assert not any("gap" in advice for advice in found["advice"])
+
+
 def test_a_lag_in_seconds_needs_time(answer, refused):
     t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 800))
     u = np.interp(t, T, U)

@@ -32,7 +32,7 @@ def test_the_optimality_is_the_largest_violation():
 
 
 @pytest.mark.parametrize("strength", [0.0, 1e-4])
-def test_large_problems_take_another_way_to_the_same_place(strength, monkeypatch):
+def test_conjugate_gradients_reach_the_same_objective(strength, monkeypatch):
     problem = a_problem(14, 500)
     usual = problem.fit(strength)
     monkeypatch.setattr(active_set, "_FACTORISED", 10)
@@ -64,7 +64,7 @@ def test_a_fit_that_did_not_converge_says_so(monkeypatch):
     assert "not converged" in str(found)
 
 
-def test_the_optimality_is_worked_out_from_the_rows(monkeypatch):
+def test_the_optimality_is_computed_from_the_rows(monkeypatch):
     def off(self, found, rows):
         return active_set.BoundedSolution(found.z + 1e-3, 0.0, 1)
 

@@ -56,7 +56,7 @@ def test_an_outlier_is_repeated_and_left_out():
     assert not chooser.identification(u, y).fitted[8]
 
 
-def test_what_repeats_itself_is_believed_flagged_and_widens_the_bands():
+def test_a_repeated_reading_is_accepted_flagged_and_widens_the_bands():
     """The same far reading twice is the plant, not an outlier."""
     chooser = Adaptive(-1.2, 1.2)
     u, y = experiment(chooser, outlier_at=8, upto=10)
@@ -80,7 +80,7 @@ def test_an_outlier_in_the_validation_is_repeated(done, at):
 
 @pytest.mark.parametrize("at", [2, 8, 13])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_was_not_measured_is_measured_again(done, at, bad):
+def test_a_missing_reading_is_measured_again(done, at, bad):
     chooser, u, y = done
     y = [*y[:at], bad]
     assert chooser.choose(u[: at + 1], y) == u[at]

@@ -40,7 +40,7 @@ def test_an_outlier_that_was_repeated_is_among_the_findings():
         (lambda k, u: u, ""),
     ],
 )
-def test_what_is_wrong_with_a_run_is_said(reads, says):
+def test_findings_of_a_run_are_reported(reads, says):
     chooser = Adaptive(-1, 1, levels=10)
     u, y = [], []
     while (level := chooser.choose(u, y)) is not None:

@@ -16,7 +16,7 @@ def fit():
     return identify(U, y, levels=8)
 
 
-def test_bands_hold_what_they_promise():
+def test_bands_cover_their_share():
     rng = np.random.default_rng(2)
     y, sd = rng.normal(size=20_000), np.full(20_000, 0.5)
     shown = Prediction(y, y, sd, 0.9)
@@ -24,7 +24,7 @@ def test_bands_hold_what_they_promise():
     np.testing.assert_allclose((shown.upper + shown.lower) / 2, y)
 
 
-def test_what_was_not_measured_counts_for_nothing():
+def test_missing_outputs_are_not_counted():
     shown = Prediction(np.zeros(3), np.zeros(3), np.ones(3), 0.5)
     assert shown.covers(np.array([0.0, np.nan, 9.0])) == 0.5
     assert np.isnan(shown.covers(np.full(3, np.nan)))
@@ -36,7 +36,7 @@ def test_refuses_what_is_no_probability(fit, bands):
         fit.predict(U, bands=bands)
 
 
-def test_no_outputs_are_said_to_be_none(fit):
+def test_no_outputs_are_printed_as_none(fit):
     assert str(fit.predict([], bands=0.9)) == "no outputs, bands of 90%"
 
 

@@ -28,7 +28,7 @@ def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
     np.testing.assert_array_equal(design(LEVELS, 8), u[:8])
 
 
-def test_a_design_leaves_less_unsure_than_random_inputs():
+def test_a_design_leaves_less_uncertainty_than_random_inputs():
     spec, h = PlaneSpec(LEVELS, diagonal="reversible"), prior.Hyperparameters()
     rng = np.random.default_rng(0)
     aims = rng.uniform(0, 1, 60)

@@ -21,7 +21,7 @@ def areas_of(u, relay="bipolar", diagonal="uniform", slope=True, start="negative
 
 @pytest.mark.parametrize(("relay", "diagonal"), KINDS)
 @given(u=inputs)
-def test_columns_are_the_areas_worked_out_cell_by_cell(relay, diagonal, u):
+def test_columns_are_areas_computed_cell_by_cell(relay, diagonal, u):
     matrix, measured = areas_of(u, relay, diagonal)
     rows = []
     for steps in oracles.strips(u, -1.0, 1.0):

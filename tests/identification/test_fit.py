@@ -23,7 +23,7 @@ def test_a_plane_is_found_from_its_decaying_staircase(options, unit):
 @pytest.mark.parametrize(
     "options", [{"relay": "unipolar"}, {"diagonal": "reversible"}, {"slope": 0.7}]
 )
-def test_so_is_every_other_structure(options):
+def test_every_other_structure_is_found_too(options):
     plane, u = a_plane(**options), excitation.decaying_staircase(LEVELS)
     u = np.concatenate([u, np.random.default_rng(0).uniform(-1.2, 1.2, 200)])
     wanted = {**options, "slope": True} if "slope" in options else options
@@ -41,7 +41,7 @@ def test_samples_not_measured_move_the_memory_only():
 
 
 @pytest.mark.parametrize("lag", [0, 3, 11])
-def test_a_lag_is_found_and_put_back(lag):
+def test_a_lag_is_found_and_predicted(lag):
     u, y = a_record()
     late = np.concatenate([np.full(lag, y[0]), y[: y.size - lag]])
     found = identify(u, late, levels=LEVELS, lag="auto")

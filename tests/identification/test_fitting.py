@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.identification import excitation, identify
 from minorloop.identification.curves import Curves
-from minorloop.identification.fitting import FitRecord, between_neighbours
+from minorloop.identification.fitting import FitRecord, on_steep_branch
 
 
 def steep(seed):
@@ -29,7 +29,7 @@ def test_an_outlier_of_a_steep_branch_is_set_aside():
     assert identify(u, y, levels=8).suspects == (25,)
 
 
-def test_samples_between_their_neighbours():
-    u, y = np.array([0.0, 1, 2, 3, 2, 1, 0]), np.array([0.0, 1, 5, 6, 3, 4, np.nan])
+def test_samples_of_steep_branches_lie_between_their_neighbours():
+    u, y = np.array([0.0, 1, 2, 3, 2, 1, 0, 9]), np.array([0.0, 1, 5, 6, 3, 4, np.nan, 4.0])
     record = FitRecord(u, y, np.isfinite(y), Curves.whole("negative"), False)
-    assert np.flatnonzero(between_neighbours(record)).tolist() == [1, 2]
+    assert np.flatnonzero(on_steep_branch(record)).tolist() == [1, 2]

@@ -16,7 +16,7 @@ def test_a_stuck_output_is_named_with_its_stretch(shape):
     assert finding.samples == tuple(range(first, first + count))
 
 
-def test_so_is_one_that_is_stuck_under_noise():
+def test_an_output_stuck_under_noise_is_found():
     u, y = record(noise=0.0)
     y[130:210] = y[130]
     y += 0.005 * np.ptp(y) * np.random.default_rng(0).normal(size=y.size)
@@ -36,6 +36,6 @@ def test_a_clipped_output_is_named(shape, side):
     assert f"equal the {side}" in found[0].text
 
 
-def test_so_is_one_that_is_clipped_most_of_the_time():
+def test_an_output_clipped_most_of_the_time_is_found():
     u, y = record("levels")
     assert "clipped" in kinds(u, np.minimum(y, np.median(y)))

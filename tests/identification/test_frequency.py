@@ -142,7 +142,7 @@ def test_a_preamble_that_saturates_makes_the_start_irrelevant():
     np.testing.assert_array_equal(ends[0].after, ends[1].after)
 
 
-def test_a_plant_that_has_not_settled_is_said():
+def test_advice_names_a_plant_that_has_not_settled():
     slow = Linear.lags(30.0)
     found = frequency_response(
         driving(PLANE, system=slow), [0.5], [0.4], preamble=PREAMBLE, settling=0.0, bias=0.5

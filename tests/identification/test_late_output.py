@@ -16,7 +16,7 @@ def test_a_lag_is_named_until_the_model_has_it(shape, lag):
     (finding,) = record_faults(u, shifted, Curves.whole("negative"), 0)
     assert finding.kind == "lag"
     assert ("--lag auto" in finding.text) == (lag > 0)
-    assert kinds(u, shifted, sought=True) == []
+    assert kinds(u, shifted, searched=True) == []
     if lag > 0:
         assert kinds(u, shifted, lag) == []
 

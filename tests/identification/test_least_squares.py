@@ -26,7 +26,7 @@ def kkt(problem, x):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-4, 0.01, 0.3])
 @pytest.mark.parametrize(("bands", "samples"), [(3, 50), (8, 200), (8, 20), (12, 400)])
-def test_as_good_as_scipy(noise, bands, samples):
+def test_the_objective_is_that_of_scipy(noise, bands, samples):
     problem = a_problem(bands, samples, noise)
     fit = problem.fit(0.0)
     dense = problem.matrix.dense()
@@ -71,7 +71,7 @@ def smoothed(problem, strength):
 
 
 @pytest.mark.parametrize("strength", [1e-6, 1e-3])
-def test_smoothness_is_the_penalty_that_it_says(strength):
+def test_smoothness_is_the_documented_penalty(strength):
     problem = a_problem(5, 100)
     np.testing.assert_allclose(problem.fit(strength).x, smoothed(problem, strength), atol=1e-6)
 
@@ -125,7 +125,7 @@ def test_near_singular_signed_fits_reach_the_objective_of_dense_least_squares(se
 
 
 @pytest.mark.parametrize("first", [0, 40])
-def test_so_do_signed_fits_of_all_kinds(first):
+def test_signed_fits_of_all_kinds_reach_it_too(first):
     for seed in range(first, first + 40):
         problem, smoothness = optima.a_problem(seed)
         fit = problem.fit(smoothness)

@@ -34,7 +34,7 @@ def test_rows_are_those_of_the_tree(seed, diagonal):
     np.testing.assert_allclose(rows, DesignMatrix(spec, u, seen, begin).dense(), atol=1e-12)
 
 
-def test_marks_are_the_input_and_the_last_extrema():
+def test_features_are_the_input_and_the_last_extrema():
     spec = PlaneSpec(np.linspace(0, 1, 5))
     u = np.array([0.2, 0.9, 0.4, 0.6])
     _, features = prior.regressors(spec, u, np.ones(4, dtype=bool), "negative")
@@ -122,7 +122,7 @@ def test_bands_cover_what_was_not_seen():
     assert 0.8 <= np.mean(covered) <= 1.0
 
 
-def test_more_measurements_make_surer():
+def test_more_measurements_narrow_the_bands():
     widths = []
     for count in (4, 8, 12):
         u = SEQUENCE[:count]
@@ -141,7 +141,7 @@ def test_three_holds_give_a_model_with_wide_bands():
 
 
 @pytest.mark.parametrize("place", [5, 9, 30])
-def test_a_knock_is_set_aside_and_said(place):
+def test_an_outlier_is_left_out_and_named(place):
     stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
     y = measured(stairs, 0.05)
     y[place] += 3.0
@@ -152,7 +152,7 @@ def test_a_knock_is_set_aside_and_said(place):
     assert not fit.fitted[place]
 
 
-def test_nothing_is_set_aside_without_a_reason():
+def test_no_sound_reading_is_left_out():
     for specimen in range(3):
         stairs = excitation.decaying_staircase(np.linspace(-1.2, 1.2, 11))
         y = measured(stairs, 0.1, specimen, specimen)
@@ -226,15 +226,15 @@ def test_bands_hold_for_a_sensor_far_worse_than_usual(noise):
     assert np.mean(covered) > 0.75
 
 
-def test_hyperparameters_of_few_samples_on_a_fine_plane_are_sought_on_a_coarse_one(monkeypatch):
-    sought, search = [], prior.search
+def test_hyperparameters_of_few_samples_on_a_fine_plane_are_searched_on_a_coarse_one(monkeypatch):
+    searched, search = [], prior.search
 
     def seen(evidence, *args):
-        sought.append(evidence.spec.bands)
+        searched.append(evidence.spec.bands)
         return search(evidence, *args)
 
     monkeypatch.setattr(prior, "search", seen)
     u = np.linspace(0, 1, 7) ** 2 * np.array([1, 0, 1, 0, 1, 0, 1])
     fit = identify(u, u, levels=48, prior="gaussian")
-    assert set(sought) == {24}
+    assert set(searched) == {24}
     assert fit.posterior.spec.bands == 48

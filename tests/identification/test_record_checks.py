@@ -25,7 +25,7 @@ from plane_records import a_record
         (["a", "b", "c"], [1, 2, 3], "real numbers"),
     ],
 )
-def test_refuses_records_that_say_nothing(u, y, says):
+def test_refuses_unusable_records(u, y, says):
     with pytest.raises(SignalError, match=says):
         identify(u, y)
 

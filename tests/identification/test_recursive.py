@@ -63,7 +63,7 @@ def test_follows_a_drifting_plane_within_a_percent():
     assert np.sqrt(np.mean(errors[400:] ** 2)) <= 0.01
 
 
-def test_stays_where_it_is_on_inputs_that_excite_next_to_nothing():
+def test_the_model_stays_on_inputs_that_hardly_excite_it():
     """Where plain recursive least squares with clipped weights grows without bound."""
     u = np.tile([0.12, 0.36], 1500)
     recursion, state, errors = followed(a_model(), u)

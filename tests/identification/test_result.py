@@ -20,7 +20,7 @@ def test_a_model_predicts_with_and_without_bands():
     assert len(shown.plot().axes) == 2
 
 
-def test_an_inversion_says_how_sure_it_is():
+def test_an_inversion_has_standard_deviations():
     targets = np.quantile(MODEL.simulate(U), [0.3, 0.8, 0.5])
     found = FIT.invert(targets)
     np.testing.assert_allclose(found.sd, FIT.predict(found.u, bands=0.9).sd)
@@ -54,3 +54,13 @@ def test_bands_of_groups_are_those_of_an_inversion_too():
     inverse = found.invert([3.0, 4.0])
     np.testing.assert_allclose(inverse.sd, found.predict(inverse.u, bands=0.9).sd)
     assert (found.deviation(np.arange(300)) > 0).all()
+
+
+def test_curves_and_a_startup_are_drawn():
+    u, y = a_record(300)
+    y[:5] += 3 * np.ptp(y)
+    found = identify(u, y, levels=5, curves=np.arange(300) // 100, prior="none")
+    loop, _, _, residual = found.plot().axes[:4]
+    assert np.isnan(loop.lines[1].get_xdata()).sum() == 2  # no line from curve to curve
+    assert residual.get_ylim()[1] < 100
+    assert "start-up" in residual.get_legend().get_texts()[-1].get_text()

@@ -10,12 +10,12 @@ from minorloop.identification.screening import codes, record_faults
 
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
 @pytest.mark.parametrize("shape", INPUTS)
-def test_nothing_is_found_in_a_sound_record(shape, unit):
+def test_no_fault_is_found_in_a_sound_record(shape, unit):
     assert kinds(*record(shape, unit)) == []
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_nor_in_a_coarsely_quantised_one_that_saturates(noise):
+def test_no_fault_is_found_in_a_coarsely_quantised_record_that_saturates(noise):
     u, y = record(noise=noise)
     coarse = np.round(np.tanh(4 * y) * 100) / 100
     assert kinds(u, coarse) == []

@@ -64,7 +64,7 @@ def test_a_step_without_response_is_left_out():
         (lambda t, u, y: (t, u, np.where(t > 20, np.nan, y)), "finite"),
     ],
 )
-def test_refuses_records_that_say_nothing(change, why):
+def test_refuses_unusable_records(change, why):
     with pytest.raises(SignalError, match=why):
         as_sampled(change(*record()), "end")
 

@@ -182,7 +182,7 @@ def test_infinity_is_refused_even_among_gaps(table, text):
     ("asked", "hint"),
     [("voltagee", "voltage [V]"), ("Voltage", "voltage [V]"), ("CURVATURE [1/m]", "curvature")],
 )
-def test_a_misspelt_column_is_told_what_exists(table, asked, hint):
+def test_a_misspelt_column_is_answered_with_the_columns(table, asked, hint):
     with pytest.raises(RecordError) as caught:
         read_columns(table(PLAIN), [asked])
     message = str(caught.value)

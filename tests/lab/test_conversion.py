@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError
-from minorloop.lab.conversion import LaserCurvature, Polynomial, Table, linear
+from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable, LaserCurvature, linear
 from minorloop.lab.curvature import displacement_from_curvature
 from minorloop.lab.records import Quantity
 
@@ -51,7 +51,7 @@ class TestLaser:
 class TestCalibrations:
     def test_linear_and_polynomial(self):
         np.testing.assert_allclose(linear(2.0, 1.0).convert([0.0, 3.0]), [1.0, 7.0])
-        cubic = Polynomial("force", "N", 0.1, (1.0, 0.0, 0.0, 2.0))
+        cubic = CalibrationPolynomial("force", "N", 0.1, (1.0, 0.0, 0.0, 2.0))
         np.testing.assert_allclose(cubic.convert([2.0, np.nan]), [17.0, np.nan])
         assert cubic.quantity(READING) == Quantity("force", "N")
         assert linear(2.0).quantity(READING) == READING
@@ -59,7 +59,9 @@ class TestCalibrations:
 
     def test_a_table_is_straight_between_its_points_and_ends_with_them(self):
         for order in (slice(None), slice(None, None, -1)):
-            table = Table("um", "um", 0.0, [0.0, 1.0, 3.0][order], [5.0, 7.0, 6.0][order])
+            table = CalibrationTable(
+                "um", "um", 0.0, [0.0, 1.0, 3.0][order], [5.0, 7.0, 6.0][order]
+            )
             found = table.convert([0.5, 2.0, 3.0, 3.1])
             np.testing.assert_allclose(found, [6.0, 6.5, 6.0, np.nan])
             assert table.covered == "the table, 0 to 3"
@@ -67,22 +69,25 @@ class TestCalibrations:
     def test_a_table_is_read_from_a_file(self, tmp_path):
         file = tmp_path / "table.csv"
         file.write_text("reading [V],force [N]\n0,0\n1,10\n")
-        table = Table.from_csv(file)
+        table = CalibrationTable.from_csv(file)
         assert table.quantity(READING) == Quantity("force", "N")
         assert table.convert(0.25) == 2.5
         file.write_text("a,b,c\n0,0,0\n")
         with pytest.raises(ParameterError, match="has 3 columns; a calibration table has two"):
-            Table.from_csv(file)
+            CalibrationTable.from_csv(file)
 
     @pytest.mark.parametrize(
         ("make", "message"),
         [
-            (lambda: Polynomial(coefficients=(3.0, 0.0)), "a constant; give one beside"),
+            (lambda: CalibrationPolynomial(coefficients=(3.0, 0.0)), "a constant; give one beside"),
             (lambda: linear(np.nan), "coefficient is nan"),
             (lambda: linear(1.0, calibration_sd=-1.0), "calibration_sd is -1"),
-            (lambda: Table(readings=[1.0], values=[1.0]), "1 readings and 1 values"),
-            (lambda: Table(readings=[1.0, np.inf], values=[1.0, 2.0]), "not finite"),
-            (lambda: Table(readings=[0, 2, 1, 3], values=[0, 1, 2, 3]), "are 2 and then 1; they"),
+            (lambda: CalibrationTable(readings=[1.0], values=[1.0]), "1 readings and 1 values"),
+            (lambda: CalibrationTable(readings=[1.0, np.inf], values=[1.0, 2.0]), "not finite"),
+            (
+                lambda: CalibrationTable(readings=[0, 2, 1, 3], values=[0, 1, 2, 3]),
+                "are 2 and then 1",
+            ),
         ],
     )
     def test_one_that_is_none_is_refused(self, make, message):

@@ -146,7 +146,7 @@ def test_the_shortest_hold_that_is_named_is_possible():
         check_plan(_bench(plant), _plan(20 * answer).slowed(answer))
 
 
-def test_a_meter_that_becomes_slow_is_told_of_by_its_points(tmp_path):
+def test_points_show_that_a_meter_became_slow(tmp_path):
     plant = Instrument(0.01)
     bench = _bench(plant)
     plan = _plan(1.0, window=0.5)

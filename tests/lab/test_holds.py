@@ -64,9 +64,18 @@ class TestHolds:
         u[90] = 5.0
         assert [hold.begin for hold in find_holds(u)] == [0, 60, 120]
 
-    def test_a_given_tolerance_covers_hum(self):
-        u = np.repeat([0.0, 1.0, 0.3], 500) + 0.02 * np.sin(np.arange(1500) * 2 * np.pi / 20)
-        assert [hold.begin for hold in find_holds(u, tolerance=0.1)] == [0, 500, 1000]
+    @pytest.mark.parametrize("period", [8, 20, 125])
+    @pytest.mark.parametrize("amplitude", [0.003, 0.03])
+    def test_hum_does_not_hide_holds(self, period, amplitude):
+        hum = amplitude * np.sin(np.arange(3000) * 2 * np.pi / period)
+        u = np.repeat([0.0, 1.0, 0.3], 1000) + hum
+        for tolerance in (None, 5 * amplitude):
+            holds = find_holds(u, tolerance=tolerance)
+            assert len(holds) == 3
+            assert np.abs([hold.begin - k * 1000 for k, hold in enumerate(holds)]).max() <= 9
+
+    def test_a_tolerance_below_zero_is_refused(self):
+        u = np.arange(30.0)
         with pytest.raises(ParameterError, match="tolerance is -1; give a change"):
             find_holds(u, tolerance=-1)
 

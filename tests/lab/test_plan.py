@@ -147,7 +147,7 @@ class TestTexts:
             ({"shortest": [2.5, 3.0]}, "its shortest hold 1 is 2.5, not 3.0"),
         ],
     )
-    def test_a_difference_is_told_in_words(self, changed, says):
+    def test_a_difference_is_described(self, changed, says):
         common = {"inputs": [0.0, 1.0], "longest": 10.0, "sample_interval": 0.05, "input": "u [V]"}
         assert Plan(**common).difference(Plan(**{**common, **changed})) == says
 

@@ -104,7 +104,7 @@ def test_a_frame_with_unusable_numbers_is_refused(column, complaint):
         Record.from_frame({"u": column, "y": [1, 2]}, input="u", output="y")
 
 
-def test_a_frame_without_the_column_is_told_what_exists():
+def test_a_frame_without_the_column_is_answered_with_the_columns():
     with pytest.raises(RecordError, match="the frame has no column 'z', it has 'u', 'y'"):
         Record.from_frame({"u": [1], "y": [1]}, input="u", output="z")
 
@@ -186,7 +186,7 @@ def test_reads_measured_records(shared_data):
     assert forc["field_Oe"].size == forc["moment_emu"].size > 10_000
 
 
-def test_a_name_that_begins_as_a_formula_comes_back(tmp_path):
+def test_a_name_that_begins_as_a_formula_is_read_again(tmp_path):
     record = Record([0.0, 1.0], [-1.0, 1.0], [2.0, -3.0], "=1+1 [V]", "@SUM(A1) [mm]")
     record.to_csv(tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()

@@ -1,5 +1,9 @@
+from contextlib import suppress
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from minorloop.arrays import uniform_levels
 from minorloop.errors import OutputError, ParameterError, RecordError
@@ -123,6 +127,15 @@ def test_a_saturated_sensor_is_noticed(long):
     assert 0 < np.isnan(found.record().y).sum() < LEVELS.size
 
 
+def test_after_a_break_outputs_wait_until_the_memory_is_known():
+    levels = [-1.0, 1.0, -1.0, 0.0, -0.5, 0.5, 1.0, 0.2]
+    u = np.repeat(levels, 20)
+    noise = 1e-3 * np.random.default_rng(1000).normal(size=u.size)
+    found = reduce(Record(np.arange(u.size), u, u + noise), breaks=[70])  # within the fourth hold
+    assert np.isnan(found.record().y).tolist() == [False] * 3 + [True] * 3 + [False] * 2
+    assert "3 of 8 holds follow a break in time" in found.notes[0]
+
+
 def test_a_wrong_geometry_is_one_sentence(long):
     log, _ = long
     with pytest.raises(RecordError, match=r"none of the 11 holds .* cannot be converted, first .*"):
@@ -171,3 +184,19 @@ def test_it_is_drawn(long):
         "voltage [V]",
         "curvature [1/m]",
     ]
+
+
+@given(data=st.data())
+def test_any_record_is_reduced_or_refused(data):
+    count = data.draw(st.integers(1, 60))
+    levels = st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e100, 0.1]) | st.floats(-1, 1)
+    u = np.repeat(data.draw(st.lists(levels, min_size=1, max_size=8)), count)
+    steps = data.draw(st.sampled_from([0.0, 1e-9, 1.0, 1e6]))
+    numbers = st.sampled_from([0.0, 1e100, 5.0, np.nan]) | st.floats(-1, 1)
+    y = np.resize(data.draw(st.lists(numbers, min_size=1, max_size=30)), u.size)
+    record = Record(steps * np.arange(u.size), u, y, "u", "distance [mm]")
+    with suppress(RecordError):
+        found = reduce(record, conversion=data.draw(st.sampled_from([None, LASER])), flip=True)
+        assert len(found.columns()["verdict"]) == len(found)
+        assert found.record().u.size >= 3
+        assert [line for line, _ in found.summary()]

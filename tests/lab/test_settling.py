@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from minorloop.arrays import uniform_levels
 from minorloop.connect import connect
@@ -233,13 +234,22 @@ class TestVerdict:
 class TestNoise:
     """A verdict compares with the noise of the sensor: each sample of a hold counts."""
 
-    @pytest.mark.parametrize("share", [0.0, 0.0002, 0.001])
-    def test_settled_holds_of_the_strip_are_called_settled_and_others_are_not(self, share):
-        """Settled: another such hold moves the output by less than 0.2 % of the span."""
+    @pytest.mark.parametrize(
+        ("share", "likeness"), [(0.0, 0.0), (0.0002, 0.0), (0.001, 0.0), (0.001, 0.8)]
+    )
+    def test_settled_holds_of_the_strip_are_called_settled_and_others_are_not(
+        self, share, likeness
+    ):
+        """Settled: another such hold moves the output by less than 0.2 % of the span.
+
+        Also where the noise of neighbours is alike, as behind a filter.
+        """
         chance, calls = np.random.default_rng(1000), []
         for hold in (50.0, 200.0):
             for t, y, _, span, moved in _holds("ipmc", hold, interval=hold / 1000, specimens=2):
-                noisy = y + share * span * chance.normal(size=y.size)
+                white = chance.normal(size=y.size)
+                noise = lfilter([np.sqrt(1 - likeness**2)], [1, -likeness], white)
+                noisy = y + share * span * noise
                 end = judge(t, noisy, tolerance=0.002 * span / hold, window=hold / 10)
                 calls.append((end.verdict == "settled", abs(moved) <= 0.002 * span))
         called, truly = np.array(calls).T

@@ -29,7 +29,7 @@ STATE = {"state": [0.1, 0.2, -1e-17], "samples": 40}
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch):
-    monkeypatch.setattr(store_module, "_PATIENCE", 0.01)
+    monkeypatch.setattr(store_module, "_LOCK_WAIT", 0.01)
 
 
 def _point(index, /, **changed):
@@ -78,7 +78,7 @@ def _folder_is_clean(folder, *names):
 
 
 class TestKeeping:
-    def test_what_was_put_in_comes_out(self, tmp_path):
+    def test_points_are_read_as_they_were_written(self, tmp_path):
         with Store.open(_filled(tmp_path / "a.sqlite")) as store:
             assert store.plan.difference(PLAN) == ""
             assert store.setup == SETUP
@@ -369,7 +369,7 @@ class TestRights:
 HOLD = """
 import sys
 from minorloop.lab import store
-store._PATIENCE = 0.01
+store._LOCK_WAIT = 0.01
 try:
     with store.Store.open(sys.argv[1], write=sys.argv[2] == "write"):
         print("opened", flush=True)
@@ -661,7 +661,7 @@ def _killed_after(lines, code, path):
 
 
 class TestKilled:
-    def test_every_point_that_was_told_of_is_there_and_no_half_of_another(self, tmp_path):
+    def test_every_reported_point_is_there_and_no_part_of_another(self, tmp_path):
         path = tmp_path / "a"
         Store.create(path, Plan(np.arange(10_000.0), 40.0), SETUP).close()
         settled = 0

@@ -65,7 +65,7 @@ class TestChecks:
         assert found.breaks.tolist() == [place - 1]
         assert "the clock was set back 1 times" in found.notes[0]
 
-    def test_uneven_samples_are_said(self):
+    def test_uneven_samples_are_reported(self):
         steps = np.random.default_rng(1000).uniform(0.5, 1.5, 1000)
         found = check_times(np.cumsum(steps))
         assert found.uneven > 0.5

@@ -38,6 +38,15 @@ from minorloop import Record
 frame = pandas.DataFrame({"voltage [V]": [0.0, 1.0], "tip [mm]": [0.0, 2.0]})
 assert len(Record.from_frame(frame, input="voltage", output="tip")) == 2
 """,
+    "excel": """
+import openpyxl
+from minorloop import Record
+book = openpyxl.Workbook()
+for row in (["voltage [V]", "tip [mm]"], [0.0, 1.0], [1.0, 2.0]):
+    book.active.append(row)
+book.save("log.xlsx")
+assert len(Record.from_csv("log.xlsx", input="voltage", output="tip")) == 2
+""",
     "fmi": MODEL
     + """
 import shutil, sys, tempfile

@@ -18,7 +18,7 @@ def test_verdicts():
     assert [row[-1] for row in rows] == ["met", "short", "reported", "reported", "met", "short"]
     assert rows[0][2:4] == ("2.00%", "<= 3.00% (ours)")
     assert rows[3][2] == "no"
-    assert [row[3] for row in rows[3:]] == ["-", "no", "yes"]
+    assert [row[3] for row in rows[3:]] == ["-", "no (ours)", "yes (ours)"]
 
 
 def test_what_is_not_a_number_is_never_met():

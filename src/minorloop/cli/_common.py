@@ -7,7 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -73,7 +73,7 @@ class LateHelp(TyperCommand):
 
 
 DataFile = Annotated[
-    Path, typer.Argument(help="CSV file: one header line, then numbers.", show_default=False)
+    Path, typer.Argument(help="Table with one header line: CSV, .mat or .xlsx.", show_default=False)
 ]
 ModelFile = Annotated[
     Path, typer.Argument(help="Model file, as identify --save writes it.", show_default=False)
@@ -255,8 +255,11 @@ def read_log(
 
     if time is not None:
         return read(time)
-    with nullcontext() if needed else suppress(RecordError):
+    try:
         return read(time_column(read_headers(file), source=file, but=(input, output)))
+    except RecordError:
+        if needed:
+            raise
     return read(None)
 
 

@@ -89,7 +89,10 @@ def identified(
         if run_by is not None:
             now(f"identifying from {len(record)} points of an adaptive run")
             return _of_run(record, run_by, rows, options, provenance)
-        raw, of_time = _raw(record, columns), ()
+        logged = record
+        of_time: tuple[str, ...] = ()
+        if log is not None and columns.curves is not None:
+            log = log.with_memory_set_anew()
         if log is not None:
             whole = not labels and rows is None
             record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
@@ -101,6 +104,7 @@ def identified(
         now(f"identifying from {part.stop - part.start} rows")
         result = identify(record.u[part], record.y[part], **settings)
         seconds = time.perf_counter() - began
+        raw = _raw(logged, columns)
         return Done(record, result, provenance, seconds, raw, first=part.start, of_time=of_time)
 
 

@@ -25,7 +25,7 @@ _DISTRUSTED = 1
 _Data = Annotated[
     Path,
     typer.Argument(
-        help="CSV file: one header line, then numbers; or an experiment store, as run makes it.",
+        help="Table with one header line: CSV, .mat or .xlsx; or an experiment store of run.",
         show_default=False,
     ),
 ]

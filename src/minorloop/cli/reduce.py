@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -119,6 +120,7 @@ def run(
             tolerance=tolerance,
             input_tolerance=input_tolerance,
             shortest=shortest,
+            breaks=log.check.breaks if log.check else (),
         )
     said = [*log.notes, *reduction.notes]
     steps: list[Callable[[], None]] = [partial(_show, reduction, said, as_json)]
@@ -133,7 +135,7 @@ def run(
 def _conversion(
     chosen: dict[str, Any], named: dict[str, Any], reading: Quantity
 ) -> Conversion | None:
-    from minorloop.lab.conversion import LaserCurvature, Polynomial, Table
+    from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable, LaserCurvature
 
     given = [name for name, value in chosen.items() if value is not None]
     if len(given) > 1:
@@ -143,20 +145,21 @@ def _conversion(
             raise ParameterError(
                 "--laser gives curvature [1/m]; leave --name, --unit and --calibration-sd out"
             )
-        numbers = _numbers("laser", chosen["laser"], (2, 4), _LASER)
-        return LaserCurvature(*numbers, unit=reading.unit)
+        d0, h0, *sds = _numbers("laser", chosen["laser"], (2, 4), _LASER)
+        sd_d0, sd_h0 = sds or (0.0, 0.0)
+        return LaserCurvature(d0, h0, sd_d0, sd_h0, reading.unit)
     if given == ["table"]:
-        found = Table.from_csv(chosen["table"], calibration_sd=named["calibration_sd"])
-        names = named["name"] or found.name, named["unit"] or found.unit
-        return Table(*names, found.calibration_sd, found.readings, found.values)
-    values = tuple(named.values())
+        found = CalibrationTable.from_csv(chosen["table"], calibration_sd=named["calibration_sd"])
+        return replace(found, name=named["name"] or found.name, unit=named["unit"] or found.unit)
+    coefficients: tuple[float, ...] = (0.0, 1.0)
     if given == ["linear"]:
         gain, *offset = _numbers("linear", chosen["linear"], (1, 2), "GAIN,OFFSET")
-        return Polynomial(*values, (*(offset or [0.0]), gain))
-    if given == ["polynomial"]:
-        numbers = _numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,...")
-        return Polynomial(*values, tuple(numbers))
-    return Polynomial(*values) if any(named.values()) else None
+        coefficients = (*(offset or [0.0]), gain)
+    elif given == ["polynomial"]:
+        coefficients = tuple(_numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,..."))
+    elif not any(named.values()):
+        return None
+    return CalibrationPolynomial(**named, coefficients=coefficients)
 
 
 def _numbers(name: str, text: str, counts: Any, form: str) -> list[float]:

@@ -60,7 +60,8 @@ def _draw_loop(
     if result.u.size <= _FEW and not result.lag and result.curves.begins.size == 1:
         axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
         inputs = _interpolated(result.u)
-        axes.plot(inputs, result.predict(inputs), lw=0.8, color="C0", label="model")
+        shown: dict[str, Any] = {"lw": 0.8, "color": "C0", "rasterized": True}
+        axes.plot(inputs, result.predict(inputs), label="model", **shown)
     else:
         axes.plot(u, y, label="measured", rasterized=True, ls="", marker=".", **_DOTS)
         style: dict[str, Any] = {"marker": ".", "ms": 1.2, "lw": 0.8, "color": "C0"}
@@ -108,7 +109,8 @@ def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
     dots: dict[str, Any] = {"ms": 4, "color": "C1"} if index.size <= _FEW else _DOTS
     axes.plot(index, result.y, ".", label="measured", rasterized=True, **dots)
     axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
-    if result.posterior is not None and 1 < index.size <= _FEW and not result.lag:
+    plain = not result.lag and result.curves.begins.size == 1
+    if result.posterior is not None and 1 < index.size <= _FEW and plain:
         # Between samples too, where bands are wide.
         between = result.predict(_interpolated(result.u), bands=0.9)
         places = np.linspace(0, index[-1], between.u.size)
@@ -123,15 +125,27 @@ def _draw_residual(axes: Axes, result: Identification) -> None:
     index = np.arange(result.y.size)
     residual = 100 * (result.prediction - result.y) / unit
     axes.plot(index, residual, ".", ms=2.0, color="C0", rasterized=True)
-    if result.posterior is not None:
+    if result.posterior is not None or result.scatter is not None:
         shown = np.unique(np.linspace(0, index[-1], _MOST_BANDS).astype(np.int64))
         reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
         axes.fill_between(shown, -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
         axes.legend(framealpha=0.9, loc="upper right")
     axes.axhline(0.0, color="0.3", lw=0.8)
     _shade_held_out(axes, result)
+    _shade_startup(axes, result, residual)
     axes.set(xlabel="sample", ylabel="residual, % of range", title="Model less measured")
     axes.grid(alpha=0.25)
+
+
+def _shade_startup(axes: Axes, result: Identification, residual: FloatArray) -> None:
+    """Shade a start-up, and scale the axis to the later rows."""
+    startup = result.residual.startup
+    if startup is not None:
+        later = np.abs(residual[startup.rows :])
+        reach = 1.2 * float(np.nanmax(later))
+        axes.set_ylim(-reach, reach)
+        axes.axvspan(0, startup.rows, color="C3", alpha=0.2, label="start-up, not to scale")
+        axes.legend(framealpha=0.9, loc="upper right")
 
 
 def _shade_held_out(axes: Axes, result: Identification) -> None:

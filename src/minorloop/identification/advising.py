@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from minorloop.identification import active_set, residuals
+from minorloop.identification import active_set
 from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
+from minorloop.identification.residual_advice import residual_advice
 from minorloop.identification.screening import codes
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def advice(result: Fit) -> Iterator[str]:
     yield from warnings(result)
     yield from _codes(result)
     yield from _outliers(result)
-    yield from residuals.advice(result)
+    yield from residual_advice(result)
     yield from _excitation(result)
     yield from _accuracy(result)
     yield from _numerics(result)
@@ -192,7 +193,7 @@ def _error_warnings(result: Fit) -> Iterator[str]:
 def _untried(result: Fit) -> str:
     """Name the options that were neither given nor compared."""
     compared = {choice.name for choice in result.choices}
-    options = [] if result.sought else ['lag="auto" (--lag auto)']
+    options = [] if result.searched else ['lag="auto" (--lag auto)']
     if not result.matrix.spec.slope and "structure" not in compared:
         options.append("slope=True (--slope)")
     return " and ".join([*options, "for butterfly loops signed=True (--signed)"])

@@ -6,10 +6,11 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.curves import Curves
+from minorloop.threads import one_thread
 
 _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
-_MOST = 20_000
+_MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
 _DEPENDENT = 1e-10
 """Part of a polynomial that the lower ones do not explain, below which it is rounding."""
@@ -64,13 +65,13 @@ def polynomial_nrmse(
     wanted = y[rows]
     highest = min(max(DEGREES), rows.size - 1)
     least, chosen = np.inf, (0, min(DEGREES))
-    for delay in DELAYS[: u.size]:
-        basis = np.asarray(
-            np.polynomial.chebyshev.chebvander(late(rows, delay), highest), np.float64
-        )
-        for degree, error in enumerate(_errors(basis, wanted), start=min(DEGREES)):
-            if error < least:
-                least, chosen = error, (delay, degree)
+    with one_thread():
+        for delay in DELAYS[: u.size]:
+            basis = np.polynomial.chebyshev.chebvander(late(rows, delay), highest)
+            errors = _errors(np.asarray(basis, np.float64), wanted)
+            for degree, error in enumerate(errors, start=min(DEGREES)):
+                if error < least:
+                    least, chosen = error, (delay, degree)
     best_delay, degree = chosen
     powers = np.polynomial.chebyshev.chebvander(late(rows, best_delay), min(degree, highest))
     best, *_ = np.linalg.lstsq(powers, wanted, rcond=None)

@@ -33,9 +33,8 @@ _MOST_ROWS = 40_000
 _COARSE_BANDS = 15
 _SAMPLES_EACH = 2
 """Samples for each cell of the coarse plane."""
-_FEWEST = 20
-"""Samples below which nothing is compared."""
-_FEWEST_FOR_LAG = 100
+_FEWEST = 100
+"""Samples below which nothing is compared: each part of a short record is unlike the others."""
 _STRENGTHS = (0.0, 1e-6, 1e-4)
 _PROMISING = 0.9
 """Ratio of the error to that of a coarse plane below which more levels are tried."""
@@ -193,7 +192,7 @@ def _left_out_error(found: FittedPlane, record: FitRecord, lag: int, fold: IntAr
 
 def _choose_lag(spec: PlaneSpec, record: FitRecord, fold: IntArray) -> tuple[int, list[Choice]]:
     rows = np.flatnonzero(record.fitted)
-    if rows.size < _FEWEST_FOR_LAG:
+    if rows.size < _FEWEST:
         return 0, []
     coarse = _coarse(spec, record)
     lag = fitting.best_lag(coarse, record)

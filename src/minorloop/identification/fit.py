@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import IntArray, Levels, check_option
-from minorloop.errors import ParameterError
 from minorloop.identification import record_checks as checks
 from minorloop.identification.choosing import LEVELS, Chosen, choose, choose_prior
 from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, check_group_sizes
@@ -127,14 +126,10 @@ def identify(
     """
     inputs, outputs, coded = checks.checked_record(u, y)
     check_option("spacing", spacing, ("uniform", "adaptive"))
-    for name, flag in (("slope", slope), ("signed", signed), ("offset", offset)):
-        if not isinstance(flag, bool | np.bool_) and not (name == "slope" and flag == "auto"):
-            raise ParameterError(f"{name} is {flag!r}; give True or False")
-    check_option("prior", prior, ("auto", "gaussian", "none"))
-    if prior == "gaussian" and smoothness != "auto":
-        raise ParameterError(
-            f'smoothness is {smoothness!r} and prior is "gaussian"; give one of them'
-        )
+    check_option("relay", relay, ("bipolar", "unipolar", "auto"))
+    check_option("diagonal", diagonal, ("uniform", "reversible", "auto"))
+    checks.check_flags(slope=False if slope == "auto" else slope, signed=signed, offset=offset)
+    checks.check_prior(prior, smoothness)
     sensor = checks.as_noise(noise)
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     group = _as_groups(curves, groups, inputs.size)
@@ -169,7 +164,7 @@ def identify(
         posterior=found.posterior,
         suspects=found.suspects,
         codes=coded,
-        sought=lag == "auto",
+        searched=lag == "auto",
         left_out=left_out,
         scatter=scatter,
         skipped=int(np.count_nonzero(skipped)),

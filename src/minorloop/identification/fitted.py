@@ -50,7 +50,7 @@ class Fit:
         Samples far outside the band of a fit without them; they were left out.
     codes : tuple of Code
         Readings that are overload codes or sentinels, and count as not measured.
-    sought : bool
+    searched : bool
         Whether the lag was searched.
     left_out : (T,) array, optional
         Output of each fitted row, predicted by a fit without its group; None without groups.
@@ -77,7 +77,7 @@ class Fit:
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     codes: tuple[Code, ...] = ()
-    sought: bool = False
+    searched: bool = False
     converged: bool = True
     left_out: FloatArray | None = None
     scatter: GroupScatter | None = None
@@ -161,12 +161,20 @@ class Fit:
         """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
         y = self.y.copy()
         y[list(self.suspects)] = np.nan
-        return record_faults(self.u, y, self.curves, self.lag, sought=self.sought)
+        return record_faults(self.u, y, self.curves, self.lag, searched=self.searched)
 
     @cached_property
     def residual(self) -> ResidualSummary:
         """What the residual on the fitted samples shows."""
-        return residuals.summary(self)
+        used = self.fitted.copy()
+        for fault in self.findings:
+            if fault.kind == "outlier":
+                used[list(fault.samples)] = False
+        if not used.any():
+            used = self.fitted
+        span = float(np.ptp(self.y[used])) or 1.0
+        applied = self.curves.delayed(self.u, self.lag)
+        return residuals.summary(applied, (self.prediction - self.y) / span, used)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:

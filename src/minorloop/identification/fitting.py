@@ -38,6 +38,8 @@ _MOST_CELLS = 2100
 """Cells up to which the prior is used, 64 levels: its covariance is dense."""
 _SUSPICIOUS, _OUTLIER = 2.2, 6.0
 """Standard deviations from which a sample is fitted without, and from which it is left out."""
+_STEEP = 2.0
+"""Slope of a steep branch, in ranges of the output over ranges of the input."""
 _FEWEST_EACH_SUSPECT = 8
 """Samples for each outlier: more outliers than that are no outliers."""
 
@@ -246,7 +248,7 @@ def _fit_with_prior(
             coarse=regression.coarse,
         )
         guess = found.learnt
-        plausible = between_neighbours(record)[regression.rows]
+        plausible = on_steep_branch(record)[regression.rows]
         suspect = _suspect(found, regression, plausible, record.signed, noise)
         if suspect is None or len(suspects) >= regression.rows.size // _FEWEST_EACH_SUSPECT:
             break
@@ -294,15 +296,17 @@ def _suspect(
     return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
 
 
-def between_neighbours(record: FitRecord) -> BoolArray:
-    """(T,) samples whose input and output both lie between those of their neighbours.
+def on_steep_branch(record: FitRecord) -> BoolArray:
+    """(T,) samples of steep branches, input and output between those of their neighbours.
 
-    On a steep branch such a sample may be far from the prediction, but it is no outlier.
+    Such a sample may be far from the prediction, but it is no outlier.
     """
     y = np.where(record.fitted, record.y, np.nan)
     between = np.zeros(y.size, dtype=np.bool_)
     inputs, outputs = np.diff(record.u), np.diff(y)
-    between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= 0)
+    ratio = float(np.nanmax(y) - np.nanmin(y)) / (float(np.ptp(record.u)) or 1.0)
+    steep = np.abs(outputs[1:] + outputs[:-1]) >= _STEEP * ratio * np.abs(inputs[1:] + inputs[:-1])
+    between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= 0) & steep
     begins = record.curves.begins
     between[np.concatenate([begins, np.maximum(begins - 1, 0)])] = False
     return between

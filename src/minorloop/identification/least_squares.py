@@ -38,8 +38,9 @@ _FLOOR = 1e-300
 _MANY = 50_000
 """Samples from which the iteration uses the normal equations only: passes over all samples would
 take longer than the solution, and so many samples leave no accuracy to be gained."""
-_LARGE = 2500
-"""Cells from which a problem is first solved on every other threshold."""
+_LARGE, _LARGE_OF_MANY = 2500, 1000
+"""Cells from which a problem is first solved on every other threshold; the second from which its
+strength is chosen there if it has many samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,7 @@ class Problem:
         levels, so that large problems take it from a coarser one.
         """
         whole = _System(self, np.ones(self.y.size))
-        if self.matrix.spec.cells > _LARGE:
+        if self.matrix.spec.cells > (_LARGE if self.y.size <= _MANY else _LARGE_OF_MANY):
             return whole.solve(self.coarser().fit("auto").smoothness)
         plain = whole.solve(0.0)
         held = held_out_segments(self.y.size)

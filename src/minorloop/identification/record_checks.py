@@ -13,6 +13,7 @@ from minorloop.arrays import (
     as_finite,
     as_levels,
     as_samples,
+    check_option,
 )
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.design_matrix import check_bands
@@ -153,3 +154,19 @@ def as_noise(noise: float | None) -> float | None:
             f"noise is {noise}; give a standard deviation >= 0 and up to {_LARGEST:g}"
         )
     return number
+
+
+def check_flags(**flags: object) -> None:
+    """Raise an error if an option is neither True nor False."""
+    for name, flag in flags.items():
+        if not isinstance(flag, bool | np.bool_):
+            raise ParameterError(f"{name} is {flag!r}; give True or False")
+
+
+def check_prior(prior: str, smoothness: object) -> None:
+    """Raise an error if a prior does not exist, or smoothness is given together with it."""
+    check_option("prior", prior, ("auto", "gaussian", "none"))
+    if prior == "gaussian" and smoothness != "auto":
+        raise ParameterError(
+            f'smoothness is {smoothness!r} and prior is "gaussian"; give one of them'
+        )

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from minorloop.identification.fitted import Fit
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 
 _FEWEST = 30
 """Residuals below which only the worst is reported."""
@@ -21,16 +17,12 @@ _WINDOW, _SHARE_OF_ROWS, _SHARE_OF_ERROR = 100, 0.1, 0.3
 of the rows, and at least the share of the squared error."""
 _TIMES = 4.0
 """Error of a start-up over that of the other rows."""
-_DRIFT, _LEAST_DRIFT = 0.5, 0.005
-"""Share of the variance of the residual that a drift explains, and its least change in ranges."""
-_ALIKE, _LEAST_ERROR = 0.8, 0.005
-"""Autocorrelation of a residual that is no noise; and its least size in ranges."""
-_PARTS, _UNEVEN = 3, 2.5
-"""Parts of equal size by amplitude and by rate; ratio of their errors that is reported."""
-_MOST = 200_000
+_DRIFT = 0.5
+"""Share of the variance of the residual that a drift explains."""
+PARTS = 3
+"""Parts of equal size by amplitude and by rate."""
+_MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, about."""
-_CONSTANT = 1.5
-"""Ratio of amplitudes or rates below which they are all alike."""
 
 
 @dataclass(frozen=True)
@@ -83,31 +75,35 @@ class ResidualSummary:
     by_rate: tuple[tuple[float, float, float], ...] = ()
 
 
-def summary(result: Fit) -> ResidualSummary:
-    """Summarise the residual of a fit on its fitted samples, without outliers."""
-    used = result.fitted.copy()
-    for fault in result.findings:
-        if fault.kind == "outlier":
-            used[list(fault.samples)] = False
+def summary(u: FloatArray, error: FloatArray, used: BoolArray) -> ResidualSummary:
+    """Summarise the residual of a fit.
+
+    Parameters
+    ----------
+    u : (T,) array
+        Inputs, delayed as the output is.
+    error : (T,) array
+        Model less measured, in ranges of the output.
+    used : (T,) array of bool
+        Fitted samples without outliers.
+    """
     rows = np.flatnonzero(used)
-    span = float(np.ptp(result.y[rows])) or 1.0
-    error = (result.prediction - result.y)[rows] / span
-    worst = int(np.argmax(np.abs(error)))
+    left = error[rows]
+    worst = int(np.argmax(np.abs(left)))
     if rows.size < _FEWEST:
-        return ResidualSummary(int(rows[worst]), float(error[worst]), float("nan"))
-    startup = find_startup(error, rows)
+        return ResidualSummary(int(rows[worst]), float(left[worst]), float("nan"))
+    startup = find_startup(left, rows)
     later = rows >= (startup.rows if startup else 0)
-    rest, places = error[later], rows[later]
+    rest, places = left[later], rows[later]
     some, error_of_some = _thin(places), _thin(rest)
-    applied = result.curves.delayed(result.u, result.lag)
     return ResidualSummary(
         int(rows[worst]),
-        float(error[worst]),
+        float(left[worst]),
         _autocorrelation(rest, places),
         startup,
         _drift(rest, places),
-        _by(amplitudes(applied)[some], error_of_some),
-        _by(np.abs(applied[some] - applied[np.maximum(some - 1, 0)]), error_of_some),
+        _by(amplitudes(u)[some], error_of_some),
+        _by(np.abs(u[some] - u[np.maximum(some - 1, 0)]), error_of_some),
     )
 
 
@@ -172,14 +168,14 @@ def amplitudes(u: FloatArray) -> FloatArray:
 
 
 def _thin(places: npt.NDArray[Any]) -> Any:
-    """About 200,000 of the places, evenly distributed."""
+    """About 50,000 of the places, evenly distributed."""
     return places[:: max(places.size // _MOST, 1)]
 
 
 def _by(feature: FloatArray, error: FloatArray) -> tuple[tuple[float, float, float], ...]:
     """Error of the samples in parts of equal size, by a feature."""
     order = np.argsort(feature, kind="stable")
-    parts = [part for part in np.array_split(order, _PARTS) if part.size]
+    parts = [part for part in np.array_split(order, PARTS) if part.size]
     return tuple(
         (
             float(feature[part].min()),
@@ -188,73 +184,3 @@ def _by(feature: FloatArray, error: FloatArray) -> tuple[tuple[float, float, flo
         )
         for part in parts
     )
-
-
-def advice(result: Fit) -> Iterator[str]:
-    """Give sentences about the residual; none where nothing is unusual."""
-    found = result.residual
-    if found.startup is not None:
-        yield _startup_text(found.startup)
-    if abs(found.drift) > _LEAST_DRIFT:
-        yield (
-            f"the residual drifts by {abs(found.drift):.2%} of range along the record: let "
-            "actuator and sensor warm up and measure again, or subtract the drift from the output"
-        )
-    if result.nrmse < _LEAST_ERROR:
-        return
-    yield from _uneven(found, result)
-    if found.autocorrelation > _ALIKE:
-        yield (
-            f"neighbouring residuals are alike (autocorrelation {found.autocorrelation:.2f}), so "
-            f"they are an error of the model and no noise: {_remedy(result)}"
-        )
-
-
-def _remedy(result: Fit) -> str:
-    if any(choice.name == "structure" for choice in result.choices):
-        return (
-            "the options that were compared do not remove it, so it may depend on the rate, creep "
-            "or temperature"
-        )
-    lag = "" if result.sought else ' or lag="auto" (--lag auto)'
-    return f'other levels, slope="auto" (--slope){lag} may reduce it'
-
-
-def _startup_text(startup: Startup) -> str:
-    first = "the first row is" if startup.rows == 1 else f"the first {startup.rows} rows are"
-    has = "has" if startup.rows == 1 else "have"
-    return (
-        f"{first} off by up to {startup.largest:.1%} of range and {has} {startup.share:.0%} of the "
-        "squared error, a start-up that the model does not follow: let them set the memory without "
-        f"being fitted, skip={startup.rows} (--skip {startup.rows}), or give the start state that "
-        "the record has"
-    )
-
-
-def _uneven(found: ResidualSummary, result: Fit) -> Iterator[str]:
-    """Say at which amplitudes and rates the error is large."""
-    for parts, small, large, todo in (
-        (
-            found.by_amplitude,
-            "small loops",
-            "large loops",
-            "measure more loops of that size, or use more levels",
-        ),
-        (
-            found.by_rate,
-            "slow inputs",
-            "fast inputs",
-            "measure at the rate that you will use"
-            + ("" if result.sought else ', try lag="auto" (--lag auto)')
-            + ", or add linear dynamics",
-        ),
-    ):
-        if len(parts) < _PARTS or parts[-1][0] <= _CONSTANT * parts[0][1]:
-            continue
-        first, last = parts[0][2], parts[-1][2]
-        if max(first, last) >= _UNEVEN * min(first, last):
-            where = large if last > first else small
-            yield (
-                f"the error is {max(first, last):.2%} of range at {where} and "
-                f"{min(first, last):.2%} at {large if where == small else small}: {todo}"
-            )

@@ -80,7 +80,7 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
 
 
 def record_faults(
-    u: FloatArray, y: FloatArray, curves: Curves, lag: int, *, sought: bool = False
+    u: FloatArray, y: FloatArray, curves: Curves, lag: int, *, searched: bool = False
 ) -> tuple[RecordFault, ...]:
     """Find the faults of a record, most important first.
 
@@ -92,7 +92,7 @@ def record_faults(
         Where the memory is set anew.
     lag : int
         Lag of the model in samples.
-    sought : bool
+    searched : bool
         Whether that lag was searched; then no further lag is searched here.
 
     Returns
@@ -104,11 +104,11 @@ def record_faults(
     if np.count_nonzero(known) < _FEWEST:
         return ()
     with one_thread():
-        return _faults(u, y, known, curves, lag, sought)
+        return _faults(u, y, known, curves, lag, searched)
 
 
 def _faults(
-    u: FloatArray, y: FloatArray, known: BoolArray, curves: Curves, lag: int, sought: bool
+    u: FloatArray, y: FloatArray, known: BoolArray, curves: Curves, lag: int, searched: bool
 ) -> tuple[RecordFault, ...]:
     record = RoughRecord.of(u, y, known, curves, lag)
     far = _far_outside(record)
@@ -122,7 +122,7 @@ def _faults(
     off = _off_rough_model(record)
     off = off[sound[off]]
     sound[off] = False
-    late = [] if sought else [*lagging(record, sound)]
+    late = [] if searched else [*lagging(record, sound)]
     if late:  # A lagging output does not move at the beginning.
         flat = [one for one in flat if one.kind != "stuck" or one.samples[-1] > LONGEST_LAG]
     return (*_outliers(y, np.union1d(far, off), known), *flat, *late)

@@ -265,10 +265,10 @@ def take_name(scratch: Path, target: Path) -> None:
         raise OutputError(f"{target} exists already; give another name") from None
     except OSError as error:
         raise OutputError(f"{target} cannot be written: {error.strerror or error}") from None
-    _settle_folder(target.parent)
+    _sync_folder(target.parent)
 
 
-def _settle_folder(folder: Path) -> None:
+def _sync_folder(folder: Path) -> None:
     """Make the new name survive a power cut, where the system can guarantee it."""
     try:
         handle = os.open(folder, os.O_RDONLY)

@@ -13,7 +13,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError
 from minorloop.files import PathLike, check_name
 from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
-from minorloop.lab.text_tables import UNITS, TextTable, is_number, opened
+from minorloop.lab.text_tables import UNITS, Rows, TextTable, is_number, opened
 
 
 def read_columns(
@@ -170,11 +170,13 @@ def _listed(headers: Sequence[str], *, most: int = 12) -> str:
     return text + (f" and {len(headers) - most} more" if len(headers) > most else "")
 
 
-def _column(table: TextTable, block: object, index: int, gaps: bool, dates: bool) -> FloatArray:
+def _column(
+    table: TextTable, block: FloatArray | Rows, index: int, gaps: bool, dates: bool
+) -> FloatArray:
     """Return the numbers of one column of a block."""
     if isinstance(block, np.ndarray):
         return np.ascontiguousarray(block[:, index])
-    rows, numbers = block  # type: ignore[misc]
+    rows, numbers = block
     where = f"column '{table.headers[index]}' of {table.file}"
     return _Cells(where, numbers, gaps, dates, table.decimal).parse([row[index] for row in rows])
 
@@ -239,7 +241,7 @@ class _Cells:
                     raise self._not_a_number(index, cell)
         return self.checked(values, cells)
 
-    def checked(self, values: FloatArray, cells: Sequence[object]) -> FloatArray:
+    def checked(self, values: FloatArray, cells: Sequence[object] | FloatArray) -> FloatArray:
         """Return the values if all are finite, or gaps where gaps are allowed."""
         usable = ~np.isinf(values) if self.gaps else np.isfinite(values)
         if not usable.all():

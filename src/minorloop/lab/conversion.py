@@ -20,7 +20,14 @@ from minorloop.lab.columns import read_columns, read_headers, split_header
 from minorloop.lab.curvature import curvature_from_displacement, curvature_uncertainty
 from minorloop.lab.records import Quantity
 
-__all__ = ["LENGTHS", "Conversion", "LaserCurvature", "Polynomial", "Table", "linear"]
+__all__ = [
+    "LENGTHS",
+    "CalibrationPolynomial",
+    "CalibrationTable",
+    "Conversion",
+    "LaserCurvature",
+    "linear",
+]
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "cm": 1e-2}
 """Units of length that a laser may have, in metres."""
@@ -44,7 +51,7 @@ class Conversion(Protocol):
 
 
 @dataclass(frozen=True)
-class _Calibrated:
+class _Calibration:
     """Name and unit of the result of a calibration; those of the reading where not given."""
 
     name: str | None = None
@@ -75,7 +82,7 @@ class _Calibrated:
 
 
 @dataclass(frozen=True)
-class Polynomial(_Calibrated):
+class CalibrationPolynomial(_Calibration):
     """A polynomial: c0 + c1 x + c2 x^2 + ...
 
     Parameters
@@ -113,13 +120,13 @@ def linear(
     name: str | None = None,
     unit: str | None = None,
     calibration_sd: float = 0.0,
-) -> Polynomial:
+) -> CalibrationPolynomial:
     """Return the conversion offset + gain x."""
-    return Polynomial(name, unit, calibration_sd, (offset, gain))
+    return CalibrationPolynomial(name, unit, calibration_sd, (offset, gain))
 
 
 @dataclass(frozen=True, eq=False)
-class Table(_Calibrated):
+class CalibrationTable(_Calibration):
     """A table with straight lines between its points.
 
     Parameters
@@ -156,7 +163,7 @@ class Table(_Calibrated):
         object.__setattr__(self, "values", frozen(y))
 
     @classmethod
-    def from_csv(cls, path: PathLike, *, calibration_sd: float = 0.0) -> Table:
+    def from_csv(cls, path: PathLike, *, calibration_sd: float = 0.0) -> CalibrationTable:
         """Read a table from a file with two columns: readings, and values with their unit."""
         headers = read_headers(path)
         if len(headers) != 2:

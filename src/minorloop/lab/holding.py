@@ -12,8 +12,8 @@ from minorloop.lab.records import Record
 
 __all__ = ["Hold"]
 
-LOOKS = 2
-"""How often the output is judged in each window."""
+JUDGEMENTS = 2
+"""Judgements of the output in each window."""
 
 
 class Hold:
@@ -56,7 +56,7 @@ class Hold:
             if self._left - length < least:
                 length = self._left
             yield length
-            stretch = self._plan.window / LOOKS
+            stretch = self._plan.window / JUDGEMENTS
 
     def add(self, record: Record, length: float) -> None:
         """Add a stretch that was carried out.

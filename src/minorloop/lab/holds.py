@@ -7,6 +7,7 @@ ramp are no holds: within them the input rises by about as much as it changes to
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,8 +29,12 @@ _GRAIN = 1000
 """The input counts as noisy by at most this part of its span where it is quantised."""
 _RISE = 0.3
 """Share of the change to the next piece by which the input may rise within a hold."""
-_MOST_PIECES = 50_000
-_MOST_SEARCHED = 200_000
+_LAGS = (1, 4, 16, 64, 256)
+"""Samples between those whose difference is noise; longer ones where shorter ones find no holds."""
+_LEAST_SD = 1e-9
+_MOST_CUTS = 300
+"""Cuts of an input beside two for each jump; a sweep would need many more."""
+_MOST_SEARCHED = 25_000
 """Samples in which a raw log is looked for; means of neighbours, if there are more."""
 _LEAST_HOLDS, _HELD, _MOVING, _MOVES = 3, 0.6, 0.25, 0.01
 """Of a raw log: least holds, least share of the rows in them, least share of holds in which the
@@ -66,8 +71,7 @@ def find_holds(
     u : (T,) array_like
         The input as recorded, with or without noise.
     tolerance : float, optional
-        Changes of the input up to this size are noise; six standard deviations of its noise if
-        not given, which is estimated from second differences.
+        Changes of the input up to this size are noise, which is estimated if not given.
     fewest : int
         Least samples of a hold.
 
@@ -84,11 +88,28 @@ def find_holds(
         return []
     if tolerance is not None and as_finite("tolerance", tolerance) < 0:
         raise ParameterError(f"tolerance is {tolerance}; give a change of the input >= 0")
-    sd = _noise(values, span) if tolerance is None else tolerance / _SURE
-    sd = max(sd, 1e-9 * span)
-    equal = _EQUAL * sd if tolerance is None else tolerance
-    pieces = _merged(values, _edges(values, sd, fewest), equal, fewest)
-    return _steady(values, pieces, fewest)
+    if tolerance is not None:
+        return _found(values, max(tolerance / _SURE, _LEAST_SD * span), tolerance, fewest)
+    best: list[FoundHold] = []
+    for lag in _LAGS:
+        if lag * fewest > values.size:
+            break
+        sd = _noise(values, span, lag)
+        found = _found(values, sd, _EQUAL * sd, fewest)
+        several = lag == 1 or len(found) >= _LEAST_HOLDS
+        if several and _covered(found) > _covered(best):
+            best = found
+        if _covered(best) > values.size / 2:
+            break
+    return best
+
+
+def _found(u: FloatArray, sd: float, equal: float, fewest: int) -> list[FoundHold]:
+    return _steady(u, _merged(u, _edges(u, sd, fewest), equal, fewest), fewest)
+
+
+def _covered(holds: list[FoundHold]) -> int:
+    return sum(hold.end - hold.begin for hold in holds)
 
 
 def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLike) -> str:
@@ -109,8 +130,7 @@ def looks_like_raw_log(t: npt.ArrayLike | None, u: npt.ArrayLike, y: npt.ArrayLi
             part[:whole].reshape(-1, width).mean(axis=1) for part in (inputs, outputs)
         )
     held = find_holds(inputs)
-    rows = sum(hold.end - hold.begin for hold in held)
-    if len(held) < _LEAST_HOLDS or rows < _HELD * inputs.size:
+    if len(held) < _LEAST_HOLDS or _covered(held) < _HELD * inputs.size:
         return ""
     known = outputs[np.isfinite(outputs)]
     span = float(np.ptp(known)) if known.size else 0.0
@@ -155,26 +175,28 @@ def turning_points(values: FloatArray, threshold: float) -> IntArray:
     return np.array(found, dtype=np.int64)
 
 
-def _noise(u: FloatArray, span: float) -> float:
-    """Return the standard deviation of the noise, at least that of a coarse last digit."""
+def _noise(u: FloatArray, span: float, lag: int) -> float:
+    """Return the standard deviation of the noise, at least that of a coarse last digit.
+
+    From second differences with lag 1; from differences with a longer lag, which see hum too.
+    """
     steps = np.abs(np.diff(u))
     digit = float(steps[steps > 1e-12 * span].min(initial=span))
-    bends = np.abs(np.diff(u, 2))
-    sd = float(np.median(bends)) / (0.6745 * np.sqrt(6)) if bends.size else 0.0
-    return max(sd, min(digit / 2, span / _GRAIN))
+    apart = np.diff(u, 2) / np.sqrt(3) if lag == 1 else u[lag:] - u[:-lag]
+    sd = float(np.median(np.abs(apart))) / (0.6745 * np.sqrt(2)) if apart.size else 0.0
+    return max(sd, min(digit / 2, span / _GRAIN), _LEAST_SD * span)
 
 
 def _edges(u: FloatArray, sd: float, fewest: int) -> list[int]:
     """Return where the mean changes, with both ends."""
     jumps = np.flatnonzero(np.abs(np.diff(u)) > _JUMP * sd) + 1
     edges = [0, *jumps.tolist(), u.size]
-    if len(edges) > _MOST_PIECES:
-        return edges
     sums = np.concatenate([[0.0], np.cumsum(u - u.mean())])
-    queue = list(itertools.pairwise(edges))
+    queue = deque(itertools.pairwise(edges))
     cuts = set(edges)
-    while queue and len(cuts) < _MOST_PIECES:
-        begin, end = queue.pop()
+    most = _MOST_CUTS + 2 * len(edges)
+    while queue and len(cuts) < most:
+        begin, end = queue.popleft()
         count = end - begin
         if count < 2 * fewest:
             continue
@@ -185,7 +207,7 @@ def _edges(u: FloatArray, sd: float, fewest: int) -> list[int]:
         if surprise[best] > _SURE * sd:
             middle = begin + 1 + best
             cuts.add(middle)
-            queue += [(begin, middle), (middle, end)]
+            queue.extend([(begin, middle), (middle, end)])
     return sorted(cuts)
 
 
@@ -239,4 +261,4 @@ def _moves(y: FloatArray, span: float) -> bool:
     part = max(values.size // 8, 1)
     noise = float(np.median(np.abs(np.diff(values)))) / (0.6745 * np.sqrt(2))
     change = abs(float(values[:part].mean() - values[-part:].mean()))
-    return change > max(_MOVES * span, 4 * noise * np.sqrt(2 / part))
+    return bool(change > max(_MOVES * span, 4 * noise * np.sqrt(2 / part)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,13 @@ class Log:
     def breaks(self) -> tuple[str, ...]:
         """What was found about gaps and clock jumps only."""
         return self.check.of_breaks if self.check else ()
+
+    def with_memory_set_anew(self) -> Log:
+        """Return the log as if it had no breaks, because each curve begins with a known memory."""
+        if self.check is None:
+            return self
+        none = np.zeros(0, dtype=np.int64)
+        return replace(self, check=replace(self.check, gaps=none, jumps=none, of_breaks=()))
 
     def with_known_memory(self) -> Record:
         """Return the record without outputs where gaps leave the memory unknown."""

@@ -7,7 +7,7 @@ output is inserted, so that it drives the memory of a model.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,10 @@ from minorloop.figures import NotebookView, figure_of
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
+from minorloop.lab.readings import converted, usable
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.settling import SPAN_SHARE, judge, trend
+from minorloop.lab.timebase import known_memory
 
 __all__ = ["ReducedPoint", "Reduction", "reduce"]
 
@@ -28,10 +30,6 @@ WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
-_STUCK = 4
-"""Equal readings in a row, at an end of the range of the output, that count as saturated."""
-_NOISY = 0.5
-"""Share of neighbours that differ in an output with noise."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +55,8 @@ class ReducedPoint:
         Standard deviation of the conversion, which is common to all points.
     begin, stop : int
         First sample of the hold, and the one after the last.
+    known : bool
+        Whether the memory is known; after a break it is not, until the input has made it known.
     """
 
     t: float
@@ -69,6 +69,7 @@ class ReducedPoint:
     common_sd: float
     begin: int
     stop: int
+    known: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +95,8 @@ class Reduction(NotebookView):
 
     def __str__(self) -> str:
         counts = {name: self.count(name) for name in ("settled", "extrapolated", "unsettled")}
-        said = ", ".join(f"{count} {name}" for name, count in counts.items())
-        return f"{sum(counts.values())} holds in {len(self.log)} samples: {said}"
+        verdicts = ", ".join(f"{count} {name}" for name, count in counts.items())
+        return f"{sum(counts.values())} holds in {len(self.log)} samples: {verdicts}"
 
     def summary(self) -> list[tuple[str, str]]:
         """Return rows of a short table: holds, verdicts and uncertainties."""
@@ -178,7 +179,8 @@ class Reduction(NotebookView):
 
     @staticmethod
     def _output(point: ReducedPoint, unsettled: bool) -> float:
-        return point.value if unsettled or point.verdict != "unsettled" else np.nan
+        usable = point.known and (unsettled or point.verdict != "unsettled")
+        return point.value if usable else np.nan
 
 
 def reduce(
@@ -191,6 +193,7 @@ def reduce(
     tolerance: float | None = None,
     input_tolerance: float | None = None,
     shortest: float = 0.0,
+    breaks: npt.ArrayLike = (),
 ) -> Reduction:
     """Reduce a raw log to settled points with their uncertainty.
 
@@ -211,6 +214,9 @@ def reduce(
         Changes of the input up to this size are noise; estimated if not given.
     shortest : float
         Shortest hold, in seconds (samples if the record has no time). Shorter ones are passed.
+    breaks : (B,) array_like of int, optional
+        Samples after which it is not known what the input did, as
+        `minorloop.lab.timebase.check_times` finds them.
 
     Returns
     -------
@@ -247,16 +253,20 @@ def reduce(
             "needed: where the input never rests, identify the record as it is, and where it is "
             "noisier than its steps, give the input tolerance"
         )
-    readings, notes = _usable(record, limits)
+    readings, notes = usable(record, limits)
     y, common = readings, np.zeros(readings.size)
     quantity = record.output
     if conversion is not None:
-        y, lost = _converted(readings, conversion)
+        y, lost = converted(readings, conversion)
         common = conversion.sd(readings)
         quantity = conversion.quantity(record.output)
         notes += lost
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
-    points = _points(log, holds, common, tolerance)
+    known = known_memory(u, breaks)
+    points = [
+        replace(point, known=bool(known[point.stop - 1]))
+        for point in _points(log, holds, common, tolerance)
+    ]
     if not any(np.isfinite(point.value) for point in points):
         raise RecordError(
             f"none of the {len(holds)} holds has a usable output: "
@@ -326,21 +336,24 @@ def _passed(
     if after is None:
         places = np.union1d(places, [path.size - 1])
     lead = len(ends[0])
-    return [
-        ReducedPoint(
-            float(log.t[k]),
-            float(log.u[k]),
-            *([np.nan] * 2),
-            "passed",
-            0.0,
-            np.nan,
-            np.nan,
-            k,
-            k + 1,
-        )
-        for k in (int(place) - lead + begin for place in places)
-        if begin <= k < end
-    ]
+    rows = (int(place) - lead + begin for place in places)
+    return [_extreme(log, row) for row in rows if begin <= row < end]
+
+
+def _extreme(log: Record, row: int) -> ReducedPoint:
+    unknown = np.nan
+    return ReducedPoint(
+        t=float(log.t[row]),
+        input=float(log.u[row]),
+        value=unknown,
+        sd=unknown,
+        verdict="passed",
+        held=0.0,
+        end=unknown,
+        common_sd=unknown,
+        begin=row,
+        stop=row + 1,
+    )
 
 
 def _duration(t: FloatArray, hold: FoundHold, interval: float) -> float:
@@ -357,79 +370,30 @@ def _span(log: Record, holds: list[FoundHold]) -> float:
     return float(np.ptp(ends)) if ends else 0.0
 
 
-def _usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArray, list[str]]:
-    """Return the readings, NaN where the sensor is beyond its range or saturated; and notes."""
-    y, notes = record.y, []
-    if limits is not None:
-        low, high = limits
-        if not low < high:
-            raise ParameterError(
-                f"the range of the sensor is [{low:g}, {high:g}]; give low below high"
-            )
-        beyond = (y <= low) | (y >= high)
-        if beyond.any():
-            notes.append(
-                f"{np.count_nonzero(beyond)} of {y.size} readings of {record.output} are beyond "
-                f"the range of the sensor, {low:g} to {high:g}, first {y[np.argmax(beyond)]:g} at "
-                f"sample {np.argmax(beyond)}; they are not used: move the sensor or reduce the "
-                "input"
-            )
-            y = np.where(beyond, np.nan, y)
-    for extreme, saturated in _saturated(y):
-        notes.append(
-            f"the sensor is saturated: {np.count_nonzero(saturated)} of {y.size} readings of "
-            f"{record.output} are exactly {extreme:g}, first at sample {np.argmax(saturated)}; "
-            "they are not used: use a wider range or reduce the input"
-        )
-        y = np.where(saturated, np.nan, y)
-    return y, notes
-
-
-def _saturated(y: FloatArray) -> list[tuple[float, npt.NDArray[np.bool_]]]:
-    """Return extremes that a noisy output takes several times in a row, and where it does."""
-    known = y[np.isfinite(y)]
-    if known.size < 2 * _STUCK or np.mean(np.diff(known) != 0) < _NOISY:
-        return []
-    found = []
-    for extreme in (float(known.min()), float(known.max())):
-        at = y == extreme
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-        if edges.size and int(np.diff(edges)[::2].max()) >= _STUCK:
-            found.append((extreme, at))
-    return found
-
-
-def _converted(readings: FloatArray, conversion: Conversion) -> tuple[FloatArray, list[str]]:
-    y = conversion.convert(readings)
-    lost = np.isfinite(readings) & ~np.isfinite(y)
-    if not lost.any():
-        return y, []
-    first = int(np.argmax(lost))
-    return y, [
-        f"{np.count_nonzero(lost)} of {y.size} readings cannot be converted, first "
-        f"{readings[first]:g} at sample {first}; the conversion covers {conversion.covered}: check "
-        "the geometry or the calibration and its unit"
-    ]
-
-
 def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
     holds = [point for point in points if point.verdict != "passed"]
     unsettled = [k for k, point in enumerate(holds, 1) if point.verdict == "unsettled"]
-    said = []
+    notes = []
     if unsettled:
         shown = ", ".join(map(str, unsettled[:8])) + (", ..." if len(unsettled) > 8 else "")
-        said.append(
+        notes.append(
             f"{len(unsettled)} of {len(holds)} holds have not settled (hold {shown}): their "
             "outputs are left out, and their inputs drive the memory only; hold longer"
         )
+    unknown = sum(not point.known for point in holds)
+    if unknown:
+        notes.append(
+            f"{unknown} of {len(holds)} holds follow a break in time before the memory is known "
+            "again: their outputs are left out"
+        )
     passed = len(points) - len(holds)
     if passed:
-        said.append(
+        notes.append(
             f"{passed} extremes of {log.input.name} between, before or after the holds are kept as "
             "rows without an output: they drive the memory"
         )
     if not log.timed:
-        said.append(
+        notes.append(
             "no time column was given: durations are counted in samples, and slopes are per sample"
         )
-    return said
+    return notes

@@ -149,10 +149,10 @@ def run(
     if isinstance(actuator, Described) and actuator.description is not None:
         store.check_bench(actuator.description)
     with _left_safe(actuator):
-        mode, ended = _take_up(actuator, store, watch)
+        mode, ended = _reach_last_point(actuator, store, watch)
         session = store.begin_session(mode)
         try:
-            _carry_on(actuator, store, choose, watch, ended)
+            _measure_rest(actuator, store, choose, watch, ended)
         except BaseException as error:
             with suppress(MinorloopError):
                 store.end_session(session, _reason(error))
@@ -216,7 +216,7 @@ def answer_time(actuator: Actuator) -> float:
     return actuator.answer_time() if isinstance(actuator, Timed) else 0.0
 
 
-def _take_up(
+def _reach_last_point(
     actuator: Actuator, store: Store, watch: Callable[[RunProgress], None]
 ) -> tuple[ResumeMode, float | None]:
     """Bring the actuator to the last point; return how, and when the last hold ended if known."""
@@ -237,7 +237,7 @@ def _take_up(
     return "replayed", record.timing.ended if record and record.timing else None
 
 
-def _carry_on(
+def _measure_rest(
     actuator: Actuator,
     store: Store,
     choose: Choose | None,
@@ -254,7 +254,7 @@ def _carry_on(
         hold, tolerance = _hold(actuator, store.plan, level, points, watch)
         gap = hold.began - ended if hold.timed and ended is not None else 0.0
         ended = hold.ended if hold.timed else None
-        points.append(_kept(actuator, store, level, hold, tolerance, points, gap))
+        points.append(_stored_point(actuator, store, level, hold, tolerance, points, gap))
         point = points[-1]
         watch(RunProgress(point.index, len(store.plan), level, point.value, point.held, point))
 
@@ -293,7 +293,7 @@ def _hold(
     return hold, tolerance
 
 
-def _kept(
+def _stored_point(
     actuator: Actuator,
     store: Store,
     level: float,
@@ -359,9 +359,9 @@ def _make_safe(actuator: Actuator, cause: BaseException | None) -> None:
     try:
         actuator.safe()
     except Exception as error:
-        said = f"{error}"
+        message = f"{error}"
         if not isinstance(error, SafetyError):
-            said = f"the actuator may still be on, switch it off by hand: {error}"
+            message = f"the actuator may still be on, switch it off by hand: {error}"
         if cause is None:
-            raise SafetyError(said) from error
-        raise SafetyError(f"{said}; the run ended because of: {_reason(cause)}") from cause
+            raise SafetyError(message) from error
+        raise SafetyError(f"{message}; the run ended because of: {_reason(cause)}") from cause

@@ -108,9 +108,9 @@ class Settling:
         the output; NaN where nothing was measured.
     verdict : str
         ``settled``: the slope was below the tolerance, and ``value`` is the end of the trend; or
-        the exponentials are trusted, and they know the limit, and the change up to it, to what the
-        tolerance allows in another such hold; or noise hides a change as small as its own share.
-        Then ``value`` is the limit if that is trusted, otherwise the end of a longer trend.
+        the exponentials know the limit, and the change up to it, to what the tolerance allows in
+        another such hold, and ``value`` is the limit; or noise hides so small a change, and
+        ``value`` is the limit if that is trusted, otherwise the end of a longer trend.
         ``extrapolated``: the output still moves, and ``value`` is the limit of the exponentials.
         ``unsettled``: the limit is not trusted; ``value`` is the end of the trend.
         Where ``value`` is the end of the trend, ``sd`` includes the change that seems to remain.
@@ -270,12 +270,14 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
     known = line.is_below(tolerance)
     still = not known and is_still(t, y, window)
     slopes = (line.slope, line.slope_sd)
-    if end is not None and end.trusted and not known:
+    if end is not None and not known:
         allowed = tolerance * float(np.ptp(_measured(t, y)[0]))
         left = abs(end.remaining)
         near = left <= allowed and end.sd <= allowed
         hidden = still and left <= max(allowed, HIDDEN * end.noise)
-        return Settling(end.value, end.sd, "settled" if near or hidden else "extrapolated", *slopes)
+        if near or end.trusted:
+            verdict: Verdict = "settled" if near or hidden else "extrapolated"
+            return Settling(end.value, end.sd, verdict, *slopes)
     if still:
         line = trend(t, y, STRETCH * window) or line
     way = FADING * float(np.ptp(t)) * abs(line.slope)

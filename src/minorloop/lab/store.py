@@ -36,7 +36,7 @@ APPLICATION = 0x6D6C6F70
 """The application id in the header of the file: 'mlop'."""
 VERSION = 2
 """Format 1 has no sample interval and no time uncertainty; it can be read and continued."""
-_PATIENCE = 1.0
+_LOCK_WAIT = 1.0
 """Seconds to wait for another process that is just finishing."""
 
 
@@ -135,7 +135,7 @@ class Store:
         # connection that this process may have already.
         uri = f"{file.absolute().as_uri()}?mode=rw"
         with _explained(file):
-            connection = sqlite3.connect(uri, uri=True, timeout=_PATIENCE, isolation_level=None)
+            connection = sqlite3.connect(uri, uri=True, timeout=_LOCK_WAIT, isolation_level=None)
             try:
                 _prepare(connection, write)
                 return cls(file, connection)

@@ -236,7 +236,7 @@ def _steps(seed: int) -> tuple[Record, ...]:
 
 def _averaged(y: FloatArray) -> FloatArray:
     """Means over ten samples: the noise of a sample is 3 % of a step, that of the mean 1 %."""
-    return y[: y.size // 10 * 10].reshape(-1, 10).mean(axis=1)
+    return np.asarray(y[: y.size // 10 * 10].reshape(-1, 10).mean(axis=1))
 
 
 def _joined(before: Record, after: Record) -> tuple[FloatArray, FloatArray, FloatArray]:

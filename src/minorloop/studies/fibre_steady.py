@@ -20,15 +20,13 @@ from minorloop.lab.actuator import Actuator
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.preisach import Preisach
-from minorloop.studies.holds import hold_each
+from minorloop.studies.holds import FURTHER, hold_each
 
 LOW, HIGH, BANDS, HOLD = 0.20, 0.65, 9, 300.0
 VALIDATION = (0.45, 0.28, 0.34, 0.20, 0.60, 0.36, 0.54)
 """The seven voltages of the paper, in V."""
 NOISE = 1.0
 """Standard deviation of the measured length, in um: that of a good laser extensometer."""
-FURTHER = 1_000_003
-"""Distance between the noise seeds of experiments on one specimen."""
 _DEGREE, _TARGETS = 3, 14
 _MARGIN = 0.1
 

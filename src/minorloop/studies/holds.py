@@ -10,11 +10,12 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.records import Record
-from minorloop.lab.run import SPAN_SHARE
-from minorloop.lab.settling import judge
+from minorloop.lab.settling import SPAN_SHARE, judge
 
 WINDOWS = 10
 """Windows of a hold; the slope is taken over the last, as a plan does unless told otherwise."""
+FURTHER = 1_000_003
+"""Distance between the noise seeds of experiments on one specimen."""
 FEWEST = 12
 """Least samples of a hold that are judged; of fewer the last one counts."""
 

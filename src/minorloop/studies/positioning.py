@@ -16,13 +16,17 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, uniform_levels
 from minorloop.connect import connect
-from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.errors import NotInvertibleError, ParameterError, RecordError
 from minorloop.identification import Identification, excitation, identify
 from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
+from minorloop.lab.conversion import LaserCurvature
 from minorloop.lab.records import Record
+from minorloop.lab.reduction import reduce
 from minorloop.operators.polynomial import Polynomial
-from minorloop.studies.holds import hold_each
+from minorloop.operators.preisach import Diagonal
+from minorloop.studies.holds import FURTHER, hold_each
+from minorloop.twins.ipmc_laser import DISTANCE, HEIGHT, HEIGHT_SD
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,13 @@ class ExperimentProtocol:
         The targets are uniform between minus and plus this, in 1/m.
     sample_interval : float
         Time between samples, in seconds.
+    diagonal : str
+        What the cells on the diagonal hold, as in `identify`: ``uniform`` is the model of the
+        paper; with ``reversible`` part of the bending follows the smallest reversal, as that of
+        the strip does.
+    laser : bool
+        Whether the strip is measured through a laser and its raw log reduced, as in the paper.
+        Otherwise a sensor shows the curvature.
     """
 
     voltage: float = 1.2
@@ -54,6 +65,8 @@ class ExperimentProtocol:
     targets: int = 14
     reach: float = 7.5
     sample_interval: float = 1.0
+    diagonal: Diagonal = "reversible"
+    laser: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +119,7 @@ class Positioning:
 
         They follow from a second fit to the same measurements, with a prior on the plane.
         """
-        form: Any = {"levels": self.identification.model.levels, "diagonal": "reversible"}
+        form: Any = {"levels": self.identification.model.levels, "diagonal": self.protocol.diagonal}
         known = identify(self.voltages, self.settled, **form, prior="gaussian")
         inputs = np.append(-self.protocol.voltage, self.preisach.voltages)
         whole = known.predict(inputs, bands=0.9)
@@ -143,7 +156,7 @@ def run_positioning(
     seed : int
         Seed of the specimen, its noise, and the targets.
     noise : float
-        Standard deviation of the curvature sensor, in 1/m.
+        Standard deviation of the sensor: in 1/m, with a laser in mm.
     protocol : ExperimentProtocol, optional
         Parameters of the paper if not given.
     progress : callable
@@ -163,27 +176,30 @@ def run_positioning(
         raise ParameterError(f"seed is {seed!r}; give a whole number of at least 0")
     setup = protocol or ExperimentProtocol()
     if not 0 <= noise <= setup.reach:
-        raise ParameterError(f"noise is {noise} 1/m; give 0 to {setup.reach:g}, the largest target")
+        raise ParameterError(
+            f"noise is {noise} {_unit(setup)}; give 0 to {setup.reach:g}, the largest target"
+        )
     grid = uniform_levels(-setup.voltage, setup.voltage, setup.bands)
     voltages = excitation.decaying_staircase(grid)
 
     progress("measuring the decaying staircase")
-    staircase, settled = hold_each(_strip(seed, noise), voltages, setup.hold, setup.sample_interval)
+    staircase, settled = _staircase(seed, noise, setup, voltages)
 
     progress("identifying")
-    # The strip responds to the smallest reversal at once: part of its bending is reversible.
-    identification = identify(voltages, settled, levels=grid, smoothness=0.0, diagonal="reversible")
+    identification = identify(
+        voltages, settled, levels=grid, smoothness=0.0, diagonal=setup.diagonal
+    )
     polynomial = Polynomial.fit(voltages, settled, degree=2, low=-setup.voltage, high=setup.voltage)
 
     targets = np.random.default_rng(seed).uniform(-setup.reach, setup.reach, setup.targets)
     inverses = {
         "Preisach": identification.model.invert(targets, unreachable="clip").u,
-        "quadratic": _inverted(polynomial, targets, noise),
+        "quadratic": _inverted(polynomial, targets, f"{noise} {_unit(setup)}"),
     }
     drives = {}
-    for name, inputs in inverses.items():
+    for experiment, (name, inputs) in enumerate(inverses.items(), start=1):
         progress(f"driving with the {name} inverse")
-        drives[name] = drive(seed, noise, setup, inputs, targets)
+        drives[name] = drive(seed, noise, setup, inputs, targets, experiment)
     return Positioning(
         protocol=setup,
         seed=seed,
@@ -199,28 +215,68 @@ def run_positioning(
     )
 
 
-def _inverted(polynomial: Polynomial, targets: FloatArray, noise: float) -> FloatArray:
+def _unit(setup: ExperimentProtocol) -> str:
+    return "mm" if setup.laser else "1/m"
+
+
+def _staircase(
+    seed: int, noise: float, setup: ExperimentProtocol, voltages: FloatArray
+) -> tuple[Record, FloatArray]:
+    """Measure the staircase; return the record and the settled curvature at each voltage.
+
+    What a laser records is reduced as the raw log of a stranger is: its holds are found.
+    """
+    strip = _strip(seed, noise, setup)
+    record, settled = hold_each(strip, voltages, setup.hold, setup.sample_interval)
+    if not setup.laser:
+        return record, settled
+    reduction = reduce(record, conversion=_laser())
+    found = reduction.record(unsettled=True)
+    if found.u.size != voltages.size:
+        raise RecordError(f"{found.u.size} holds were found in a log of {voltages.size}")
+    return reduction.log, found.y
+
+
+def _laser() -> LaserCurvature:
+    return LaserCurvature(DISTANCE, HEIGHT, sd_h0=HEIGHT_SD, unit="mm")
+
+
+def _curvature(record: Record) -> Record:
+    """Return what a laser recorded as curvature."""
+    y = _laser().convert(record.y)
+    return Record(record.t, record.u, y, record.inputs, "curvature [1/m]", record.time)
+
+
+def _inverted(polynomial: Polynomial, targets: FloatArray, noise: str) -> FloatArray:
     """Return the inputs of the single-valued model, which noise can make non-invertible."""
     try:
         return polynomial.invert(targets, unreachable="clip").u
     except NotInvertibleError:
         raise ParameterError(
-            f"noise is {noise} 1/m, which makes the quadratic non-monotone within the voltages; "
+            f"noise is {noise}, which makes the quadratic non-monotone within the voltages; "
             "give less"
         ) from None
 
 
-def _strip(seed: int, noise: float) -> Actuator:
-    return connect("twin:ipmc", specimen=seed, noise=noise, seed=seed)
+def _strip(seed: int, noise: float, setup: ExperimentProtocol, experiment: int = 0) -> Actuator:
+    """Return a specimen; every experiment has noise of its own."""
+    address = "twin:ipmc-laser" if setup.laser else "twin:ipmc"
+    return connect(address, specimen=seed, noise=noise, seed=seed + FURTHER * experiment)
 
 
 def drive(
-    seed: int, noise: float, setup: ExperimentProtocol, inputs: FloatArray, targets: FloatArray
+    seed: int,
+    noise: float,
+    setup: ExperimentProtocol,
+    inputs: FloatArray,
+    targets: FloatArray,
+    experiment: int = 1,
 ) -> AppliedSequence:
     """Saturate a specimen, apply inputs (n,) in V, and compare with the targets (n,) in 1/m."""
-    strip = _strip(seed, noise)
+    strip = _strip(seed, noise, setup, experiment)
     strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
     voltages = np.clip(inputs, -setup.voltage, setup.voltage)
-    record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval)
+    convert = _curvature if setup.laser else lambda record: record
+    record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval, convert)
     strip.safe()
     return AppliedSequence(voltages, achieved, achieved - targets, record)

@@ -419,8 +419,8 @@ class Bench:
         try:
             self.safe()
         except SafetyError as error:
-            said = str(cause) or type(cause).__name__
-            raise SafetyError(f"{error}; the error before: {said}") from cause
+            reason = str(cause) or type(cause).__name__
+            raise SafetyError(f"{error}; the error before: {reason}") from cause
 
 
 def _count(duration: float, interval: float) -> int:

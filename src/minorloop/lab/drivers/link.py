@@ -15,7 +15,7 @@ __all__ = ["Link", "VisaLink"]
 
 LONGEST = 4096
 """Most characters of an answer."""
-_SAID = 400
+_LONGEST_MESSAGE = 400
 """Most characters of an error message of a library."""
 _QUIET, _AT_ONCE = 20, 1
 """Milliseconds without a character after which nothing more is expected; the same for characters
@@ -316,5 +316,5 @@ class VisaLink:
 
 
 def _short(error: Exception) -> str:
-    said = " ".join(f"{error or type(error).__name__}".split())
-    return said if len(said) <= _SAID else f"{said[:_SAID]} ..."
+    message = " ".join(f"{error or type(error).__name__}".split())
+    return message if len(message) <= _LONGEST_MESSAGE else f"{message[:_LONGEST_MESSAGE]} ..."

@@ -42,7 +42,7 @@ __all__ = ["Board", "parse", "write"]
 
 VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
-_PATIENCE = 8
+_WRONG_ANSWERS = 8
 """Wrong answers that are discarded before the question fails."""
 _MOST = 65_536
 _LONGEST = 3_600_000
@@ -191,7 +191,7 @@ class Board:
         """Return whether the answer to this question is OK, and its words."""
         self._sequence = (self._sequence + 1) % _MOST
         line = self._link.ask(write(self._sequence, *words))
-        for _ in range(_PATIENCE):
+        for _ in range(_WRONG_ANSWERS):
             found = parse(line, self._sequence)
             if found is not None:
                 return found

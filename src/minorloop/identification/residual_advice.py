@@ -1,0 +1,90 @@
+"""Advice on the residual of a fit: what it shows, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from minorloop.identification.residuals import PARTS, ResidualSummary, Startup
+
+if TYPE_CHECKING:
+    from minorloop.identification.fitted import Fit
+
+_LEAST_DRIFT = 0.005
+"""Least drift that is reported, in ranges."""
+_ALIKE, _LEAST_ERROR = 0.8, 0.005
+"""Autocorrelation of a residual that is no noise; and its least size in ranges."""
+_UNEVEN = 2.5
+"""Ratio of the errors of parts that is reported."""
+_CONSTANT = 1.5
+"""Ratio of amplitudes or rates below which they are all alike."""
+
+
+def residual_advice(result: Fit) -> Iterator[str]:
+    """Give sentences about the residual; none where nothing is unusual."""
+    found = result.residual
+    if found.startup is not None:
+        yield _startup_text(found.startup)
+    if abs(found.drift) > _LEAST_DRIFT:
+        yield (
+            f"the residual drifts by {abs(found.drift):.2%} of range along the record: let "
+            "actuator and sensor warm up and measure again, or subtract the drift from the output"
+        )
+    if result.nrmse < _LEAST_ERROR:
+        return
+    yield from _uneven(found, result)
+    if found.autocorrelation > _ALIKE:
+        yield (
+            f"neighbouring residuals are alike (autocorrelation {found.autocorrelation:.2f}), so "
+            f"they are an error of the model and no noise: {_remedy(result)}"
+        )
+
+
+def _remedy(result: Fit) -> str:
+    if any(choice.name == "structure" for choice in result.choices):
+        return (
+            "the options that were compared do not remove it, so it may depend on the rate, creep "
+            "or temperature"
+        )
+    lag = "" if result.searched else ' or lag="auto" (--lag auto)'
+    return f'other levels, slope="auto" (--slope){lag} may reduce it'
+
+
+def _startup_text(startup: Startup) -> str:
+    first = "the first row is" if startup.rows == 1 else f"the first {startup.rows} rows are"
+    has = "has" if startup.rows == 1 else "have"
+    return (
+        f"{first} off by up to {startup.largest:.1%} of range and {has} {startup.share:.0%} of the "
+        "squared error, a start-up that the model does not follow: let them set the memory without "
+        f"being fitted, skip={startup.rows} (--skip {startup.rows}), or give the start state that "
+        "the record has"
+    )
+
+
+def _uneven(found: ResidualSummary, result: Fit) -> Iterator[str]:
+    """Say at which amplitudes and rates the error is large."""
+    for parts, small, large, todo in (
+        (
+            found.by_amplitude,
+            "small loops",
+            "large loops",
+            "measure more loops of that size, or use more levels",
+        ),
+        (
+            found.by_rate,
+            "slow inputs",
+            "fast inputs",
+            "measure at the rate that you will use"
+            + ("" if result.searched else ', try lag="auto" (--lag auto)')
+            + ", or add linear dynamics",
+        ),
+    ):
+        if len(parts) < PARTS or parts[-1][0] <= _CONSTANT * parts[0][1]:
+            continue
+        first, last = parts[0][2], parts[-1][2]
+        if max(first, last) >= _UNEVEN * min(first, last):
+            where = large if last > first else small
+            yield (
+                f"the error is {max(first, last):.2%} of range at {where} and "
+                f"{min(first, last):.2%} at {large if where == small else small}: {todo}"
+            )

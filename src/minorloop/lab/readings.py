@@ -1,0 +1,73 @@
+"""Readings of a sensor that can be used, and their conversion, with notes on the others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.errors import ParameterError
+from minorloop.lab.conversion import Conversion
+from minorloop.lab.records import Record
+
+__all__ = ["converted", "usable"]
+
+_STUCK = 4
+"""Equal readings in a row, at an end of the range of the output, that count as saturated."""
+_NOISY = 0.5
+"""Share of neighbours that differ in an output with noise."""
+
+
+def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArray, list[str]]:
+    """Return the readings, NaN where the sensor is beyond its range or saturated; and notes."""
+    y, notes = record.y, []
+    if limits is not None:
+        low, high = limits
+        if not low < high:
+            raise ParameterError(
+                f"the range of the sensor is [{low:g}, {high:g}]; give low below high"
+            )
+        beyond = (y <= low) | (y >= high)
+        if beyond.any():
+            notes.append(
+                f"{np.count_nonzero(beyond)} of {y.size} readings of {record.output} are beyond "
+                f"the range of the sensor, {low:g} to {high:g}, first {y[np.argmax(beyond)]:g} at "
+                f"sample {np.argmax(beyond)}; they are not used: move the sensor or reduce the "
+                "input"
+            )
+            y = np.where(beyond, np.nan, y)
+    for extreme, saturated in _saturated(y):
+        notes.append(
+            f"the sensor is saturated: {np.count_nonzero(saturated)} of {y.size} readings of "
+            f"{record.output} are exactly {extreme:g}, first at sample {np.argmax(saturated)}; "
+            "they are not used: use a wider range or reduce the input"
+        )
+        y = np.where(saturated, np.nan, y)
+    return y, notes
+
+
+def _saturated(y: FloatArray) -> list[tuple[float, BoolArray]]:
+    """Return extremes that a noisy output takes several times in a row, and where it does."""
+    known = y[np.isfinite(y)]
+    if known.size < 2 * _STUCK or np.mean(np.diff(known) != 0) < _NOISY:
+        return []
+    found = []
+    for extreme in (float(known.min()), float(known.max())):
+        at = y == extreme
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+        if edges.size and int(np.diff(edges)[::2].max()) >= _STUCK:
+            found.append((extreme, at))
+    return found
+
+
+def converted(readings: FloatArray, conversion: Conversion) -> tuple[FloatArray, list[str]]:
+    """Return the converted readings, NaN where the conversion does not cover them; and notes."""
+    y = conversion.convert(readings)
+    lost = np.isfinite(readings) & ~np.isfinite(y)
+    if not lost.any():
+        return y, []
+    first = int(np.argmax(lost))
+    return y, [
+        f"{np.count_nonzero(lost)} of {y.size} readings cannot be converted, first "
+        f"{readings[first]:g} at sample {first}; the conversion covers {conversion.covered}: check "
+        "the geometry or the calibration and its unit"
+    ]

@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+
+from fault_records import record, sine
+from minorloop.identification import identify
+from minorloop.lab.columns import read_columns
+from plane_records import LEVELS, a_record
+
+
+def advice(u, y, **options):
+    return " ".join(identify(u, y, **{"levels": 8, "holdout": 0.3, **options}).advice)
+
+
+def test_a_startup_is_named_with_its_rows_and_its_share():
+    u, y = record()
+    y[:6] += np.ptp(y) * np.array([0.5, 0.4, 0.3, 0.2, 0.15, 0.1])
+    found = identify(u, y, levels=8, holdout=0.3)
+    startup = found.residual.startup
+    assert 4 <= startup.rows <= 10
+    assert startup.share > 0.5
+    assert f"skip={startup.rows} (--skip {startup.rows})" in " ".join(found.advice)
+    skipped = identify(u, y, levels=8, holdout=0.3, skip=startup.rows)
+    assert skipped.residual.startup is None
+    assert skipped.nrmse < 0.5 * found.nrmse
+
+
+@pytest.mark.parametrize("shape", ["sine", "staircase", "levels"])
+def test_a_sound_record_has_neither_startup_nor_drift(shape):
+    said = advice(*record(shape))
+    assert "start-up" not in said
+    assert "drifts" not in said
+
+
+def test_a_drift_is_named_with_its_size():
+    u, y = record()
+    said = advice(u, y + np.linspace(0, 0.1 * np.ptp(y), y.size), holdout=0.0)
+    assert "the residual drifts by" in said
+    assert "warm up" in said
+
+
+def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
+    noise = np.random.default_rng(0).normal(size=1000)
+    u = sine()
+    rate = np.abs(np.gradient(u))
+    y = u + 0.1 * rate / rate.max() * noise[: u.size]
+    assert "at fast inputs" in advice(u, y, slope=True, prior="none", holdout=0.0)
+    once = np.concatenate([np.linspace(0, 1, 21), np.linspace(1, 0, 21)[1:]])
+    sizes = np.repeat([0.2, 0.5, 1.0], 3 * once.size)
+    u = sizes * np.tile(once, 9)
+    y = u + 0.1 * sizes**2 * noise[: u.size]
+    assert "at large loops" in advice(u, y, slope=True, prior="none", holdout=0.0)
+
+
+def test_a_residual_that_is_no_noise_is_named():
+    u, y = record(noise=0.0)
+    wave = 0.03 * np.ptp(y) * np.sin(np.arange(y.size) / 15)
+    assert "autocorrelation" in advice(u, y + wave, holdout=0.0)
+    u, y = a_record(600, noise=0.02)
+    assert "autocorrelation" not in advice(u, y, levels=LEVELS)
+
+
+def test_the_startup_of_the_piezo_stage_is_named(shared_data):
+    columns = read_columns(
+        shared_data / "piezo_micromanipulator_minor_loops.csv", ["input_V", "displacement_um"]
+    )
+    found = identify(*columns.values(), lag=3)
+    assert found.residual.startup.share > 0.8
+    assert "start-up" in found.advice[0]
