@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 from typer.core import TyperCommand
 
+from minorloop.cli._completion import addresses, one_of
 from minorloop.errors import MinorloopError, OutputError, ParameterError, RecordError
 
 if TYPE_CHECKING:
@@ -80,7 +81,18 @@ ModelFile = Annotated[
 ]
 Start = Annotated[
     str,
-    typer.Option(help="Memory before the first row: negative, positive or demagnetised."),
+    typer.Option(
+        help="Memory before the first row: negative, positive or demagnetised.",
+        autocompletion=one_of(lambda: ("negative", "positive", "demagnetised")),
+    ),
+]
+Address = Annotated[
+    str,
+    typer.Option(
+        show_default=False,
+        help="Its address, such as twin:ipmc or visa:bench.json.",
+        autocompletion=one_of(addresses),
+    ),
 ]
 Time = Annotated[
     str | None,
@@ -114,17 +126,34 @@ def laser_curvature(text: str, unit: str) -> LaserCurvature:
 def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
     """Return the numbers of an option, separated by commas."""
     try:
-        numbers = [float(part) for part in text.split(",")]
+        found = [float(part) for part in text.split(",")]
     except ValueError:
-        numbers = []
-    if len(numbers) not in counts:
+        found = []
+    if len(found) not in counts:
         raise ParameterError(f"--{name} is {text!r}; give {form}, numbers separated by commas")
-    return numbers
+    return found
+
+
+_json_missing = False
+"""Whether a JSON object is expected on stdout and not yet there."""
+
+
+def expect_json(wanted: bool) -> None:
+    """Note at the begin of a command line whether it asks for JSON."""
+    global _json_missing
+    _json_missing = wanted
 
 
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON object on stdout; numbers that are not finite become null."""
+    expect_json(False)
     print(json.dumps(_plain(content), allow_nan=False))
+
+
+def print_missing_json(content: Mapping[str, Any]) -> None:
+    """Print the object that is expected instead of a result; nothing if the result was printed."""
+    if _json_missing:
+        print_json(content)
 
 
 def _plain(value: Any) -> Any:

@@ -30,10 +30,7 @@ def run(
     model: _common.ModelFile,
     file: _common.DataFile,
     target: Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")],
-    actuator: Annotated[
-        str,
-        typer.Option(show_default=False, help="Its address, such as twin:ipmc or visa:bench.json."),
-    ],
+    actuator: _common.Address,
     store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
     corrections: Annotated[
         int,

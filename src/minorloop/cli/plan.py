@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._watch import as_duration
+from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError
 from minorloop.files import check_name
+from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -39,6 +40,7 @@ def run(
         typer.Argument(
             show_default=False,
             help="decaying or reversal (determine the plane), or staircase (one loop).",
+            autocompletion=one_of(lambda: list(_PATTERNS)),
         ),
     ],
     low: Annotated[float, _common.number_option("Least input.")],
