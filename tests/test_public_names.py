@@ -65,6 +65,13 @@ def test_an_unknown_name_is_an_attribute_error():
         _ = minorloop.hysteresis
 
 
+@pytest.mark.parametrize(("name", "hint"), [("fit", "identify"), ("predict", r"identify\(...\)")])
+def test_a_name_of_other_packages_leads_to_ours(name, hint):
+    assert not hasattr(minorloop, name)
+    with pytest.raises(AttributeError, match=rf"no attribute '{name}'; did you mean {hint}"):
+        getattr(minorloop, name)
+
+
 def test_importing_it_imports_nothing_slow():
     loaded = run("import sys, minorloop; print(*sorted({m.split('.')[0] for m in sys.modules}))")
     slow = {"numba", "scipy", "matplotlib", "numpy", "msgspec", "typer", "rich", "jinja2", "pandas"}

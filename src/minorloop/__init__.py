@@ -191,6 +191,14 @@ _MODULES = {
     "densities": "minorloop.operators.densities",
     "excitation": "minorloop.identification.excitation",
 }
+_MEANT = {
+    **dict.fromkeys(("fit", "train", "calibrate", "learn"), "identify"),
+    **dict.fromkeys(("predict", "forward"), "identify(...).predict, or simulate of a model"),
+    **dict.fromkeys(("simulate", "invert", "inverse"), "the method of a model, such as Preisach"),
+    **dict.fromkeys(("read", "read_csv", "open"), "Record.from_csv, or load for a model file"),
+    "plot": "the method plot of a model or result",
+    "measure": "run",
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -198,7 +206,8 @@ def __getattr__(name: str) -> Any:
         return import_module(_MODULES[name])
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module 'minorloop' has no attribute {name!r}")
+    hint = f"; did you mean {_MEANT[name]}?" if name in _MEANT else ""
+    raise AttributeError(f"module 'minorloop' has no attribute {name!r}{hint}")
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,4 @@
-"""Find the drawing function of a model or result."""
+"""Find the drawing function of a model or result, and show it in notebooks."""
 
 from __future__ import annotations
 
@@ -19,3 +19,11 @@ def figure_of(result: object, **options: Any) -> Any:
         Options of its drawing function, such as ``input_label``.
     """
     return import_module("minorloop.drawing").draw(result, **options)
+
+
+class NotebookView:
+    """A model or result that a notebook shows as a small figure and a table."""
+
+    def _repr_html_(self) -> str:
+        html: str = import_module("minorloop.drawing.notebook").as_html(self)
+        return html

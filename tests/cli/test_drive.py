@@ -51,6 +51,14 @@ def test_targets_that_cannot_be_are_refused_before_anything_is_applied(change, s
     assert not Path("d.sqlite").exists()
 
 
+def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):
+    laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
+    status, out, _ = run(f"{laser} --laser 30,15,0,0.1 --corrections 2")
+    assert status == 0
+    assert "in curvature [1/m]" in out
+    assert answer("resume --store d.sqlite")["output"] == "curvature [1/m]"
+
+
 def test_a_model_of_another_actuator_is_refused(refused):
     assert "identify a model in um" in refused(DRIVE.replace("ipmc", "fibre"))
 

@@ -1,6 +1,9 @@
+import math
 from pathlib import Path
 
 import pytest
+
+from minorloop.cli._braille import scatter
 
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 RUN = "run --actuator twin:ipmc --plan plan.csv --noise 0.05 --specimen 3 --seed 4"
@@ -37,3 +40,13 @@ def test_a_damaged_store_does_not_hide_the_others(run, answer):
     assert "bad.sqlite" in out
     found = answer("runs list --store .")
     assert len(found["runs"]) == len(found["unusable"]) == 1
+
+
+def test_no_line_is_drawn_across_a_point_without_a_value():
+    joined = scatter([([0.0, 1.0, 2.0], [0.0, 0.5, 1.0])], 20, 5)
+    apart = scatter([([0.0, 1.0, 2.0], [0.0, math.nan, 1.0])], 20, 5)
+
+    def characters(lines):
+        return sum(0x2800 < ord(letter) < 0x2900 for letter in "".join(lines))
+
+    assert characters(apart) == 2 < characters(joined)

@@ -1,5 +1,6 @@
 import numpy as np
 
+from minorloop.drawing import identification
 from minorloop.identification import identify
 from minorloop.operators.preisach import Preisach
 
@@ -25,3 +26,23 @@ def test_cells_that_are_not_excited_are_grey():
     assert unexcited.any()
     np.testing.assert_array_equal(~np.ma.getmaskarray(grey), unexcited)
     assert "grey" in plane.get_title()
+
+
+def test_no_line_joins_points_across_rows_that_are_not_measured():
+    u = np.tile(U, 50)
+    y = TRUTH.simulate(u)
+    y[100:120] = np.nan
+    for found in (
+        identify(u, y, levels=4, prior="none", smoothness=0.1),
+        identify(u, y, levels=4, prior="none", smoothness=0.1, lag=2),
+    ):
+        for line in found.plot().axes[0].lines:
+            gaps = np.flatnonzero(np.isnan(line.get_ydata()))
+            np.testing.assert_array_equal(gaps, np.arange(100, 120) - found.lag)
+
+
+def test_a_notebook_shows_the_last_samples_of_a_long_record(monkeypatch):
+    monkeypatch.setattr(identification, "_MOST_DRAWN", 5)
+    axes = identification.draw_loop_and_plane(FIT).axes[0]
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), FIT.y[-5:])
+    assert axes.get_title() == "Loop, last 5 samples"

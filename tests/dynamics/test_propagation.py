@@ -64,3 +64,10 @@ def test_dead_time_need_not_be_whole_samples(delay, between):
     got = propagate(system, rest, coarse, u, delay=delay, before=0.4, between=between)
     first = 1 if between == "straight" else 0
     np.testing.assert_allclose(got[first:], wanted[first:], atol=1e-6)
+
+
+def test_the_shortest_step_is_one():
+    a, b = np.array([[-1.0]]), np.array([1.0])
+    phi, at_begin, at_end, which = transitions(a, b, np.array([5e-324, 1.0]))
+    assert phi[which[0], 0, 0] == 1
+    assert at_begin[which[0], 0] + at_end[which[0], 0] == 0

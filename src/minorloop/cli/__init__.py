@@ -11,6 +11,8 @@ from typing import Annotated
 import typer
 
 from minorloop.cli import (
+    _common,
+    _completion,
     console,
     demo,
     drive,
@@ -27,6 +29,7 @@ from minorloop.cli import (
     study,
 )
 from minorloop.cli import run as run_verb
+from minorloop.cli._hints import Verbs
 from minorloop.errors import MinorloopError, SafetyError
 from minorloop.version import __version__
 
@@ -43,7 +46,7 @@ _UsageError: type[Exception] = typer.BadParameter.__mro__[2]
 app = typer.Typer(
     help="Hysteresis of smart actuators: from measured data to precise positioning.",
     epilog="Start with: minorloop demo --out demo. Every command has its own --help.",
-    add_completion=False,
+    cls=Verbs,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -77,6 +80,8 @@ def _options(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; an error is one line on stderr and exit status 2.
 
+    With ``--json`` an error is also one JSON object on stdout, unless the result is already there.
+
     Parameters
     ----------
     arguments : sequence of str, optional
@@ -96,28 +101,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if hasattr(sys.stdout, "reconfigure"):
         # A unit or a file name that the terminal cannot show must not end the program.
         sys.stdout.reconfigure(errors="backslashreplace")
+    _common.expect_json("--json" in given)
+    _completion.join_words()
     try:
         status = int(app(given or ["--help"], prog_name="minorloop", standalone_mode=False) or 0)
         sys.stdout.flush()
-    except SafetyError as error:
-        _refuse(str(error))
-        return _UNSAFE
     except MinorloopError as error:
-        return _refuse(str(error))
+        _refuse(type(error).__name__, str(error))
+        return _UNSAFE if isinstance(error, SafetyError) else _REFUSED
     except _UsageError as error:
-        return _refuse(_usage(error))
+        return _refuse("UsageError", _usage(error))
     except MemoryError:
-        return _refuse("there is not enough memory for this; use fewer levels or fewer rows")
-    except (BrokenPipeError, SystemExit):  # the parser makes the second of the first
+        advice = "there is not enough memory for this; use fewer levels or fewer rows"
+        return _refuse("MemoryError", advice)
+    except BrokenPipeError:
+        _drop_output()
+        return _FAILED
+    except SystemExit as end:  # of completion, or made by the parser of a BrokenPipeError
+        if not end.code:
+            return 0
         _drop_output()
         return _FAILED
     except OSError as error:
+        _refuse("OSError", f"something could not be read or written: {error}")
         _drop_output()
-        return _refuse(f"something could not be read or written: {error}")
+        return _REFUSED
     except (typer.Abort, KeyboardInterrupt):
         status = _INTERRUPTED
     if status == _INTERRUPTED:
         print("interrupted", file=sys.stderr)
+        _print_error("Interrupted", "interrupted")
     return status
 
 
@@ -125,10 +138,12 @@ def _usage(error: Exception) -> str:
     """Return the message of the parser, and where to read more."""
     said = getattr(error, "format_message", error.__str__)()
     context = getattr(error, "ctx", None)
+    if said.endswith("?"):
+        return str(said)
     return f"{said.rstrip('.')}; see {context.command_path if context else 'minorloop'} --help"
 
 
-def _refuse(message: str) -> int:
+def _refuse(kind: str, message: str) -> int:
     """Print one line on stderr, without characters that control a terminal."""
     line = " ".join(message.split())
     line = "".join(
@@ -137,7 +152,17 @@ def _refuse(message: str) -> int:
     if len(line) > _LONGEST:
         line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
     print(f"error: {line}", file=sys.stderr)
+    _print_error(kind, line)
     return _REFUSED
+
+
+def _print_error(kind: str, message: str) -> None:
+    """Print the error as JSON if that was asked for."""
+    try:
+        _common.print_missing_json({"error": {"kind": kind, "message": message}})
+        sys.stdout.flush()
+    except OSError:
+        _drop_output()
 
 
 def _drop_output() -> None:

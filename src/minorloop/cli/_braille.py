@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 
 _BLANK = 0x2800
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
@@ -17,12 +18,9 @@ def scatter(
 ) -> list[str]:
     """Return lines of text with the points of each series joined in order, and their ranges.
 
-    Points that are not finite are left out.
+    Points that are not finite are left out, and no line is drawn across them.
     """
-    known = [
-        [(a, b) for a, b in zip(x, y, strict=True) if math.isfinite(a) and math.isfinite(b)]
-        for x, y in series
-    ]
+    known = [piece for x, y in series for piece in _pieces(zip(x, y, strict=True))]
     points = [point for one in known for point in one]
     if not points:
         return []
@@ -42,6 +40,12 @@ def scatter(
     ends = f"{min(xs):.4g}", f"{max(xs):.4g}"
     gap = max(1, width - len(ends[0]) - len(ends[1]))
     return [*lines, f"{'':>{wide}} {ends[0]}{'':>{gap}}{ends[1]}"]
+
+
+def _pieces(points: Iterable[tuple[float, float]]) -> list[list[tuple[float, float]]]:
+    """Return the points between those that are not finite."""
+    finite = groupby(points, key=lambda point: all(map(math.isfinite, point)))
+    return [list(piece) for known, piece in finite if known]
 
 
 def _join(cells: list[list[int]], placed: list[tuple[float, float]]) -> None:

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 from typer.core import TyperCommand
 
+from minorloop.cli._completion import addresses, one_of
 from minorloop.errors import MinorloopError, OutputError, ParameterError, RecordError
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.lab.actuator import Actuator
+    from minorloop.lab.conversion import LaserCurvature
     from minorloop.lab.logs import Log
     from minorloop.report import Report
 
@@ -79,7 +81,18 @@ ModelFile = Annotated[
 ]
 Start = Annotated[
     str,
-    typer.Option(help="Memory before the first row: negative, positive or demagnetised."),
+    typer.Option(
+        help="Memory before the first row: negative, positive or demagnetised.",
+        autocompletion=one_of(lambda: ("negative", "positive", "demagnetised")),
+    ),
+]
+Address = Annotated[
+    str,
+    typer.Option(
+        show_default=False,
+        help="Its address, such as twin:ipmc or visa:bench.json.",
+        autocompletion=one_of(addresses),
+    ),
 ]
 Time = Annotated[
     str | None,
@@ -87,14 +100,60 @@ Time = Annotated[
         help="Column of time, in s, ms, us, min, h or d by its header, or date and time (ISO)."
     ),
 ]
+_LASER = "D0,H0[,SD,SD]"
+Laser = Annotated[
+    str | None,
+    typer.Option(
+        metavar=_LASER,
+        help="Convert laser distance to curvature: distance to the straight strip and height above "
+        "the clamp, and their standard deviations, in the unit of the distance.",
+    ),
+]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
 
+def laser_curvature(text: str, unit: str) -> LaserCurvature:
+    """Return the conversion that ``--laser`` gives, of a distance in some unit."""
+    from minorloop.lab.conversion import LaserCurvature
+
+    d0, h0, *sds = numbers("laser", text, (2, 4), _LASER)
+    sd_d0, sd_h0 = sds or (0.0, 0.0)
+    return LaserCurvature(d0, h0, sd_d0, sd_h0, unit)
+
+
+def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
+    """Return the numbers of an option, separated by commas."""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) not in counts:
+        raise ParameterError(f"--{name} is {text!r}; give {form}, numbers separated by commas")
+    return found
+
+
+_json_missing = False
+"""Whether a JSON object is expected on stdout and not yet there."""
+
+
+def expect_json(wanted: bool) -> None:
+    """Note at the begin of a command line whether it asks for JSON."""
+    global _json_missing
+    _json_missing = wanted
+
+
 def print_json(content: Mapping[str, Any]) -> None:
     """Print one JSON object on stdout; numbers that are not finite become null."""
+    expect_json(False)
     print(json.dumps(_plain(content), allow_nan=False))
+
+
+def print_missing_json(content: Mapping[str, Any]) -> None:
+    """Print the object that is expected instead of a result; nothing if the result was printed."""
+    if _json_missing:
+        print_json(content)
 
 
 def _plain(value: Any) -> Any:

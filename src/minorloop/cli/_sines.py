@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._watch import as_duration, watching
+from minorloop.cli._watch import watching
 from minorloop.errors import InstrumentError, ParameterError
+from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from minorloop.cli._braille import scatter
+from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
@@ -102,17 +103,6 @@ class _Clock:
         seconds = (time.monotonic() - self._began) * to_hold / self._held
         self._said = "" if seconds < 1 else f"{as_duration(seconds)} left"
         return self._said
-
-
-def as_duration(seconds: float) -> str:
-    """Return a time as text with a suitable unit."""
-    if seconds < 1:
-        return f"{seconds:.2g} s"
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 5400:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"
 
 
 def _drawn(store: Store, u: Sequence[float], y: Sequence[float]) -> str:

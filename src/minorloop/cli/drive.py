@@ -30,10 +30,7 @@ def run(
     model: _common.ModelFile,
     file: _common.DataFile,
     target: Annotated[str, typer.Option(help="Column of the wanted outputs, in order.")],
-    actuator: Annotated[
-        str,
-        typer.Option(show_default=False, help="Its address, such as twin:ipmc or visa:bench.json."),
-    ],
+    actuator: _common.Address,
     store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
     corrections: Annotated[
         int,
@@ -52,6 +49,7 @@ def run(
             help="Targets count from the zero of the sensor; otherwise from that of the model.",
         ),
     ] = False,
+    laser: _common.Laser = None,
     hold: Annotated[
         float, _common.number_option("Longest hold of a target, in seconds.")
     ] = _common.HOLD,
@@ -92,6 +90,7 @@ def run(
     known = modelfile.read(model)
     targets = _common.read_column(file, target, known.output.unit)
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
+        plant = _seen(plant, laser)
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
         chosen = TargetDrive(
@@ -106,21 +105,34 @@ def run(
         chosen.check(plant.inputs[0])
         plan = chosen.plan(hold, input=names[0], tolerance=tolerance)
         check_plan(plant, plan)
-        design = {"drive": chosen.to_json()}
+        design = {"drive": chosen.to_json(), "laser": laser}
         setup = Setup(actuator, *names, specimen, seed, {"noise": noise}, design)
         _common.print_warnings(known.warnings)
         with Store.create(store, plan, setup) as opened:
-            carry_out(plant, opened, as_json, report, force)
+            _carried(plant, opened, as_json, report, force)
 
 
-def carry_out(
+def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
+    """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
+    _carried(_seen(plant, (store.setup.design or {})["laser"]), store, as_json)
+
+
+def _seen(plant: Actuator, laser: str | None) -> Actuator:
+    """Return the actuator with its laser distance converted, where the option is given."""
+    from minorloop.lab.converted_actuator import with_conversion
+
+    if laser is None:
+        return plant
+    return with_conversion(plant, _common.laser_curvature(laser, plant.outputs[0].unit))
+
+
+def _carried(
     plant: Actuator,
     store: Store,
     as_json: bool,
     report: Path | None = None,
     force: bool = False,
 ) -> None:
-    """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
     from minorloop.drive import TargetDrive
     from minorloop.drive_report import drive_report
 

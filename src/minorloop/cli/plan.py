@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._watch import as_duration
+from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError
 from minorloop.files import check_name
+from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,6 +45,7 @@ def run(
             show_default=False,
             help="decaying or reversal (determine the plane), staircase (one loop), or sines "
             "(frequency response).",
+            autocompletion=one_of(lambda: [*_PATTERNS, _SINES]),
         ),
     ],
     low: Annotated[

@@ -23,20 +23,11 @@ EXAMPLE = (
     'minorloop reduce log.csv --input "voltage [V]" --output distance --laser 20,15,0.02,0.05 '
     "--save points.csv --report reduced.html"
 )
-_LASER = "D0,H0[,SD,SD]"
 _POWERS = range(2, 21)
 
 _Log = Annotated[Path, typer.Argument(help="Raw log: samples of input and sensor.")]
 _Input = Annotated[str, typer.Option(help="Column of the input, such as 'voltage [V]'.")]
 _Output = Annotated[str, typer.Option(help="Column of the sensor; an empty cell: not measured.")]
-_Laser = Annotated[
-    str | None,
-    typer.Option(
-        metavar=_LASER,
-        help="Convert laser distance to curvature: distance to the straight strip and height above "
-        "the clamp, and their standard deviations, in the unit of the column.",
-    ),
-]
 _Polynomial = Annotated[
     str | None,
     typer.Option(metavar="C0,C1,...", help="Convert by a polynomial, from the constant on."),
@@ -81,7 +72,7 @@ def run(
     input: _Input,
     output: _Output,
     time: _common.Time = None,
-    laser: _Laser = None,
+    laser: _common.Laser = None,
     linear: _Linear = None,
     polynomial: _Polynomial = None,
     table: _Table = None,
@@ -135,7 +126,7 @@ def run(
 def _conversion(
     chosen: dict[str, Any], named: dict[str, Any], reading: Quantity
 ) -> Conversion | None:
-    from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable, LaserCurvature
+    from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable
 
     given = [name for name, value in chosen.items() if value is not None]
     if len(given) > 1:
@@ -145,31 +136,21 @@ def _conversion(
             raise ParameterError(
                 "--laser gives curvature [1/m]; leave --name, --unit and --calibration-sd out"
             )
-        d0, h0, *sds = _numbers("laser", chosen["laser"], (2, 4), _LASER)
-        sd_d0, sd_h0 = sds or (0.0, 0.0)
-        return LaserCurvature(d0, h0, sd_d0, sd_h0, reading.unit)
+        return _common.laser_curvature(chosen["laser"], reading.unit)
     if given == ["table"]:
         found = CalibrationTable.from_csv(chosen["table"], calibration_sd=named["calibration_sd"])
         return replace(found, name=named["name"] or found.name, unit=named["unit"] or found.unit)
     coefficients: tuple[float, ...] = (0.0, 1.0)
     if given == ["linear"]:
-        gain, *offset = _numbers("linear", chosen["linear"], (1, 2), "GAIN,OFFSET")
+        gain, *offset = _common.numbers("linear", chosen["linear"], (1, 2), "GAIN,OFFSET")
         coefficients = (*(offset or [0.0]), gain)
     elif given == ["polynomial"]:
-        coefficients = tuple(_numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,..."))
+        coefficients = tuple(
+            _common.numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,...")
+        )
     elif not any(named.values()):
         return None
     return CalibrationPolynomial(**named, coefficients=coefficients)
-
-
-def _numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in counts:
-        raise ParameterError(f"--{name} is {text!r}; give {form}, numbers separated by commas")
-    return numbers
 
 
 def _limits(text: str | None) -> tuple[float, float] | None:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from minorloop.cli import _adaptive, _common, _sines
-from minorloop.cli._watch import as_duration, watching
+from minorloop.cli._watch import watching
 from minorloop.errors import InstrumentError, ParameterError, StoreError
+from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
@@ -45,10 +46,7 @@ COMMAND = RunCommand
 
 
 def run(
-    actuator: Annotated[
-        str,
-        typer.Option(show_default=False, help="Its address, such as twin:ipmc or visa:bench.json."),
-    ],
+    actuator: _common.Address,
     plan: Annotated[
         str,
         typer.Option(

@@ -9,10 +9,11 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._braille import scatter
-from minorloop.cli._watch import as_duration
+from minorloop.cli._completion import one_of
 from minorloop.cli.run import sampling, summary
 from minorloop.errors import ParameterError, StoreError
 from minorloop.files import table_text
+from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
     from minorloop.lab.store import RunSession, Store
@@ -29,6 +30,7 @@ def run(
             show_default=False,
             help="list (one line for each store), show (its points), or export (one row for each "
             "point).",
+            autocompletion=one_of(lambda: _ACTIONS),
         ),
     ],
     store: Annotated[

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 import typer
 
 from minorloop.cli import _common
+from minorloop.cli._completion import one_of
 from minorloop.errors import ParameterError
 from minorloop.threads import one_thread
 
@@ -21,10 +22,14 @@ _MOST, _MOST_SCENES = 1000, 100_000
 """Largest counts: days of computation, so that more is a typing error."""
 
 
-def _study_help() -> str:
+def _studies() -> list[str]:
     from minorloop.connect import registered
 
-    return f"Which one: {', '.join(registered(STUDIES))}."
+    return list(registered(STUDIES))
+
+
+def _study_help() -> str:
+    return f"Which one: {', '.join(_studies())}."
 
 
 class StudyCommand(_common.LateHelp):
@@ -39,7 +44,11 @@ COMMAND = StudyCommand
 def run(
     name: Annotated[
         str,
-        typer.Argument(show_default=False, help="Which one, such as ipmc, fibre or design."),
+        typer.Argument(
+            show_default=False,
+            help="Which one, such as ipmc, fibre or design.",
+            autocompletion=one_of(_studies),
+        ),
     ],
     out: Annotated[Path | None, typer.Option(help="New or empty folder for the report.")] = None,
     specimens: Annotated[

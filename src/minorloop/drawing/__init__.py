@@ -1,7 +1,7 @@
 """Figures of models and results, one function for each class.
 
-The methods ``.plot()`` of models and results look up their function here. Matplotlib is imported
-only when something is drawn.
+The methods ``.plot()`` of models and results, and notebooks, look up their function here.
+Matplotlib is imported only when something is drawn.
 """
 
 from __future__ import annotations
@@ -13,6 +13,10 @@ __all__ = ["draw"]
 
 _FUNCTIONS = {
     "Preisach": "operators.draw_preisach",
+    "RelayModel": "operators.draw_operator",
+    "PrandtlIshlinskii": "operators.draw_operator",
+    "GeneralisedPrandtlIshlinskii": "operators.draw_operator",
+    "Polynomial": "operators.draw_operator",
     "Inversion": "operators.draw_inversion",
     "Linear": "dynamics.draw_linear",
     "CascadeInversion": "dynamics.draw_cascade_inversion",
@@ -34,7 +38,7 @@ def draw(result: object, **options: Any) -> Any:
     Parameters
     ----------
     result : model or result
-        An object that has a ``plot`` method.
+        An object of one of the classes above.
     **options
         Options of this method, such as ``input_label`` and ``output_label``.
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _MOST_BANDS = 1000
 """Samples whose bands are computed for the residual: more cost time and show no more."""
+_MOST_DRAWN = 20_000
+"""Samples of the loop in a notebook: more take seconds to draw."""
 _FEW = 400
 """Number of samples up to which points are large, and the model is drawn between them too."""
 _DOTS: dict[str, Any] = {"ms": 2.5, "color": "0.6"}
@@ -39,28 +41,47 @@ def draw_identification(
     return figure
 
 
-def _draw_loop(axes: Axes, result: Identification, input_label: str, output_label: str) -> None:
-    measured = result.fitted | result.held_out
-    places = np.flatnonzero(measured) - result.lag
-    places = places[places >= 0]
-    u, y = result.u[places], result.y[places + result.lag]
-    few = result.u.size <= _FEW and not result.lag and result.curves.begins.size == 1
-    if few:
+def draw_loop_and_plane(result: Identification) -> Any:
+    """Draw the loop of the last samples and the plane only: small and quick, for notebooks."""
+    figure, (left, right) = new_figure(1, 2, 4.2, 9.6, grid=False)
+    _draw_loop(left, result, "input", "output", _MOST_DRAWN)
+    if result.u.size > _MOST_DRAWN:
+        left.set_title(f"Loop, last {_MOST_DRAWN} samples")
+    draw_density(right, result.model)
+    _grey_unexcited(right, result)
+    return figure
+
+
+def _draw_loop(
+    axes: Axes, result: Identification, input_label: str, output_label: str, most: int = 0
+) -> None:
+    """Draw the loop; of ``most`` samples only, the last ones, if that is not 0."""
+    u, y = (part[-most:] for part in _unjoined(result, result.y))
+    if result.u.size <= _FEW and not result.lag and result.curves.begins.size == 1:
         axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
         inputs = _interpolated(result.u)
-        modelled = inputs, result.predict(inputs)
+        shown: dict[str, Any] = {"lw": 0.8, "color": "C0", "rasterized": True}
+        axes.plot(inputs, result.predict(inputs), label="model", **shown)
     else:
-        axes.plot(u, y, ".", ms=2.5, color="0.6", label="measured", rasterized=True)
-        later = np.searchsorted(places + result.lag, result.curves.begins[1:])
-        modelled = (
-            np.insert(u, later, np.nan),  # no line from curve to curve
-            np.insert(result.prediction[places + result.lag], later, np.nan),
-        )
-    axes.plot(*modelled, lw=0.8, color="C0", label="model", rasterized=True)
+        axes.plot(u, y, label="measured", rasterized=True, ls="", marker=".", **_DOTS)
+        style: dict[str, Any] = {"marker": ".", "ms": 1.2, "lw": 0.8, "color": "C0"}
+        modelled = [part[-most:] for part in _unjoined(result, result.prediction)]
+        axes.plot(*modelled, label="model", rasterized=True, **style)
     at = "" if not result.lag else f" {result.lag} samples before"
     axes.set(xlabel=input_label + at, ylabel=output_label, title="Loop")
     axes.legend(frameon=False, loc="upper left")
     axes.grid(alpha=0.25)
+
+
+def _unjoined(result: Identification, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and outputs with NaN where nothing was measured, and between curves.
+
+    A line through them does not join what was not measured one after the other.
+    """
+    y = np.where(result.fitted | result.held_out, outputs, np.nan)[result.lag :]
+    begins = result.curves.begins - result.lag
+    begins = begins[(begins > 0) & (begins < y.size)]
+    return np.insert(result.u[: y.size], begins, np.nan), np.insert(y, begins, np.nan)
 
 
 def _interpolated(u: FloatArray, points: int = 12) -> FloatArray:
@@ -154,7 +175,9 @@ def draw_excitation(report: ExcitationReport) -> Any:
     return figure
 
 
-def draw_prediction(result: Prediction, *, input_label: str, output_label: str) -> Any:
+def draw_prediction(
+    result: Prediction, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
     """Draw outputs with bands, sample by sample and against the input."""
     figure, (left, right) = new_figure(1, 2, 3.8, sharey=True)
     sample = np.arange(result.y.size)

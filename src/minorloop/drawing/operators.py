@@ -13,10 +13,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from minorloop.operators.inversion import Inversion
+    from minorloop.operators.operator import Operator
     from minorloop.operators.preisach import Preisach
 
 _NESTED_LOOPS = 4
 """Loops, the major one included: more would overlap."""
+_PLAY_REACH = 1.1
+"""Amplitude over the largest slack: all plays move; about that of the record, by default."""
 
 
 def draw_preisach(
@@ -67,9 +70,28 @@ def clip_to_plane(axes: Axes, mesh: Any, model: Preisach) -> None:
     mesh.set_clip_path(Polygon(corners, transform=axes.transData))
 
 
-def draw_loops(axes: Axes, model: Preisach) -> None:
+def draw_operator(model: Any) -> Any:
+    """Draw nested loops of an operator over the inputs that its parameters describe."""
+    figure, axes = new_figure(width=4.8)
+    draw_loops(axes, model)
+    axes.set(xlabel="input", ylabel="output", title="Major and minor loops")
+    return figure
+
+
+def input_range(model: Any) -> tuple[float, float]:
+    """Return the range of inputs of a model; plays have none, so all of them move in this one."""
+    if hasattr(model, "levels"):
+        return float(model.levels[0]), float(model.levels[-1])
+    if hasattr(model, "low"):
+        return float(model.low), float(model.high)
+    radii = getattr(model, "plays", model).radii
+    reach = _PLAY_REACH * float(radii[-1]) or 1.0
+    return -reach, reach
+
+
+def draw_loops(axes: Axes, model: Operator) -> None:
     """Draw the major loop, and closed minor loops nested in it."""
-    low, high = float(model.levels[0]), float(model.levels[-1])
+    low, high = input_range(model)
     middle, half = (low + high) / 2, (high - low) / 2
     for turn in range(_NESTED_LOOPS):
         amplitude = half * (1 - turn / _NESTED_LOOPS)
@@ -81,7 +103,9 @@ def draw_loops(axes: Axes, model: Preisach) -> None:
     axes.grid(alpha=0.25)
 
 
-def draw_inversion(inversion: Inversion, *, input_label: str, output_label: str) -> Any:
+def draw_inversion(
+    inversion: Inversion, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
     """Draw targets with outputs above, and inputs below."""
     figure, (upper, lower) = new_figure(2, 1, 5.0, 8.0, sharex=True)
     index = np.arange(inversion.u.size)

@@ -16,7 +16,7 @@ from minorloop.arrays import BoolArray, FloatArray, as_finite, as_waveform, chec
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import Between
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 from minorloop.operators.inversion import Unreachable
 from minorloop.operators.operator import Operator
 
@@ -38,7 +38,7 @@ class CascadeState:
 
 
 @dataclass(frozen=True, eq=False)
-class CascadeInversion:
+class CascadeInversion(NotebookView):
     """An input that makes a cascade follow a target trajectory.
 
     Parameters

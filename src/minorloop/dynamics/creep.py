@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_times, as_waveform, as_whole, frozen
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 
 PER_DECADE = 2
 """Default number of time constants per decade. Responses of lags that are closer than a factor of
@@ -148,7 +148,7 @@ class Creep:
 
 
 @dataclass(frozen=True, eq=False)
-class CreepFit:
+class CreepFit(NotebookView):
     """Creep identified from a record.
 
     Parameters

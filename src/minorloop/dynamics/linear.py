@@ -22,7 +22,7 @@ from minorloop.arrays import (
 from minorloop.dynamics import _kernels, conversion
 from minorloop.dynamics.propagation import Between, StateSpace, propagate
 from minorloop.errors import ParameterError, SignalError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 
 _WHOLE = 1e-6
 """Share of an interval by which times may differ from whole intervals: recorded times are often
@@ -30,7 +30,7 @@ rounded to the microsecond."""
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class Linear(NotebookView):
     """A rational transfer function with dead time, continuous or sampled.
 
     Parameters

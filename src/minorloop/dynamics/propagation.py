@@ -86,6 +86,7 @@ def transitions(
     from scipy.linalg import expm
 
     unit = 10.0 ** (np.floor(np.log10(steps)) - _DIGITS + 1)
+    unit = np.maximum(unit, np.finfo(float).tiny)  # a step may be as short as that
     lengths, which = np.unique(np.round(steps / unit) * unit, return_inverse=True)
     n = b.size
     block = np.zeros((lengths.size, n + 2, n + 2))

@@ -9,7 +9,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 
 BAND = 0.9
 """Probability of the bands that reports and figures show."""
@@ -19,7 +19,7 @@ _SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(NotebookView):
     """Predicted outputs with their standard deviations.
 
     Parameters

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_levels, as_samples
 from minorloop.errors import SignalError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.diagnosis import rank_and_condition
 from minorloop.operators.memory import Start
@@ -76,7 +76,7 @@ def reversal_curves(levels: npt.ArrayLike) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class ExcitationReport:
+class ExcitationReport(NotebookView):
     """What an input that is measured at every sample determines about the plane.
 
     Parameters

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_samples
 from minorloop.errors import ParameterError, SignalError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.rational import ComplexArray, RationalFit, fit_response
 from minorloop.operators.operator import Operator
 
@@ -89,7 +89,7 @@ class GainSpread:
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyResponse:
+class FrequencyResponse(NotebookView):
     """Gains of the fundamental component at several amplitudes.
 
     Parameters

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_times
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.output_error import Coefficients, Stretch, Structure
 
 Kind: TypeAlias = Literal["plain", "oscillatory", "alternating"]
@@ -58,7 +58,7 @@ class TriedEquation:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearFit:
+class LinearFit(NotebookView):
     """Linear dynamics identified from a record.
 
     Parameters
@@ -206,7 +206,7 @@ class LinearFit:
 
 
 @dataclass(frozen=True, eq=False)
-class StepResponse:
+class StepResponse(NotebookView):
     """Unit step responses for either direction of the output.
 
     Parameters

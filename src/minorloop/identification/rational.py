@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, as_samples
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 
 ComplexArray = npt.NDArray[np.complex128]
 
@@ -37,7 +37,7 @@ _BEYOND = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class RationalFit:
+class RationalFit(NotebookView):
     """A transfer function fitted to a frequency response.
 
     Parameters

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, Samples
 from minorloop.errors import ParameterError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 from minorloop.identification import advising
 from minorloop.identification.bands import BAND, Prediction, as_probability
 from minorloop.identification.baseline import delayed
@@ -24,7 +24,7 @@ from minorloop.operators.memory import Start
 
 
 @dataclass(frozen=True, eq=False)
-class Identification(Fit):
+class Identification(Fit, NotebookView):
     """A model identified from a record.
 
     It has the fields and scores of a `Fit`, predicts, inverts, and gives advice.

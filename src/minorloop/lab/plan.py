@@ -15,6 +15,7 @@ from minorloop.errors import ParameterError, RecordError, SignalError
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
+from minorloop.lab.durations import as_duration
 from minorloop.lab.records import Quantity
 from minorloop.lab.timebase import SECONDS
 
@@ -113,8 +114,7 @@ class Plan:
         return bool(np.isnan(self.inputs).any())
 
     def __str__(self) -> str:
-        seconds = float(self.longest.sum())
-        time = f"{seconds:.3g} s" if seconds < 60 else f"{seconds / 3600:.3g} h"
+        time = as_duration(float(self.longest.sum()))
         return f"{len(self)} levels of {self.input}, {time} at most"
 
     @classmethod

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, RecordError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
@@ -73,7 +73,7 @@ class ReducedPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Reduction:
+class Reduction(NotebookView):
     """Settled points of a raw log.
 
     Parameters

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_samples, check_option
 from minorloop.errors import SignalError, UnreachableError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 
 Unreachable: TypeAlias = Literal["raise", "clip"]
 
@@ -22,7 +22,7 @@ _SHOWN = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Inversion:
+class Inversion(NotebookView):
     """Inputs that bring a model to a sequence of targets.
 
     Parameters

@@ -21,7 +21,7 @@ from minorloop.arrays import (
     frozen,
 )
 from minorloop.errors import NotInvertibleError, ParameterError
-from minorloop.figures import figure_of
+from minorloop.figures import NotebookView, figure_of
 from minorloop.operators import _kernels, plane
 from minorloop.operators._parallel import in_parallel
 from minorloop.operators.inversion import (
@@ -46,7 +46,7 @@ _ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Preisach:
+class Preisach(NotebookView):
     """A weighted continuum of relays; the output depends on remembered extrema of the input.
 
     Parameters

@@ -1,0 +1,56 @@
+"""Completion in a shell: names of addresses, studies and patterns, and words with colons."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+
+_VARIABLE = "_MINORLOOP_COMPLETE"
+"""Set by the script of a shell that asks for completions."""
+_before = ""
+"""The part of the present word up to its last colon, which bash neither passes nor replaces."""
+
+
+def one_of(names: Callable[[], Sequence[str]]) -> Callable[[str], list[str]]:
+    """Return the completion of an option that takes one of some names.
+
+    Parameters
+    ----------
+    names : callable
+        Returns the names; called only when a shell asks for completions.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        found = [each for each in names() if each.startswith(_before + incomplete)]
+        return [each.removeprefix(_before) for each in found if each != _before]
+
+    return complete
+
+
+def addresses() -> list[str]:
+    """Return the addresses of actuators; of a scheme with names of its own, what is before them."""
+    from minorloop.connect import addresses
+
+    return [each.removesuffix("NAME") for each in addresses()]
+
+
+def join_words() -> None:
+    """Undo in the environment how bash splits words such as ``--actuator=twin:ipmc``."""
+    global _before
+    _before = ""
+    if os.environ.get(_VARIABLE) != "complete_bash":
+        return
+    words = os.environ.get("COMP_WORDS", "").split("\n")
+    current = int(os.environ.get("COMP_CWORD", "0"))
+    words += [""] * (current + 1 - len(words))
+    joined = words[:1]
+    for index in range(1, current + 1):
+        word = words[index]
+        if ":" in (word, words[index - 1]):
+            joined[-1] += word
+        elif word != "=" or index == current:
+            joined.append(word)
+    typed = "" if words[current] in (":", "=") else words[current]
+    _before = joined.pop().removesuffix(typed).removesuffix("=")
+    os.environ["COMP_WORDS"] = "\n".join([*joined, typed])
+    os.environ["COMP_CWORD"] = str(len(joined))
