@@ -28,6 +28,7 @@ def test_targets_and_what_was_achieved_are_printed_kept_and_reported(run, answer
     assert again["worst"] <= 0.2
     assert [target["target"] for target in again["targets"]] == [2, -3]
     assert again["warnings"] == []
+    assert answer("identify d.sqlite --levels 4 --diagonal reversible")["samples"] >= 3
 
 
 def test_a_plan_of_inputs_is_what_run_takes(run, answer):

@@ -47,6 +47,11 @@ def design_of(plant: Actuator, options: dict[str, Any]) -> dict[str, Any]:
     return design if options["step"] is None else {**design, "step": options["step"]}
 
 
+def is_adaptive(setup: Setup) -> bool:
+    """Whether a run chose its inputs to identify; a drive and sines have designs of their own."""
+    return "holds" in (setup.design or {})
+
+
 def chooser_of(setup: Setup, points: Sequence[Point]) -> Adaptive:
     """Return what chose the levels of a store, with the noise that its points show."""
     from minorloop.identification.adaptive import Adaptive

@@ -178,7 +178,7 @@ def _record(
     file: Path, columns: Columns, now: Callable[[str], None]
 ) -> tuple[Record, Adaptive | None, Log | None]:
     """Return the points of a store and what chose them, or columns of a file with their times."""
-    from minorloop.cli._adaptive import chooser_of
+    from minorloop.cli._adaptive import chooser_of, is_adaptive
     from minorloop.lab.store import Store, is_store
 
     input, output = columns.input, columns.output
@@ -189,7 +189,7 @@ def _record(
                 "leave --input, --output, --time, --curves and --groups out"
             )
         with Store.open(file) as store:
-            chose = store.setup.design is not None
+            chose = is_adaptive(store.setup)
             chooser = chooser_of(store.setup, store.points()) if chose else None
             return store.record(), chooser, None
     if input is None or output is None:
