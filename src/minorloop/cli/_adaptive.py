@@ -48,7 +48,17 @@ def design_of(plant: Actuator, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def is_adaptive(setup: Setup) -> bool:
-    """Whether a run chose its inputs to identify; a drive and sines have designs of their own."""
+    """Whether a run chose its inputs to identify; a drive has a design of its own.
+
+    Raises
+    ------
+    ParameterError
+        If it has sines and no settled points.
+    """
+    if "sines" in (setup.design or {}):
+        raise ParameterError(
+            "the store has sines and no settled points; evaluate it with minorloop frequency"
+        )
     return "holds" in (setup.design or {})
 
 
@@ -56,10 +66,6 @@ def chooser_of(setup: Setup, points: Sequence[Point]) -> Adaptive:
     """Return what chose the levels of a store, with the noise that its points show."""
     from minorloop.identification.adaptive import Adaptive
 
-    if "sines" in (setup.design or {}):
-        raise ParameterError(
-            "the store has sines and no settled points; evaluate it with minorloop frequency"
-        )
     chooser = Adaptive(**(setup.design or {}), seed=setup.seed)
     chooser.learn_noise([point.sd for point in points])
     return chooser

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -155,7 +156,7 @@ def trend(t: npt.ArrayLike, y: npt.ArrayLike, window: float) -> Trend | None:
         return None
     x = times - times[-1]
     rows = np.column_stack([np.ones_like(x), x])
-    fit = _least_squares(rows, values - values[-1])
+    fit = _least_squares(_Basis.of(rows), values - values[-1])
     (value, slope), (sd, slope_sd) = fit.weights.tolist(), (fit.sd * fit.spread).tolist()
     return Trend(value + float(values[-1]), sd, slope, slope_sd)
 
@@ -230,7 +231,7 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
         return None
     x = TAIL * (times - times[0]) / (times[-1] - times[0])
     last = float(values[-1])
-    fits = [_decays(x, values - last, chosen) for chosen in _choices()]
+    fits = [_least_squares(basis, values - last) for basis in _decays(x.tobytes())]
     weight = _likelihoods(fits, times.size)
     goals = np.array([fit.weights[0] for fit in fits])
     value = float(weight @ goals)
@@ -304,24 +305,46 @@ class _Fit:
         return self.noise * math.sqrt(self.alike)
 
 
-def _least_squares(rows: FloatArray, y: FloatArray) -> _Fit:
-    q, r = np.linalg.qr(rows)
-    inverse = np.linalg.inv(r)
-    weights = inverse @ (q.T @ y)
-    fitted = rows @ weights
+@dataclass(frozen=True, eq=False)
+class _Basis:
+    """Columns of a least-squares problem with their factors."""
+
+    rows: FloatArray
+    q: FloatArray
+    inverse: FloatArray
+    spread: FloatArray
+
+    @classmethod
+    def of(cls, rows: FloatArray) -> _Basis:
+        q, r = np.linalg.qr(rows)
+        inverse = np.linalg.inv(r)
+        return cls(rows, q, inverse, np.sqrt((inverse**2).sum(axis=1)))
+
+
+def _least_squares(basis: _Basis, y: FloatArray) -> _Fit:
+    weights = basis.inverse @ (basis.q.T @ y)
+    fitted = basis.rows @ weights
     rest = y - fitted
     # Residuals below rounding have no information.
     squares = max(float(rest @ rest), y.size * (_ROUNDING * float(np.abs(y).max())) ** 2)
     noise = math.sqrt(squares / (y.size - weights.size))
     like = float(rest[1:] @ rest[:-1]) / squares if squares > 0 else 0.0
     like = min(max(like, 0.0), 0.98)
-    spread = np.sqrt((inverse**2).sum(axis=1))
-    return _Fit(weights, spread, fitted, squares, noise, (1 + like) / (1 - like))
+    return _Fit(weights, basis.spread, fitted, squares, noise, (1 + like) / (1 - like))
 
 
-def _decays(x: FloatArray, y: FloatArray, shares: tuple[float, ...]) -> _Fit:
-    """Fit exponentials; ``x`` and the time constants are shares of the hold."""
-    return _least_squares(np.column_stack([np.ones_like(x), *(np.exp(-x / s) for s in shares)]), y)
+@lru_cache(maxsize=4)
+def _decays(grid: bytes) -> list[_Basis]:
+    """Return the exponentials of each choice at times (T,) that are shares of the hold.
+
+    The holds of a plan have the same times, so that the factors serve for all of them.
+    """
+    x = np.frombuffer(grid)
+    columns = {share: np.exp(-x / share) for share in TIME_CONSTANTS}
+    return [
+        _Basis.of(np.column_stack([np.ones_like(x), *(columns[share] for share in chosen)]))
+        for chosen in _choices()
+    ]
 
 
 def _choices() -> list[tuple[float, ...]]:
