@@ -8,6 +8,8 @@ package can add to both.
 from __future__ import annotations
 
 import inspect
+import sys
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -115,6 +117,12 @@ def addresses() -> list[str]:
 
 def registered(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group, by name."""
+    return _read(group, tuple(sys.path))
+
+
+@lru_cache(maxsize=8)
+def _read(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Return the entry points of the packages on a path; reading them takes 10 ms."""
     return {point.name: point for point in entry_points(group=group)}
 
 
