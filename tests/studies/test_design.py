@@ -10,8 +10,8 @@ from minorloop.studies.design_report import study_report
 def study():
     """One specimen, with sequences cut short to save time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(design, "HOLDS", (8, 12, 16))
-        patch.setattr(design, "ALL_HOLDS", (8, 12, 16, 56))
+        patch.setattr(design, "HOLDS", (12, 16))
+        patch.setattr(design, "ALL_HOLDS", (12, 16, 56))
         yield design.run_study(1)
 
 
