@@ -19,7 +19,12 @@ import numpy.typing as npt
 
 from minorloop._modelschema import AnyModel, build, kind_of, plain
 from minorloop.arrays import FloatArray, as_finite, as_samples
-from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
+from minorloop.errors import (
+    InstrumentError,
+    NotInvertibleError,
+    ParameterError,
+    UnreachableError,
+)
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point
@@ -232,6 +237,9 @@ class TargetDrive:
     def choose(self, points: Sequence[Point]) -> float | None:
         """Return the input to hold next; None when every target is done.
 
+        An `InstrumentError` is raised if the sensor cannot be that of the model: its offset is
+        larger than the range of the model, or nothing was measured in saturation.
+
         Parameters
         ----------
         points : sequence of Point
@@ -240,11 +248,27 @@ class TargetDrive:
         state = self._replayed(points)
         if len(state.arrivals) == self.targets.size:
             return None
+        if points:
+            self._check_offset(state.offset)
         if not points:
             return self.saturation
         aim = self._target(len(state.arrivals), state.offset) + state.correction
         found = self.model.invert([aim], state.memory, "clip").u[0]
         return self.written(float(found))
+
+    def _check_offset(self, offset: float) -> None:
+        """Refuse to go on where the sensor has nothing to do with the model."""
+        if not np.isfinite(offset):
+            raise InstrumentError(
+                "nothing was measured in saturation; check the sensor, its range and its conversion"
+            )
+        low, high = getattr(self.model, "range", (-np.inf, np.inf))
+        if abs(offset) > high - low:
+            raise InstrumentError(
+                f"the sensor reads {offset:+.4g} more than the model in saturation, and all of the "
+                f"model's range is {high - low:.4g}; check the unit and the conversion of the "
+                "sensor, such as the geometry of a laser, and that this is the model's actuator"
+            )
 
     def result(self, points: Sequence[Point]) -> DriveResult:
         """Return what the points so far show."""

@@ -33,9 +33,10 @@ def test_targets_and_what_was_achieved_are_printed_kept_and_reported(run, answer
 
 def test_a_plan_of_inputs_is_what_run_takes(run, answer):
     assert run("invert strip.json wanted.csv --target curvature --hold 30 --save in.csv")[0] == 0
+    # The first row saturates, as the inverse assumes.
     assert run(f"run {TWIN} --plan in.csv --store runs.sqlite")[0] == 0
     points = answer("runs export --store runs.sqlite")["columns"]
-    np.testing.assert_allclose(points["voltage [V]"], MODEL.invert([2.0, -3.0]).u)
+    np.testing.assert_allclose(points["voltage [V]"], [-1.2, *MODEL.invert([2.0, -3.0]).u])
 
 
 @pytest.mark.parametrize(
@@ -68,3 +69,19 @@ def test_a_store_that_exists_is_not_replaced(refused):
     Path("d.sqlite").write_text("kept")
     assert "d.sqlite exists already; continue it with minorloop resume" in refused(DRIVE)
     assert Path("d.sqlite").read_text() == "kept"
+
+
+def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target(run, answer):
+    laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
+    status, _, err = run(f"{laser} --laser 20,15")
+    assert status == 2
+    assert "more than the model in saturation" in err
+    assert "the geometry of a laser" in err
+    assert answer("runs export --store d.sqlite")["columns"]["voltage [V]"] == [-1.2]
+
+
+@pytest.mark.parametrize("hold", ["-1", "0", "inf"])
+def test_a_plan_needs_a_hold_that_is_a_time(hold, refused):
+    said = refused(f"invert strip.json wanted.csv --target curvature --hold {hold} --save in.csv")
+    assert "--hold" in said
+    assert not Path("in.csv").exists()

@@ -74,3 +74,40 @@ def test_two_columns_of_time_are_refused(refused):
     said = refused("reduce named.csv --input u --output y")
     assert "named.csv has 2 columns that could be time, 't [s]' and 'time [ms]'; name one" in said
     assert "0 holds" in refused("reduce two.csv --input u --output y --time clock")
+
+
+def spoilt(column, value, every=150):
+    """Replace some cells of the log; the column is counted from 0."""
+    header, *rows = Path("log.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    for row in cells[90::every]:
+        row[column] = value
+    Path("log.csv").write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+
+
+@pytest.mark.parametrize("code", ["9999", "9.9e37", "-9999"])
+def test_codes_of_the_instrument_are_named_and_not_used(code, run, answer):
+    clean = answer(f"{LINE} --laser 20,15 --save clean.csv")
+    spoilt(2, code)
+    status, out, _ = run(f"{LINE} --laser 20,15 --save points.csv")
+    assert status == 0
+    assert "5 of 800 readings of distance [mm] are codes of the instrument" in " ".join(out.split())
+    assert clean["settled"] == 8
+    wanted, found = (
+        np.genfromtxt(name, delimiter=",", skip_header=1)[:, 2]
+        for name in ("clean.csv", "points.csv")
+    )
+    np.testing.assert_allclose(found, wanted, atol=0.05)
+
+
+def test_codes_among_the_inputs_are_refused(refused):
+    spoilt(1, "9999")
+    assert "samples of voltage [V] are codes of the instrument, first 9999" in refused(LINE)
+
+
+def test_an_input_that_never_changes_is_refused(refused):
+    text = Path("log.csv").read_text()
+    header, *rows = text.splitlines()
+    rows = [",".join([row.split(",")[0], "1", row.split(",")[2]]) for row in rows]
+    Path("log.csv").write_text("\n".join([header, *rows]) + "\n")
+    assert "voltage [V] is 1 throughout" in refused(LINE)

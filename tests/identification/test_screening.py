@@ -5,7 +5,7 @@ from fault_records import INPUTS, SIZE, kinds, plant, record, sine
 from minorloop.errors import SignalError
 from minorloop.identification import identify
 from minorloop.identification.curves import Curves
-from minorloop.identification.screening import codes, record_faults
+from minorloop.identification.screening import record_faults
 
 
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
@@ -56,13 +56,6 @@ def test_codes_are_left_out_and_named(code):
     assert "2 readings are codes of the instrument" in found.advice[0]
     assert f"sample 5 ({code:.6g})" in found.advice[0]
     assert found.warnings == ()
-
-
-def test_a_code_among_other_readings_is_a_reading():
-    y = np.linspace(-20000, 20000, 100)
-    y[50] = -9999.0
-    assert codes(y) == ()
-    assert codes(np.array([np.nan, 1.0, 2.0, 3.0])) == ()
 
 
 def test_an_overload_code_is_no_input():

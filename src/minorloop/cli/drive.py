@@ -25,6 +25,8 @@ EXAMPLE = (
     "--store drive.sqlite"
 )
 
+_HINT = ", or convert a laser distance to curvature with --laser"
+
 
 def run(
     model: _common.ModelFile,
@@ -164,7 +166,7 @@ def _check_units(known: ModelFile, plant: Actuator) -> None:
         if mine.unit and its.unit and mine.unit != its.unit:
             raise ParameterError(
                 f"the {what} of the model is '{mine}' and that of the actuator '{its}'; identify a "
-                f"model in {its.unit}"
+                f"model in {its.unit}{_HINT if what == 'output' else ''}"
             )
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import NotInvertibleError, RecordError, UnreachableError
+from minorloop.errors import NotInvertibleError, ParameterError, RecordError, UnreachableError
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -32,7 +32,7 @@ def run(
     hold: Annotated[
         float | None,
         _common.number_option(
-            "Seconds to hold each input: with it, what --save writes is a plan for run."
+            "Seconds to hold each input: --save then writes a plan for run, saturation first."
         ),
     ] = None,
     time: _common.Time = None,
@@ -53,7 +53,7 @@ def run(
         if save is not None:
             columns = times | known.inverse_columns(targets, result)
             if hold is not None:
-                columns["hold [s]"] = [hold] * targets.size
+                columns = _as_plan(known, columns, start, hold)
             _common.write_csv(save, columns, force=force)
     if as_json:
         inputs = {} if save is not None else {"u": result.u, "y": result.y}
@@ -78,6 +78,25 @@ def _times(file: Path, column: str) -> dict[str, list[float]]:
             "targets in the order of time"
         )
     return {str(quantity): check.t.tolist()}
+
+
+def _as_plan(
+    known: ModelFile, columns: dict[str, Any], start: str, hold: float
+) -> dict[str, list[Any]]:
+    """Return the columns with holds, after a first row that saturates the actuator."""
+    if not (0 < hold < float("inf")):
+        raise ParameterError(f"--hold is {hold:g}; give a positive number of seconds")
+    levels = getattr(known.model, "levels", None)
+    if levels is None or start == "demagnetised":
+        raise ParameterError(
+            "--hold writes a plan that begins in saturation, which needs a model with levels and "
+            "--start negative or positive; use minorloop drive, or leave --hold out"
+        )
+    first = float(levels[0] if start == "negative" else levels[-1])
+    plan = {name: ["", *values] for name, values in columns.items()}
+    plan[str(known.input)][0] = first
+    plan["hold [s]"] = [2 * hold, *[hold] * (len(plan[str(known.input)]) - 1)]
+    return plan
 
 
 def _inverted(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, RecordError
 
 if TYPE_CHECKING:
     from minorloop.lab.conversion import Conversion
@@ -112,6 +112,12 @@ def run(
             input_tolerance=input_tolerance,
             shortest=shortest,
             breaks=log.check.breaks if log.check else (),
+        )
+    if not keep_unsettled and not reduction.count("settled") + reduction.count("extrapolated"):
+        raise RecordError(
+            f"none of the {reduction.count('unsettled')} holds settled: hold longer; if the input "
+            "never rests, identify the record as it is; --keep-unsettled takes the outputs all the "
+            "same"
         )
     said = [*log.notes, *reduction.notes]
     steps: list[Callable[[], None]] = [partial(_show, reduction, said, as_json)]

@@ -11,7 +11,7 @@ from minorloop.identification import active_set
 from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
 from minorloop.identification.residual_advice import residual_advice
-from minorloop.identification.screening import codes
+from minorloop.lab.codes import codes
 
 if TYPE_CHECKING:
     from minorloop.identification.fitted import Fit

@@ -21,7 +21,7 @@ from minorloop.identification.fitting import (
 from minorloop.identification.leave_out import validate
 from minorloop.identification.result import Identification
 from minorloop.operators.memory import Start
-from minorloop.operators.plane import Relay
+from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.preisach import Diagonal
 
 
@@ -126,7 +126,7 @@ def identify(
     """
     inputs, outputs, coded = checks.checked_record(u, y)
     check_option("spacing", spacing, ("uniform", "adaptive"))
-    check_option("relay", relay, ("bipolar", "unipolar", "auto"))
+    check_option("relay", relay, (*RELAYS, "auto"))
     check_option("diagonal", diagonal, ("uniform", "reversible", "auto"))
     checks.check_flags(slope=False if slope == "auto" else slope, signed=signed, offset=offset)
     checks.check_prior(prior, smoothness)
@@ -193,9 +193,7 @@ def _structures(
     With an offset, both kinds of relays predict the same. A reversible diagonal contains the slope
     within the levels.
     """
-    relays: list[Any] = (
-        [relay] if relay != "auto" else ["bipolar"] if offset else ["bipolar", "unipolar"]
-    )
+    relays: list[Any] = [relay] if relay != "auto" else ["bipolar"] if offset else list(RELAYS)
     diagonals: list[Any] = ["uniform", "reversible"] if diagonal == "auto" else [diagonal]
     slopes = [False, True] if slope == "auto" else [bool(slope)]
     return [

@@ -17,7 +17,8 @@ from minorloop.identification.leave_out import GroupScatter
 from minorloop.identification.prior import Posterior
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.rough_model import RecordFault
-from minorloop.identification.screening import Code, record_faults
+from minorloop.identification.screening import record_faults
+from minorloop.lab.codes import Code
 from minorloop.operators.memory import Start
 from minorloop.operators.preisach import Preisach
 

@@ -18,7 +18,7 @@ from minorloop.arrays import (
 from minorloop.errors import ParameterError, SignalError
 from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
-from minorloop.identification.screening import OVERLOAD, Code, codes
+from minorloop.lab.codes import OVERLOAD, Code, codes
 
 FEWEST = 3
 """Measured samples below which nothing is fitted."""

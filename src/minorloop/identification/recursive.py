@@ -20,7 +20,7 @@ from minorloop.identification import _recursive_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec, pack
 from minorloop.operators._memory_kernels import switched_on
 from minorloop.operators.memory import Memory, Start
-from minorloop.operators.plane import Relay, relay_outputs
+from minorloop.operators.plane import RELAYS, Relay, relay_outputs
 from minorloop.operators.preisach import Diagonal, Preisach
 
 
@@ -90,7 +90,7 @@ class Recursive:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "levels", as_levels(self.levels))
-        check_option("relay", self.relay, ("bipolar", "unipolar"))
+        check_option("relay", self.relay, RELAYS)
         check_option("diagonal", self.diagonal, ("uniform", "reversible"))
         if not 0 < as_finite("forgetting", self.forgetting) <= 1:
             raise ParameterError(f"forgetting is {self.forgetting}; give more than 0, up to 1")

@@ -1,9 +1,8 @@
-"""Faults of a record: codes, outliers, stuck and clipped stretches, and a lag."""
+"""Faults of a record: outliers, stuck and clipped stretches, and a lag."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,17 +13,6 @@ from minorloop.identification.late_output import LONGEST_LAG, lagging
 from minorloop.identification.rough_model import RecordFault, RoughRecord, spread
 from minorloop.threads import one_thread
 
-OVERLOAD = 9e36
-"""Magnitude from which a reading is an overload code, as 9.9e37 and 9.91e37 are."""
-SENTINELS = (
-    *(-999.0, -9999.0, -99999.0, -999999.0, -9999999.0, -999.25, -999.9, -9999.9, -6999.0, -7999.0),
-    *(9999.0, 99999.0, 999999.0, 9999999.0, 999.99, 9999.9, 9999.99, 99999.9, 7999.0),
-    *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0),
-    *(1e20, -1e20, 1e30, -1e30, 1e35, -1e35),
-)
-"""Values that loggers and file formats use for a missing reading."""
-_CODE_DISTANCE = 0.25
-"""Distance of a sentinel from the range of all other readings, over that range."""
 _FEWEST = 12
 """Readings below which a record is not checked."""
 _SHOWN = 6
@@ -34,49 +22,6 @@ for each width by which its input is outside."""
 _OFF_SD, _OFF, _UNUSUAL = 8.0, 0.2, 0.5
 """Error of an outlier against the rough model, in robust deviations and in ranges; and the distance
 of its input from the middle 90 % above which the rough model is not reliable."""
-
-
-@dataclass(frozen=True)
-class Code:
-    """A reading that is a code of the instrument, not a measurement.
-
-    Parameters
-    ----------
-    sample : int
-        Index, counted from 0.
-    value : float
-        The code.
-    """
-
-    sample: int
-    value: float
-
-
-def codes(y: FloatArray) -> tuple[Code, ...]:
-    """Find the readings that are overload codes or sentinels, far from all others.
-
-    Parameters
-    ----------
-    y : (T,) array
-        Outputs; NaN where nothing was measured.
-    """
-    known = np.sort(SENTINELS)
-    tolerance = 1e-6 * np.abs(known)
-    suspect = np.abs(y) >= OVERLOAD
-    place = np.flatnonzero(np.abs(y) >= 0.999 * np.abs(known).min())
-    above = np.searchsorted(known, y[place])
-    for near in (np.maximum(above - 1, 0), np.minimum(above, known.size - 1)):
-        suspect[place[np.abs(y[place] - known[near]) <= tolerance[near]]] = True
-    if not suspect.any():
-        return ()
-    rest = y[np.isfinite(y) & ~suspect]
-    suspect &= np.isfinite(y)
-    if rest.size < 3:
-        return ()
-    low, high = rest.min(), rest.max()
-    apart = _CODE_DISTANCE * (high - low)
-    suspect &= (y < low - apart) | (y > high + apart)
-    return tuple(Code(int(k), float(y[k])) for k in np.flatnonzero(suspect))
 
 
 def record_faults(

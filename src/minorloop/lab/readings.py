@@ -6,6 +6,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import ParameterError
+from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.records import Record
 
@@ -20,6 +21,14 @@ _NOISY = 0.5
 def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArray, list[str]]:
     """Return the readings, NaN where the sensor is beyond its range or saturated; and notes."""
     y, notes = record.y, []
+    coded = codes(y)
+    if coded:
+        notes.append(
+            f"{len(coded)} of {y.size} readings of {record.output} are codes of the instrument, "
+            f"first {coded[0].value:g} at sample {coded[0].sample}; they are not used"
+        )
+        y = y.copy()
+        y[[code.sample for code in coded]] = np.nan
     if limits is not None:
         low, high = limits
         if not low < high:

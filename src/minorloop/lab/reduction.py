@@ -17,6 +17,7 @@ from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, RecordError
 from minorloop.figures import NotebookView, figure_of
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
+from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
 from minorloop.lab.readings import converted, usable
@@ -239,12 +240,23 @@ def reduce(
     if tolerance is not None and not as_finite("tolerance", tolerance) > 0:
         raise ParameterError(f"tolerance is {tolerance}; give a slope > 0")
     u = -record.u if flip_input else record.u
+    if coded := codes(u):
+        raise RecordError(
+            f"{len(coded)} of {u.size} samples of {record.input} are codes of the instrument, "
+            f"first {coded[0].value:g} at sample {coded[0].sample}; give what was applied, or cut "
+            "these rows"
+        )
     holds = [
         hold
         for hold in find_holds(u, tolerance=input_tolerance)
         if record.t[hold.end - 1] - record.t[hold.begin] >= shortest
     ]
     share = sum(hold.end - hold.begin for hold in holds) / len(record)
+    if np.ptp(u) == 0:
+        raise RecordError(
+            f"{record.input} is {u[0]:g} throughout; a log needs at least {_FEWEST} holds at "
+            "different inputs"
+        )
     if len(holds) < _FEWEST or share < _LEAST_HELD:
         least = f" of {shortest:g} s or more" if shortest else ""
         raise RecordError(

@@ -9,7 +9,7 @@ triangle levels[b] <= beta <= alpha <= levels[a].
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from minorloop.errors import ParameterError
 
 Density = Callable[[FloatArray, FloatArray], npt.ArrayLike]
 Relay: TypeAlias = Literal["bipolar", "unipolar"]
+RELAYS: tuple[Relay, ...] = get_args(Relay)
 """Whether the output of a relay is -1 or +1, or 0 or 1."""
 
 _QUADRATURE_ORDER = 8

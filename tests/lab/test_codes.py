@@ -1,0 +1,18 @@
+import numpy as np
+import pytest
+
+from minorloop.lab.codes import codes
+
+
+@pytest.mark.parametrize("code", [9999.0, -9999.0, 32767.0, 9.9e37])
+def test_codes_far_from_all_readings_are_found(code):
+    y = np.linspace(-1.0, 1.0, 100)
+    y[[5, 90]] = code
+    assert [(found.sample, found.value) for found in codes(y)] == [(5, code), (90, code)]
+
+
+def test_a_code_among_other_readings_is_a_reading():
+    y = np.linspace(-20000, 20000, 100)
+    y[50] = -9999.0
+    assert codes(y) == ()
+    assert codes(np.array([np.nan, 1.0, 2.0, 3.0])) == ()
