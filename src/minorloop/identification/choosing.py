@@ -65,9 +65,10 @@ class Choice:
     other_error: float
 
     def __str__(self) -> str:
+        kept = ", not clearly better" if self.other_error < self.error else ""
         return (
             f"{self.name}: {self.chosen}, {percent(self.error)} of range on left-out parts; "
-            f"{self.other}: {percent(self.other_error)}"
+            f"{self.other}: {percent(self.other_error)}{kept}"
         )
 
 

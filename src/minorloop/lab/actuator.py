@@ -161,7 +161,10 @@ class Actuator(Protocol):
         """
 
     def safe(self) -> None:
-        """Apply the input that can stay on unattended; raises only if the plant is faulty."""
+        """Apply the safe input, which may stay on without supervision.
+
+        It raises an error only if the plant is faulty.
+        """
 
 
 @runtime_checkable
