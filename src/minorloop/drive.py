@@ -228,11 +228,10 @@ class TargetDrive:
 
     def reach(self, channel: Channel) -> tuple[float, float]:
         """Return the least and the greatest output from saturation, within the limits."""
-        memory = self.model.step("negative", self.saturation)[1]
-        ends = [self.model.step(memory, self.saturation)[0]]
+        memory, first = _saturated(self.model, self.saturation)
         top = max(self.saturation, min(channel.high, _highest(self.model, channel)))
-        ends.append(self.model.step(memory, top)[0])
-        return min(ends), max(ends)
+        last = float(self.model.step(memory, top)[0])
+        return min(first, last), max(first, last)
 
     def choose(self, points: Sequence[Point]) -> float | None:
         """Return the input to hold next; None when every target is done.

@@ -15,7 +15,13 @@ import typer
 from typer.core import TyperCommand
 
 from minorloop.cli._completion import addresses, one_of
-from minorloop.errors import MinorloopError, OutputError, ParameterError, RecordError
+from minorloop.errors import (
+    MinorloopError,
+    OutputError,
+    ParameterError,
+    RecordError,
+    StoreError,
+)
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -110,6 +116,9 @@ Laser = Annotated[
     ),
 ]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
+Specimen = Annotated[int | None, whole_option("Seed of a twin's specimen; nominal if not given.")]
+Noise = Annotated[float, number_option("Standard deviation of a twin's sensor, in its unit.")]
+Seed = Annotated[int, whole_option("Seed of a twin's noise.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 
@@ -361,6 +370,15 @@ def do_all(steps: Iterable[Callable[[], None]]) -> None:
             errors.append(error)
     if errors:
         raise errors[0]
+
+
+def check_new_store(store: Path) -> None:
+    """Refuse the name of a store that exists; it is continued, not replaced."""
+    if store.exists():
+        raise StoreError(
+            f"{store} exists already; continue it with minorloop resume --store {store}, "
+            "or give another name"
+        )
 
 
 def check_outputs(

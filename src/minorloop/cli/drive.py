@@ -10,7 +10,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli.run import carry_out_levels, print_mode, run_warnings, summary
-from minorloop.errors import ParameterError, StoreError
+from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
     from minorloop.drive import DriveResult
@@ -66,13 +66,9 @@ def run(
             "model if not given."
         ),
     ] = None,
-    specimen: Annotated[
-        int | None, _common.whole_option("Seed of a twin's specimen; nominal if not given.")
-    ] = None,
-    noise: Annotated[
-        float, _common.number_option("Standard deviation of a twin's sensor, in its unit.")
-    ] = 0.0,
-    seed: Annotated[int, _common.whole_option("Seed of a twin's noise.")] = 0,
+    specimen: _common.Specimen = None,
+    noise: _common.Noise = 0.0,
+    seed: _common.Seed = 0,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")] = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -83,11 +79,7 @@ def run(
     from minorloop.lab.run import check_plan
     from minorloop.lab.store import Setup, Store
 
-    if store.exists():
-        raise StoreError(
-            f"{store} exists already; continue it with minorloop resume --store {store}, "
-            "or give another name"
-        )
+    _common.check_new_store(store)
     _common.check_outputs([store, report], inputs=[model, file], force=force)
     known = modelfile.read(model)
     targets = _common.read_column(file, target, known.output.unit)

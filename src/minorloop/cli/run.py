@@ -13,7 +13,7 @@ import typer
 
 from minorloop.cli import _adaptive, _common, _sines
 from minorloop.cli._watch import watching
-from minorloop.errors import InstrumentError, ParameterError, StoreError
+from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.durations import as_duration
 
 if TYPE_CHECKING:
@@ -56,13 +56,9 @@ def run(
         ),
     ],
     store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
-    specimen: Annotated[
-        int | None, _common.whole_option("Seed of a twin's specimen; nominal if not given.")
-    ] = None,
-    noise: Annotated[
-        float, _common.number_option("Standard deviation of a twin's sensor, in its unit.")
-    ] = 0.0,
-    seed: Annotated[int, _common.whole_option("Seed of a twin's noise.")] = 0,
+    specimen: _common.Specimen = None,
+    noise: _common.Noise = 0.0,
+    seed: _common.Seed = 0,
     tolerance: Annotated[
         float | None,
         _common.number_option(
@@ -131,11 +127,7 @@ def run(
     if shortest is not None:
         settings["shortest"] = shortest
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
-        if store.exists():
-            raise StoreError(
-                f"{store} exists already; continue it with minorloop resume --store {store}, "
-                "or give another name"
-            )
+        _common.check_new_store(store)
         _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
         names = str(plant.inputs[0]), str(plant.outputs[0])
         if not adaptive and is_sine_plan(plan):

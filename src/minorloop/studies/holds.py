@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
@@ -25,7 +23,6 @@ def hold_each(
     inputs: npt.ArrayLike,
     hold: float,
     sample_interval: float = 1.0,
-    convert: Callable[[Record], Record] = lambda record: record,
 ) -> tuple[Record, FloatArray]:
     """Apply inputs one after the other, and return the settled outputs.
 
@@ -39,18 +36,16 @@ def hold_each(
         Seconds for each.
     sample_interval : float
         Seconds between samples.
-    convert : callable
-        Turns a record of the sensor into one of the output wanted.
 
     Returns
     -------
     record : Record
-        Every sample, converted.
+        Every sample.
     settled : (n,) array
         The settled value of each hold, from all its samples.
     """
     values = np.asarray(inputs, dtype=np.float64)
-    holds = [convert(actuator.apply(float(u), hold, sample_interval)) for u in values]
+    holds = [actuator.apply(float(u), hold, sample_interval) for u in values]
     whole = Record.joined(holds)
     span = float(np.ptp(whole.y))
     return whole, np.array([settled_value(each, span) for each in holds])

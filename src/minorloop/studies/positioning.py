@@ -21,6 +21,7 @@ from minorloop.identification import Identification, excitation, identify
 from minorloop.identification.bands import Prediction
 from minorloop.lab.actuator import Actuator
 from minorloop.lab.conversion import LaserCurvature
+from minorloop.lab.converted_actuator import with_conversion
 from minorloop.lab.records import Record
 from minorloop.lab.reduction import reduce
 from minorloop.operators.polynomial import Polynomial
@@ -227,10 +228,10 @@ def _staircase(
     What a laser records is reduced as the raw log of a stranger is: its holds are found.
     """
     strip = _strip(seed, noise, setup)
-    record, settled = hold_each(strip, voltages, setup.hold, setup.sample_interval)
     if not setup.laser:
-        return record, settled
-    reduction = reduce(record, conversion=_laser())
+        return hold_each(strip, voltages, setup.hold, setup.sample_interval)
+    holds = [strip.apply(float(u), setup.hold, setup.sample_interval) for u in voltages]
+    reduction = reduce(Record.joined(holds), conversion=_laser())
     found = reduction.record(unsettled=True)
     if found.u.size != voltages.size:
         raise RecordError(f"{found.u.size} holds were found in a log of {voltages.size}")
@@ -239,12 +240,6 @@ def _staircase(
 
 def _laser() -> LaserCurvature:
     return LaserCurvature(DISTANCE, HEIGHT, sd_h0=HEIGHT_SD, unit="mm")
-
-
-def _curvature(record: Record) -> Record:
-    """Return what a laser recorded as curvature."""
-    y = _laser().convert(record.y)
-    return Record(record.t, record.u, y, record.inputs, "curvature [1/m]", record.time)
 
 
 def _inverted(polynomial: Polynomial, targets: FloatArray, noise: str) -> FloatArray:
@@ -274,9 +269,10 @@ def drive(
 ) -> AppliedSequence:
     """Saturate a specimen, apply inputs (n,) in V, and compare with the targets (n,) in 1/m."""
     strip = _strip(seed, noise, setup, experiment)
+    if setup.laser:
+        strip = with_conversion(strip, _laser())
     strip.apply(-setup.voltage, setup.saturation_hold, setup.sample_interval)
     voltages = np.clip(inputs, -setup.voltage, setup.voltage)
-    convert = _curvature if setup.laser else lambda record: record
-    record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval, convert)
+    record, achieved = hold_each(strip, voltages, setup.hold, setup.sample_interval)
     strip.safe()
     return AppliedSequence(voltages, achieved, achieved - targets, record)
