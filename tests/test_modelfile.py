@@ -23,6 +23,9 @@ from minorloop import (
     save,
 )
 from minorloop._modelschema import KINDS, Content, plain
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.linear import Linear
 from minorloop.lab.records import Quantity
 from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
 from minorloop.operators.dead_zones import DeadZones
@@ -38,6 +41,13 @@ MODELS = {
         PLAYS, DeadZones([-1.0, 0.0, 2.0], [0.1, 1.0, -0.5]), 3.0
     ),
     "polynomial": Polynomial([0.1, 0.2, 1 / 3], -2.0, 3.0),
+    "cascade": Cascade(
+        PLAYS,
+        Linear([0.1], [1.0, 1 / 3, 0.1], None, 0.7),
+        "linear",
+        Creep([0.1, 3.0], [1 / 3, 0.1], 0.5, 0.1),
+        1 / 7,
+    ),
 }
 GIVEN = {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0"}
 

@@ -35,7 +35,13 @@ if TYPE_CHECKING:
         StoreError,
         UnreachableError,
     )
-    from minorloop.identification import Identification, excitation, identify
+    from minorloop.identification import (
+        DynamicIdentification,
+        Identification,
+        excitation,
+        identify,
+        identify_dynamics,
+    )
     from minorloop.identification.adaptive import Adaptive
     from minorloop.identification.arx import arx, step_response
     from minorloop.identification.bands import Prediction
@@ -69,6 +75,7 @@ __all__ = [
     "Cascade",
     "Channel",
     "Creep",
+    "DynamicIdentification",
     "FleetError",
     "GeneralisedPrandtlIshlinskii",
     "Identification",
@@ -116,6 +123,7 @@ __all__ = [
     "fit_response",
     "frequency_response",
     "identify",
+    "identify_dynamics",
     "load",
     "next_input",
     "reduce",
@@ -172,7 +180,12 @@ _HOMES = {
         "StoreError",
         "UnreachableError",
     ),
-    "minorloop.identification": ("Identification", "identify"),
+    "minorloop.identification": (
+        "DynamicIdentification",
+        "Identification",
+        "identify",
+        "identify_dynamics",
+    ),
     "minorloop.lab.curvature": ("curvature_from_displacement", "displacement_from_curvature"),
     "minorloop.lab.records": ("Record",),
     "minorloop.lab.reduction": ("reduce",),

@@ -12,23 +12,27 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union, get_args, get_type_hints
 
 import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray, as_levels, frozen
+from minorloop.dynamics.cascade import Cascade
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike, printable
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
+from minorloop.operators.operator import Operator
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
 
-Model: TypeAlias = (
+StaticModel: TypeAlias = (
     Preisach | RelayModel | PrandtlIshlinskii | GeneralisedPrandtlIshlinskii | Polynomial
 )
+"""Classes of operators in model files."""
+Model: TypeAlias = StaticModel | Cascade
 """Classes of models in model files."""
 
 KINDS: Mapping[type[Model], str] = {
@@ -37,6 +41,7 @@ KINDS: Mapping[type[Model], str] = {
     PrandtlIshlinskii: "prandtl-ishlinskii",
     GeneralisedPrandtlIshlinskii: "generalised-prandtl-ishlinskii",
     Polynomial: "polynomial",
+    Cascade: "cascade",
 }
 """The name of each class in a file."""
 
@@ -101,26 +106,38 @@ def _struct(of: type[Any], **options: Any) -> type[msgspec.Struct]:
     """Return the type of the JSON object for a class, whose fields are its parameters."""
     hints, fields = get_type_hints(of), []
     for name in (field.name for field in dataclasses.fields(of)):
-        json_type: Any = hints[name]
-        if isinstance(json_type, type) and dataclasses.is_dataclass(json_type):
-            json_type = _struct(json_type)
-        elif json_type == FloatArray:
-            triangle = of in _TRIANGLES and name == "weights"
-            json_type = list[list[float]] if triangle else list[float]
-        fields.append((name, json_type))
+        if of in _TRIANGLES and name == "weights":
+            fields.append((name, list[list[float]]))
+        else:
+            fields.append((name, _json_type(hints[name])))
     struct = msgspec.defstruct(of.__name__, fields, forbid_unknown_fields=True, **options)
     _CLASS_OF[struct] = of
     return struct
 
 
+def _json_type(hint: Any) -> Any:
+    """Return the type of a parameter in JSON."""
+    if hint == FloatArray:
+        return list[float]
+    if hint is Operator:
+        return _AnyOperator
+    if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+        return _struct(hint)
+    optional: list[Any] = [part for part in get_args(hint) if dataclasses.is_dataclass(part)]
+    return _struct(optional[0]) | None if optional else hint
+
+
 _CLASS_OF: dict[type[msgspec.Struct], type[Any]] = {}
 if TYPE_CHECKING:
+    _AnyOperator: TypeAlias = msgspec.Struct
     AnyModel: TypeAlias = msgspec.Struct
 else:
-    AnyModel = Union[  # noqa: UP007
-        tuple(_struct(of, tag_field="kind", tag=word) for of, word in KINDS.items())
-    ]
-"""JSON object of any model; its key ``kind`` names the class."""
+    _TAGGED = []
+    for _of, _word in KINDS.items():  # the cascade comes last and contains one of the others
+        _AnyOperator = Union[tuple(_TAGGED)] if _TAGGED else None  # noqa: UP007
+        _TAGGED.append(_struct(_of, tag_field="kind", tag=_word))
+    AnyModel = Union[tuple(_TAGGED)]  # noqa: UP007
+"""JSON objects of any operator, and of any model; their key ``kind`` names the class."""
 
 
 def build(part: msgspec.Struct) -> Any:
@@ -178,7 +195,7 @@ class Content(_Strict):
     warnings: Annotated[list[Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
 
 
-def kind_of(model: Model) -> str:
+def kind_of(model: Any) -> str:
     """Return the name of the class of a model in a file.
 
     Raises
@@ -195,7 +212,10 @@ def kind_of(model: Model) -> str:
 
 def plain(model: Any) -> dict[str, Any]:
     """Return the parameters of a model as lists and numbers, squares up to their diagonal."""
-    return {field.name: _plain(getattr(model, field.name)) for field in dataclasses.fields(model)}
+    fields = {one.name: _plain(getattr(model, one.name)) for one in dataclasses.fields(model)}
+    if isinstance(model, Cascade):
+        fields["operator"] = {"kind": kind_of(model.operator), **fields["operator"]}
+    return fields
 
 
 def layout(value: object, depth: int = 0) -> str:

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from minorloop._modelschema import AnyModel, build, kind_of, plain
+from minorloop._modelschema import AnyModel, StaticModel, build, kind_of, plain
 from minorloop.arrays import FloatArray, as_finite, as_samples
 from minorloop.errors import (
     InstrumentError,
@@ -28,7 +28,6 @@ from minorloop.errors import (
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
 from minorloop.lab.store import Point
-from minorloop.modelfile import Model
 from minorloop.operators.relays import RelayModel
 
 __all__ = ["Arrival", "DriveResult", "TargetDrive"]
@@ -339,12 +338,12 @@ class _DriveState:
         self.correction -= error / min(max(gain, SLOWEST), STEEPEST)
 
 
-def saturation_of(model: Model, channel: Channel) -> float:
+def saturation_of(model: StaticModel, channel: Channel) -> float:
     """Return the input that saturates a model: its lowest level, or the actuator's lower limit.
 
     Parameters
     ----------
-    model : Model
+    model : StaticModel
         A model with or without levels.
     channel : Channel
         The input of the actuator.

@@ -26,6 +26,9 @@ The other keys of ``model`` depend on its kind. They are the parameters of its c
                                     plays has radii, weights, offset, and zones has
                                     thresholds, weights
 ``polynomial``                      coefficients, low, high of `Polynomial`
+``cascade``                         operator (one of the above), linear, first, creep, noise of
+                                    `Cascade`: linear has numerator, denominator, interval,
+                                    delay; creep is null or has times, strengths, gain, offset
 ==================================  ==========================================================
 
 The weights of the first two are rows up to the diagonal: row i has i + 1 numbers. Decimal numbers
@@ -44,7 +47,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -58,6 +61,7 @@ from minorloop._modelschema import (
     Model,
     Named,
     Provenance,
+    StaticModel,
     build,
     kind_of,
     layout,
@@ -65,17 +69,18 @@ from minorloop._modelschema import (
     reason,
 )
 from minorloop.arrays import as_finite
+from minorloop.dynamics.cascade import Cascade
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
 from minorloop.lab.records import Quantity
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
-    from minorloop.identification.result import Identification
+    from minorloop.dynamics.cascade import CascadeInversion
     from minorloop.operators.inversion import Inversion
 
 __all__ = ["FORMAT", "LARGEST", "VERSION", "Model", "ModelFile", "ModelWarning", "Provenance"]
-__all__ += ["load", "read", "save", "save_identification"]
+__all__ += ["load", "plain", "read", "save"]
 
 FORMAT = "minorloop model"
 VERSION = 2
@@ -97,7 +102,8 @@ class ModelFile:
 
     Parameters
     ----------
-    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
+        Polynomial or Cascade
         The model.
     input, output : Quantity
         Names and units of its input and output.
@@ -117,11 +123,20 @@ class ModelFile:
     warnings: tuple[str, ...] = ()
 
     @property
+    def operator(self) -> StaticModel:
+        """The model, or the operator of a cascade: the output for slow inputs."""
+        if isinstance(self.model, Cascade):
+            return self.model.operator  # type: ignore[return-value]
+        return self.model
+
+    @property
     def kind(self) -> str:
         """The name of the class of the model in the file."""
         return kind_of(self.model)
 
-    def inverse_columns(self, targets: npt.ArrayLike, found: Inversion) -> dict[str, list[Any]]:
+    def inverse_columns(
+        self, targets: npt.ArrayLike, found: Inversion | CascadeInversion
+    ) -> dict[str, list[Any]]:
         """Return the columns of a CSV file of an inverse, by headers with units.
 
         A model that is not to be trusted adds the column ``warning``, its text in the first row.
@@ -130,7 +145,7 @@ class ModelFile:
         ----------
         targets : (T,) array_like
             Wanted outputs.
-        found : Inversion
+        found : Inversion or CascadeInversion
             Result for these targets.
         """
         columns = {
@@ -144,33 +159,57 @@ class ModelFile:
         return columns
 
 
+@runtime_checkable
+class Identified(Protocol):
+    """An identified model with its lag, scores and warnings."""
+
+    @property
+    def model(self) -> Model:
+        """The model."""
+
+    @property
+    def lag(self) -> int:
+        """Samples by which the output follows the model."""
+
+    @property
+    def scores(self) -> Mapping[str, float | None]:
+        """Scores by name."""
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """Why the model is not to be trusted."""
+
+
 def save(
-    model: Model,
+    model: Model | Identified,
     path: PathLike,
     *,
     input: str | Quantity = "input",
     output: str | Quantity = "output",
-    lag: int = 0,
+    lag: int | None = None,
     provenance: Provenance | Mapping[str, Any] | None = None,
-    warnings: Sequence[str] = (),
+    warnings: Sequence[str] | None = None,
     force: bool = False,
 ) -> None:
     """Write a model to a file, completely or not at all.
 
     Parameters
     ----------
-    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
-        The model.
+    model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
+            Cascade, Identification or DynamicIdentification
+        The model. That of an identification is written with its lag, scores and warnings.
     path : str or path
         The file to write.
     input, output : str or Quantity
         Names and units of its input and output, such as ``voltage [V]``.
-    lag : int
-        Samples by which the output follows the model.
+    lag : int, optional
+        Samples by which the output follows the model; that of the identification, or 0, if not
+        given.
     provenance : Provenance or mapping, optional
         Origin of the model; a mapping has the keys of `Provenance`.
-    warnings : sequence of str
-        Why the model is not to be trusted, such as `Identification.warnings`; at most 20 are kept.
+    warnings : sequence of str, optional
+        Why the model is not to be trusted; those of the identification, or none, if not given.
+        At most 20 are kept.
     force : bool
         Whether a file that exists may be replaced.
 
@@ -182,14 +221,20 @@ def save(
         If a file cannot contain the model, the provenance or the warnings.
     """
     target = check_writable(path, force=force)
+    complete = _complete(provenance)
+    if isinstance(model, Identified):
+        lag = model.lag if lag is None else lag
+        warnings = model.warnings if warnings is None else warnings
+        complete = {**complete, "scores": {**model.scores, **complete["scores"]}}
+        model = model.model
     content = {
         "format": FORMAT,
         "version": VERSION if warnings else 1,
         "input": _named(input),
         "output": _named(output),
-        "lag": lag,
+        "lag": lag or 0,
         "model": {"kind": kind_of(model), **plain(model)},
-        "provenance": _complete(provenance),
+        "provenance": complete,
     }
     if warnings:
         content["warnings"] = [text[:LONGEST_WARNING] for text in warnings][:MOST_WARNINGS]
@@ -205,52 +250,6 @@ def save(
     if flood := _flood(data):
         raise ParameterError(f"this cannot go into a model file: {flood}; use fewer levels")
     write_atomically(target, data)
-
-
-def save_identification(
-    found: Identification,
-    path: PathLike,
-    *,
-    data: Provenance,
-    input: str | Quantity,
-    output: str | Quantity,
-    warnings: Sequence[str] | None = None,
-    force: bool = False,
-) -> None:
-    """Write an identified model to a file, with its scores and warnings.
-
-    Parameters
-    ----------
-    found : Identification
-        The identification.
-    path : str or path
-        The file to write.
-    data : Provenance
-        Provenance of the record, such as ``Provenance.of(file)``.
-    input, output : str or Quantity
-        As in `save`.
-    warnings : sequence of str, optional
-        Those of ``found`` if not given.
-    force : bool
-        Whether a file that exists may be replaced.
-
-    Raises
-    ------
-    OutputError, ParameterError
-        As in `save`.
-    """
-    from minorloop.identification.scores import scores
-
-    save(
-        found.model,
-        path,
-        input=input,
-        output=output,
-        lag=found.lag,
-        provenance=msgspec.structs.replace(data, scores=scores(found)),
-        warnings=found.warnings if warnings is None else warnings,
-        force=force,
-    )
 
 
 def load(path: PathLike) -> Model:

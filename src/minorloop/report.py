@@ -13,6 +13,7 @@ from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
+    from minorloop.identification.dynamic_result import DynamicIdentification
     from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.result import Identification
     from minorloop.lab.reduction import Reduction
@@ -128,7 +129,12 @@ class Report:
 
 
 def identification_report(
-    result: Identification, *, source: str, input_label: str, output_label: str
+    result: Identification,
+    *,
+    source: str,
+    input_label: str,
+    output_label: str,
+    dynamic: DynamicIdentification | None = None,
 ) -> Report:
     """Return a report on an identified model and its quality.
 
@@ -140,6 +146,8 @@ def identification_report(
         Name of the record.
     input_label, output_label : str
         Name and unit of input and output, such as ``voltage [V]``.
+    dynamic : DynamicIdentification, optional
+        The operator ``result`` with its dynamics.
 
     Returns
     -------
@@ -159,6 +167,10 @@ def identification_report(
         f"{score}; the best polynomial of the delayed input reaches "
         f"{percent(result.baseline_nrmse, 2)}.",
     )
+    # A dollar in a label does not begin a formula.
+    labels = [label.replace("$", r"\$") for label in (input_label, output_label)]
+    if dynamic is not None:
+        _add_dynamics(report, dynamic, labels)
     rows = [
         *score_rows(result),
         ("rms error on fitted data", f"{result.rmse:.4g}"),
@@ -167,9 +179,7 @@ def identification_report(
     chosen = [f"Chosen {choice}." for choice in result.choices]
     table = Table(("", ""), rows)
     report.add("How good it is", text=chosen, table=table, notes=result.advice)
-    # A dollar in a label does not begin a formula.
-    of_input, of_output = (label.replace("$", r"\$") for label in (input_label, output_label))
-    figure = result.plot(input_label=of_input, output_label=of_output)
+    figure = result.plot(input_label=labels[0], output_label=labels[1])
     grey = "" if result.posterior else ", cells that the record does not excite in grey"
     banded = result.posterior is not None or result.scatter is not None
     band = ", with the band in which 90 % of the readings should lie" if banded else ""
@@ -179,6 +189,22 @@ def identification_report(
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     return report
+
+
+def _add_dynamics(report: Report, found: DynamicIdentification, labels: Sequence[str]) -> None:
+    """Add a section on dynamics; the sections after it are on the operator without them."""
+    figure = found.plot(input_label=labels[0], output_label=labels[1])
+    caption = (
+        "The record with the model, held-out samples shaded; the operator alone, which is the "
+        "output for slow inputs; the residual; the unit step response of the dynamics."
+    )
+    report.add(
+        "With dynamics",
+        text="The sections after this one are on the operator, and the record without dynamics.",
+        table=Table(("", ""), found.rows),
+        pictures=[Picture(figure, caption)],
+        notes=[f"Tried {one}." for one in found.tried],
+    )
 
 
 def reduction_report(

@@ -1,6 +1,9 @@
 import numpy as np
 import pytest
 
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError
 from minorloop.export.python_control import as_memory, as_state, as_system
 from minorloop.operators.memory import Memory
@@ -23,6 +26,30 @@ def test_responses_equal_those_of_the_model(model, start):
     system = as_system(model, 0.1)
     found = control.input_output_response(system, T, U, as_state(model, start))
     np.testing.assert_allclose(found.outputs, model.simulate(U, start), atol=1e-12)
+
+
+@pytest.mark.parametrize("operator", [PREISACH, PLAYS], ids=["preisach", "plays"])
+@pytest.mark.parametrize("first", ["operator", "linear"])
+def test_a_cascade_carries_dynamics_dead_time_and_creep(operator, first):
+    creep = Creep([0.5, 3.0], [0.2, 0.1], 0.7)
+    model = Cascade(operator, Linear.lags(0.3, 0.1, delay=0.2), first, creep)
+    system = as_system(model, 0.1)
+    state = as_state(Cascade(operator, model.linear.discretise(0.1), first, creep), before=0.3)
+    found = control.input_output_response(system, T, U, state)
+    wanted = model.simulate(
+        T, U, operator.memory("negative") if operator is PREISACH else "demagnetised", before=0.3
+    )
+    np.testing.assert_allclose(found.outputs, wanted, atol=1e-9)
+
+
+def test_refusals_of_cascades():
+    model = Cascade(PREISACH, Linear.lags(0.3))
+    with pytest.raises(ParameterError, match="give the interval in seconds"):
+        as_system(model)
+    with pytest.raises(ParameterError, match="a cascade always has it"):
+        as_system(model, 0.1, feedthrough=False)
+    with pytest.raises(ParameterError, match=r"that of the linear part 0\.2"):
+        as_system(Cascade(PREISACH, Linear.lags(0.3).discretise(0.2)), 0.1)
 
 
 @pytest.mark.parametrize("model", [PREISACH, PLAYS], ids=["preisach", "plays"])

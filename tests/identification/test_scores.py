@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.identification import identify
-from minorloop.identification.scores import score_rows, scores
+from minorloop.identification.scores import score_rows
 
 
 @pytest.fixture(scope="module")
@@ -13,7 +13,7 @@ def found():
 
 def test_rows_say_what_the_scores_are(found):
     rows = dict(score_rows(found))
-    assert rows["error on held-out data"] == f"{scores(found)['nrmse_holdout']:.3%} of range"
+    assert rows["error on held-out data"] == f"{found.scores['nrmse_holdout']:.3%} of range"
     assert rows["samples held out"] == "15"
     assert "rank" not in rows
     assert dict(score_rows(found, rank="4"))["rank"] == "4"

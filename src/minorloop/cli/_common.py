@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.conversion import LaserCurvature
     from minorloop.lab.logs import Log
+    from minorloop.modelfile import ModelFile as File
     from minorloop.report import Report
 
 
@@ -314,6 +315,33 @@ def read_column(file: Path, column: str, unit: str = "") -> FloatArray:
             f"give the column in {unit}"
         )
     return read_columns(file, [column])[column]
+
+
+def times_of(known: File, file: Path, column: str | None) -> dict[str, FloatArray]:
+    """Return the column of time by its header, in seconds; empty if none is given or needed.
+
+    Raises
+    ------
+    ParameterError
+        If a model with dynamics needs it.
+    RecordError
+        If the times run backwards.
+    """
+    from minorloop.lab.logs import read_times
+
+    if column is None:
+        if known.operator is not known.model:
+            raise ParameterError(
+                f"the model has dynamics and needs times; name the column of {file} with --time"
+            )
+        return {}
+    quantity, check = read_times(file, column)
+    if check.jumps.size:
+        raise RecordError(
+            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}; give the "
+            "rows in the order of time"
+        )
+    return {str(quantity): check.t}
 
 
 def as_rows(text: str | None, total: int) -> slice:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.identification import Identification
     from minorloop.identification.adaptive import Adaptive
+    from minorloop.identification.dynamic_result import DynamicIdentification
     from minorloop.lab.logs import Log
     from minorloop.lab.records import Record
     from minorloop.modelfile import Provenance
@@ -27,6 +28,7 @@ _DEFAULTS: dict[str, Any] = {
     "lag": "auto",
     "prior": "auto",
 }
+DYNAMICS = ("none", "auto")
 _NOT_OF_RUNS = ("holdout", "skip", "start_of_curve")
 
 
@@ -42,11 +44,13 @@ class Done:
     left_out: tuple[int, ...] = ()
     first: int = 0
     of_time: tuple[str, ...] = ()
+    dynamic: DynamicIdentification | None = None
 
     @property
     def advice(self) -> list[str]:
         """Advice about the run and its times, then about the model."""
-        said = list(dict.fromkeys([*self.notes, *self.of_time, *self.result.advice]))
+        of_model = self.result.advice if self.dynamic is None else self.dynamic.advice
+        said = list(dict.fromkeys([*self.notes, *self.of_time, *of_model]))
         result = self.result
         if self.first and (result.findings or result.codes or result.suspects):
             said.append(f"samples are counted from row {self.first} of the file here")
@@ -76,10 +80,17 @@ def identified(
     rows: str | None,
     options: dict[str, Any],
     lag_seconds: float | None = None,
+    dynamics: str = "none",
 ) -> Done:
-    """Read a record and identify a model from it; a lag in seconds needs a column of time."""
+    """Read a record and identify a model from it.
+
+    A lag in seconds and dynamics need a column of time.
+    """
+    from minorloop.arrays import check_option
     from minorloop.identification import identify
     from minorloop.modelfile import Provenance
+
+    check_option("--dynamics", dynamics, DYNAMICS)
 
     with _common.working(f"reading {file.name}") as now:
         record, run_by, log = _record(file, columns, now)
@@ -88,6 +99,7 @@ def identified(
         began = time.perf_counter()
         if run_by is not None:
             now(f"identifying from {len(record)} points of an adaptive run")
+            _refuse_dynamics(dynamics, f"{file.name} is an adaptive run of settled points")
             return _of_run(record, run_by, rows, options, provenance)
         logged = record
         of_time: tuple[str, ...] = ()
@@ -102,10 +114,39 @@ def identified(
         }
         settings |= {name: values[part] for name, values in labels.items()}
         now(f"identifying from {part.stop - part.start} rows")
+        if dynamics != "none":
+            found = _with_dynamics(record, part, columns, settings)
+            seconds = time.perf_counter() - began
+            static = found.static
+            return Done(record, static, provenance, seconds, (), (), part.start, of_time, found)
         result = identify(record.u[part], record.y[part], **settings)
         seconds = time.perf_counter() - began
         raw = _raw(logged, columns)
         return Done(record, result, provenance, seconds, raw, first=part.start, of_time=of_time)
+
+
+def _with_dynamics(
+    record: Record, part: slice, columns: Columns, settings: dict[str, Any]
+) -> DynamicIdentification:
+    from minorloop.identification import identify_dynamics
+
+    if columns.time is None:
+        _refuse_dynamics("auto", "the record has no time; name its column with --time")
+    for option in ("curves", "groups", "start_of_curve"):
+        if settings.pop(option, None) is not None:
+            name = option.replace("_", "-")
+            raise ParameterError(
+                f"--{name} cannot be combined with --dynamics; leave one of them out"
+            )
+    if settings.pop("lag") not in ("auto", 0):
+        raise ParameterError("--dynamics finds the dead time itself; leave --lag out")
+    t = record.t[part]
+    return identify_dynamics(t - t[0], record.u[part], record.y[part], **settings)
+
+
+def _refuse_dynamics(dynamics: str, reason: str) -> None:
+    if dynamics != "none":
+        raise ParameterError(f"--dynamics needs a record of transients, and {reason}")
 
 
 def _raw(record: Record, columns: Columns) -> tuple[str, ...]:

@@ -13,19 +13,25 @@ from minorloop.cli import _common
 from minorloop.cli._identification import Done
 
 if TYPE_CHECKING:
-    from minorloop.identification import Identification
+    from minorloop.identification import DynamicIdentification, Identification
 
 _RANK_LIMIT = 3000
+_OF_OPERATOR = (
+    *("samples fitted", "samples held out", "rows skipped", "unknowns", "rank"),
+    *("cells excited", "optimality (KKT)"),
+)
+"""Rows about the operator that are shown beside dynamics."""
 
 
 def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
     """Write the model file."""
     from minorloop import modelfile
 
-    modelfile.save_identification(
-        done.result,
+    dynamic = done.dynamic if done.dynamic is not None and done.dynamic.dynamic else None
+    modelfile.save(
+        done.result if dynamic is None else dynamic,
         path,
-        data=done.provenance,
+        provenance=done.provenance,
         input=done.record.input,
         output=done.record.output,
         warnings=done.warnings,
@@ -44,6 +50,8 @@ def show(done: Done, rank: bool, as_json: bool) -> None:
         figures["codes"] = [code.sample for code in done.result.codes]
         figures["held_out"] = int(done.result.held_out.sum())
         figures["left_out"] = list(done.left_out)
+        if done.dynamic is not None:
+            figures |= _dynamic_figures(done.dynamic)
     if as_json:
         _common.print_json(figures)
     else:
@@ -80,6 +88,26 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
     }
 
 
+def _dynamic_figures(found: DynamicIdentification) -> dict[str, Any]:
+    """Return the errors of the whole model, and its dynamics."""
+    from minorloop.modelfile import plain
+
+    model = found.model
+    return {
+        "nrmse_train": found.nrmse,
+        "nrmse_holdout": found.holdout_nrmse,
+        "dynamics": {
+            "first": model.first,
+            "numerator": model.linear.numerator,
+            "denominator": model.linear.denominator,
+            "dead_time": model.linear.delay,
+            "time_constants": model.linear.time_constants,
+            "creep": None if model.creep is None else plain(model.creep),
+            "tried": [asdict(one) for one in found.tried],
+        },
+    }
+
+
 def _band_sd(result: Identification) -> float | None:
     """Return the mean standard deviation of the predicted outputs; None without the prior."""
     if result.posterior is None and result.scatter is None:
@@ -94,6 +122,8 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
 
     rank = figures["rank"]
     rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
+    if done.dynamic is not None:
+        rows = [*done.dynamic.rows, *(row for row in rows if row[0] in _OF_OPERATOR)]
     if done.left_out:
         rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
     if figures["band_sd"] is not None:
@@ -102,6 +132,8 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
     record = done.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
+    for one in () if done.dynamic is None else done.dynamic.tried:
+        typer.echo(f"tried {one}")
     for choice in done.result.choices:
         typer.echo(f"chosen {choice}")
     _common.print_advice(done.advice)
@@ -118,6 +150,7 @@ def write_report(done: Done, path: Path, force: bool, as_json: bool) -> None:
     draw = partial(
         identification_report,
         done.result,
+        dynamic=done.dynamic,
         source=str(done.provenance.data),
         input_label=str(done.record.input),
         output_label=str(done.record.output),

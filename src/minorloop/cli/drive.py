@@ -88,9 +88,9 @@ def run(
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
         chosen = TargetDrive(
-            known.model,
+            known.operator,
             targets,
-            saturation_of(known.model, plant.inputs[0]) if saturation is None else saturation,
+            saturation_of(known.operator, plant.inputs[0]) if saturation is None else saturation,
             corrections=corrections,
             within=within,
             absolute=absolute,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -70,7 +71,10 @@ def run(
     ] = False,
     interval: Annotated[
         float | None,
-        _common.number_option("Step recommended to simulators, in seconds.", panel=_FOR_FMU),
+        _common.number_option(
+            "Seconds between calls of a model with dynamics; for fmu also the step recommended to "
+            "simulators."
+        ),
     ] = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
@@ -80,7 +84,7 @@ def run(
         raise ParameterError(f"there is no export {target!r}; give one of {', '.join(_TARGETS)}")
     only_c = {"--float32": float32, "--largest": largest, "--firmware": firmware}
     only_c |= {"--no-inverse": no_inverse}
-    for option, given in (only_c if target == "fmu" else {"--interval": interval}).items():
+    for option, given in only_c.items() if target == "fmu" else ():
         if given not in (None, False):
             raise ParameterError(f"{option} does nothing for {target}; leave it out")
     if first is not None and linear is None:
@@ -90,15 +94,18 @@ def run(
 
     known = modelfile.read(model)
     _common.print_warnings(known.warnings)
-    if memory is not None and not isinstance(known.model, Preisach):
+    if memory is not None and not isinstance(known.operator, Preisach):
         raise ParameterError(
-            f"--memory does nothing for a {type(known.model).__name__}, whose memory has a fixed "
-            "size; leave it out"
+            f"--memory does nothing for a {type(known.operator).__name__}, whose memory has a "
+            "fixed size; leave it out"
         )
+    part, order = _dynamics(known, model, linear, first, interval)
+    if interval is not None and part is None and target == "c":
+        raise ParameterError("--interval does nothing for c without dynamics; leave it out")
     options: dict[str, Any] = {
         "name": name,
-        "first": first or "operator",
-        "linear": None if linear is None else _linear(linear),
+        "first": order,
+        "linear": part,
         "input": str(known.input),
         "output": str(known.output),
     }
@@ -111,7 +118,7 @@ def run(
 
     with _common.working("writing C"):
         code = export_c(
-            known.model,
+            known.operator,
             out,
             **options,
             force=force,
@@ -137,11 +144,12 @@ def _write_unit(
 
     _common.check_outputs([out], inputs=[model], force=force)
     with _common.working("compiling the unit"):
-        unit = export_fmu(known.model, out, **options, interval=interval, force=force)  # type: ignore[arg-type]
+        unit = export_fmu(known.operator, out, **options, interval=interval, force=force)  # type: ignore[arg-type]
     if as_json:
         _common.print_json({"file": str(out), "bytes": out.stat().st_size, "platforms": unit})
         return
     typer.echo(f"co-simulation unit for {', '.join(unit)} written to {out}")
+    _say_what_is_missing(known, "unit")
 
 
 def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
@@ -170,11 +178,41 @@ def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:
     if code.input_error:
         rows.append(("error of rounding an input, at most", f"{code.input_error:.2g} of the range"))
     _common.print_table(("", ""), rows, f"{known.output} against {known.input}, written to {out}")
-    if known.lag:
-        typer.echo(f"the output follows the model by {known.lag} samples; this lag is not in the C")
+    _say_what_is_missing(known, "C")
     test = next(name for name in code.files if name.endswith("_selftest.c"))
     source = test.replace("_selftest", "")
     typer.echo(f"next: cd {out} && cc -std=c99 {source} {test} -lm -o selftest && ./selftest")
+
+
+def _dynamics(
+    known: ModelFile, path: Path, linear: Path | None, first: str | None, interval: float | None
+) -> tuple[Linear | None, str]:
+    """Return the sampled linear part of the model or of a file, and what comes first."""
+    from minorloop.dynamics.cascade import Cascade
+
+    if not isinstance(known.model, Cascade):
+        return (None if linear is None else _linear(linear)), first or "operator"
+    if linear is not None:
+        raise ParameterError(f"{path} has dynamics of its own; leave --linear out")
+    if interval is None:
+        raise ParameterError(
+            f"{path} has dynamics; give the seconds between calls of the C with --interval"
+        )
+    part = known.model.linear
+    whole = replace(part, delay=round(part.delay / interval) * interval)
+    return (part if part.interval else whole.discretise(interval)), known.model.first
+
+
+def _say_what_is_missing(known: ModelFile, what: str) -> None:
+    """Print what of the model an export does not carry."""
+    from minorloop.dynamics.cascade import Cascade
+
+    if known.lag:
+        typer.echo(
+            f"the output follows the model by {known.lag} samples; this lag is not in the {what}"
+        )
+    if isinstance(known.model, Cascade) and known.model.creep is not None:
+        typer.echo(f"the output creeps after the model; this creep is not in the {what}")
 
 
 def _linear(path: Path) -> Linear:

@@ -88,7 +88,7 @@ def run(
     _check_units(known, names)
     response, notes = sine_response(sines)
     if known is not None:
-        notes += unsaturated(known.model, [one.sine.preamble for one in measured])
+        notes += unsaturated(known.operator, [one.sine.preamble for one in measured])
         _common.print_warnings(known.warnings)
     notes += _slow(measured)
     steps: list[Callable[[], None]] = [partial(_show, response, names, notes, as_json)]
@@ -148,7 +148,7 @@ def _of_csv(
 
 
 def _operator(known: ModelFile | None) -> Any:
-    return None if known is None else known.model
+    return None if known is None else known.operator
 
 
 def _check_units(known: ModelFile | None, names: tuple[str, str]) -> None:

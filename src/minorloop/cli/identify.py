@@ -10,7 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.cli._identification import Columns, identified
+from minorloop.cli._completion import one_of
+from minorloop.cli._identification import DYNAMICS, Columns, identified
 from minorloop.cli._identification_output import save_model, show, write_report
 from minorloop.errors import ParameterError
 
@@ -60,6 +61,13 @@ _Lag = Annotated[
         help="Rows by which the output follows the input, or auto: the best of 0 to 20; with "
         "--time also in seconds, such as '3 ms'.",
         show_default="0 or the best, by left-out error",
+    ),
+]
+_Dynamics = Annotated[
+    str,
+    typer.Option(
+        help="none, or auto: dead time, poles and creep too, chosen by the error; needs --time.",
+        autocompletion=one_of(DYNAMICS),
     ),
 ]
 _Slope = Annotated[
@@ -132,6 +140,7 @@ def run(
     relay: _Relay = "bipolar",
     diagonal: _Diagonal = None,
     lag: _Lag = None,
+    dynamics: _Dynamics = "none",
     slope: _Slope = None,
     signed: _Signed = False,
     smoothness: _Smoothness = "auto",
@@ -175,7 +184,7 @@ def run(
         "skip": skip,
     }
     columns = Columns(input, output, curves, groups, time)
-    done = identified(file, columns, rows, options, lag_seconds)
+    done = identified(file, columns, rows, options, lag_seconds, dynamics)
     steps: list[Callable[[], None]] = [partial(show, done, rank, as_json)]
     # Files first: the reader of the output may end.
     if report is not None:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import NotInvertibleError, ParameterError, RecordError, UnreachableError
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.dynamics.cascade import CascadeInversion
     from minorloop.modelfile import ModelFile
     from minorloop.operators.inversion import Inversion
 
@@ -40,44 +41,40 @@ def run(
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Compute the inputs that bring the output to each target in turn."""
+    """Compute the inputs that bring the output to each target in turn.
+
+    With --time, a model with dynamics follows the targets in time, from rest at the lowest input;
+    without it, each input is the one at which the output settles.
+    """
     _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         targets = _common.read_column(file, target, known.output.unit)
-        times = {} if time is None else _times(file, time)
+        times = {} if time is None else _common.times_of(known, file, time)
         now(f"inverting {targets.size} targets")
-        result = _inverted(known, model, targets, start, clip)
+        result = _inverted(known, model, times, targets, start, clip)
         if save is not None:
-            columns = times | known.inverse_columns(targets, result)
+            columns: dict[str, Any] = {**times, **known.inverse_columns(targets, result)}
             if hold is not None:
                 columns = _as_plan(known, columns, start, hold)
             _common.write_csv(save, columns, force=force)
     if as_json:
         inputs = {} if save is not None else {"u": result.u, "y": result.y}
-        worst = {"worst_residual": result.worst, "unreachable": int((~result.reachable).sum())}
+        worst = {
+            "worst_residual": float(abs(result.residual).max()),
+            "unreachable": int((~result.reachable).sum()),
+        }
         warnings = {"warnings": list(known.warnings)} if known.warnings else {}
         _common.print_json({"targets": targets.size, **worst, **inputs, **warnings})
         return
     _print(known, targets, result)
+    if known.operator is not known.model and time is None:
+        typer.echo("each output settles at its target; --time follows targets in time")
     if save is not None:
         typer.echo(f"written to {save}")
     _common.print_warnings(known.warnings)
-
-
-def _times(file: Path, column: str) -> dict[str, list[float]]:
-    """Return the column of time for the table, in seconds; times must run forwards."""
-    from minorloop.lab.logs import read_times
-
-    quantity, check = read_times(file, column)
-    if check.jumps.size:
-        raise RecordError(
-            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}; give the "
-            "targets in the order of time"
-        )
-    return {str(quantity): check.t.tolist()}
 
 
 def _as_plan(
@@ -86,7 +83,7 @@ def _as_plan(
     """Return the columns with holds, after a first row that saturates the actuator."""
     if not (0 < hold < float("inf")):
         raise ParameterError(f"--hold is {hold:g}; give a positive number of seconds")
-    levels = getattr(known.model, "levels", None)
+    levels = getattr(known.operator, "levels", None)
     if levels is None or start == "demagnetised":
         raise ParameterError(
             "--hold writes a plan that begins in saturation, which needs a model with levels and "
@@ -100,23 +97,47 @@ def _as_plan(
 
 
 def _inverted(
-    known: ModelFile, path: Path, targets: FloatArray, start: str, clip: bool
-) -> Inversion:
+    known: ModelFile,
+    path: Path,
+    times: dict[str, FloatArray],
+    targets: FloatArray,
+    start: str,
+    clip: bool,
+) -> Inversion | CascadeInversion:
+    from minorloop.dynamics.cascade import Cascade
     from minorloop.operators.relays import RelayModel
 
-    if isinstance(known.model, RelayModel):
+    if isinstance(known.operator, RelayModel):
         raise NotInvertibleError(
             f"{path} has a relay-by-relay model, which has no exact inverse; identify a "
             "Preisach model on the same levels"
         )
+    unreachable = "clip" if clip else "raise"
     try:
-        return known.model.invert(targets, start, "clip" if clip else "raise")  # type: ignore[arg-type]
+        if times and isinstance(known.model, Cascade):
+            return known.model.invert(
+                next(iter(times.values())),
+                targets,
+                start,
+                before=_rest(known, start),
+                unreachable=unreachable,  # type: ignore[arg-type]
+                between="held",
+            )
+        return known.operator.invert(targets, start, unreachable)  # type: ignore[arg-type]
     except UnreachableError as error:
         hint = str(error).replace('pass unreachable="clip"', "pass --clip")
         raise UnreachableError(hint) from None
 
 
-def _print(known: ModelFile, targets: FloatArray, result: Inversion) -> None:
+def _rest(known: ModelFile, start: str) -> float:
+    """Return the input at which the actuator rests before the first target."""
+    levels = getattr(known.operator, "levels", None)
+    if levels is None or start == "demagnetised":
+        return 0.0
+    return float(levels[0] if start == "negative" else levels[-1])
+
+
+def _print(known: ModelFile, targets: FloatArray, result: Inversion | CascadeInversion) -> None:
     missed = int((~result.reachable).sum())
     columns = [f"target {known.output}", str(known.input), f"predicted {known.output}"]
     wanted = [f"{value:.6g}" for value in targets[:_SHOWN]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,26 +21,27 @@ def run(
     model: _common.ModelFile,
     file: _common.DataFile,
     input: Annotated[str, typer.Option(help="Column of the input, in the unit of the model.")],
+    time: _common.Time = None,
     start: _common.Start = "negative",
     save: _common.Save = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Predict the output for the inputs in a file, lag included."""
+    """Predict the output for the inputs in a file, lag and dynamics included."""
     _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
-    from minorloop.identification.baseline import delayed
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         u = _common.read_column(file, input, known.input.unit)
         now(f"simulating {u.size} samples")
-        y = delayed(known.model.simulate(u, start), known.lag)  # type: ignore[arg-type]
+        times = _common.times_of(known, file, time)
+        y = _simulated(known, times, u, start)
         if save is not None:
             now(f"writing {save.name}")
             output = str(known.output)
             header = output if known.output != known.input else f"predicted {output}"
-            _common.write_csv(save, {str(known.input): u, header: y}, force=force)
+            _common.write_csv(save, {**times, str(known.input): u, header: y}, force=force)
     _warn_beyond(known, u)
     _common.print_warnings(known.warnings)
     if as_json:
@@ -55,9 +56,21 @@ def run(
         typer.echo("nothing was written; --save FILE writes inputs and outputs")
 
 
+def _simulated(
+    known: ModelFile, times: dict[str, FloatArray], u: FloatArray, start: Any
+) -> FloatArray:
+    """Return the outputs; the first input of dynamics has been applied for long."""
+    from minorloop.dynamics.cascade import Cascade
+    from minorloop.identification.baseline import delayed
+
+    if isinstance(known.model, Cascade):
+        return known.model.simulate(next(iter(times.values())), u, start)
+    return delayed(known.model.simulate(u, start), known.lag)
+
+
 def _warn_beyond(known: ModelFile, u: FloatArray) -> None:
     """Say on stderr how many inputs saturate the relays."""
-    levels = getattr(known.model, "levels", None)
+    levels = getattr(known.operator, "levels", None)
     if levels is None:
         return
     beyond = int(((u < levels[0]) | (u > levels[-1])).sum())

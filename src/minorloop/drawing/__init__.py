@@ -22,6 +22,7 @@ _FUNCTIONS = {
     "CascadeInversion": "dynamics.draw_cascade_inversion",
     "CreepFit": "dynamics.draw_creep_fit",
     "Identification": "identification.draw_identification",
+    "DynamicIdentification": "dynamics.draw_dynamic_identification",
     "Prediction": "identification.draw_prediction",
     "ExcitationReport": "identification.draw_excitation",
     "FrequencyResponse": "linear.draw_frequency_response",

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from minorloop.dynamics.cascade import CascadeInversion
     from minorloop.dynamics.creep import CreepFit
     from minorloop.dynamics.linear import Linear
+    from minorloop.identification.dynamic_result import DynamicIdentification
 
 _POINTS = 400
 """Points of a curve: about one for each pixel of an axis."""
@@ -33,6 +34,42 @@ def draw_linear(system: Linear) -> Any:
     middle.set(xlabel="frequency [Hz]", ylabel="gain [dB]", title="Gain")
     right.semilogx(frequency, np.degrees(np.unwrap(np.angle(gain))), color="C0")
     right.set(xlabel="frequency [Hz]", ylabel="phase [degrees]", title="Phase")
+    return figure
+
+
+def draw_dynamic_identification(
+    result: DynamicIdentification, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
+    """Draw the record with the model, the residual, and the step response of the dynamics."""
+    figure, axes = new_figure(2, 2, 6.0)
+    (record, loop), (residual, step) = axes
+    t, y = result.t, result.y
+    record.plot(t, y, ".", ms=2.0, color="0.6", label="measured", rasterized=True)
+    record.plot(t, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
+    record.set(xlabel="time [s]", ylabel=output_label, title="Record")
+    record.legend(frameon=False)
+    loop.plot(result.u, y, ".", ms=2.0, color="0.6", label="measured", rasterized=True)
+    w = result.model.operator.simulate(result.u, result.static.start)
+    loop.plot(result.u, w, lw=0.8, color="C1", label="operator alone", rasterized=True)
+    loop.set(xlabel=input_label, ylabel=output_label, title="Without the dynamics")
+    loop.legend(frameon=False)
+    residual.plot(t, result.prediction - y, lw=0.6, color="C3", rasterized=True)
+    residual.set(xlabel="time [s]", ylabel="model - measured", title="Residual")
+    for axis in (record, residual):
+        if result.held_out.any():
+            axis.axvspan(*t[np.flatnonzero(result.held_out)[[0, -1]]], color="0.92", zorder=0)
+    linear, creep = result.model.linear, result.model.creep
+    slowest = float(linear.time_constants.max(initial=linear.delay)) or float(t[1] - t[0])
+    end = 8 * slowest + linear.delay if creep is None else 3 * float(creep.times.max())
+    grid = (
+        np.linspace(0, end, _POINTS) if creep is None else np.geomspace(slowest / 50, end, _POINTS)
+    )
+    rise = linear.step_response(grid)
+    if creep is not None:
+        rise = creep.simulate(grid, rise, before=0.0)
+        step.set_xscale("log")
+    step.plot(grid, rise, color="C0")
+    step.set(xlabel="time [s]", ylabel="output", title="Step response of the dynamics")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Compiled loop of linear systems: takes and returns arrays only."""
+"""Compiled loops of linear systems: they take and return arrays only."""
 
 import numpy as np
 from numba import njit
@@ -25,3 +25,34 @@ def march(phi, at_begin, at_end, which, begin, end, x, states):
         for i in range(order):
             x[i] = new[i]
             states[k, i] = new[i]
+
+
+@njit(cache=True, nogil=True)
+def lag(decay, x, before, lagged):
+    """Compute the outputs of n first-order lags for a signal that is held between samples.
+
+    ``decay`` (T, n) is the share of each lag that remains after the step to a sample, ``x`` (T,)
+    the signal, ``before`` its value at which all had settled; ``lagged`` (T, n) is filled.
+    """
+    for i in range(lagged.shape[1]):
+        now = before
+        for k in range(x.size):
+            now = x[k] + decay[k, i] * (now - x[k])
+            lagged[k, i] = now
+
+
+@njit(cache=True, nogil=True)
+def compensate(decay, strengths, gain, wanted, crept, x):
+    """Compute the signal with which a prompt part and n lags together give the wanted outputs.
+
+    ``decay`` (T, n) is as in `lag`; ``strengths`` (n,) and ``gain`` are the factors of the lags and
+    of the prompt part. ``crept`` (n,), the lags before, is changed in place; ``x`` (T,) is filled.
+    """
+    for k in range(x.size):
+        left, prompt = wanted[k], gain
+        for i in range(crept.size):
+            left -= strengths[i] * decay[k, i] * crept[i]
+            prompt += strengths[i] * (1 - decay[k, i])
+        x[k] = left / prompt
+        for i in range(crept.size):
+            crept[i] = x[k] + decay[k, i] * (crept[i] - x[k])

@@ -1,4 +1,4 @@
-"""A hysteresis operator in series with linear dynamics, in either order.
+"""A hysteresis operator in series with linear dynamics, in either order, and creep of the output.
 
 In an ionic polymer strip the hysteresis comes first and the linear part follows. In a shape-memory
 wire the linear heating comes first and the hysteresis follows.
@@ -6,13 +6,14 @@ wire the linear heating comes first and the hysteresis follows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_finite, as_waveform, check_option
+from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import Between
 from minorloop.errors import NotInvertibleError, ParameterError
@@ -23,18 +24,21 @@ from minorloop.operators.operator import Operator
 First: TypeAlias = Literal["operator", "linear"]
 
 _FILTER_SHARE = 0.2
-_INTERVALS = 5.0
-"""Default time constant of the filter of an inverse: this share of the fastest time constant, and
-at least this many sampling intervals. A choice: the filter adds little lag to that of the system,
-and the input stays smooth from sample to sample."""
+_INTERVALS = 2.0
+"""The default time constant of the filter of an inverse is at least this share of the fastest time
+constant, and this many sampling intervals. A choice: the input stays smooth from sample to
+sample."""
+_FREQUENCIES = 400
+"""Frequencies at which the gain is compared with the error of the model: about 2 % apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class CascadeState:
-    """State of a cascade: the memory of the operator and the state of the linear part."""
+    """State of a cascade: memory of the operator, states of the linear part and of the creep."""
 
     memory: Any
     linear: FloatArray
+    creep: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +70,7 @@ class CascadeInversion(NotebookView):
 
     @property
     def residual(self) -> FloatArray:
-        """(T,) outputs minus targets, mostly from the lag of the filter and the dead time."""
+        """(T,) outputs minus targets, mostly from the filter, which rounds off corners."""
         return self.y - self.targets
 
     @property
@@ -93,7 +97,7 @@ class CascadeInversion(NotebookView):
 
 @dataclass(frozen=True, eq=False)
 class Cascade:
-    """A hysteresis operator and a linear system in series.
+    """A hysteresis operator and a linear system in series, and creep of the output.
 
     Parameters
     ----------
@@ -103,11 +107,16 @@ class Cascade:
         The dynamics. With DC gain 1 the cascade equals the operator for slow inputs.
     first : {"operator", "linear"}
         Which of the two receives the input.
+    creep : Creep, optional
+        Creep of the output of both.
+    noise : float
+        Error of the model over the range of its output, where it is known. `invert` does not
+        follow frequencies at which the linear part has a smaller gain.
 
     Raises
     ------
     ParameterError
-        If ``first`` is neither.
+        If ``first`` is neither, or ``noise`` is not from 0 to 1.
 
     References
     ----------
@@ -117,9 +126,13 @@ class Cascade:
     operator: Operator
     linear: Linear
     first: First = "operator"
+    creep: Creep | None = None
+    noise: float = 0.0
 
     def __post_init__(self) -> None:
         check_option("first", self.first, ("operator", "linear"))
+        if not 0 <= as_finite("noise", self.noise) < 1:
+            raise ParameterError(f"noise is {self.noise:g}; give a share of the range, 0 to 1")
 
     def simulate(
         self,
@@ -159,9 +172,13 @@ class Cascade:
         if self.first == "linear":
             filtered = self.linear.simulate(times, inputs, before=held, between=between)
             settled = held * self.linear.dc_gain
-            return self.operator.simulate(np.append(settled, filtered), start)[1:]
-        w = self.operator.simulate(np.append(held, inputs), start)
-        return self.linear.simulate(times, w[1:], before=float(w[0]), between=between)
+            w = self.operator.simulate(np.append(settled, filtered), start)
+            rest, y = float(w[0]), w[1:]
+        else:
+            w = self.operator.simulate(np.append(held, inputs), start)
+            y = self.linear.simulate(times, w[1:], before=float(w[0]), between=between)
+            rest = float(w[0]) * self.linear.dc_gain
+        return y if self.creep is None else self.creep.simulate(times, y, before=rest)
 
     def begin(self, before: float, start: Any = "negative") -> CascadeState:
         """Return the state of a sampled cascade that has settled at an input.
@@ -180,9 +197,13 @@ class Cascade:
         """
         if self.first == "linear":
             w = as_finite("before", before) * self.linear.dc_gain
-            return CascadeState(self.operator.step(start, w)[1], self.linear.settled(before))
-        w, memory = self.operator.step(start, before)
-        return CascadeState(memory, self.linear.settled(w))
+            rest, memory = self.operator.step(start, w)
+            settled = self.linear.settled(before)
+        else:
+            w, memory = self.operator.step(start, before)
+            rest, settled = w * self.linear.dc_gain, self.linear.settled(w)
+        creep = None if self.creep is None else self.creep.settled(rest)
+        return CascadeState(memory, settled, creep)
 
     def step(self, state: CascadeState, u: float) -> tuple[float, CascadeState]:
         """Return output and state after one interval with a constant input.
@@ -204,10 +225,13 @@ class Cascade:
         if self.first == "linear":
             w, x = self.linear.step(state.linear, u)
             y, memory = self.operator.step(state.memory, w)
+        else:
+            w, memory = self.operator.step(state.memory, u)
+            y, x = self.linear.step(state.linear, w)
+        if self.creep is None or state.creep is None or self.linear.interval is None:
             return y, CascadeState(memory, x)
-        w, memory = self.operator.step(state.memory, u)
-        y, x = self.linear.step(state.linear, w)
-        return y, CascadeState(memory, x)
+        y, crept = self.creep.step(state.creep, y, self.linear.interval)
+        return y, CascadeState(memory, x, crept)
 
     def invert(
         self,
@@ -218,30 +242,35 @@ class Cascade:
         before: float,
         filter_time: float | None = None,
         unreachable: Unreachable = "raise",
+        between: Between = "straight",
     ) -> CascadeInversion:
         """Return the input with which the output follows a trajectory.
 
         The inverse of the linear part G differentiates. It is therefore combined with a filter
         F(s) = 1 / (1 + filter_time s)^r, where r is the relative degree of G, so that F / G is
-        proper. The output follows the filtered targets; with the linear part first, the input of
-        the operator follows the filtered signal that the targets need. Dead time is not
-        compensated.
+        proper. The targets are known in advance: the input is earlier by the dead time and the lag
+        of the filter, so that neither delays the output. With the linear part first, the input of
+        the operator follows the filtered signal that the targets need. Zeros of G that are faster
+        than the filter, such as those of a sampled system, count as dead time.
 
         Parameters
         ----------
         t : (T,) array_like
             Strictly increasing times in seconds; signals are linear between them.
         targets : (T,) array_like
-            Wanted outputs.
+            Wanted outputs; the last one is held.
         start : start state of the operator
             Memory before ``before`` was applied.
         before : float
             Input at which the cascade had settled before.
         filter_time : float, optional
-            Seconds; a longer filter gives a smoother input and more lag. If not given, a fifth of
-            the fastest time constant of G, or five intervals of ``t`` if that is longer.
+            Seconds; a longer filter gives a smoother input and rounder corners. If not given, the
+            longest of: a fifth of the fastest time constant of G, two intervals of ``t``, and that
+            of the frequency from which the gain of G is below ``noise``.
         unreachable : {"raise", "clip"}
             What to do about targets out of reach of the operator.
+        between : {"straight", "held"}
+            How the input will be applied between samples, as in `Linear.simulate`.
 
         Returns
         -------
@@ -250,36 +279,45 @@ class Cascade:
         Raises
         ------
         NotInvertibleError
-            If the linear part is unstable or has zeros with a real part >= 0, or the operator is
-            not monotone.
+            If the linear part is unstable or has slow zeros with a real part >= 0, the creep has no
+            prompt part, or the operator is not monotone.
         UnreachableError
             If a target is out of reach of the operator and ``unreachable="raise"``.
         """
         times, wanted = as_waveform(t, targets, name="targets")
         linear = self.linear if self.linear.interval is None else self.linear.continuous()
-        seconds = _filter_time(linear, times, filter_time)
-        inverse = _filtered_inverse(linear, seconds)
-        gain = linear.dc_gain
+        if not linear.stable:
+            raise NotInvertibleError("the linear part is unstable; give one whose poles all decay")
+        seconds = _filter_time(linear, times, self.noise, filter_time)
+        inverse, late = filtered_inverse(linear, seconds)
+        if between == "held":
+            late -= float(np.median(np.diff(times))) / 2  # a held input is early by half a sample
+        needed, gain = wanted, linear.dc_gain
+        w, memory = self.operator.step(start, before * (gain if self.first == "linear" else 1.0))
+        if self.creep is not None:
+            rest = w if self.first == "linear" else w * gain
+            needed = self.creep.compensate(times, wanted, before=rest)
         if self.first == "operator":
-            w, memory = self.operator.step(start, before)
-            needed = inverse.simulate(times, wanted, before=w * gain, between="straight")
+            needed = np.interp(times + late, times, needed)
+            needed = inverse.simulate(times, needed, before=w * gain, between="straight")
             found = self.operator.invert(needed, memory, unreachable)
             u = found.u
         else:
-            memory = self.operator.step(start, before * gain)[1]
-            found = self.operator.invert(wanted, memory, unreachable)
-            u = inverse.simulate(times, found.u, before=before * gain, between="straight")
-        model = Cascade(self.operator, linear, self.first)
-        y = model.simulate(times, u, start, before=before, between="straight")
+            found = self.operator.invert(needed, memory, unreachable)
+            filtered = np.interp(times + late, times, found.u)
+            u = inverse.simulate(times, filtered, before=before * gain, between="straight")
+        model = replace(self, linear=linear)
+        y = model.simulate(times, u, start, before=before, between=between)
         return CascadeInversion(times, u, y, wanted, found.reachable, seconds)
 
 
-def _filter_time(linear: Linear, t: FloatArray, wanted: float | None) -> float:
+def _filter_time(linear: Linear, t: FloatArray, noise: float, wanted: float | None) -> float:
     if linear.relative_degree == 0:
         return 0.0
     if wanted is None:
         fastest = float(linear.time_constants[-1])
-        return max(_FILTER_SHARE * fastest, _INTERVALS * float(np.median(np.diff(t))))
+        smooth = _INTERVALS * float(np.median(np.diff(t)))
+        return max(_FILTER_SHARE * fastest, smooth, _time_of_gain(linear, noise))
     seconds = as_finite("filter_time", wanted)
     if seconds <= 0:
         raise ParameterError(
@@ -289,17 +327,31 @@ def _filter_time(linear: Linear, t: FloatArray, wanted: float | None) -> float:
     return seconds
 
 
-def _filtered_inverse(linear: Linear, seconds: float) -> Linear:
-    if not linear.stable:
-        raise NotInvertibleError("the linear part is unstable; give one whose poles all decay")
-    if linear.dc_gain == 0 or (linear.zeros.real >= 0).any():
-        worst = linear.zeros[np.argmax(linear.zeros.real)] if linear.zeros.size else 0.0
+def _time_of_gain(linear: Linear, least: float) -> float:
+    """Return 1 / omega of the highest frequency at which the gain over that at DC is so large."""
+    if linear.dc_gain == 0:
+        return 0.0
+    times = linear.time_constants
+    omega = np.geomspace(1e-2 / times[0], 1e3 / times[-1], _FREQUENCIES)
+    gain = np.abs(linear.response(omega / (2 * np.pi)) / linear.dc_gain)
+    above = np.flatnonzero(gain >= least)
+    return float(1 / omega[above[-1]]) if above.size else float(times[0])
+
+
+def filtered_inverse(linear: Linear, seconds: float) -> tuple[Linear, float]:
+    """Return F / G, and by how many seconds F and the parts of G that F / G leaves out are late."""
+    zeros = linear.zeros
+    slow = np.abs(zeros) * seconds < 1.0
+    kept, left_out = (zeros[slow], zeros[~slow]) if seconds else (zeros, zeros[:0])
+    if linear.dc_gain == 0 or (kept.real >= 0).any():
+        worst = kept[np.argmax(kept.real)] if kept.size else 0.0
         raise NotInvertibleError(
             f"the linear part has a zero at {worst:.4g} 1/s; with zeros in the right half plane "
             "or on the imaginary axis the inverse grows without bound, so identify with fewer zeros"
         )
-    numerator = linear.numerator[linear.relative_degree :]
-    smooth = np.array([1.0])
-    for _ in range(linear.relative_degree):
-        smooth = np.convolve(smooth, [seconds, 1.0])
-    return Linear(linear.denominator, np.convolve(numerator, smooth))
+    filtered = linear.order - kept.size
+    poles = np.concatenate([kept, np.full(filtered, -1 / seconds if seconds else 0.0)])
+    inverse = Linear.from_poles(poles, linear.poles, dc_gain=1 / linear.dc_gain)
+    # A fast zero at z is a factor 1 - s / z, nearly exp(-s / z).
+    late = linear.delay + filtered * seconds + float((1 / left_out).real.sum())
+    return inverse, late

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite, as_times, as_waveform, as_whole, frozen
+from minorloop.arrays import (
+    FloatArray,
+    as_finite,
+    as_samples,
+    as_times,
+    as_waveform,
+    as_whole,
+    frozen,
+)
+from minorloop.dynamics import _kernels
 from minorloop.errors import NotInvertibleError, ParameterError, SignalError
 from minorloop.figures import NotebookView, figure_of
 
@@ -89,11 +98,45 @@ class Creep:
         """
         times, values = as_waveform(t, x, name="x")
         held = float(values[0]) if before is None else as_finite("before", before)
-        return (
-            self.offset
-            + self.gain * values
-            + _lagging(times, values, held, self.times).T @ (self.strengths)
-        )
+        lagged = _lagging(times, values, held, self.times)
+        return np.asarray(self.offset + self.gain * values + lagged @ self.strengths)
+
+    def settled(self, x: float) -> FloatArray:
+        """Return the state (n,) after a signal that was constant for long.
+
+        Parameters
+        ----------
+        x : float
+            Its value.
+        """
+        return np.full(self.times.size, as_finite("x", x))
+
+    def step(self, state: FloatArray, x: float, interval: float) -> tuple[float, FloatArray]:
+        """Return output and state after one interval; the given state is not changed.
+
+        Parameters
+        ----------
+        state : (n,) array
+            As returned by ``settled``.
+        x : float
+            The signal, constant over the interval.
+        interval : float
+            In seconds.
+        """
+        after = x + np.exp(-interval / self.times) * (state - x)
+        return self.offset + self.gain * x + float(self.strengths @ after), after
+
+    def normalised(self) -> Creep:
+        """Return the same creep with DC gain 1 and without offset.
+
+        Raises
+        ------
+        ParameterError
+            If its DC gain is not positive.
+        """
+        if self.dc_gain <= 0:
+            raise ParameterError(f"the DC gain is {self.dc_gain:g} and cannot be made 1")
+        return Creep(self.times, self.strengths / self.dc_gain, self.gain / self.dc_gain)
 
     def compensate(self, t: npt.ArrayLike, targets: npt.ArrayLike, *, before: float) -> FloatArray:
         """Return the signal with which the output meets its target at every sample.
@@ -127,14 +170,10 @@ class Creep:
                 f"the prompt gain is {self.gain:g}; without a positive one the compensating "
                 "signal grows from sample to sample, so identify with a prompt part"
             )
-        decay = _decay(times, self.times)
-        crept = np.full(self.times.size, as_finite("before", before))
         x = np.empty(times.size)
-        for k in range(times.size):
-            left = decay[k] * crept
-            prompt = self.gain + float(self.strengths @ (1 - decay[k]))
-            x[k] = (wanted[k] - self.offset - self.strengths @ left) / prompt
-            crept = left + (1 - decay[k]) * x[k]
+        crept = np.full(self.times.size, as_finite("before", before))
+        decay = _decay(times, self.times)
+        _kernels.compensate(decay, self.strengths, self.gain, wanted - self.offset, crept, x)
         return x
 
     def __str__(self) -> str:
@@ -175,8 +214,9 @@ class CreepFit(NotebookView):
     @property
     def nrmse(self) -> float:
         """Root-mean-square error over the range of the output."""
-        error = self.prediction - self.y
-        return float(np.sqrt(np.mean(error**2)) / (np.ptp(self.y) or 1.0))
+        known = np.isfinite(self.y)
+        error = (self.prediction - self.y)[known]
+        return float(np.sqrt(np.mean(error**2)) / (np.ptp(self.y[known]) or 1.0))
 
     def __str__(self) -> str:
         return f"{self.model}\n{'error':<24} {self.nrmse:.3%} of range"
@@ -195,6 +235,7 @@ def fit_creep(
     shortest: float | None = None,
     longest: float | None = None,
     per_decade: int = PER_DECADE,
+    times: npt.ArrayLike | None = None,
 ) -> CreepFit:
     """Fit creep to a record of holds, by least squares with non-negative strengths.
 
@@ -206,7 +247,7 @@ def fit_creep(
         Output without creep, up to gain and offset, such as that of an operator; held between
         samples.
     y : (T,) array_like
-        Measured outputs.
+        Measured outputs; NaN where nothing was measured.
     before : float, optional
         Value of x at which the output had settled before; the first of ``x`` if not given.
     shortest, longest : float, optional
@@ -214,6 +255,8 @@ def fit_creep(
         not given.
     per_decade : int
         Number of time constants per decade.
+    times : (n,) array_like, optional
+        The time constants themselves, in seconds.
 
     Returns
     -------
@@ -233,20 +276,28 @@ def fit_creep(
     """
     from scipy.optimize import nnls
 
-    times, values = as_waveform(t, x, name="x")
-    _, outputs = as_waveform(t, y, name="y")
+    clock, values = as_waveform(t, x, name="x")
+    outputs = as_samples(y, name="y", gaps=True)
+    if outputs.shape != clock.shape:
+        raise SignalError(
+            f"t has shape {clock.shape} and y {outputs.shape}; give one output for each time"
+        )
     held = float(values[0]) if before is None else as_finite("before", before)
     if np.ptp(np.append(values, held)) == 0:
         raise SignalError(f"x is {held:g} throughout; record at least one step and the hold after")
-    taus = _grid(times, values, shortest, longest, per_decade)
-    slow = _lagging(times, values, held, taus).T
+    taus = _grid(clock, values, shortest, longest, per_decade) if times is None else frozen(times)
+    slow = _lagging(clock, values, held, taus)
     free = np.column_stack([values, np.ones(values.size)])
-    basis = np.linalg.qr(free)[0] if np.ptp(values) else free[:, 1:] / np.sqrt(values.size)
-    strengths, _ = nnls(_projected_out(slow, basis), _projected_out(outputs, basis))
-    rest = outputs - slow @ strengths
+    known = np.isfinite(outputs)
+    slow, free, measured = slow[known], free[known], outputs[known]
+    if measured.size <= free.shape[1]:
+        raise SignalError(f"{measured.size} outputs are finite; give at least {free.shape[1] + 1}")
+    basis = np.linalg.qr(free)[0] if np.ptp(free[:, 0]) else free[:, 1:] / np.sqrt(len(free))
+    strengths, _ = nnls(_projected_out(slow, basis), _projected_out(measured, basis))
+    rest = measured - slow @ strengths
     gain, offset = np.linalg.lstsq(free, rest, rcond=None)[0]
     return CreepFit(
-        Creep(taus, strengths, float(gain), float(offset)), times, values, outputs, held
+        Creep(taus, strengths, float(gain), float(offset)), clock, values, outputs, held
     )
 
 
@@ -278,10 +329,7 @@ def _decay(t: FloatArray, taus: FloatArray) -> FloatArray:
 
 
 def _lagging(t: FloatArray, x: FloatArray, before: float, taus: FloatArray) -> FloatArray:
-    """(n, T) outputs of the lags for a signal."""
-    decay, lagged = _decay(t, taus), np.empty((t.size, taus.size))
-    now = np.full(taus.size, before)
-    for k in range(t.size):
-        now = decay[k] * now + (1 - decay[k]) * x[k]
-        lagged[k] = now
-    return lagged.T
+    """(T, n) outputs of the lags for a signal."""
+    lagged = np.empty((t.size, taus.size))
+    _kernels.lag(_decay(t, taus), x, before, lagged)
+    return lagged

@@ -1,14 +1,16 @@
-"""Convert a model to a system of python-control, with its memory as the state."""
+"""Convert a model to a system of python-control, with memory and dynamics as the state."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_whole
+from minorloop.dynamics.cascade import Cascade, CascadeState
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.export._bounded import bounded
 from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM, Memory, Start
@@ -17,11 +19,13 @@ from minorloop.operators.preisach import Preisach
 
 __all__ = ["as_memory", "as_state", "as_system"]
 
+Operator: TypeAlias = Preisach | PrandtlIshlinskii
+Step = Callable[[FloatArray, float], tuple[float, FloatArray]]
 Update = Callable[[float, FloatArray, FloatArray, Mapping[str, Any]], Any]
 
 
 def as_system(
-    model: Preisach | PrandtlIshlinskii,
+    model: Operator | Cascade,
     interval: float | Literal[True] = True,
     *,
     room: int = ROOM,
@@ -39,17 +43,19 @@ def as_system(
 
     Parameters
     ----------
-    model : Preisach or PrandtlIshlinskii
-        The operator.
+    model : Preisach, PrandtlIshlinskii or Cascade
+        The operator, or one of these with dynamics.
     interval : float or True
-        Seconds between samples; True if it does not matter.
+        Seconds between samples; True if it does not matter, which needs an operator, or a
+        cascade with a sampled linear part.
     room : int
         Extrema in the state of a Preisach operator, at least 6. When a history has more, the
         smallest loop is dropped.
     feedthrough : bool
         Whether the output depends on the input at the same instant, as that of a hysteresis does.
         If not, it belongs to the input before, which breaks algebraic loops. The linear part of a
-        Preisach operator then has clamped inputs beyond the levels, as the state does.
+        Preisach operator then has clamped inputs beyond the levels, as the state does. Always true
+        for a cascade.
     name, input, output : str
         Names of the system and its signals.
 
@@ -62,23 +68,29 @@ def as_system(
     MissingExtraError
         If python-control is not installed.
     ParameterError
-        If the model is of another class, there is too little room, or the interval is not
-        positive; in a simulation, if a state is not a memory.
+        If the model is of another class, there is too little room, the interval is not positive or
+        not that of the linear part, or a cascade is to have no feedthrough; in a simulation, if
+        a state is not a memory.
     """
     if interval is not True and not as_finite("interval", interval) > 0:
         raise ParameterError(f"interval is {interval!r} s; give a positive time, or True")
+    if isinstance(model, Cascade):
+        if not feedthrough:
+            raise ParameterError("feedthrough is False; a cascade always has it, so leave it out")
+        model = _sampled(model, interval)
+        interval = model.linear.interval or True
     try:
         from control import NonlinearIOSystem
     except ImportError:
         raise MissingExtraError("python-control", "control") from None
     size = as_state(model, room=room).size
-    step = _preisach_step(model, room) if isinstance(model, Preisach) else _plays_step(model)
+    step = _step(model, room)
 
     def update(t: float, x: FloatArray, u: FloatArray, params: Mapping[str, Any]) -> FloatArray:
         return step(np.asarray(x), float(np.ravel(u)[0]))[1]
 
     def answer(t: float, x: FloatArray, u: FloatArray, params: Mapping[str, Any]) -> float:
-        if feedthrough:
+        if feedthrough or isinstance(model, Cascade):
             return step(np.asarray(x), float(np.ravel(u)[0]))[0]
         return _rest(model, np.asarray(x))
 
@@ -94,35 +106,47 @@ def as_system(
 
 
 def as_state(
-    model: Preisach | PrandtlIshlinskii,
+    model: Operator | Cascade,
     start: Start | PlayStart | None = None,
     *,
     room: int = ROOM,
+    before: float | None = None,
 ) -> FloatArray:
     """Return an initial state of `as_system`.
 
     Parameters
     ----------
-    model : Preisach or PrandtlIshlinskii
-        The operator.
+    model : Preisach, PrandtlIshlinskii or Cascade
+        The model.
     start : start state of the operator, optional
         What is remembered; negative saturation of a Preisach operator, and demagnetised plays, if
         not given. Plays have no saturation: after ``"negative"`` they are infinitely far down
         until an input moves them.
     room : int
         As for `as_system`.
+    before : float, optional
+        Input at which a cascade has settled then; the last input of ``start``, or 0 for plays, if
+        not given.
 
     Returns
     -------
-    (room,) or (plays,) array
+    (room,) or (plays,) array, longer for a cascade
         The remembered extrema, oldest first, the present input repeated to the end; or the
-        positions of the plays.
+        positions of the plays. Those of a cascade are followed by the states of its linear part
+        and its creep.
 
     Raises
     ------
     ParameterError
         If the model is of another class, or there is too little room.
     """
+    if isinstance(model, Cascade):
+        operator = as_state(model.operator, start, room=room)  # type: ignore[arg-type]
+        if before is None:
+            before = as_memory(operator).u if isinstance(model.operator, Preisach) else 0.0
+        settled = model.begin(before, _memory(model.operator, operator))
+        states = [_room(model.operator, settled.memory, room), settled.linear]
+        return np.concatenate([*states, () if settled.creep is None else settled.creep])
     if isinstance(model, PrandtlIshlinskii):
         plays = "demagnetised" if start is None else start
         return np.array(model.positions(plays))  # type: ignore[arg-type]
@@ -171,24 +195,52 @@ def _padded(memory: Memory, room: int) -> FloatArray:
     return np.append(extrema, np.full(room - extrema.size, extrema[-1]))
 
 
-def _preisach_step(
-    model: Preisach, room: int
-) -> Callable[[FloatArray, float], tuple[float, FloatArray]]:
-    def step(x: FloatArray, u: float) -> tuple[float, FloatArray]:
-        y, memory = model.step(_memory_of(model, x), u)
-        return y, _padded(bounded(model, memory, room), room)
-
-    return step
+def _memory(operator: Any, state: FloatArray) -> Any:
+    """Return the memory of an operator in its state."""
+    return _memory_of(operator, state) if isinstance(operator, Preisach) else state
 
 
-def _plays_step(
-    model: PrandtlIshlinskii,
-) -> Callable[[FloatArray, float], tuple[float, FloatArray]]:
-    def step(x: FloatArray, u: float) -> tuple[float, FloatArray]:
-        y, after = model.step(x, u)
-        return y, np.array(after)
+def _room(operator: Any, memory: Any, room: int) -> FloatArray:
+    """Return the state of an operator for its memory."""
+    if isinstance(operator, Preisach):
+        return _padded(bounded(operator, memory, room), room)
+    return np.array(memory)
 
-    return step
+
+def _sampled(model: Cascade, interval: float | Literal[True]) -> Cascade:
+    """Return a cascade with a linear part that is sampled at this interval."""
+    known = model.linear.interval
+    if interval is True:
+        if known is None:
+            raise ParameterError("the linear part is continuous; give the interval in seconds")
+        return model
+    if known is None:
+        return replace(model, linear=model.linear.discretise(interval))
+    if known != interval:
+        raise ParameterError(f"interval is {interval:g} s and that of the linear part {known:g} s")
+    return model
+
+
+def _step(model: Operator | Cascade, room: int) -> Step:
+    """Return the function from state and input to output and next state."""
+    operator = model.operator if isinstance(model, Cascade) else model
+
+    def alone(x: FloatArray, u: float) -> tuple[float, FloatArray]:
+        y, memory = operator.step(_memory(operator, x), u)
+        return float(y), _room(operator, memory, room)
+
+    if not isinstance(model, Cascade):
+        return alone
+    size, order = as_state(operator, room=room).size, model.linear.order + model.linear.lag  # type: ignore[arg-type]
+
+    def together(x: FloatArray, u: float) -> tuple[float, FloatArray]:
+        memory, linear, creep = np.split(x, [size, size + order])
+        state = CascadeState(_memory(operator, memory), linear, creep if model.creep else None)
+        y, after = model.step(state, u)
+        states = [_room(operator, after.memory, room), after.linear]
+        return y, np.concatenate([*states, () if after.creep is None else after.creep])
+
+    return together
 
 
 def _rest(model: Preisach | PrandtlIshlinskii, x: FloatArray) -> float:

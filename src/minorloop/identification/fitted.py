@@ -128,6 +128,16 @@ class Fit:
         return polynomial_nrmse(self.u, self.y, self.fitted, scored, self.curves)
 
     @property
+    def scores(self) -> dict[str, float | None]:
+        """Scores that a model file keeps; ``nrmse_holdout`` is None if nothing was held out."""
+        return {
+            "nrmse_train": self.nrmse,
+            "nrmse_holdout": self.holdout_nrmse,
+            "baseline_nrmse": self.baseline_nrmse,
+            "kkt": self.kkt,
+        }
+
+    @property
     def unknowns(self) -> int:
         """Weights, and offset and slope where fitted."""
         return self.matrix.spec.unknowns

@@ -1,4 +1,4 @@
-"""Scores of an identification, as numbers for files and as text for tables."""
+"""Scores of an identification as text for tables."""
 
 from __future__ import annotations
 
@@ -6,22 +6,6 @@ from math import isfinite
 
 from minorloop.identification.baseline import percent
 from minorloop.identification.fitted import Fit
-
-
-def scores(found: Fit) -> dict[str, float | None]:
-    """Return the scores that a model file keeps, by name.
-
-    Parameters
-    ----------
-    found : Fit
-        The identification; ``nrmse_holdout`` is None where nothing was held out.
-    """
-    return {
-        "nrmse_train": found.nrmse,
-        "nrmse_holdout": found.holdout_nrmse,
-        "baseline_nrmse": found.baseline_nrmse,
-        "kkt": found.kkt,
-    }
 
 
 def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:

@@ -109,10 +109,10 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
     result = identify(np.asarray(record.u), np.asarray(record.y), **options)
     seconds = time.perf_counter() - began
     yield {"stage": "scoring"}
-    modelfile.save_identification(
+    modelfile.save(
         result,
         MODEL,
-        data=modelfile.Provenance.of(Path(name)),
+        provenance=modelfile.Provenance.of(Path(name)),
         input=record.input,
         output=record.output,
         force=True,
@@ -122,7 +122,7 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
     yield {"stage": "drawing the report"}
     from minorloop.report import identification_report
 
-    labels = {"input_label": str(record.input), "output_label": str(record.output)}
+    labels: dict[str, Any] = {"input_label": str(record.input), "output_label": str(record.output)}
     identification_report(result, source=name, **labels).write(REPORT, force=True)
     yield {"report": True}
 

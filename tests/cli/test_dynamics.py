@@ -1,0 +1,98 @@
+"""A model with dynamics through the verbs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from minorloop import modelfile
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.linear import Linear
+
+T = 0.01 * np.arange(300)
+UNITS = {"input": "voltage [V]", "output": "length [um]"}
+
+
+@pytest.fixture
+def cascade(model):
+    """A cascade in the file dynamic.json, and times with inputs and targets in moves.csv."""
+    found = Cascade(model, Linear.lags(0.05, 0.02, delay=0.02))
+    modelfile.save(found, "dynamic.json", **UNITS)
+    u = -np.cos(2 * T)
+    targets = model.simulate([-1.0])[0] + 4 * (1 - np.cos(2 * T))
+    rows = np.column_stack([1e3 * T, u, targets])
+    np.savetxt(
+        "moves.csv", rows, "%.17g", ",", header="time [ms],voltage [V],length [um]", comments=""
+    )
+    return found
+
+
+def columns(name):
+    return np.loadtxt(name, delimiter=",", skiprows=1).T
+
+
+def test_simulate_needs_times_and_writes_them(cascade, run, refused):
+    status, _, err = run("simulate dynamic.json moves.csv --input voltage --time time --save o.csv")
+    assert (status, err) == (0, "")
+    t, u, y = columns("o.csv")
+    np.testing.assert_allclose(t, T)
+    np.testing.assert_allclose(y, cascade.simulate(T, u))
+    assert "name the column of moves.csv with --time" in refused(
+        "simulate dynamic.json moves.csv --input voltage"
+    )
+
+
+def test_invert_follows_targets_in_time(cascade, run):
+    status, _, _ = run("invert dynamic.json moves.csv --target length --time time --save in.csv")
+    assert status == 0
+    t, u, targets, _, reachable = columns("in.csv")
+    assert reachable.all()
+    y = cascade.simulate(t, u, before=-1.0)
+    assert np.abs(y - targets).max() < 0.03 * np.ptp(targets)
+
+
+def test_without_times_invert_settles_at_the_targets(cascade, model, run):
+    status, out, _ = run("invert dynamic.json moves.csv --target length --save in.csv")
+    assert status == 0
+    assert "each output settles at its target; --time follows targets in time" in out
+    u, targets, _, _ = columns("in.csv")
+    np.testing.assert_array_equal(u, model.invert(targets).u)
+
+
+def test_c_carries_the_dynamics_at_an_interval(cascade, run, refused, tmp_path):
+    assert "give the seconds between calls of the C with --interval" in refused(
+        "export c dynamic.json --out c"
+    )
+    status, out, _ = run("export c dynamic.json --out c --interval 0.01")
+    assert status == 0
+    assert "not in the C" not in out
+    assert "a linear part of order 2 after it" in (tmp_path / "c" / "minorloop.h").read_text()
+    assert "has dynamics of its own; leave --linear out" in refused(
+        "export c dynamic.json --out d --interval 0.01 --linear dynamic.json"
+    )
+
+
+def test_c_says_that_creep_is_missing(model, run):
+    creeping = Cascade(model, Linear.lags(0.05), creep=Creep([3.0], [0.1], 0.9))
+    modelfile.save(creeping, "creeping.json", **UNITS)
+    assert "this creep is not in the C" in run("export c creeping.json --out c --interval 0.01")[1]
+
+
+def test_identify_finds_dynamics(cascade, run, answer, refused):
+    t = 0.01 * np.arange(600)
+    u = -np.cos(2 * t) * np.exp(-t / 6) * np.where(t < 4, 1, np.cos(25 * t))
+    rows = np.column_stack([t, u, cascade.simulate(t, u)])
+    np.savetxt("log.csv", rows, delimiter=",", header="time [s],voltage [V],length [um]",
+               comments="")  # fmt: skip
+    line = "identify log.csv --input voltage --output length --time time --dynamics auto --levels 8"
+    found = answer(f"{line} --save new.json --report new.html")
+    assert found["dynamics"]["first"] == "operator"
+    late = sum(found["dynamics"]["time_constants"]) + found["dynamics"]["dead_time"]
+    assert late == pytest.approx(0.09, abs=0.01)
+    assert found["nrmse_train"] < 5e-3
+    assert modelfile.load("new.json").linear.order > 0
+    assert "With dynamics" in Path("new.html").read_text()
+    assert "name its column with --time" in refused(line.replace("--time time", ""))
+    assert "leave --lag out" in refused(f"{line} --lag 2")
+    assert "--groups cannot be combined with --dynamics" in refused(f"{line} --groups time")

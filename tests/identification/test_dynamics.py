@@ -1,0 +1,202 @@
+from functools import cache
+
+import numpy as np
+import pytest
+
+import minorloop as ml
+from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.linear import Linear
+from minorloop.errors import ParameterError, SignalError
+
+RATE = 1000.0
+RADII = np.linspace(0, 40, 81)
+NOISE = 0.01
+COARSE = {"levels": 15, "diagonal": "reversible"}
+
+
+def plays(u):
+    """Plays of many radii, after a sweep up and down, and a bend: 0 to 40 um for 0 to 100 V."""
+    weights = np.exp(-RADII / 12)
+    weights[0] = 6.0
+    position, w = RADII.copy(), np.empty(u.size)
+    for k, x in enumerate(u):
+        position = np.maximum(x - RADII, np.minimum(x + RADII, position))
+        w[k] = weights @ position
+    low = weights @ RADII
+    z = (w - low) / (weights @ np.maximum(100 - RADII, RADII) - low)
+    return 40 * (z + 0.1 * z * (1 - z))
+
+
+def sweeps(frequencies=(4.0, 20.0, 50.0)):
+    """Rest, then sines of decreasing amplitude."""
+    parts = [np.zeros(40)]
+    for frequency in frequencies:
+        t = np.arange(0, max(3 / frequency, 0.15), 1 / RATE)
+        parts.append(50 - 50 * np.cos(2 * np.pi * frequency * t) * (1 - 0.8 * t / t[-1]))
+    return np.concatenate(parts)
+
+
+def time_of(u):
+    return np.arange(u.size) / RATE
+
+
+def measured(u, linear, first="operator", creep=None, noise=NOISE):
+    t = time_of(u)
+    if first == "operator":
+        w = plays(u)
+        y = linear.simulate(t, w, before=float(w[0]))
+    else:
+        y = plays(linear.simulate(t, u, before=float(u[0])))
+    if creep is not None:
+        y = creep.simulate(t, y, before=float(y[0]))
+    return y + noise * np.random.default_rng(1000).normal(size=t.size)
+
+
+LAGS = Linear.lags(6e-3, 2e-3)
+
+
+@cache
+def stage():
+    u = sweeps()
+    return ml.identify_dynamics(time_of(u), u, measured(u, LAGS), holdout=0.1, **COARSE)
+
+
+def test_finds_two_poles_after_the_operator():
+    found = stage()
+    assert found.model.first == "operator"
+    assert found.model.creep is None
+    assert found.model.linear.delay == 0
+    np.testing.assert_allclose(found.model.linear.time_constants, [6e-3, 2e-3], rtol=0.05)
+    assert found.nrmse < 2e-3
+    assert found.holdout_nrmse < 0.02
+    chosen = [one for one in found.tried if one.chosen]
+    assert [(one.first, one.poles, one.creep) for one in chosen] == [("operator", 2, False)]
+
+
+def test_predicts_frequencies_that_it_was_not_fitted_to():
+    u = sweeps((10.0, 30.0))
+    y = measured(u, LAGS, noise=0.0)
+    error = stage().predict(time_of(u), u) - y
+    assert np.sqrt(np.mean(error**2)) < 0.004 * 40
+
+
+def test_its_inverse_brings_the_stage_along_a_trajectory():
+    t = np.arange(0, 0.6, 1 / RATE)
+    rest = float(stage().model.operator.simulate([0.0])[0])
+    wanted = rest + 15 * (1 - np.cos(2 * np.pi * 10 * np.maximum(t - 0.05, 0)))
+    found = stage().invert(t, wanted, before=0.0, unreachable="clip")
+    achieved = measured(np.clip(found.u, 0, 100), LAGS, noise=0.0)
+    assert np.sqrt(np.mean((achieved - wanted) ** 2)) < 0.3
+    assert found.filter_time == pytest.approx(2 / RATE)
+
+
+def test_finds_dynamics_before_the_operator():
+    u = np.repeat(np.random.default_rng(1001).uniform(0, 100, 50), 40)
+    u[:40] = 0.0
+    found = ml.identify_dynamics(
+        time_of(u), u, measured(u, Linear.lags(12e-3), "linear"), poles=1, creep=False, **COARSE
+    )
+    assert found.model.first == "linear"
+    np.testing.assert_allclose(found.model.linear.time_constants[0], 12e-3, rtol=0.03)
+    assert found.nrmse < 3e-3
+
+
+def test_finds_dead_time_and_a_resonance():
+    omega, u = 2 * np.pi * 40, sweeps()
+    system = Linear([omega**2], [1, 0.2 * omega, omega**2], delay=3 / RATE)
+    found = ml.identify_dynamics(
+        time_of(u), u, measured(u, system), first="operator", poles=2, creep=False, **COARSE
+    )
+    assert found.model.linear.delay == pytest.approx(3 / RATE)
+    poles = found.model.linear.poles
+    np.testing.assert_allclose(np.abs(poles), omega, rtol=0.01)
+    np.testing.assert_allclose(-poles.real / np.abs(poles), 0.1, rtol=0.1)
+    assert "resonance" in str(found)
+    assert dict(found.rows)["damping ratio"].startswith("0.")
+
+
+def test_finds_creep():
+    u = np.repeat(np.random.default_rng(1002).uniform(0, 100, 20), 150)
+    u[:150] = 0.0
+    y = measured(u, Linear.lags(4e-3), creep=Creep([0.3], [0.2], 0.8))
+    found = ml.identify_dynamics(time_of(u), u, y, first="operator", poles=1, **COARSE)
+    assert found.model.creep.strengths.sum() == pytest.approx(0.2, abs=0.04)
+    assert found.model.creep.dc_gain == pytest.approx(1)
+    assert found.nrmse < 5e-3
+    assert "creep  " in str(found)
+
+
+def test_a_record_without_dynamics_has_none():
+    u = sweeps((5.0,))
+    found = ml.identify_dynamics(time_of(u), u, measured(u, Linear.lags()), **COARSE)
+    assert not found.dynamic
+    assert "no better than with the operator alone" in found.advice[-1]
+    static = ml.identify(u, measured(u, Linear.lags()), **COARSE)
+    np.testing.assert_allclose(found.nrmse, static.nrmse, rtol=1e-3)
+
+
+def test_gaps_are_no_outputs():
+    u = sweeps((5.0, 20.0))
+    y = measured(u, LAGS)
+    y[300:340] = np.nan
+    found = ml.identify_dynamics(time_of(u), u, y, first="operator", poles=1, creep=False, **COARSE)
+    np.testing.assert_allclose(found.model.linear.time_constants, [6.7e-3], rtol=0.1)
+    assert not found.fitted[300:340].any()
+
+
+def test_with_the_prior_it_has_bands():
+    u = sweeps((20.0,))[:120]
+    found = ml.identify_dynamics(
+        time_of(u),
+        u,
+        measured(u, LAGS),
+        first="operator",
+        poles=1,
+        creep=False,
+        levels=5,
+        prior="gaussian",
+    )
+    assert found.static.posterior is not None
+
+
+def test_a_model_file_keeps_it(tmp_path):
+    found = stage()
+    ml.save(found, tmp_path / "m.json", input="voltage [V]", output="position [um]")
+    model, u = ml.load(tmp_path / "m.json"), sweeps((10.0,))
+    np.testing.assert_array_equal(model.simulate(time_of(u), u), found.predict(time_of(u), u))
+    assert model.noise == pytest.approx(found.nrmse, rel=0.01)
+
+
+def test_prints_and_draws():
+    found = stage()
+    assert "tried: operator, 2 poles, dead time" in str(found)
+    assert "operator, then dynamics" in str(found)
+    assert len(found.plot(input_label="voltage [V]").axes) == 4
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"lag": 3}, "lag cannot be combined with dynamics"),
+        ({"groups": np.zeros(500)}, "groups cannot be combined"),
+        ({"poles": 4}, 'poles is 4; give "auto" or 0 to 3'),
+        ({"poles": True}, "poles is True"),
+        ({"first": "both"}, "first is 'both'"),
+        ({"creep": "some"}, "creep is 'some'"),
+    ],
+)
+def test_refuses_options(options, message):
+    u = sweeps()[:500]
+    with pytest.raises(ParameterError, match=message):
+        ml.identify_dynamics(time_of(u), u, u, **options)
+
+
+def test_refuses_records():
+    u = sweeps()[:500]
+    t = time_of(u)
+    with pytest.raises(SignalError, match="sample evenly"):
+        ml.identify_dynamics(np.append(t[:-1], 2 * t[-1]), u, u)
+    y = np.full(500, np.nan)
+    y[::10] = u[::10]
+    with pytest.raises(SignalError, match="50 outputs are fitted, and dynamics need 100"):
+        ml.identify_dynamics(t, u, y)
