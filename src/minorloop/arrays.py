@@ -23,6 +23,8 @@ Samples: TypeAlias = FloatArray
 Levels: TypeAlias = FloatArray
 """(L + 1,), strictly increasing."""
 
+LARGEST = 1e150
+"""Largest magnitude of a signal: its square must not overflow."""
 _CLOSEST = 1e-290
 """Least distance of levels: one over it is still a float."""
 
@@ -69,6 +71,19 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
             + (" (or NaN where nothing was measured)" if gaps else "; cut or interpolate the gaps")
         )
     return samples
+
+
+def check_magnitude(name: str, values: FloatArray) -> None:
+    """Refuse numbers whose squares overflow; NaN is allowed.
+
+    Raises
+    ------
+    SignalError
+        If one is beyond 1e150.
+    """
+    largest = float(np.max(np.abs(values), initial=0.0, where=~np.isnan(values)))
+    if largest > LARGEST:
+        raise SignalError(f"the {name} reaches {largest:g}; scale it to below {LARGEST:g}")
 
 
 def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:

@@ -24,6 +24,7 @@ from minorloop.errors import (
     NotInvertibleError,
     ParameterError,
     UnreachableError,
+    are,
 )
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
@@ -157,7 +158,7 @@ class TargetDrive:
         object.__setattr__(self, "targets", np.atleast_1d(as_samples(self.targets, name="targets")))
         as_finite("saturation", self.saturation)
         if self.targets.size < 1:
-            raise ParameterError("there are no targets; give at least one")
+            raise ParameterError("there are no targets; give one or more")
         if not 0 <= self.corrections <= 100:
             raise ParameterError(f"corrections is {self.corrections}; give 0 to 100")
         if not (np.isfinite(self.within) and self.within >= 0):
@@ -310,8 +311,10 @@ class TargetDrive:
         first = int(outside[0])
         least, most = float(self.targets.min()), float(self.targets.max())
         said = (
-            f"target {first + 1} is {self.targets[first]:g} and the actuator reaches {low:g} to "
-            f"{high:g} ({outside.size} of {self.targets.size} targets are out of reach); "
+            f"the target at index {first} is {self.targets[first]:g} and the actuator reaches "
+            f"{low:g} to "
+            f"{high:g} ({outside.size} of {self.targets.size} targets {are(outside.size)} out of "
+            "reach); "
         )
         if most - least > high - low:
             return said + "the targets span more than that: give nearer ones"

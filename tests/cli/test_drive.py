@@ -42,7 +42,7 @@ def test_a_plan_of_inputs_is_what_run_takes(run, answer):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (("2\n-3", "2\n-30"), "target 2 is -30 and the actuator reaches"),
+        (("2\n-3", "2\n-30"), "the target at index 1 is -30 and the actuator reaches"),
         (("1/m", "1/cm"), "is in 1/cm and the model in 1/m"),
     ],
 )
@@ -51,6 +51,11 @@ def test_targets_that_cannot_be_are_refused_before_anything_is_applied(change, s
     table.write_text(table.read_text().replace(*change))
     assert says in refused(DRIVE)
     assert not Path("d.sqlite").exists()
+
+
+def test_a_record_in_place_of_the_model_is_refused(refused):
+    said = refused(DRIVE.replace("strip.json", "wanted.csv"))
+    assert "wanted.csv is not a model file; give one that identify --save has written" in said
 
 
 def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):

@@ -20,7 +20,7 @@ def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
     kept = np.delete(np.arange(900), slice(150, 450))
     _log(T[kept], U[kept], MODEL.simulate(U)[kept])
     said = answer(f"{LINE} --lag 0")["advice"][0]
-    assert "1 gaps in column 'time [s]': about 300 samples are missing" in said
+    assert "1 gap in column 'time [s]': about 300 samples are missing" in said
     assert "name the column with --time" in said
     found = answer(f"{LINE} --lag 0 --time time")
     assert found["samples"] < 600

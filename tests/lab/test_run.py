@@ -265,7 +265,7 @@ def test_refuses_before_anything_is_applied(store, twin):
     with pytest.raises(StoreError, match="belongs to another run: its level 0 is"):
         run(bench, other, store)
     bench.inputs = bench.inputs * 2
-    with pytest.raises(ParameterError, match="2 inputs and 1 outputs"):
+    with pytest.raises(ParameterError, match="2 inputs and 1 output;"):
         run(bench, PLAN, store)
     assert bench.told == []
     assert len(store) == 0

@@ -13,7 +13,6 @@ from minorloop.cli import _common
 from minorloop.errors import ParameterError, RecordError
 
 if TYPE_CHECKING:
-    from minorloop.arrays import FloatArray
     from minorloop.identification import Identification
     from minorloop.identification.adaptive import Adaptive
     from minorloop.lab.logs import Log
@@ -137,16 +136,12 @@ def _timed(
     return log.evenly_sampled(), log.notes
 
 
-def _labels(file: Path, columns: Columns) -> dict[str, FloatArray]:
+def _labels(file: Path, columns: Columns) -> dict[str, Any]:
     """Return the columns of labels that are given, by option."""
-    from minorloop.lab.columns import read_columns
+    from minorloop.lab.columns import read_labels
 
     names = {"curves": columns.curves, "groups": columns.groups}
-    given = {option: name for option, name in names.items() if name is not None}
-    if not given:
-        return {}
-    read = read_columns(file, list(dict.fromkeys(given.values())))
-    return {option: read[name] for option, name in given.items()}
+    return {option: read_labels(file, name) for option, name in names.items() if name is not None}
 
 
 def _of_run(

@@ -46,7 +46,7 @@ _Levels = Annotated[
 _Spacing = Annotated[
     str, typer.Option(help="Thresholds: uniform, or adaptive (denser where the output is steep).")
 ]
-_Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1) or unipolar (0, 1).")]
+_Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1), unipolar (0, 1) or auto.")]
 _Diagonal = Annotated[
     str | None,
     typer.Option(

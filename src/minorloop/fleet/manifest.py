@@ -144,6 +144,10 @@ def _text_of(path: Path) -> str:
         if path.stat().st_size > LARGEST:
             raise RecordError(f"{path} is larger than {LARGEST} bytes; that is no manifest")
         return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise RecordError(
+            f"{path} does not exist; give a table with the columns specimen and file"
+        ) from None
     except (UnicodeDecodeError, OSError, ValueError) as error:
         if isinstance(error, RecordError):
             raise

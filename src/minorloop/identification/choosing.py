@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from minorloop.arrays import IntArray, Levels
+from minorloop.errors import counted
 from minorloop.identification import fitting
 from minorloop.identification.baseline import nrmse, percent
 from minorloop.identification.curves import Curves
@@ -199,7 +200,7 @@ def _choose_lag(spec: PlaneSpec, record: FitRecord, fold: IntArray) -> tuple[int
     lag = fitting.best_lag(coarse, record)
     if not lag:
         return 0, []
-    errors = {f"{k} samples": error(coarse, record, k, fold) for k in (0, lag)}
+    errors = {counted(k, "sample"): error(coarse, record, k, fold) for k in (0, lag)}
     choice = _choice("lag", errors, "0 samples")
     return (0 if choice.chosen == "0 samples" else lag), [choice]
 

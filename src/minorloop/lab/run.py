@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreError
+from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreError, counted
 from minorloop.lab.actuator import SIX_DIGITS, Actuator, Rounding, Timed, check_input
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
@@ -195,8 +195,8 @@ def check_channels(actuator: Actuator, input: Quantity) -> None:
     """
     if len(actuator.inputs) != 1 or len(actuator.outputs) != 1:
         raise ParameterError(
-            f"the actuator has {len(actuator.inputs)} inputs and {len(actuator.outputs)} outputs; "
-            "a plan is for one of each"
+            f"the actuator has {counted(len(actuator.inputs), 'input')} and "
+            f"{counted(len(actuator.outputs), 'output')}; a plan is for one of each"
         )
     channel = actuator.inputs[0]
     if input.unit and input.unit != channel.unit:

@@ -11,6 +11,7 @@ import csv
 import io
 import os
 import re
+import shlex
 import stat
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +25,7 @@ from typing import TextIO
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import RecordError
+from minorloop.errors import RecordError, counted
 from minorloop.files import PathLike, check_name, unquoted
 
 MAX_BYTES = 4 * 1024**3
@@ -51,6 +52,8 @@ _SLACK, _CELLS = 100, 10_000_000
 _LONGEST_CELL = 1000
 """Most lines of a quoted cell; more mean a missing quotation mark."""
 _MOST_COMMENTS = 1000
+_SQLITE = b"SQLite format 3\0"
+"""Begin of an experiment store."""
 _LOOKED_AT = 50
 """Rows from which the sign of decimals is recognised."""
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
@@ -160,6 +163,7 @@ def opened(path: PathLike, progress: Callable[[str], None] | None = None) -> Ite
     file = Path(path)
     check_file(file)
     try:
+        _check_no_store(file)
         with file.open(encoding=_encoding(file), newline="") as text:
             yield _begin(text, file, progress or (lambda share: None))
     except UnicodeError:
@@ -188,6 +192,16 @@ def check_file(file: Path) -> None:
         )
     if not os.access(file, os.R_OK):
         raise RecordError(f"{file} cannot be read: permission denied")
+
+
+def _check_no_store(file: Path) -> None:
+    """Refuse an experiment store, which is no text."""
+    with file.open("rb") as raw:
+        if raw.read(len(_SQLITE)) == _SQLITE:
+            raise RecordError(
+                f"{file} is an experiment store, not a table; minorloop runs export --store "
+                f"{shlex.quote(str(file))} --save points.csv writes its points as one"
+            )
 
 
 def check_headers(headers: Sequence[str], file: Path) -> None:
@@ -331,6 +345,7 @@ def _full_rows(chunk: list[list[str]], first: int, width: int, file: Path) -> Ro
     for row, number in pairs:
         if len(row) != width:
             raise RecordError(
-                f"row {number} of {file} has {len(row)} cells, the header has {width}; repair it"
+                f"row {number} of {file} has {counted(len(row), 'cell')}, the header has {width}; "
+                "repair it"
             )
     return [row for row, _ in pairs], [number for _, number in pairs]

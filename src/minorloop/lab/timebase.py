@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.lab.columns import split_header
 
 __all__ = [
@@ -148,7 +148,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     """
     times = np.array(t, dtype=np.float64)
     if times.ndim != 1 or times.size < 2:
-        raise RecordError(f"{name} has {times.size} samples; give at least two")
+        raise RecordError(f"{name} has {counted(times.size, 'sample')}; give at least two")
     if not np.isfinite(times).all():
         row = int(np.argmin(np.isfinite(times)))
         raise RecordError(f"{name} is {times[row]} at sample {row}; every time must be finite")
@@ -166,7 +166,8 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     if back.size:
         first = int(back[0])
         notes.append(
-            f"the clock was set back {back.size} times, first by {-steps[first]:.4g} s after "
+            f"the clock was set back {counted(back.size, 'time')}, first by {-steps[first]:.4g} s "
+            "after "
             f"sample {first}; time continues there with the usual interval of {interval:.4g} s"
         )
         steps[back] = interval
@@ -176,10 +177,11 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         gaps = gaps[:0]  # sampled by events, not evenly
     if gaps.size:
         largest = int(gaps[np.argmax(steps[gaps])])
-        lost = float(np.sum(np.round(steps[gaps] / interval) - 1))
+        lost = round(float(np.sum(np.round(steps[gaps] / interval) - 1)))
         notes.append(
-            f"{gaps.size} gaps in {name}: about {lost:.0f} samples are missing, the longest gap is "
-            f"{steps[largest]:.4g} s after sample {largest}; the memory is unknown after each, "
+            f"{counted(gaps.size, 'gap')} in {name}: about {counted(lost, 'sample')} {are(lost)} "
+            f"missing, the longest gap is {steps[largest]:.4g} s after sample {largest}; the "
+            "memory is unknown after each, "
             "until the input has been near both ends of its range or at one of them"
         )
     usual = np.delete(steps, np.concatenate([gaps, back]))

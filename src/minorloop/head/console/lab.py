@@ -10,12 +10,17 @@ from collections.abc import AsyncIterator, Coroutine, Iterator
 from typing import Annotated, Any, Literal
 
 import msgspec
-from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import BaseRoute, Route
 
+from minorloop.errors import MissingExtraError
 from minorloop.head.console.uploads import INPUTS, MODEL, REPORT, FullError, Quota, Upload, Uploads
 from minorloop.head.console.workers import Workers
+
+try:
+    from starlette.requests import ClientDisconnect, Request
+    from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+    from starlette.routing import BaseRoute, Route
+except ImportError:
+    raise MissingExtraError("starlette", "head") from None
 
 _LONGEST_REQUEST = 512 * 1024
 """Bytes of a request other than a file; 10,000 targets fit into it."""
