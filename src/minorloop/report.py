@@ -13,6 +13,7 @@ from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
     from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.result import Identification
     from minorloop.lab.reduction import Reduction
@@ -128,7 +129,12 @@ class Report:
 
 
 def identification_report(
-    result: Identification, *, source: str, input_label: str, output_label: str
+    result: Identification,
+    *,
+    source: str,
+    input_label: str,
+    output_label: str,
+    time: FloatArray | None = None,
 ) -> Report:
     """Return a report on an identified model and its quality.
 
@@ -140,6 +146,8 @@ def identification_report(
         Name of the record.
     input_label, output_label : str
         Name and unit of input and output, such as ``voltage [V]``.
+    time : (T,) array, optional
+        Time of each sample in seconds; samples are counted without it.
 
     Returns
     -------
@@ -169,13 +177,14 @@ def identification_report(
     report.add("How good it is", text=chosen, table=table, notes=result.advice)
     # A dollar in a label does not begin a formula.
     of_input, of_output = (label.replace("$", r"\$") for label in (input_label, output_label))
-    figure = result.plot(input_label=of_input, output_label=of_output)
+    figure = result.plot(input_label=of_input, output_label=of_output, time=time)
     grey = "" if result.posterior else ", cells that the record does not excite in grey"
     banded = result.posterior is not None or result.scatter is not None
     band = ", with the band in which 90 % of the readings should lie" if banded else ""
     caption = (
-        f"Measured loop with the model; density on the Preisach plane{grey}; the record over time, "
-        f"with held-out samples shaded; the residual{band}."
+        f"Measured loop with the model; density on the Preisach plane{grey}; the record in time, "
+        f"with held-out samples shaded; the residual in time{band}; its size by the amplitude and "
+        "by the rate of the input."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     return report

@@ -165,7 +165,13 @@ class Identification(Fit, NotebookView):
         lines += [f"chosen {choice}" for choice in self.choices]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
-    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
+    def plot(
+        self,
+        *,
+        input_label: str = "input",
+        output_label: str = "output",
+        time: FloatArray | None = None,
+    ) -> Any:
         """Draw the loop, the fit, the residual and the plane; gives the matplotlib figure.
 
         Parameters
@@ -174,5 +180,7 @@ class Identification(Fit, NotebookView):
             Name and unit of the input, for the axes.
         output_label : str
             Name and unit of the output.
+        time : (T,) array, optional
+            Time of each sample in seconds; samples are counted without it.
         """
-        return figure_of(self, input_label=input_label, output_label=output_label)
+        return figure_of(self, input_label=input_label, output_label=output_label, time=time)

@@ -122,8 +122,9 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
     yield {"stage": "drawing the report"}
     from minorloop.report import identification_report
 
-    labels = {"input_label": str(record.input), "output_label": str(record.output)}
-    identification_report(result, source=name, **labels).write(REPORT, force=True)
+    identification_report(
+        result, source=name, input_label=str(record.input), output_label=str(record.output)
+    ).write(REPORT, force=True)
     yield {"report": True}
 
 
