@@ -219,6 +219,7 @@ def test_a_name_with_two_units_must_be_given_whole(table):
         (b'u,v\n"1,234.5",2\n', "write numbers without separators of thousands"),
         (b"u;v\n1.234,5;2\n", "write numbers without separators of thousands"),
         (b"SQLite format 3\0 and more", "runs export --store .*table.csv --save points.csv"),
+        (b"u,v\n1,234.5,2\n", "row 2 .* 3 cells, .*; write numbers without separators of thou"),
         (b"u,u\n1,2\n", "two columns named 'u'"),
         (b"1,2\n3,4\n", "begins with numbers; it needs a header line"),
         (b'u,v\n"1,2\n' + b"3,4\n" * 40_000, "is not a table"),

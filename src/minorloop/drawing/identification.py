@@ -82,7 +82,7 @@ def _draw_loop(
     axes: Axes, result: Identification, input_label: str, output_label: str, most: int = 0
 ) -> None:
     """Draw the loop; of ``most`` samples only, the last ones, if that is not 0."""
-    u, y = (part[-most:] for part in _unjoined(result, result.y))
+    u, y = (part[-most:] for part in loop_points(result, result.y))
     if result.u.size <= _FEW and not result.lag and result.curves.begins.size == 1:
         axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
         inputs = _interpolated(result.u)
@@ -91,7 +91,7 @@ def _draw_loop(
     else:
         axes.plot(u, y, label="measured", rasterized=True, ls="", marker=".", **_DOTS)
         style: dict[str, Any] = {"marker": ".", "ms": 0.6, "lw": 0.5, "color": "C0"}
-        modelled = [part[-most:] for part in _unjoined(result, result.prediction)]
+        modelled = [part[-most:] for part in loop_points(result, result.prediction)]
         axes.plot(*modelled, label="model", rasterized=True, **style)
     at = "" if not result.lag else f" {counted(result.lag, 'sample')} before"
     axes.set(xlabel=input_label + at, ylabel=output_label, title="Loop")
@@ -99,10 +99,17 @@ def _draw_loop(
     axes.grid(alpha=0.25)
 
 
-def _unjoined(result: Identification, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return inputs and outputs with NaN where nothing was measured, between curves and at jumps.
+def loop_points(result: Identification, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and outputs with NaN where nothing was measured, between curves and at leaps.
 
     A line through them does not join what was not measured one after the other.
+
+    Parameters
+    ----------
+    result : Identification
+        The identification.
+    outputs : (T,) array
+        The measured outputs, or those of the model.
     """
     y = np.where(result.fitted | result.held_out, outputs, np.nan)[result.lag :]
     u = result.u[: y.size]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import os
 import re
 import shlex
@@ -57,6 +58,9 @@ _SQLITE = b"SQLite format 3\0"
 _LOOKED_AT = 50
 """Rows from which the sign of decimals is recognised."""
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
+
+_THOUSANDS = re.compile(r"\s*[-+]?\d{1,3},\d{3}(\.\d*)?\s*")
+"""A number that its separator of thousands divides into two cells."""
 
 Rows = tuple[list[list[str]], Sequence[int]]
 """Rows of cells, and their numbers in the file."""
@@ -344,8 +348,10 @@ def _full_rows(chunk: list[list[str]], first: int, width: int, file: Path) -> Ro
     ]
     for row, number in pairs:
         if len(row) != width:
+            split = any(map(_THOUSANDS.fullmatch, map(",".join, itertools.pairwise(row))))
+            advice = "write numbers without separators of thousands" if split else "repair it"
             raise RecordError(
                 f"row {number} of {file} has {counted(len(row), 'cell')}, the header has {width}; "
-                "repair it"
+                f"{advice}"
             )
     return [row for row, _ in pairs], [number for _, number in pairs]
