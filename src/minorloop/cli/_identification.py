@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError, counted
 
 if TYPE_CHECKING:
     from minorloop.identification import Identification
@@ -101,10 +101,16 @@ def identified(
         }
         settings |= {name: values[part] for name, values in labels.items()}
         now(f"identifying from {part.stop - part.start} rows")
-        result = identify(record.u[part], record.y[part], **settings)
+        result = identify(record.u[part], record.y[part], progress=_shown(now, part), **settings)
         seconds = time.perf_counter() - began
         raw = _raw(logged, columns)
         return Done(record, result, provenance, seconds, raw, first=part.start, of_time=of_time)
+
+
+def _shown(now: Callable[[str], None], part: slice) -> Callable[[str], None]:
+    """Return a function that shows what is done with the rows."""
+    rows = counted(part.stop - part.start, "row")
+    return lambda stage: now(f"identifying from {rows}: {stage}")
 
 
 def _raw(record: Record, columns: Columns) -> tuple[str, ...]:
