@@ -153,7 +153,8 @@ def identify(
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
     found = fit_plane(spec, record, delay, smoothness, prior, sensor, group)
     if automatic and prior == "auto":
-        say("comparing the prior with smoothing")
+        if found.posterior is not None:
+            say("comparing the prior with smoothing")
         found, compared = choose_prior(found, record, delay, chosen.fold)
         choices += compared
     left_out, scatter = None, None
