@@ -29,7 +29,7 @@ OPTIONS = {"levels": 20, "spacing": "adaptive", "start_of_curve": "positive"}
 FOLDS = 10
 TWINS = (("strip", Ipmc, -1.2, 1.2, 0.02, 200.0), ("fibre", Fibre, 0.2, 0.65, 1.0, 300.0))
 """Twin, range of the input, noise of the sensor in 1/m or um, and duration of a hold in s."""
-GROUPS, OTHERS, SEEDS = (5, 8), 4, 20
+GROUPS, OTHERS, SEEDS = (5, 8), 10, 20
 BANDS = 8
 LEAST, MOST = 0.85, 0.95
 
