@@ -66,6 +66,27 @@ def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):
     assert answer("resume --store d.sqlite")["output"] == "curvature [1/m]"
 
 
+def test_readings_are_converted_by_a_table_that_the_store_keeps(run, answer):
+    table = Path("table.csv")
+    table.write_text("curvature [1/m],curvature [1/km]\n-20,-20000\n20,20000\n")
+    modelfile.save(MODEL, "km.json", input="voltage [V]", output="curvature [1/km]")
+    Path("wanted.csv").write_text("curvature [1/km]\n2\n-3\n")
+    line = DRIVE.replace("strip.json", "km.json")
+    status, _, err = run(f"{line} --table table.csv")
+    assert "more than the model in saturation" in err  # it is a model for 1/m
+    assert status == 2
+    table.unlink()
+    columns = answer("runs export --store d.sqlite")["columns"]
+    assert columns["curvature [1/km]"][0] < -5000
+    assert "more than the model in saturation" in run("resume --store d.sqlite")[2]
+
+
+def test_a_linear_conversion_gives_the_output_of_the_model(run):
+    line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
+    linear = f"{line} --linear -9.5,285 --name curvature --unit 1/m"
+    assert "in curvature [1/m]" in run(linear)[1]
+
+
 def test_a_model_of_another_actuator_is_refused(refused):
     assert "identify a model in um" in refused(DRIVE.replace("ipmc", "fibre"))
 
