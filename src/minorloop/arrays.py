@@ -128,13 +128,15 @@ def as_pair(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]
     Raises
     ------
     SignalError
-        If the shapes differ, or a number is not finite.
+        If the shapes differ, or a number is not finite or beyond 1e150.
     """
     inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
     if inputs.ndim != 1 or inputs.shape != outputs.shape:
         raise SignalError(
             f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
         )
+    for name, values in (("input", inputs), ("output", outputs)):
+        check_magnitude(name, values)
     return inputs, outputs
 
 
