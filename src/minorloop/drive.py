@@ -2,7 +2,7 @@
 
 The actuator is first saturated, so that the model knows its memory. Then each target is inverted
 from the memory that the inputs so far have left, and its input is held until the output settles.
-With corrections, the error of a hold is added to what the model is asked for, and the target is
+With corrections, the error of a hold is added to the output that is inverted, and the target is
 tried again. Because the next input depends only on the points so far, a run that was stopped
 continues as it would have.
 """
@@ -131,7 +131,7 @@ class TargetDrive:
         Whether targets count from the zero of the sensor. Otherwise they count from that of the
         model, and the offset of the sensor is subtracted from what it measures.
     written : callable
-        Returns the input that the source really gives for one that it is asked for.
+        Returns the input that the source really gives for a wanted one.
 
     Raises
     ------
@@ -257,7 +257,7 @@ class TargetDrive:
         return self.written(float(found))
 
     def _check_offset(self, offset: float) -> None:
-        """Refuse to go on where the sensor has nothing to do with the model."""
+        """Refuse a sensor that cannot belong to the model."""
         if not np.isfinite(offset):
             raise InstrumentError(
                 "nothing was measured in saturation; check the sensor, its range and its conversion"
@@ -324,7 +324,7 @@ class TargetDrive:
 
 @dataclass
 class _DriveState:
-    """Where a drive stands after some points."""
+    """State of a drive after some points."""
 
     memory: Any
     offset: float = float("nan")
@@ -334,7 +334,7 @@ class _DriveState:
     arrivals: list[Arrival] = field(default_factory=list)
 
     def correct(self, error: float, achieved: float, predicted: float) -> None:
-        """Shift what the model is asked for, by the secant through the last two holds."""
+        """Shift the output that is inverted, by the secant through the last two holds."""
         gain = 1.0
         if self.before is not None and predicted != self.before[1]:
             gain = (achieved - self.before[0]) / (predicted - self.before[1])

@@ -382,7 +382,7 @@ def numbered(name="numbered.csv", curves=6, each=40):
     np.savetxt(name, np.concatenate(rows), delimiter=",", header=header, comments="")
 
 
-def test_curves_of_a_column_begin_anew_and_are_left_out(model, run, answer):
+def test_curves_of_a_column_are_reset_and_left_out(model, run, answer):
     modelfile.save(model, "model.json", force=True)
     numbered()
     line = f"{IDENTIFY.replace('good', 'numbered')} --no-slope --diagonal {model.diagonal}"

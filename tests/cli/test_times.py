@@ -27,7 +27,7 @@ def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
     assert "name the column" not in found["advice"][0]
 
 
-def test_curves_that_begin_anew_have_no_gaps(answer):
+def test_curves_whose_memory_is_reset_have_no_gaps(answer):
     t = np.where(np.arange(900) < 450, T, T + 1000)
     y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])
     rows = np.column_stack([t, U, y, np.arange(900) >= 450])

@@ -20,7 +20,7 @@ def curves_of(start, seed=0, **options):
 
 
 @pytest.mark.parametrize("start", STARTS)
-def test_curves_that_begin_anew_are_fitted_exactly(start):
+def test_curves_whose_memory_is_reset_are_fitted_exactly(start):
     u, y = curves_of(start)
     found = identify(u, y, levels=LEVELS, curves=LABELS, start_of_curve=start)
     assert found.nrmse < 1e-9

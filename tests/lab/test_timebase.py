@@ -77,7 +77,7 @@ class TestChecks:
         [
             ([1.0], "time has 1 sample;"),
             ([1.0, np.inf, 2.0], "time is inf at sample 1"),
-            (np.sin(np.arange(100.0)), "it is no clock of this record"),
+            (np.sin(np.arange(100.0)), "it cannot be the time of this record"),
             (np.repeat(np.arange(3.0), 100), "stands still or runs backwards at 297 of 299 steps"),
         ],
     )

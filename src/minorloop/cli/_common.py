@@ -129,7 +129,7 @@ _json_missing = False
 
 
 def expect_json(wanted: bool) -> None:
-    """Note at the begin of a command line whether it asks for JSON."""
+    """Note at the beginning of a command line whether it prints JSON."""
     global _json_missing
     _json_missing = wanted
 

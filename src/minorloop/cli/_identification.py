@@ -1,4 +1,4 @@
-"""Identification from a file, as the command line asks for it."""
+"""Identification from a file, with the options of the command line."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def identified(
         logged = record
         of_time: tuple[str, ...] = ()
         if log is not None and columns.curves is not None:
-            log = log.with_memory_set_anew()
+            log = log.with_memory_reset()
         if log is not None:
             whole = not labels and rows is None
             record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)

@@ -98,7 +98,7 @@ _Rank = Annotated[
 ]
 _Curves = Annotated[
     str | None,
-    typer.Option(help="Column with the number of the curve: each begins with a memory set anew."),
+    typer.Option(help="Column with the number of the curve: the memory is reset before each."),
 ]
 _StartOfCurve = Annotated[
     str | None,

@@ -1,4 +1,4 @@
-"""Curves: parts of a record before each of which the memory is set anew."""
+"""Curves: parts of a record before each of which the memory is reset."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AS_LEFT: Final = "as-left"
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Rows before which the memory of a record is set anew.
+    """Rows before which the memory of a record is reset.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ def identify(
         from 0 to 0.9.
     curves : (T,) array_like, optional
         Label of the curve of each row, such as its number. Where the label changes, the memory is
-        set anew. Curves are also groups, unless ``groups`` are given.
+        reset. Curves are also groups, unless ``groups`` are given.
     start_of_curve : {"negative", "positive", "demagnetised", "as-left"} or Memory, optional
         Memory before each curve, the first included; ``start`` if not given. ``"as-left"``: the
         memory that the previous curve left.

@@ -49,17 +49,17 @@ class Identification(Fit, NotebookView):
             Probability, such as 0.9, that each output lies within its band: of another group, where
             the record has three groups or more.
         curves : (T,) array_like, optional
-            Label of the curve of each input; the memory is set anew where it changes.
+            Label of the curve of each input; the memory is reset where it changes.
 
         Returns
         -------
-        (T,) array, or Prediction where bands are asked for
+        (T,) array, or Prediction with bands
             Outputs, lag included. Before the first input, that input is assumed to be applied.
 
         Raises
         ------
         ParameterError
-            If bands are asked for and the model was identified without the prior and without
+            If bands are wanted and the model was identified without the prior and without
             groups, or they are not between 0 and 1.
         """
         if bands is None and curves is None:

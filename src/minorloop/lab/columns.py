@@ -36,8 +36,8 @@ def read_columns(
     A text file is UTF-8 or UTF-16, with one header line, before it comments after ``#``, ``%`` or
     ``//``, and after it possibly a row of units. Commas, semicolons or tabs separate the columns;
     decimals have a point, or a comma where no comma separates. A ``.mat`` file has a vector for
-    each column or a matrix, an ``.xlsx`` file its table on the first sheet. Columns that are not
-    asked for may hold anything.
+    each column or a matrix, an ``.xlsx`` file its table on the first sheet. Other columns may
+    hold anything.
 
     Parameters
     ----------

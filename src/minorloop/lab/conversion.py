@@ -132,7 +132,7 @@ class CalibrationTable(_Calibration):
     Parameters
     ----------
     readings, values : (N,) array_like
-        The readings, increasing or decreasing, and what they stand for.
+        The readings, increasing or decreasing, and their values.
     name, unit : str, optional
         Of the result.
     calibration_sd : float

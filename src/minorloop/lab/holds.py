@@ -1,7 +1,7 @@
 """Find the holds of a raw log: stretches in which the input is constant but for its noise.
 
 The input is cut where its mean changes (binary segmentation by the CUSUM statistic). Pieces of a
-ramp are no holds: within them the input rises by about as much as it changes to the next piece.
+ramp are not holds: within them the input rises by about as much as it changes to the next piece.
 """
 
 from __future__ import annotations

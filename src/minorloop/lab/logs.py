@@ -55,8 +55,8 @@ class Log:
         """What was found about gaps and clock jumps only."""
         return self.check.of_breaks if self.check else ()
 
-    def with_memory_set_anew(self) -> Log:
-        """Return the log as if it had no breaks, because each curve begins with a known memory."""
+    def with_memory_reset(self) -> Log:
+        """Return the log without its breaks, because each curve begins with a known memory."""
         if self.check is None:
             return self
         none = np.zeros(0, dtype=np.int64)

@@ -402,7 +402,7 @@ def left_safe(actuator: Actuator) -> Iterator[None]:
             with Allowed():
                 yield
         except SafetyError:
-            raise  # the actuator was asked again and again until a deadline
+            raise  # the actuator was read again until a deadline
         except BaseException as error:
             _make_safe(actuator, error)
             raise

@@ -1,4 +1,4 @@
-"""Read tables that are no text: MATLAB files and Excel workbooks."""
+"""Read tables that are not text: MATLAB files and Excel workbooks."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ _MOST_COMMENTS = 1000
 _SQLITE = b"SQLite format 3\0"
 """Begin of an experiment store."""
 _LOOKED_AT = 50
-"""Rows from which the sign of decimals is recognised."""
+"""Rows from which the decimal separator is recognised."""
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 
 _THOUSANDS = re.compile(r"\s*[-+]?\d{1,3},\d{3}(\.\d*)?\s*")
@@ -199,7 +199,7 @@ def check_file(file: Path) -> None:
 
 
 def _check_no_store(file: Path) -> None:
-    """Refuse an experiment store, which is no text."""
+    """Refuse an experiment store, which is not text."""
     with file.open("rb") as raw:
         if raw.read(len(_SQLITE)) == _SQLITE:
             raise RecordError(
@@ -219,7 +219,7 @@ def check_headers(headers: Sequence[str], file: Path) -> None:
 
 
 def with_units(headers: Sequence[str], cells: Sequence[str]) -> list[str] | None:
-    """Return headers with units from a row of units; None if the row is none."""
+    """Return headers with units from a row of units; None if the row has no units."""
     units = [cell.strip().strip("[]()").strip() for cell in cells]
     known = [unit in UNITS for unit in units]
     if len(units) != len(headers) or not any(known):
@@ -300,7 +300,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _decimal(lines: Sequence[str], delimiter: str) -> str:
-    """Return the sign of decimals: a comma if some numbers have one and none has a point."""
+    """Return the decimal separator: a comma if some numbers have one and none has a point."""
     if delimiter == ",":
         return "."
     cells = [cell for line in lines for cell in line.strip().split(delimiter)]

@@ -91,7 +91,7 @@ class TimeCheck:
 def time_column(
     headers: Sequence[str], *, source: object = "the file", but: Sequence[str] = ()
 ) -> str | None:
-    """Return the column of time, by its name or unit; None if there is none.
+    """Return the column of time, by its name or unit; None without one.
 
     Parameters
     ----------
@@ -158,7 +158,8 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     if not forward.size or np.mean(steps <= 0) > 0.5 or back.size > 0.1 * steps.size:
         raise RecordError(
             f"{name} stands still or runs backwards at {np.count_nonzero(steps <= 0)} of "
-            f"{steps.size} steps; it is no clock of this record, or its digits are too few: give "
+            f"{steps.size} steps; it cannot be the time of this record, or has too few digits: "
+            "give "
             "another column, or leave it out"
         )
     interval = float(np.median(forward))
@@ -210,7 +211,7 @@ def parse_lag(text: str) -> float | None:
     Raises
     ------
     ParameterError
-        If the unit is no unit of time, or the lag is negative.
+        If the unit is not one of time, or the lag is negative.
     """
     match = re.fullmatch(r"\s*([-+\d.eE]+?)\s*([a-zA-Zµμ]+)\s*", text)
     if not match:

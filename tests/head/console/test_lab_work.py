@@ -12,7 +12,7 @@ from minorloop.operators.preisach import Preisach
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A user's folder with a record of a known model; the test comes back from it."""
+    """A user's folder with a record of a known model; the working folder during a test."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(2)
     u = np.concatenate([[0, 1], rng.uniform(0, 1, 300)])

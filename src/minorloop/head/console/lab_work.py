@@ -131,7 +131,7 @@ def identify_file(
         if column is not None
     }
     if curves is not None:
-        log = log.with_memory_set_anew()
+        log = log.with_memory_reset()
     whole = not labels and not first and last is None and options.get("lag") != 0
     record = _part(log.evenly_sampled() if whole else log.with_known_memory(), first, last)
     options |= {option: values[first:last] for option, values in labels.items()}
