@@ -2,7 +2,7 @@
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
-import { drawPlane } from "./plane";
+import { drawPlane, shortNumber } from "./plane";
 import { byId } from "./protocol";
 
 interface Column {
@@ -28,7 +28,7 @@ interface Result {
   levels: number[];
   weights: (number | null)[][];
   range: [number, number];
-  scores: { unknowns: number; seconds: number };
+  scores: { lag: number; unknowns: number; seconds: number };
   table: [string, string][];
   choices: string[];
   advice: string[];
@@ -83,6 +83,7 @@ async function drop(file: File): Promise<void> {
   headers = (reply.columns as Column[]).map((column) => column.header);
   columns = (reply.columns as Column[]).filter((column) => !column.trouble);
   byId("drop-title").textContent = `${reply.name}: ${columns[0]!.rows} rows`;
+  byId<HTMLFormElement>("choices").reset();
   choose(reply.time);
   show("setup");
   drawLoop();
@@ -209,7 +210,9 @@ function showResult(found: Result): void {
   showScores(found);
   const { u, y, fit, joined } = found.loop;
   const curves = [{ y, colour: MEASURED, name: "measured", dots: true }, { y: fit, colour: MODEL, name: "model" }];
-  loop("fit", u, curves, joined, found.input, found.output);
+  const { lag } = found.scores;
+  const before = lag ? `, ${lag} sample${lag === 1 ? "" : "s"} before` : "";
+  loop("fit", u, curves, joined, found.input + before, found.output);
   along(found);
   byId("held-note").textContent = found.held === null ? "" : "– held-out data are to the right of the line";
   list("chosen", found.choices.map((choice) => `Chosen ${choice}.`));
@@ -258,7 +261,7 @@ interface Curve {
 
 const [MEASURED, MODEL] = ["#ffb454", "#46d6b8"];
 
-const AXIS = { stroke: "#b4c1c9", grid: { stroke: "#222b32", width: 1 }, ticks: { stroke: "#5b6b75", width: 1, size: 5 }, font: "11px system-ui" };
+const AXIS = { stroke: "#b4c1c9", grid: { stroke: "#222b32", width: 1 }, ticks: { stroke: "#5b6b75", width: 1, size: 5 }, font: "11px system-ui", values: (_: uPlot, ticks: number[]) => ticks.map(shortNumber) };
 
 function plot(id: string, options: Omit<uPlot.Options, "width" | "height">, data: uPlot.AlignedData): void {
   const box = byId(id);

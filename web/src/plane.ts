@@ -81,7 +81,8 @@ function ticks(low: number, high: number): number[] {
   return found;
 }
 
-const shown = (value: number): string => String(Number(value.toPrecision(3)));
+/** Return a number for a tick: up to six digits, small and large ones with an exponent. */
+export const shortNumber = (value: number): string => String(Number(value.toPrecision(6)));
 
 function drawTicks(
   context: CanvasRenderingContext2D,
@@ -100,9 +101,9 @@ function drawTicks(
     context.lineTo(x(low) - 4 * ratio, y(value));
     context.stroke();
     context.textAlign = "center";
-    context.fillText(shown(value), x(value), y(low) + 16 * ratio);
+    context.fillText(shortNumber(value), x(value), y(low) + 16 * ratio);
     context.textAlign = "right";
-    context.fillText(shown(value), x(low) - 6 * ratio, y(value) + 4 * ratio);
+    context.fillText(shortNumber(value), x(low) - 6 * ratio, y(value) + 4 * ratio);
   }
 }
 
@@ -128,7 +129,7 @@ function drawBar(
   context.fillStyle = QUIET;
   context.textAlign = "left";
   for (const value of ticks(low * most, most)) {
-    context.fillText(shown(value), left + 14 * ratio, place(most > 0 ? value / most : 0) + 4 * ratio);
+    context.fillText(shortNumber(value), left + 14 * ratio, place(most > 0 ? value / most : 0) + 4 * ratio);
   }
   context.textAlign = "center";
   context.fillText("density", left + 16 * ratio, bottom + 16 * ratio);

@@ -98,7 +98,7 @@ _Rank = Annotated[
 ]
 _Curves = Annotated[
     str | None,
-    typer.Option(help="Column with the number of the curve: the memory is reset before each."),
+    typer.Option(help="Column with the label of the curve: the memory is reset before each."),
 ]
 _StartOfCurve = Annotated[
     str | None,
@@ -110,7 +110,7 @@ _StartOfCurve = Annotated[
 _Groups = Annotated[
     str | None,
     typer.Option(
-        help="Column with the number of the group, such as the specimen; each is left out once.",
+        help="Column with the label of the group, such as the specimen; each is left out once.",
         show_default="the curves",
     ),
 ]
