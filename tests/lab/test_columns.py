@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, RecordError
 from minorloop.lab import columns, text_tables
+from minorloop.lab.columns import read_labels
 from minorloop.lab.records import Quantity, Record, read_columns, read_headers
 
 PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
@@ -18,6 +19,15 @@ def table(tmp_path):
         return file
 
     return write
+
+
+def test_labels_are_numbers_or_texts(table):
+    numbers = read_labels(table("a,b\n1,2\n1,3\n2,4\n"), "a")
+    np.testing.assert_array_equal(numbers, [1.0, 1.0, 2.0])
+    assert read_labels(table("a,b\nw 1,2\n2,3\n"), "a").tolist() == ["w 1", "2"]
+    for empty in ("", "nan"):
+        with pytest.raises(RecordError, match=r"'a' of .* is empty in row 3; give every row"):
+            read_labels(table(f"a,b\nx,2\n{empty},3\n"), "a")
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 
 import numpy as np
@@ -119,21 +120,22 @@ def read_each(path: PathLike) -> list[FloatArray | RecordError]:
 
 
 def read_labels(path: PathLike, name: str) -> FloatArray | npt.NDArray[np.str_]:
-    """Return a column of labels, such as specimens: numbers if all are, else texts.
+    """Return a column of labels, such as specimens: numbers if all are, otherwise texts.
 
     Raises
     ------
     RecordError
         As for ``read_columns``, or if a label is empty.
     """
+    with suppress(RecordError):
+        return read_columns(path, [name])[name]
+    cells: list[str] = []
+    numbers: list[int] = []
     if is_sheet(path):
         sheet = read_sheet(path)
-        cells = sheet.cells(find_column(name, sheet.headers, source=sheet.file))
-        if isinstance(cells, np.ndarray):
-            return cells
-        numbers: Sequence[int] = range(sheet.first, sheet.first + len(cells))
+        cells += map(str, sheet.cells(find_column(name, sheet.headers, source=sheet.file)))
+        numbers += range(sheet.first, sheet.first + len(cells))
     else:
-        cells, numbers = [], []
         with opened(path) as table:
             index = table.headers.index(find_column(name, table.headers, source=table.file))
             for block in table.blocks():
@@ -141,16 +143,15 @@ def read_labels(path: PathLike, name: str) -> FloatArray | npt.NDArray[np.str_]:
                     cells += map(repr, block[:, index].tolist())
                     numbers += [0] * len(block)
                 else:
-                    cells += [row[index].strip() for row in block[0]]
+                    cells += [row[index] for row in block[0]]
                     numbers += block[1]
-    if "" in cells:
-        row = numbers[cells.index("")]
+    labels = np.array([cell.strip() for cell in cells])
+    empty = np.flatnonzero(np.isin(labels, ("", "nan", "NaN")))
+    if empty.size:
         raise RecordError(
-            f"column '{name}' of {path} is empty in row {row}; give every row a label"
+            f"column '{name}' of {path} is empty in row {numbers[empty[0]]}; give every row a label"
         )
-    if all(map(is_number, cells)):
-        return np.array(cells, dtype=np.float64)
-    return np.array(cells)
+    return labels
 
 
 def read_headers(path: PathLike) -> list[str]:
