@@ -77,9 +77,9 @@ class Operator:
         self.page, self.troubles = page, []
         page.set_default_timeout(60_000)
         page.on("pageerror", lambda error: self.troubles.append(str(error)))
-        page.on("console", self._heard)
+        page.on("console", self._on_console)
 
-    def _heard(self, message):
+    def _on_console(self, message):
         if message.type == "error":
             self.troubles.append(message.text)
 
