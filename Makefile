@@ -25,7 +25,7 @@ help: ## list these targets
 setup: $(STAMP) ## create .venv with the locked versions and this project in it
 
 demo: $(CORE) ## identify, invert and drive a simulated actuator; the result is in demo/
-	rm -rf demo
+	rm -f demo/report.html demo/staircase.csv demo/model.json
 	$(BIN)/minorloop demo --out demo
 
 pages: $(PAGES) ## build the pages of the console into the package; needs node

@@ -114,3 +114,9 @@ def test_refuses_wrong_times_and_shapes():
         as_waveform([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], channels=2)
     with pytest.raises(SignalError, match=r"u has shape \(2,\) and y \(1,\)"):
         as_pair([0.0, 1.0], [1.0])
+
+
+@pytest.mark.parametrize(("u", "y", "which"), [(1e308, 1.0, "input"), (1.0, -4e307, "output")])
+def test_a_pair_whose_squares_would_overflow_is_refused(u, y, which):
+    with pytest.raises(SignalError, match=rf"the {which} reaches .*; scale it to below 1e\+150"):
+        as_pair([0.0, u], [np.nan, y])

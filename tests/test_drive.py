@@ -126,8 +126,8 @@ def test_it_runs_on_a_twin_through_the_store(tmp_path):
 @pytest.mark.parametrize(
     ("targets", "said"),
     [
-        ([1.0, 99.0], r"target 2 is 99 .* reaches -8.14 to 9.14 \(1 of 2 targets"),
-        ([5.0, 12.0], r"target 2 is 12 .*adding -\S+ to every target would bring them in"),
+        ([1.0, 99.0], r"target at index 1 is 99 .* reaches -8.14 to 9.14 \(1 of 2 targets"),
+        ([5.0, 12.0], r"target at index 1 is 12 .*adding -\S+ to every target would bring them in"),
         ([-10.0, 10.0], "the targets span more than that: give nearer ones"),
     ],
 )

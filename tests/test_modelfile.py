@@ -284,8 +284,8 @@ def test_refuses_a_key_that_is_there_twice(key, path):
     ("text", "message"),
     [
         (b"", "damaged, or is not JSON"),
-        (b"not json", "damaged, or is not JSON"),
-        (b"\x80\x04\x95", "damaged, or is not JSON"),
+        (b"not json", "is not a model file; give one that identify --save has"),
+        (b"\x80\x04\x95", "is not a model file"),
         (b'{"format": "\xff"}', "damaged, or is not JSON"),
         (b'{"a": ' * 100_000, "damaged, or is not JSON"),
         (b"[" * 100_000, "is not a model file"),

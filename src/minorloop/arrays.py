@@ -23,6 +23,8 @@ Samples: TypeAlias = FloatArray
 Levels: TypeAlias = FloatArray
 """(L + 1,), strictly increasing."""
 
+LARGEST = 1e150
+"""Largest magnitude of a signal: its square must not overflow."""
 _CLOSEST = 1e-290
 """Least distance of levels: one over it is still a float."""
 
@@ -71,6 +73,19 @@ def as_samples(values: npt.ArrayLike, *, name: str, gaps: bool = False) -> Sampl
     return samples
 
 
+def check_magnitude(name: str, values: FloatArray) -> None:
+    """Refuse numbers whose squares overflow; NaN is allowed.
+
+    Raises
+    ------
+    SignalError
+        If one is beyond 1e150.
+    """
+    largest = float(np.max(np.abs(values), initial=0.0, where=~np.isnan(values)))
+    if largest > LARGEST:
+        raise SignalError(f"the {name} reaches {largest:g}; scale it to below {LARGEST:g}")
+
+
 def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
     """Return strictly increasing times, (T,).
 
@@ -113,13 +128,15 @@ def as_pair(u: npt.ArrayLike, y: npt.ArrayLike) -> tuple[FloatArray, FloatArray]
     Raises
     ------
     SignalError
-        If the shapes differ, or a number is not finite.
+        If the shapes differ, or a number is not finite or beyond 1e150.
     """
     inputs, outputs = as_samples(u, name="u"), as_samples(y, name="y", gaps=True)
     if inputs.ndim != 1 or inputs.shape != outputs.shape:
         raise SignalError(
             f"u has shape {inputs.shape} and y {outputs.shape}; give (T,) samples of each"
         )
+    for name, values in (("input", inputs), ("output", outputs)):
+        check_magnitude(name, values)
     return inputs, outputs
 
 

@@ -2,7 +2,7 @@
 
 The actuator is first saturated, so that the model knows its memory. Then each target is inverted
 from the memory that the inputs so far have left, and its input is held until the output settles.
-With corrections, the error of a hold is added to what the model is asked for, and the target is
+With corrections, the error of a hold is added to the output that is inverted, and the target is
 tried again. Because the next input depends only on the points so far, a run that was stopped
 continues as it would have.
 """
@@ -24,6 +24,7 @@ from minorloop.errors import (
     NotInvertibleError,
     ParameterError,
     UnreachableError,
+    are,
 )
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
@@ -129,7 +130,7 @@ class TargetDrive:
         Whether targets count from the zero of the sensor. Otherwise they count from that of the
         model, and the offset of the sensor is subtracted from what it measures.
     written : callable
-        Returns the input that the source really gives for one that it is asked for.
+        Returns the input that the source really gives for a wanted one.
 
     Raises
     ------
@@ -156,7 +157,7 @@ class TargetDrive:
         object.__setattr__(self, "targets", np.atleast_1d(as_samples(self.targets, name="targets")))
         as_finite("saturation", self.saturation)
         if self.targets.size < 1:
-            raise ParameterError("there are no targets; give at least one")
+            raise ParameterError("there are no targets; give one or more")
         if not 0 <= self.corrections <= 100:
             raise ParameterError(f"corrections is {self.corrections}; give 0 to 100")
         if not (np.isfinite(self.within) and self.within >= 0):
@@ -255,7 +256,7 @@ class TargetDrive:
         return self.written(float(found))
 
     def _check_offset(self, offset: float) -> None:
-        """Refuse to go on where the sensor has nothing to do with the model."""
+        """Refuse a sensor that cannot belong to the model."""
         if not np.isfinite(offset):
             raise InstrumentError(
                 "nothing was measured in saturation; check the sensor, its range and its conversion"
@@ -309,8 +310,10 @@ class TargetDrive:
         first = int(outside[0])
         least, most = float(self.targets.min()), float(self.targets.max())
         said = (
-            f"target {first + 1} is {self.targets[first]:g} and the actuator reaches {low:g} to "
-            f"{high:g} ({outside.size} of {self.targets.size} targets are out of reach); "
+            f"the target at index {first} is {self.targets[first]:g} and the actuator reaches "
+            f"{low:g} to "
+            f"{high:g} ({outside.size} of {self.targets.size} targets {are(outside.size)} out of "
+            "reach); "
         )
         if most - least > high - low:
             return said + "the targets span more than that: give nearer ones"
@@ -320,7 +323,7 @@ class TargetDrive:
 
 @dataclass
 class _DriveState:
-    """Where a drive stands after some points."""
+    """State of a drive after some points."""
 
     memory: Any
     offset: float = float("nan")
@@ -330,7 +333,7 @@ class _DriveState:
     arrivals: list[Arrival] = field(default_factory=list)
 
     def correct(self, error: float, achieved: float, predicted: float) -> None:
-        """Shift what the model is asked for, by the secant through the last two holds."""
+        """Shift the output that is inverted, by the secant through the last two holds."""
         gain = 1.0
         if self.before is not None and predicted != self.before[1]:
             gain = (achieved - self.before[0]) / (predicted - self.before[1])

@@ -9,6 +9,7 @@ import numpy as np
 
 from minorloop.drawing.layout import new_figure
 from minorloop.drive import DriveResult
+from minorloop.errors import counted
 from minorloop.report import Picture, Report, Table
 
 
@@ -29,7 +30,7 @@ def drive_report(
     score, output = result.summary(), run["output"]
     rms = "nothing was measured" if score["rms"] is None else f"{score['rms']:.3g} rms"
     report = Report(
-        f"{len(result.arrivals)} targets on {run['actuator']}",
+        f"{counted(len(result.arrivals), 'target')} on {run['actuator']}",
         f"Error: {rms}, in the unit of {output}. In saturation the sensor read "
         f"{result.offset:+.4g} more than the model; targets and outputs here count from the zero "
         "that was chosen for the drive.",

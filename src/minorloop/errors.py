@@ -20,6 +20,8 @@ A message says what is wrong, the value, the allowed range, and what to do.
 
 from __future__ import annotations
 
+from typing import SupportsInt
+
 
 class MinorloopError(Exception):
     """Root of the tree: catch it to catch all errors of minorloop."""
@@ -86,3 +88,13 @@ class MissingExtraError(MinorloopError, ImportError):
 
     def __init__(self, package: str, extra: str) -> None:
         super().__init__(f"{package} is not installed; pip install 'minorloop[{extra}]' brings it")
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun, such as ``1 gap`` or ``2 gaps``."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def are(count: SupportsInt) -> str:
+    """Return the verb that a count needs: ``is`` for one, ``are`` otherwise."""
+    return "is" if int(count) == 1 else "are"

@@ -367,6 +367,10 @@ def _flood(data: bytes) -> str:
 
 def _check_header(path: PathLike, data: bytes) -> None:
     """Refuse files that are not model files, or that a newer version wrote."""
+    if data.strip() and not data.lstrip().startswith(b"{"):
+        raise ModelFileError(
+            f"{path} is not a model file; give one that identify --save has written"
+        )
     if flood := _flood(data):
         raise ModelFileError(f"{path} is not a model file, is damaged, or is not JSON: {flood}")
     try:

@@ -13,6 +13,7 @@ from minorloop.files import PathLike, check_writable, write_atomically
 from minorloop.version import __version__
 
 if TYPE_CHECKING:
+    from minorloop.arrays import FloatArray
     from minorloop.identification.dynamic_result import DynamicIdentification
     from minorloop.identification.frequency import FrequencyResponse
     from minorloop.identification.result import Identification
@@ -135,6 +136,7 @@ def identification_report(
     input_label: str,
     output_label: str,
     dynamic: DynamicIdentification | None = None,
+    time: FloatArray | None = None,
 ) -> Report:
     """Return a report on an identified model and its quality.
 
@@ -148,6 +150,8 @@ def identification_report(
         Name and unit of input and output, such as ``voltage [V]``.
     dynamic : DynamicIdentification, optional
         The operator ``result`` with its dynamics.
+    time : (T,) array, optional
+        Time of each sample in seconds; samples are counted without it.
 
     Returns
     -------
@@ -179,13 +183,14 @@ def identification_report(
     chosen = [f"Chosen {choice}." for choice in result.choices]
     table = Table(("", ""), rows)
     report.add("How good it is", text=chosen, table=table, notes=result.advice)
-    figure = result.plot(input_label=labels[0], output_label=labels[1])
+    figure = result.plot(input_label=labels[0], output_label=labels[1], time=time)
     grey = "" if result.posterior else ", cells that the record does not excite in grey"
     banded = result.posterior is not None or result.scatter is not None
     band = ", with the band in which 90 % of the readings should lie" if banded else ""
     caption = (
-        f"Measured loop with the model; density on the Preisach plane{grey}; the record over time, "
-        f"with held-out samples shaded; the residual{band}."
+        f"Measured loop with the model; density on the Preisach plane{grey}; the record in time, "
+        f"with held-out samples shaded; the residual in time{band}; its size by the amplitude and "
+        "by the rate of the input."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     return report

@@ -106,3 +106,10 @@ def test_data_and_numbers_are_kept_if_the_report_cannot_be_drawn(run, monkeypatc
     assert json.loads(out)["measurements"] == 56
     assert modelfile.load("result/model.json").bands == 10
     assert Path("result/staircase.csv").exists()
+
+
+def test_make_removes_only_what_the_demo_writes():
+    text = (Path(__file__).parents[2] / "Makefile").read_text()
+    rule = re.search(r"^demo:.*\n((?:\t.*\n)+)", text, re.MULTILINE)[1]
+    names = ("report.html", "staircase.csv", "model.json")
+    assert re.findall(r"rm (.*)", rule) == [" ".join(["-f", *(f"demo/{name}" for name in names)])]

@@ -42,7 +42,7 @@ def test_a_plan_of_inputs_is_what_run_takes(run, answer):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (("2\n-3", "2\n-30"), "target 2 is -30 and the actuator reaches"),
+        (("2\n-3", "2\n-30"), "the target at index 1 is -30 and the actuator reaches"),
         (("1/m", "1/cm"), "is in 1/cm and the model in 1/m"),
     ],
 )
@@ -53,12 +53,38 @@ def test_targets_that_cannot_be_are_refused_before_anything_is_applied(change, s
     assert not Path("d.sqlite").exists()
 
 
+def test_a_record_in_place_of_the_model_is_refused(refused):
+    said = refused(DRIVE.replace("strip.json", "wanted.csv"))
+    assert "wanted.csv is not a model file; give one that identify --save has written" in said
+
+
 def test_a_laser_is_converted_and_a_stopped_drive_continues(run, answer):
     laser = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
     status, out, _ = run(f"{laser} --laser 30,15,0,0.1 --corrections 2")
     assert status == 0
     assert "in curvature [1/m]" in out
     assert answer("resume --store d.sqlite")["output"] == "curvature [1/m]"
+
+
+def test_readings_are_converted_by_a_table_that_the_store_keeps(run, answer):
+    table = Path("table.csv")
+    table.write_text("curvature [1/m],curvature [1/km]\n-20,-20000\n20,20000\n")
+    modelfile.save(MODEL, "km.json", input="voltage [V]", output="curvature [1/km]")
+    Path("wanted.csv").write_text("curvature [1/km]\n2\n-3\n")
+    line = DRIVE.replace("strip.json", "km.json")
+    status, _, err = run(f"{line} --table table.csv")
+    assert "more than the model in saturation" in err  # it is a model for 1/m
+    assert status == 2
+    table.unlink()
+    columns = answer("runs export --store d.sqlite")["columns"]
+    assert columns["curvature [1/km]"][0] < -5000
+    assert "more than the model in saturation" in run("resume --store d.sqlite")[2]
+
+
+def test_a_linear_conversion_gives_the_output_of_the_model(run):
+    line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
+    linear = f"{line} --linear -9.5,285 --name curvature --unit 1/m"
+    assert "in curvature [1/m]" in run(linear)[1]
 
 
 def test_a_model_of_another_actuator_is_refused(refused):

@@ -30,7 +30,7 @@ def test_the_exit_status_is_1_if_nothing_is_identified(run, tmp_path):
 
 def test_refusals(refused, tmp_path):
     assert "no action 'dance'" in refused("fleet dance manifest.csv --out fleet")
-    assert "cannot be read" in refused("fleet identify manifest.csv --out fleet")
+    assert "does not exist; give a table" in refused("fleet identify manifest.csv --out fleet")
     (tmp_path / "m.csv").write_text("specimen,file\na,good.csv\n")
     assert "has no input" in refused("fleet identify m.csv --out fleet")
     line = "fleet identify m.csv --out fleet --input voltage --output length"

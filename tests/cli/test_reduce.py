@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from tests.cli.conftest import write
 
 LEVELS = [-1.0, -0.4, 0.3, 1.0, 0.2, -0.6, 0.5, -0.1]
@@ -53,11 +54,12 @@ def test_calibrations_agree(answer):
     ("options", "message"),
     [
         ("--laser 20", "--laser is '20'; give D0,H0[,SD,SD], numbers separated by commas"),
+        ("--laser 20,-15", "h0 is -15 mm; give a positive height"),
         ("--laser 20,15 --linear 2", "--laser and --linear are given; give one conversion"),
         ("--laser 20,15 --unit mm", "--laser gives curvature [1/m]; leave --name"),
         ("--polynomial 1,x", "--polynomial is '1,x'; give C0,C1,..."),
         ("--range 3", "--range is '3'; give LOW:HIGH, such as 10:30"),
-        ("--laser 20,1.05 --range 18.9:21.1 --shortest 11", "0 holds of 11 s or more were found"),
+        ("--laser 20,1.05 --range 18.9:21.1 --shortest 11", "0 holds of 11 s or more found"),
         ("--laser 2000,15", "none of the 8 holds has a usable output"),
         ("--time voltage", "--input and --time are both 'voltage [V]'; give two columns"),
         ("--output nothing", "has no column 'nothing', it has 'time [s]', 'voltage [V]'"),
@@ -66,6 +68,14 @@ def test_calibrations_agree(answer):
 def test_what_cannot_be_used_is_one_sentence(refused, options, message):
     line = LINE if "--output" not in options else LINE.replace(" --output distance", "")
     assert message in refused(f"{line} {options}")
+
+
+def test_the_unit_of_a_matlab_column_is_given_with_its_name(answer):
+    t, u, d = np.genfromtxt("log.csv", delimiter=",", skip_header=1).T
+    savemat("log.mat", {"t": t, "voltage": u, "d": d})
+    line = "reduce log.mat --input voltage --output 'd [mm]' --time 't [s]' --laser 20,15"
+    wanted = answer(f"{LINE} --laser 20,15")["points"]["curvature [1/m]"]
+    assert answer(line)["points"]["curvature [1/m]"] == wanted
 
 
 def test_two_columns_of_time_are_refused(refused):

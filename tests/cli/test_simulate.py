@@ -66,7 +66,7 @@ def test_inputs_have_no_gaps(cell, says, refused):
     [
         (lambda text: text[:200], "damaged, or is not JSON"),
         (lambda text: "", "damaged, or is not JSON"),
-        (lambda text: "\0\1\2", "damaged, or is not JSON"),
+        (lambda text: "\0\1\2", "is not a model file"),
         (lambda text: "[]", "not a model file"),
         (lambda text: text.replace('"version": 1', '"version": 9'), "install a newer one"),
         (lambda text: text.replace('"lag": 0', '"lag": -1'), "lag"),
@@ -90,7 +90,7 @@ def test_damaged_models_are_refused(change, says, refused):
 def test_refuses_files_that_are_not_models(refused, tmp_path, monkeypatch):
     assert "there is no file nope.json" in refused("simulate nope.json good.csv --input voltage")
     assert "is not a file" in refused(f"simulate {tmp_path} good.csv --input voltage")
-    assert "not JSON" in refused("simulate good.csv good.csv --input voltage")
+    assert "not a model file" in refused("simulate good.csv good.csv --input voltage")
     monkeypatch.setattr(modelfile, "LARGEST", 10)
     assert "a model file 10 at most" in refused(SIMULATE)
 

@@ -20,14 +20,14 @@ def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
     kept = np.delete(np.arange(900), slice(150, 450))
     _log(T[kept], U[kept], MODEL.simulate(U)[kept])
     said = answer(f"{LINE} --lag 0")["advice"][0]
-    assert "1 gaps in column 'time [s]': about 300 samples are missing" in said
+    assert "1 gap in column 'time [s]': about 300 samples are missing" in said
     assert "name the column with --time" in said
     found = answer(f"{LINE} --lag 0 --time time")
     assert found["samples"] < 600
     assert "name the column" not in found["advice"][0]
 
 
-def test_curves_that_begin_anew_have_no_gaps(answer):
+def test_curves_whose_memory_is_reset_have_no_gaps(answer):
     t = np.where(np.arange(900) < 450, T, T + 1000)
     y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])
     rows = np.column_stack([t, U, y, np.arange(900) >= 450])
@@ -90,4 +90,4 @@ def test_invert_keeps_the_times_of_the_targets(run, refused):
     assert [row.split(",")[0] for row in rows[1:]] == ["0.0", "0.5", "1.5"]
     rows = [[k if k < 15 else k - 5, 0.3] for k in range(20)]
     write("wanted.csv", "when [ms],length [um]", rows)
-    assert "runs backwards after sample 14; give the targets" in refused(f"{line} --force")
+    assert "runs backwards after sample 14; give the rows" in refused(f"{line} --force")

@@ -41,6 +41,31 @@ def test_no_line_joins_points_across_rows_that_are_not_measured():
             np.testing.assert_array_equal(gaps, np.arange(100, 120) - found.lag)
 
 
+def test_a_line_does_not_cross_a_leap_of_the_input():
+    u = np.tile(np.linspace(-1, 1, 60), 8)
+    line = identify(u, u, levels=4, prior="none", smoothness=0.1).plot().axes[0].lines[1]
+    leaps = np.flatnonzero(np.abs(np.diff(u)) > 1) + 1
+    np.testing.assert_array_equal(
+        np.flatnonzero(np.isnan(line.get_xdata())), leaps + np.arange(leaps.size)
+    )
+
+
+def test_the_residual_is_drawn_by_amplitude_and_rate_and_against_time():
+    u = np.concatenate([np.linspace(-a, a, 50) * s for a in (1.0, 0.5) for s in (1, -1)] * 2)
+    y = TRUTH.simulate(u)
+    y[200:] += 0.1 * (np.arange(200) % 2)
+    found = identify(u, y, levels=4, prior="none", smoothness=0.1)
+    clock = 0.1 * np.arange(u.size)
+    record, residual, amplitude, rate = found.plot(time=clock).axes[2:6]
+    assert record.get_xlabel() == residual.get_xlabel() == "time [s]"
+    np.testing.assert_array_equal(residual.lines[0].get_xdata(), clock)
+    for axes in (amplitude, rate):
+        samples, rms = axes.lines
+        size = samples.get_ydata()
+        assert size.min() <= rms.get_ydata().min() <= rms.get_ydata().max() <= size.max()
+    assert samples.get_xdata().size == u.size
+
+
 def test_a_notebook_shows_the_last_samples_of_a_long_record(monkeypatch):
     monkeypatch.setattr(identification, "_MOST_DRAWN", 5)
     axes = identification.draw_loop_and_plane(FIT).axes[0]

@@ -177,7 +177,7 @@ def test_refuses_a_pipe_as_record(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     one = Specimen("a", tmp_path / "pipe.csv", "u", "y")
     summary = identify_fleet([one], tmp_path / "out", **OPTIONS)
-    assert "no regular file" in summary.failures[0].error
+    assert "not a regular file" in summary.failures[0].error
 
 
 @pytest.mark.parametrize(

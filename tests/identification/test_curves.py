@@ -20,7 +20,7 @@ def curves_of(start, seed=0, **options):
 
 
 @pytest.mark.parametrize("start", STARTS)
-def test_curves_that_begin_anew_are_fitted_exactly(start):
+def test_curves_whose_memory_is_reset_are_fitted_exactly(start):
     u, y = curves_of(start)
     found = identify(u, y, levels=LEVELS, curves=LABELS, start_of_curve=start)
     assert found.nrmse < 1e-9
@@ -66,7 +66,7 @@ def test_driven_inputs_put_the_reset_before_each_later_curve():
         ({"curves": np.arange(480)}, ParameterError, "480 groups of one row, the first is 0"),
         ({"groups": np.zeros(480)}, ParameterError, "all fitted rows are of one group"),
         ({"start_of_curve": "negative"}, ParameterError, "without curves"),
-        ({"curves": LABELS, "start_of_curve": "odd"}, ParameterError, "start is 'odd'"),
+        ({"curves": LABELS, "start_of_curve": "odd"}, ParameterError, "is 'odd'; give one of"),
         ({"skip": 480}, ParameterError, "whole rows from 0 to 479"),
         ({"skip": 478}, ParameterError, "skip leaves 2 measured rows"),
         ({"skip": 1.5}, ParameterError, "skip is 1.5"),

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from minorloop.errors import ParameterError, RecordError
 from minorloop.lab import columns, text_tables
+from minorloop.lab.columns import read_labels
 from minorloop.lab.records import Quantity, Record, read_columns, read_headers
 
 PLAIN = "time [s],voltage [V],curvature [1/m]\n0,0.5,1\n1,0.6,2\n2,0.7,3\n"
@@ -18,6 +19,15 @@ def table(tmp_path):
         return file
 
     return write
+
+
+def test_labels_are_numbers_or_texts(table):
+    numbers = read_labels(table("a,b\n1,2\n1,3\n2,4\n"), "a")
+    np.testing.assert_array_equal(numbers, [1.0, 1.0, 2.0])
+    assert read_labels(table("a,b\nw 1,2\n2,3\n"), "a").tolist() == ["w 1", "2"]
+    for empty in ("", "nan"):
+        with pytest.raises(RecordError, match=r"'a' of .* is empty in row 3; give every row"):
+            read_labels(table(f"a,b\nx,2\n{empty},3\n"), "a")
 
 
 @pytest.mark.parametrize(
@@ -213,8 +223,13 @@ def test_a_name_with_two_units_must_be_given_whole(table):
         (b"\x7fELF\0\0\0\n", "looks like a binary file"),
         (b"u\n\xff\xfe\n", "is not UTF-8 text"),
         ("u\n1\n".encode("utf-16")[:-1], "is not UTF-8 text"),
-        (b"u,v\n1,2\n3\n", "row 3 of .* has 1 cells, the header has 2"),
+        (b"u,v\n1,2\n3\n", "row 3 of .* has 1 cell, the header has 2"),
         (b"u,v\n1,2\n3,4,5\n", "row 3 of .* has 3 cells, the header has 2"),
+        (b"u;v\n1'234.5;2\n", "write numbers without separators of thousands"),
+        (b'u,v\n"1,234.5",2\n', "write numbers without separators of thousands"),
+        (b"u;v\n1.234,5;2\n", "write numbers without separators of thousands"),
+        (b"SQLite format 3\0 and more", "runs export --store .*table.csv --save points.csv"),
+        (b"u,v\n1,234.5,2\n", "row 2 .* 3 cells, .*; write numbers without separators of thou"),
         (b"u,u\n1,2\n", "two columns named 'u'"),
         (b"1,2\n3,4\n", "begins with numbers; it needs a header line"),
         (b'u,v\n"1,2\n' + b"3,4\n" * 40_000, "is not a table"),

@@ -44,7 +44,7 @@ class TestLaser:
     def test_a_reading_that_is_no_length_is_refused(self):
         with pytest.raises(ParameterError, match=r"reads in V; a distance must be in one of m, mm"):
             LaserCurvature(20.0, 15.0, unit="V")
-        with pytest.raises(ParameterError, match="h0 is 0"):
+        with pytest.raises(ParameterError, match="h0 is 0 mm; give a positive height"):
             LaserCurvature(20.0, 0.0)
 
 
@@ -82,7 +82,7 @@ class TestCalibrations:
             (lambda: CalibrationPolynomial(coefficients=(3.0, 0.0)), "a constant; give one beside"),
             (lambda: linear(np.nan), "coefficient is nan"),
             (lambda: linear(1.0, calibration_sd=-1.0), "calibration_sd is -1"),
-            (lambda: CalibrationTable(readings=[1.0], values=[1.0]), "1 readings and 1 values"),
+            (lambda: CalibrationTable(readings=[1.0], values=[1.0]), "1 reading and 1 value"),
             (lambda: CalibrationTable(readings=[1.0, np.inf], values=[1.0, 2.0]), "not finite"),
             (
                 lambda: CalibrationTable(readings=[0, 2, 1, 3], values=[0, 1, 2, 3]),

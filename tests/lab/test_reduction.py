@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from minorloop.arrays import uniform_levels
-from minorloop.errors import OutputError, ParameterError, RecordError
+from minorloop.errors import OutputError, ParameterError, RecordError, SignalError
 from minorloop.identification import identify
 from minorloop.identification.excitation import decaying_staircase
 from minorloop.lab.conversion import LaserCurvature, linear
@@ -79,7 +79,8 @@ def test_what_has_not_settled_drives_memory_only():
     assert count >= 5
     assert np.isnan(found.record().y).sum() == count
     assert np.isfinite(found.record(unsettled=True).y).all()
-    assert f"{count} of {LEVELS.size} holds have not settled" in found.notes[0]
+    assert all(np.isnan(p.sd) == (p.verdict == "unsettled") for p in found.points)
+    assert f"{count} of {LEVELS.size} holds did not settle" in found.notes[0]
     assert found.columns()["curvature [1/m]"].count("") == count
 
 
@@ -133,7 +134,7 @@ def test_after_a_break_outputs_wait_until_the_memory_is_known():
     noise = 1e-3 * np.random.default_rng(1000).normal(size=u.size)
     found = reduce(Record(np.arange(u.size), u, u + noise), breaks=[70])  # within the fourth hold
     assert np.isnan(found.record().y).tolist() == [False] * 3 + [True] * 3 + [False] * 2
-    assert "3 of 8 holds follow a break in time" in found.notes[0]
+    assert "3 of 8 holds came after a break in time" in found.notes[0]
 
 
 def test_a_wrong_geometry_is_one_sentence(long):
@@ -142,9 +143,18 @@ def test_a_wrong_geometry_is_one_sentence(long):
         reduce(log, conversion=LaserCurvature(200.0, 15.0))
 
 
+def test_what_is_no_record_or_too_large_is_refused(long):
+    with pytest.raises(ParameterError, match="record is 3; give a Record"):
+        reduce(3)
+    log, _ = long
+    for u, y in ((1e307 * log.u, log.y), (log.u, 4e307 * np.sin(log.t))):
+        with pytest.raises(SignalError, match=r"put reaches .*e\+307; scale it to below 1e\+150"):
+            reduce(Record(log.t, u, y))
+
+
 def test_a_log_without_holds_is_refused():
     t = np.arange(3000.0)
-    with pytest.raises(RecordError, match=r"holds were found in 3000 samples of input, with"):
+    with pytest.raises(RecordError, match=r"holds found in 3000 samples of input, with"):
         reduce(Record(t, np.sin(t / 100), np.sin(t / 100)))
 
 
@@ -159,7 +169,7 @@ def test_a_log_without_holds_is_refused():
 def test_an_option_out_of_range_is_refused(long, options, message):
     with pytest.raises(ParameterError, match=message):
         reduce(long[0], **options)
-    with pytest.raises(RecordError, match=r"0 holds of 1000 s or more were found"):
+    with pytest.raises(RecordError, match=r"0 holds of 1000 s or more found"):
         reduce(long[0], shortest=1000.0)
 
 

@@ -19,20 +19,20 @@ SETUP = Setup("twin:ipmc", "voltage [V]", "curvature [1/m]", specimen=3, seed=5)
 
 
 class Bench:
-    """An instrument: a first-order lag that cannot be checkpointed, and notes what it is told."""
+    """An instrument: a first-order lag that cannot be checkpointed, and records what it is sent."""
 
     inputs = (Channel("voltage", "V", -2.0, 2.0),)
     outputs = (Channel("curvature", "1/m"),)
     tick = 0.1
 
     def __init__(self, fails_after=None):
-        self.told, self.state, self.clock = [], 0.0, 17.0
+        self.sent, self.state, self.clock = [], 0.0, 17.0
         self.fails_after = fails_after
 
     def apply(self, u, duration, sample_interval):
-        if self.fails_after is not None and len(self.told) >= self.fails_after:
+        if self.fails_after is not None and len(self.sent) >= self.fails_after:
             raise OSError("the cable was pulled")
-        self.told.append((u, duration))
+        self.sent.append((u, duration))
         t = np.arange(1, round(duration / sample_interval) + 1) * sample_interval
         y = u + (self.state - u) * np.exp(-t / 2.0)
         self.state, began = float(y[-1]), self.clock
@@ -43,7 +43,7 @@ class Bench:
         return self.apply(u, self.tick, self.tick).y[-1]
 
     def safe(self):
-        self.told.append("safe")
+        self.sent.append("safe")
 
 
 @pytest.fixture
@@ -149,13 +149,13 @@ def test_an_instrument_is_taken_through_its_history_again(tmp_path, store):
     first = Bench(fails_after=6)
     with pytest.raises(OSError, match="the cable was pulled"):
         run(first, PLAN, store)
-    assert first.told[-1] == "safe"
+    assert first.sent[-1] == "safe"
     settled = len(store)
     assert 0 < settled < len(PLAN)
     second = Bench()
     assert run(second, PLAN, store) == "replayed"
     replayed = [(point.input, point.held) for point in store.points()[:settled]]
-    assert second.told[:settled] == replayed
+    assert second.sent[:settled] == replayed
     assert [row[:2] for row in _rows(store)] == [row[:2] for row in whole]
     np.testing.assert_allclose([r[2] for r in _rows(store)], [r[2] for r in whole], atol=1e-9)
     assert [session.mode for session in store.sessions()] == ["fresh", "replayed"]
@@ -166,7 +166,7 @@ def test_a_finished_run_is_left_alone(store, twin):
     run(twin, PLAN, store)
     bench = Bench()
     assert run(bench, PLAN, store) == "finished"
-    assert bench.told == []
+    assert bench.sent == []
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
@@ -180,7 +180,7 @@ def test_a_signal_leaves_the_actuator_safe(store, name):
     before = signal.getsignal(getattr(signal, name))
     with pytest.raises(Stopped, match=name):
         run(bench, PLAN, store, watch=watch)
-    assert bench.told[-1] == "safe"
+    assert bench.sent[-1] == "safe"
     assert len(store) == 2
     assert store.sessions()[0].end == "interrupted"
     assert signal.getsignal(getattr(signal, name)) == before
@@ -199,7 +199,7 @@ def test_a_second_signal_does_not_keep_it_from_being_safe(store):
 
     with pytest.raises(Stopped):
         run(bench, PLAN, store, watch=watch)
-    assert bench.told[-1] == "safe"
+    assert bench.sent[-1] == "safe"
 
 
 @pytest.mark.parametrize("fails_after", [2, None])
@@ -231,7 +231,7 @@ def test_a_run_in_a_thread_is_left_safe_too(tmp_path):
     thread.start()
     thread.join()
     assert str(errors[0]) == "the cable was pulled"
-    assert bench.told[-1] == "safe"
+    assert bench.sent[-1] == "safe"
 
 
 def test_a_store_that_cannot_be_written_keeps_what_it_has(store, monkeypatch):
@@ -246,7 +246,7 @@ def test_a_store_that_cannot_be_written_keeps_what_it_has(store, monkeypatch):
     monkeypatch.setattr(Store, "add", full)
     with pytest.raises(StoreError, match="full"):
         run(bench, PLAN, store)
-    assert bench.told[-1] == "safe"
+    assert bench.sent[-1] == "safe"
     assert len(store) == 3
     monkeypatch.undo()
     run(Bench(), PLAN, store)
@@ -265,9 +265,9 @@ def test_refuses_before_anything_is_applied(store, twin):
     with pytest.raises(StoreError, match="belongs to another run: its level 0 is"):
         run(bench, other, store)
     bench.inputs = bench.inputs * 2
-    with pytest.raises(ParameterError, match="2 inputs and 1 outputs"):
+    with pytest.raises(ParameterError, match="2 inputs and 1 output;"):
         run(bench, PLAN, store)
-    assert bench.told == []
+    assert bench.sent == []
     assert len(store) == 0
 
 
@@ -301,8 +301,8 @@ def test_a_chosen_level_beyond_the_limits_is_refused_and_the_points_are_kept(tmp
         with pytest.raises(LimitError, match="voltage 3 V"):
             run(bench, OPEN, store, choose=lambda points: 3.0)
         assert len(store) == 1
-        assert bench.told[-1] == "safe"
-        assert bench.told[-2][0] == -1.2
+        assert bench.sent[-1] == "safe"
+        assert bench.sent[-2][0] == -1.2
 
 
 def test_open_levels_need_somebody_who_chooses(tmp_path):

@@ -99,6 +99,11 @@ class TestExtrapolation:
         assert end.value == pytest.approx(5.0, abs=0.01)
         assert abs(end.value - 5.0) <= 3 * end.sd
 
+    @pytest.mark.parametrize("tau", [300.0, 400.0, 600.0])
+    def test_what_a_slower_decay_leaves_is_in_the_uncertainty(self, tau):
+        end = extrapolate(T, _decay(100.0, 0.8) + _decay(tau, 0.2) + 1e-3 * _noise(3))
+        assert abs(end.value) <= 2.5 * end.sd <= 0.5
+
     @pytest.mark.parametrize(
         "y",
         [T / 200, np.sqrt(T / 200), np.log(T), _decay(200.0), np.cumsum(_noise(1)), np.sin(T / 30)],

@@ -4,6 +4,7 @@ from scipy.io import savemat
 
 from minorloop.errors import MissingExtraError, RecordError
 from minorloop.lab.columns import read_columns, read_each, read_headers
+from minorloop.lab.logs import read_log
 from minorloop.lab.records import Record
 
 
@@ -19,6 +20,15 @@ def test_vectors_of_a_matlab_file_are_columns(tmp_path):
         read_columns(file, ["v"])
     with pytest.raises(RecordError, match=r"column 'y' of .* has 'nan' in row 2"):
         read_columns(file, ["y"])
+
+
+def test_a_column_without_a_unit_takes_the_one_that_is_given(tmp_path):
+    file = tmp_path / "run.mat"
+    savemat(file, {"u": np.arange(3.0), "d": np.arange(3.0), "t": np.arange(3.0)})
+    log = read_log(file, input="u", output="d [mm]", time="t [ms]")
+    assert [str(log.record.input), str(log.record.output)] == ["u", "d [mm]"]
+    np.testing.assert_allclose(log.record.t, [0, 1e-3, 2e-3])
+    assert str(Record.from_csv(file, input="u [V]", output="d").input) == "u [V]"
 
 
 def test_a_matrix_gives_numbered_columns(tmp_path):
@@ -40,8 +50,9 @@ def test_another_file_of_that_name_is_refused(tmp_path, content, message):
 
 def test_a_matlab_file_without_numbers_is_refused(tmp_path):
     file = tmp_path / "run.mat"
-    savemat(file, {"note": "text"})
-    with pytest.raises(RecordError, match="has no table; it needs columns of numbers"):
+    savemat(file, {"note": "text", "run": {"u": [1.0]}, "n": 3.0})
+    kinds = r"no variable that is a vector .* note \(1 text\), run \(struct\), n \(1x1 numbers\)"
+    with pytest.raises(RecordError, match=kinds):
         read_headers(file)
 
 

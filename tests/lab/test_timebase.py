@@ -63,7 +63,7 @@ class TestChecks:
         found = check_times(t)
         np.testing.assert_allclose(found.t, 0.1 * np.arange(1000), atol=1e-9)
         assert found.breaks.tolist() == [place - 1]
-        assert "the clock was set back 1 times" in found.notes[0]
+        assert "the clock was set back 1 time" in found.notes[0]
 
     def test_uneven_samples_are_reported(self):
         steps = np.random.default_rng(1000).uniform(0.5, 1.5, 1000)
@@ -75,9 +75,9 @@ class TestChecks:
     @pytest.mark.parametrize(
         ("t", "message"),
         [
-            ([1.0], "time has 1 samples"),
+            ([1.0], "time has 1 sample;"),
             ([1.0, np.inf, 2.0], "time is inf at sample 1"),
-            (np.sin(np.arange(100.0)), "it is no clock of this record"),
+            (np.sin(np.arange(100.0)), "it cannot be the time of this record"),
             (np.repeat(np.arange(3.0), 100), "stands still or runs backwards at 297 of 299 steps"),
         ],
     )

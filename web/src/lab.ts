@@ -2,7 +2,7 @@
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
-import { drawPlane } from "./plane";
+import { drawPlane, shortNumber } from "./plane";
 import { byId } from "./protocol";
 
 interface Column {
@@ -22,11 +22,15 @@ interface Result {
   y: (number | null)[];
   fit: (number | null)[];
   rows: number[];
+  clock: string;
   held: number | null;
+  loop: { u: (number | null)[]; y: (number | null)[]; fit: (number | null)[]; joined: boolean };
   levels: number[];
   weights: (number | null)[][];
   range: [number, number];
-  scores: Record<"fit" | "polynomial" | "lag" | "samples" | "unknowns" | "excited" | "seconds", number> & { holdout: number | null };
+  scores: { lag: number; unknowns: number; seconds: number };
+  table: [string, string][];
+  choices: string[];
   advice: string[];
 }
 
@@ -39,6 +43,8 @@ interface Answer {
 
 let user = "";
 let columns: Column[] = [];
+/** Headers of all columns, also of those that are no numbers. */
+let headers: string[] = [];
 let result: Result | null = null;
 let memory: number[] | null = null;
 const plots = new Map<string, uPlot>();
@@ -74,22 +80,29 @@ async function drop(file: File): Promise<void> {
   byId("drop").classList.toggle("small", reply !== null);
   if (!reply) return;
   user = reply.user;
+  headers = (reply.columns as Column[]).map((column) => column.header);
   columns = (reply.columns as Column[]).filter((column) => !column.trouble);
   byId("drop-title").textContent = `${reply.name}: ${columns[0]!.rows} rows`;
-  choose();
+  byId<HTMLFormElement>("choices").reset();
+  choose(reply.time);
   show("setup");
   drawLoop();
   byId("identify").focus();
 }
 
 /** Offer the columns; the first two that are not time are suggested as input and output. */
-function choose(): void {
+function choose(time: string | null): void {
   const names = columns.map((column) => column.header);
-  const candidates = columns.filter((column) => !column.time).map((column) => column.header);
+  const candidates = columns.filter((column) => !column.time && column.header !== time).map((column) => column.header);
   const guess = candidates.length >= 2 ? candidates : names;
   for (const [id, chosen] of [["input", guess[0]], ["output", guess[1]]] as const) {
     const select = byId<HTMLSelectElement>(id);
     select.replaceChildren(...names.map((name) => new Option(name, name, false, name === chosen)));
+  }
+  for (const id of ["time", "curves", "groups"]) {
+    const chosen = id === "time" && time !== guess[0] && time !== guess[1] ? time : null;
+    const options = headers.map((name) => new Option(name, name, false, name === chosen));
+    byId<HTMLSelectElement>(id).replaceChildren(new Option("none", ""), ...options);
   }
 }
 
@@ -98,17 +111,30 @@ function drawLoop(): void {
   const [input, output] = [of("input"), of("output")];
   if (!input || !output) return;
   show("preview");
-  loop("loop", input.course, [{ y: output.course, colour: "#46d6b8", name: "measured" }], input.header, output.header);
+  const joined = input.rows === input.course.length;
+  loop("loop", input.course, [{ y: output.course, colour: MEASURED, name: "measured" }], joined, input.header, output.header);
 }
 
 async function identify(): Promise<void> {
   trouble("");
   const value = (id: string) => byId<HTMLInputElement | HTMLSelectElement>(id).value;
   const lag = value("lag");
+  const slope = value("slope");
+  const named = (id: string) => value(id) || null;
   const body = JSON.stringify({
     input: value("input"),
     output: value("output"),
-    levels: Number(value("levels")),
+    time: named("time"),
+    first: Number(value("first")),
+    last: value("last") ? Number(value("last")) : null,
+    skip: Number(value("skip")),
+    start: value("begin"),
+    curves: named("curves"),
+    start_of_curve: named("curves") && named("start-of-curve"),
+    groups: named("groups"),
+    levels: value("levels") ? Number(value("levels")) : "auto",
+    diagonal: value("diagonal"),
+    slope: slope === "auto" ? slope : slope === "true",
     holdout: Number(value("holdout")),
     lag: lag === "auto" ? lag : Number(lag),
     spacing: value("spacing"),
@@ -182,10 +208,14 @@ function showResult(found: Result): void {
   byId<HTMLAnchorElement>("get-model").href = `/api/lab/${user}/model.json`;
   show("get-inputs", false);
   showScores(found);
-  const { u, y, fit, rows, held } = found;
-  loop("fit", u, [{ y, colour: "#5b6b75", name: "measured" }, { y: fit, colour: "#46d6b8", name: "model" }], found.input, found.output);
-  along(rows, y, fit, held, found.output);
-  byId("held-note").textContent = held === null ? "" : "– rows to the right of the line were not fitted";
+  const { u, y, fit, joined } = found.loop;
+  const curves = [{ y, colour: MEASURED, name: "measured", dots: true }, { y: fit, colour: MODEL, name: "model" }];
+  const { lag } = found.scores;
+  const before = lag ? `, ${lag} sample${lag === 1 ? "" : "s"} before` : "";
+  loop("fit", u, curves, joined, found.input + before, found.output);
+  along(found);
+  byId("held-note").textContent = found.held === null ? "" : "– held-out data are to the right of the line";
+  list("chosen", found.choices.map((choice) => `Chosen ${choice}.`));
   list("advice", found.advice.length ? found.advice : ["There is nothing to improve: the model explains the record."]);
   const [low, high] = found.range;
   const at = (share: number) => Number((low + share * (high - low)).toPrecision(3));
@@ -209,21 +239,11 @@ function list(id: string, sentences: string[]): void {
 }
 
 function showScores(found: Result): void {
-  const percent = (value: number | null) => (value === null ? "–" : `${(100 * value).toPrecision(3)} %`);
-  const { scores } = found;
-  const rows: [string, string, boolean?][] = [
-    ["Error on fitted rows, of their range", percent(scores.fit)],
-    ["Error on held-out rows, of their range", percent(scores.holdout), true],
-    ["Best polynomial there", percent(scores.polynomial)],
-    ["Lag", `${scores.lag} rows`],
-    ["Cells excited", `${(100 * scores.excited).toFixed(0)} %`],
-    ["Unknowns / rows", `${scores.unknowns} / ${scores.samples}`],
-    ["Time", `${scores.seconds.toFixed(1)} s`],
-  ];
+  const rows = [...found.table, ["time", `${found.scores.seconds.toFixed(1)} s`]] as [string, string][];
   byId("scores").replaceChildren(
-    ...rows.map(([name, value, best]) => {
+    ...rows.map(([name, value]) => {
       const box = document.createElement("div");
-      if (best) box.className = "best";
+      if (name === "error on held-out data") box.className = "best";
       const [dt, dd] = [document.createElement("dt"), document.createElement("dd")];
       [dt.textContent, dd.textContent] = [name, value];
       box.append(dt, dd);
@@ -236,9 +256,12 @@ interface Curve {
   y: (number | null)[];
   colour: string;
   name: string;
+  dots?: boolean;
 }
 
-const AXIS = { stroke: "#93a3ad", grid: { stroke: "#222b32", width: 1 }, ticks: { show: false }, font: "11px system-ui" };
+const [MEASURED, MODEL] = ["#ffb454", "#46d6b8"];
+
+const AXIS = { stroke: "#b4c1c9", grid: { stroke: "#222b32", width: 1 }, ticks: { stroke: "#5b6b75", width: 1, size: 5 }, font: "11px system-ui", values: (_: uPlot, ticks: number[]) => ticks.map(shortNumber) };
 
 function plot(id: string, options: Omit<uPlot.Options, "width" | "height">, data: uPlot.AlignedData): void {
   const box = byId(id);
@@ -247,8 +270,11 @@ function plot(id: string, options: Omit<uPlot.Options, "width" | "height">, data
   plots.set(id, made);
 }
 
-/** Plot output over input. The path may go back, so its points are joined in their order. */
-function loop(id: string, u: (number | null)[], curves: Curve[], input: string, output: string): void {
+/**
+ * Plot output over input. The path may go back, so its points are joined in their order, but not
+ * across rows that were not measured. Points of a longer record are not joined.
+ */
+function loop(id: string, u: (number | null)[], curves: Curve[], joined: boolean, input: string, output: string): void {
   const path = (self: uPlot, series: number): null => {
     const [xs, ys] = self.data[series] as unknown as [(number | null)[], (number | null)[]];
     const context = self.ctx;
@@ -256,17 +282,23 @@ function loop(id: string, u: (number | null)[], curves: Curve[], input: string, 
     context.beginPath();
     context.rect(self.bbox.left, self.bbox.top, self.bbox.width, self.bbox.height);
     context.clip();
-    context.strokeStyle = self.series[series]!.stroke instanceof Function ? curves[series - 1]!.colour : "#fff";
-    context.lineWidth = 1.4 * (window.devicePixelRatio || 1);
+    const { colour, dots } = curves[series - 1]!;
+    const ratio = window.devicePixelRatio || 1;
+    const radius = (dots ? 2 : 1) * ratio;
+    context.strokeStyle = context.fillStyle = colour;
+    context.lineWidth = 1.2 * ratio;
     context.beginPath();
     let pen = false;
     xs.forEach((x, k) => {
       const y = ys[k];
-      if (x === null || y === null || y === undefined) return;
-      const [px, py] = [self.valToPos(x, "x", true), self.valToPos(y, "y", true)];
-      if (pen) context.lineTo(px, py);
-      else context.moveTo(px, py);
-      pen = true;
+      const measured = x !== null && x !== undefined && y !== null && y !== undefined;
+      if (measured) {
+        const [px, py] = [self.valToPos(x, "x", true), self.valToPos(y, "y", true)];
+        if (dots || !joined) context.fillRect(px - radius, py - radius, 2 * radius, 2 * radius);
+        else if (pen) context.lineTo(px, py);
+        else context.moveTo(px, py);
+      }
+      pen = measured;
     });
     context.stroke();
     context.restore();
@@ -286,19 +318,19 @@ function loop(id: string, u: (number | null)[], curves: Curve[], input: string, 
       legend: { live: false, markers: { width: 3 } },
       cursor: { show: false },
       scales: { x: { time: false, range: () => range(inputs) }, y: { range: () => range(all) } },
-      axes: [{ ...AXIS, label: input, labelSize: 18, size: 30 }, { ...AXIS, label: output, labelSize: 18, size: 52 }],
+      axes: [{ ...AXIS, label: input, labelSize: 18, size: 34 }, { ...AXIS, label: output, labelSize: 18, size: 56 }],
       series: [{}, ...curves.map((curve) => ({ label: curve.name, stroke: curve.colour, paths: path as never, facets: [{ scale: "x", auto: true }, { scale: "y", auto: true }] }))],
     },
     [null, ...curves.map((curve) => [u, curve.y])] as unknown as uPlot.AlignedData,
   );
 }
 
-function along(rows: number[], y: (number | null)[], fit: (number | null)[], held: number | null, output: string): void {
+function along({ rows, y, fit, held, clock, output }: Result): void {
   const mark = (self: uPlot): void => {
     if (held === null) return;
     const x = self.valToPos(held, "x", true);
     self.ctx.save();
-    self.ctx.strokeStyle = "#ffb454";
+    self.ctx.strokeStyle = "#e6edf1";
     self.ctx.setLineDash([6, 6]);
     self.ctx.beginPath();
     self.ctx.moveTo(x, self.bbox.top);
@@ -313,8 +345,12 @@ function along(rows: number[], y: (number | null)[], fit: (number | null)[], hel
       cursor: { drag: { x: true, y: false }, points: { show: false } },
       scales: { x: { time: false } },
       hooks: { draw: [mark] },
-      axes: [{ ...AXIS, label: "row", labelSize: 18, size: 30 }, { ...AXIS, label: output, labelSize: 18, size: 52 }],
-      series: [{ label: "row" }, { label: "measured", stroke: "#5b6b75", width: 1.4 }, { label: "model", stroke: "#46d6b8", width: 1.4 }],
+      axes: [{ ...AXIS, label: clock, labelSize: 18, size: 34 }, { ...AXIS, label: output, labelSize: 18, size: 56 }],
+      series: [
+        { label: clock },
+        { label: "measured", stroke: MEASURED, paths: () => null, points: { show: true, size: 4, width: 0, fill: MEASURED } },
+        { label: "model", stroke: MODEL, width: 1.2 },
+      ],
     },
     [rows, y, fit] as uPlot.AlignedData,
   );
@@ -322,7 +358,7 @@ function along(rows: number[], y: (number | null)[], fit: (number | null)[], hel
 
 function drawMemory(): void {
   if (!result) return;
-  const labels = { alpha: "on at", beta: "off at", margin: 18 };
+  const labels = { alpha: `on at, ${result.input}`, beta: `off at, ${result.input}`, margin: 46, numbers: true };
   drawPlane(byId<HTMLCanvasElement>("plane"), result, memory ?? [result.levels[0]!], labels);
 }
 

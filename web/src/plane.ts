@@ -28,6 +28,8 @@ export interface Labels {
   alpha: string;
   beta: string;
   margin: number;
+  /** Whether the axes have ticks with numbers, and the colours a bar. */
+  numbers?: boolean;
 }
 
 const QUIET = "#93a3ad";
@@ -40,10 +42,11 @@ export function drawPlane(canvas: HTMLCanvasElement, plane: Plane, memory: numbe
   const margin = labels.margin * ratio;
   const low = plane.levels[0]!;
   const high = plane.levels[plane.levels.length - 1]!;
-  const x = (beta: number) => margin + ((beta - low) / (high - low)) * (width - margin - 6 * ratio);
+  const right = (labels.numbers ? 86 : 6) * ratio;
+  const x = (beta: number) => margin + ((beta - low) / (high - low)) * (width - margin - right);
   const y = (alpha: number) => height - margin - ((alpha - low) / (high - low)) * (height - margin - 6 * ratio);
   context.clearRect(0, 0, width, height);
-  drawCells(context, plane, x, y);
+  const most = drawCells(context, plane, x, y);
   context.strokeStyle = "#2a343c";
   context.lineWidth = ratio;
   context.beginPath();
@@ -55,21 +58,90 @@ export function drawPlane(canvas: HTMLCanvasElement, plane: Plane, memory: numbe
   if (memory) drawMemory(context, staircase(memory, low), low, x, y, ratio);
   context.fillStyle = QUIET;
   context.font = `${11 * ratio}px system-ui, sans-serif`;
+  if (labels.numbers) {
+    drawTicks(context, low, high, x, y, ratio);
+    drawBar(context, most, plane.weights.flat().some((weight) => (weight ?? 0) < 0), width - 62 * ratio, y(high), y(low), ratio);
+  }
   context.textAlign = "right";
-  context.fillText(labels.beta, width - 8 * ratio, height - 4 * ratio);
+  context.fillText(labels.beta, x(high), height - 4 * ratio);
   context.save();
-  context.translate(margin - 5 * ratio, 8 * ratio);
+  context.translate((labels.numbers ? 12 : labels.margin - 5) * ratio, 8 * ratio);
   context.rotate(-Math.PI / 2);
   context.fillText(labels.alpha, 0, 0);
   context.restore();
 }
 
+/** Round numbers between two ends, about five of them. */
+function ticks(low: number, high: number): number[] {
+  const rough = (high - low) / 5;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = power * ([1, 2, 5].find((factor) => factor * power >= rough) ?? 10);
+  const found: number[] = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) found.push(k * step);
+  return found;
+}
+
+/** Return a number for a tick: up to six digits, small and large ones with an exponent. */
+export const shortNumber = (value: number): string => String(Number(value.toPrecision(6)));
+
+function drawTicks(
+  context: CanvasRenderingContext2D,
+  low: number,
+  high: number,
+  x: (beta: number) => number,
+  y: (alpha: number) => number,
+  ratio: number,
+): void {
+  context.strokeStyle = QUIET;
+  for (const value of ticks(low, high)) {
+    context.beginPath();
+    context.moveTo(x(value), y(low));
+    context.lineTo(x(value), y(low) + 4 * ratio);
+    context.moveTo(x(low), y(value));
+    context.lineTo(x(low) - 4 * ratio, y(value));
+    context.stroke();
+    context.textAlign = "center";
+    context.fillText(shortNumber(value), x(value), y(low) + 16 * ratio);
+    context.textAlign = "right";
+    context.fillText(shortNumber(value), x(low) - 6 * ratio, y(value) + 4 * ratio);
+  }
+}
+
+/** Draw the colours with their densities. */
+function drawBar(
+  context: CanvasRenderingContext2D,
+  most: number,
+  signed: boolean,
+  left: number,
+  top: number,
+  bottom: number,
+  ratio: number,
+): void {
+  const low = signed ? -1 : 0;
+  const place = (share: number) => bottom + ((share - low) / (1 - low)) * (top - bottom);
+  const steps = 128;
+  for (let k = 0; k < steps; k += 1) {
+    const share = low + ((k + 0.5) / steps) * (1 - low);
+    const upper = place(low + ((k + 1) / steps) * (1 - low));
+    context.fillStyle = colour(share);
+    context.fillRect(left, upper, 10 * ratio, (bottom - top) / steps + 1);
+  }
+  context.fillStyle = QUIET;
+  context.textAlign = "left";
+  for (const value of ticks(low * most, most)) {
+    context.fillText(shortNumber(value), left + 14 * ratio, place(most > 0 ? value / most : 0) + 4 * ratio);
+  }
+  context.textAlign = "center";
+  context.fillText("density", left + 16 * ratio, bottom + 16 * ratio);
+}
+
+/** Draw the cells; return the greatest density. */
 function drawCells(
   context: CanvasRenderingContext2D,
   plane: Plane,
   x: (beta: number) => number,
   y: (alpha: number) => number,
-): void {
+): number {
   const density: number[][] = [];
   let most = 0;
   plane.weights.forEach((row, i) => {
@@ -95,6 +167,7 @@ function drawCells(
       context.fill();
     }),
   );
+  return most;
 }
 
 /** From nothing over green to yellow; red where weights are negative. */

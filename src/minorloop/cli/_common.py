@@ -26,7 +26,6 @@ from minorloop.errors import (
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.lab.actuator import Actuator
-    from minorloop.lab.conversion import LaserCurvature
     from minorloop.lab.logs import Log
     from minorloop.modelfile import ModelFile as File
     from minorloop.report import Report
@@ -107,30 +106,12 @@ Time = Annotated[
         help="Column of time, in s, ms, us, min, h or d by its header, or date and time (ISO)."
     ),
 ]
-_LASER = "D0,H0[,SD,SD]"
-Laser = Annotated[
-    str | None,
-    typer.Option(
-        metavar=_LASER,
-        help="Convert laser distance to curvature: distance to the straight strip and height above "
-        "the clamp, and their standard deviations, in the unit of the distance.",
-    ),
-]
 Save = Annotated[Path | None, typer.Option(help="Write the result to this CSV file.")]
 Specimen = Annotated[int | None, whole_option("Seed of a twin's specimen; nominal if not given.")]
 Noise = Annotated[float, number_option("Standard deviation of a twin's sensor, in its unit.")]
 Seed = Annotated[int, whole_option("Seed of a twin's noise.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
-
-
-def laser_curvature(text: str, unit: str) -> LaserCurvature:
-    """Return the conversion that ``--laser`` gives, of a distance in some unit."""
-    from minorloop.lab.conversion import LaserCurvature
-
-    d0, h0, *sds = numbers("laser", text, (2, 4), _LASER)
-    sd_d0, sd_h0 = sds or (0.0, 0.0)
-    return LaserCurvature(d0, h0, sd_d0, sd_h0, unit)
 
 
 def numbers(name: str, text: str, counts: Any, form: str) -> list[float]:
@@ -149,7 +130,7 @@ _json_missing = False
 
 
 def expect_json(wanted: bool) -> None:
-    """Note at the begin of a command line whether it asks for JSON."""
+    """Note at the beginning of a command line whether it prints JSON."""
     global _json_missing
     _json_missing = wanted
 

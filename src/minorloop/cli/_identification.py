@@ -1,4 +1,4 @@
-"""Identification from a file, as the command line asks for it."""
+"""Identification from a file, with the options of the command line."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError, counted
 
 if TYPE_CHECKING:
-    from minorloop.arrays import FloatArray
     from minorloop.identification import Identification
     from minorloop.identification.adaptive import Adaptive
     from minorloop.identification.dynamic_result import DynamicIdentification
@@ -104,7 +103,7 @@ def identified(
         logged = record
         of_time: tuple[str, ...] = ()
         if log is not None and columns.curves is not None:
-            log = log.with_memory_set_anew()
+            log = log.with_memory_reset()
         if log is not None:
             whole = not labels and rows is None
             record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
@@ -115,11 +114,12 @@ def identified(
         settings |= {name: values[part] for name, values in labels.items()}
         now(f"identifying from {part.stop - part.start} rows")
         if dynamics != "none":
+            _shown(now, part)("dynamics")
             found = _with_dynamics(record, part, columns, settings)
             seconds = time.perf_counter() - began
             static = found.static
             return Done(record, static, provenance, seconds, (), (), part.start, of_time, found)
-        result = identify(record.u[part], record.y[part], **settings)
+        result = identify(record.u[part], record.y[part], progress=_shown(now, part), **settings)
         seconds = time.perf_counter() - began
         raw = _raw(logged, columns)
         return Done(record, result, provenance, seconds, raw, first=part.start, of_time=of_time)
@@ -147,6 +147,12 @@ def _with_dynamics(
 def _refuse_dynamics(dynamics: str, reason: str) -> None:
     if dynamics != "none":
         raise ParameterError(f"--dynamics needs a record of transients, and {reason}")
+
+
+def _shown(now: Callable[[str], None], part: slice) -> Callable[[str], None]:
+    """Return a function that shows what is done with the rows."""
+    rows = counted(part.stop - part.start, "row")
+    return lambda stage: now(f"identifying from {rows}: {stage}")
 
 
 def _raw(record: Record, columns: Columns) -> tuple[str, ...]:
@@ -178,16 +184,12 @@ def _timed(
     return log.evenly_sampled(), log.notes
 
 
-def _labels(file: Path, columns: Columns) -> dict[str, FloatArray]:
+def _labels(file: Path, columns: Columns) -> dict[str, Any]:
     """Return the columns of labels that are given, by option."""
-    from minorloop.lab.columns import read_columns
+    from minorloop.lab.columns import read_labels
 
     names = {"curves": columns.curves, "groups": columns.groups}
-    given = {option: name for option, name in names.items() if name is not None}
-    if not given:
-        return {}
-    read = read_columns(file, list(dict.fromkeys(given.values())))
-    return {option: read[name] for option, name in given.items()}
+    return {option: read_labels(file, name) for option, name in names.items() if name is not None}
 
 
 def _of_run(

@@ -145,15 +145,20 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
 
 def write_report(done: Done, path: Path, force: bool, as_json: bool) -> None:
     """Write the HTML report."""
+    import numpy as np
+
     from minorloop.report import identification_report
 
+    record, rows = done.record, slice(done.first, done.first + done.result.u.size)
+    timed = record.timed and np.array_equal(record.u[rows], done.result.u)
     draw = partial(
         identification_report,
         done.result,
         dynamic=done.dynamic,
         source=str(done.provenance.data),
-        input_label=str(done.record.input),
-        output_label=str(done.record.output),
+        input_label=str(record.input),
+        output_label=str(record.output),
+        time=record.t[rows] if timed else None,
     )
     with _common.working("drawing the report"):
         _common.write_report(draw, path, force=force)

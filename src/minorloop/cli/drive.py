@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from minorloop.cli import _common
+from minorloop.cli import _common, _conversion
 from minorloop.cli.run import carry_out_levels, print_mode, run_warnings, summary
 from minorloop.errors import ParameterError
 
@@ -25,7 +25,7 @@ EXAMPLE = (
     "--store drive.sqlite"
 )
 
-_HINT = ", or convert a laser distance to curvature with --laser"
+_HINT = ", or convert the readings with --laser, --linear, --polynomial or --table"
 
 
 def run(
@@ -51,7 +51,12 @@ def run(
             help="Targets count from the zero of the sensor; otherwise from that of the model.",
         ),
     ] = False,
-    laser: _common.Laser = None,
+    laser: _conversion.Laser = None,
+    linear: _conversion.Linear = None,
+    polynomial: _conversion.Polynomial = None,
+    table: _conversion.Table = None,
+    name: _conversion.Name = None,
+    unit: _conversion.Unit = None,
     hold: Annotated[
         float, _common.number_option("Longest hold of a target, in seconds.")
     ] = _common.HOLD,
@@ -81,10 +86,11 @@ def run(
 
     _common.check_new_store(store)
     _common.check_outputs([store, report], inputs=[model, file], force=force)
+    options = _conversion.ConversionOptions(laser, linear, polynomial, table, name, unit)
     known = modelfile.read(model)
     targets = _common.read_column(file, target, known.output.unit)
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
-        plant = _seen(plant, laser)
+        plant = _seen(plant, options)
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
         chosen = TargetDrive(
@@ -99,7 +105,7 @@ def run(
         chosen.check(plant.inputs[0])
         plan = chosen.plan(hold, input=names[0], tolerance=tolerance)
         check_plan(plant, plan)
-        design = {"drive": chosen.to_json(), "laser": laser}
+        design = {"drive": chosen.to_json(), "laser": laser, "conversion": options.to_json()}
         setup = Setup(actuator, *names, specimen, seed, {"noise": noise}, design)
         _common.print_warnings(known.warnings)
         with Store.create(store, plan, setup) as opened:
@@ -108,16 +114,19 @@ def run(
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
-    _carried(_seen(plant, (store.setup.design or {})["laser"]), store, as_json)
+    design = store.setup.design or {}
+    options = _conversion.ConversionOptions(**design.get("conversion", {"laser": design["laser"]}))
+    _carried(_seen(plant, options), store, as_json)
 
 
-def _seen(plant: Actuator, laser: str | None) -> Actuator:
-    """Return the actuator with its laser distance converted, where the option is given."""
+def _seen(plant: Actuator, options: _conversion.ConversionOptions) -> Actuator:
+    """Return the actuator with its readings converted, where options are given."""
     from minorloop.lab.converted_actuator import with_conversion
+    from minorloop.lab.records import Quantity
 
-    if laser is None:
-        return plant
-    return with_conversion(plant, _common.laser_curvature(laser, plant.outputs[0].unit))
+    reading = plant.outputs[0]
+    conversion = options.conversion(Quantity(reading.name, reading.unit))
+    return plant if conversion is None else with_conversion(plant, conversion)
 
 
 def _carried(

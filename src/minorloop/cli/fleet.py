@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, counted
 
 if TYPE_CHECKING:
     from minorloop.fleet.summary import Summary
@@ -100,7 +100,9 @@ def run(
     if holdout != 0:  # folders made without it have none among their options
         options["holdout"] = holdout
     options["smoothness"] = smoothness if smoothness == "auto" else _common.number(smoothness)
-    with _common.working(f"identifying {len(specimens)} specimens", logged=not as_json) as now:
+    with _common.working(
+        f"identifying {counted(len(specimens), 'specimen')}", logged=not as_json
+    ) as now:
         summary = identify_fleet(
             specimens,
             out,

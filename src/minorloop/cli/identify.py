@@ -47,7 +47,7 @@ _Levels = Annotated[
 _Spacing = Annotated[
     str, typer.Option(help="Thresholds: uniform, or adaptive (denser where the output is steep).")
 ]
-_Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1) or unipolar (0, 1).")]
+_Relay = Annotated[str, typer.Option(help="Relays: bipolar (-1, +1), unipolar (0, 1) or auto.")]
 _Diagonal = Annotated[
     str | None,
     typer.Option(
@@ -106,7 +106,7 @@ _Rank = Annotated[
 ]
 _Curves = Annotated[
     str | None,
-    typer.Option(help="Column with the number of the curve: each begins with a memory set anew."),
+    typer.Option(help="Column with the label of the curve: the memory is reset before each."),
 ]
 _StartOfCurve = Annotated[
     str | None,
@@ -118,7 +118,7 @@ _StartOfCurve = Annotated[
 _Groups = Annotated[
     str | None,
     typer.Option(
-        help="Column with the number of the group, such as the specimen; each is left out once.",
+        help="Column with the label of the group, such as the specimen; each is left out once.",
         show_default="the curves",
     ),
 ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError, are
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
@@ -151,7 +151,7 @@ def _print(known: ModelFile, targets: FloatArray, result: Inversion | CascadeInv
     if targets.size > _SHOWN:
         typer.echo(f"... {targets.size - _SHOWN} more; --save FILE writes them all")
     if missed:
-        typer.echo(f"{missed} of {targets.size} targets are out of reach of the model")
+        typer.echo(f"{missed} of {targets.size} targets {are(missed)} out of reach of the model")
 
 
 def _in_six_digits(values: FloatArray) -> list[str]:

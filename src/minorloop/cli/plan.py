@@ -8,7 +8,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, counted
 from minorloop.files import check_name
 from minorloop.lab.durations import as_duration
 
@@ -165,7 +165,7 @@ def _plan_sines(
     if as_json:
         _common.print_json({**plan.to_dict(), "hours": plan.duration / _HOUR})
         return
-    typer.echo(f"{len(plan)} sines, {as_duration(plan.duration)} in all")
+    typer.echo(f"{counted(len(plan), 'sine')}, {as_duration(plan.duration)} in all")
     kinds = dict.fromkeys((s.frequency, s.discarded, s.measured, s.samples) for s in plan)
     rows = [[f"{row[0]:.6g}", *map(str, row[1:])] for row in kinds]
     _common.print_table(("frequency [Hz]", "discarded", "measured periods", "samples"), rows)
@@ -206,7 +206,9 @@ def _figures(inputs: FloatArray, hold: float, report: ExcitationReport | None) -
 
 
 def _print(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> None:
-    typer.echo(f"{inputs.size} holds of {hold:g} s, {as_duration(inputs.size * hold)} in all")
+    typer.echo(
+        f"{counted(inputs.size, 'hold')} of {hold:g} s, {as_duration(inputs.size * hold)} in all"
+    )
     typer.echo(
         str(report) if report else f"what more than {_RANKED} bands determine is not computed"
     )

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from minorloop.cli import _common
+from minorloop.cli import _common, _conversion
 from minorloop.errors import ParameterError, RecordError
 
 if TYPE_CHECKING:
-    from minorloop.lab.conversion import Conversion
-    from minorloop.lab.records import Quantity
     from minorloop.lab.reduction import Reduction
 
 NAME = "reduce"
@@ -23,24 +20,10 @@ EXAMPLE = (
     'minorloop reduce log.csv --input "voltage [V]" --output distance --laser 20,15,0.02,0.05 '
     "--save points.csv --report reduced.html"
 )
-_POWERS = range(2, 21)
 
 _Log = Annotated[Path, typer.Argument(help="Raw log: samples of input and sensor.")]
 _Input = Annotated[str, typer.Option(help="Column of the input, such as 'voltage [V]'.")]
 _Output = Annotated[str, typer.Option(help="Column of the sensor; an empty cell: not measured.")]
-_Polynomial = Annotated[
-    str | None,
-    typer.Option(metavar="C0,C1,...", help="Convert by a polynomial, from the constant on."),
-]
-_Linear = Annotated[
-    str | None, typer.Option(metavar="GAIN,OFFSET", help="Convert by gain times reading + offset.")
-]
-_Table = Annotated[
-    Path | None,
-    typer.Option(help="Convert by a table: a file with two columns, reading and value."),
-]
-_Name = Annotated[str | None, typer.Option(help="Name of the converted output.")]
-_Unit = Annotated[str | None, typer.Option(help="Unit of the converted output.")]
 _CalibrationSd = Annotated[
     float,
     _common.number_option("Standard deviation of the calibration, in the unit of the output."),
@@ -72,12 +55,12 @@ def run(
     input: _Input,
     output: _Output,
     time: _common.Time = None,
-    laser: _common.Laser = None,
-    linear: _Linear = None,
-    polynomial: _Polynomial = None,
-    table: _Table = None,
-    name: _Name = None,
-    unit: _Unit = None,
+    laser: _conversion.Laser = None,
+    linear: _conversion.Linear = None,
+    polynomial: _conversion.Polynomial = None,
+    table: _conversion.Table = None,
+    name: _conversion.Name = None,
+    unit: _conversion.Unit = None,
     calibration_sd: _CalibrationSd = 0.0,
     flip: _Flip = False,
     flip_input: _FlipInput = False,
@@ -95,8 +78,9 @@ def run(
     from minorloop.lab.reduction import reduce
 
     _common.check_outputs([save, report], inputs=[file], force=force)
-    chosen = {"laser": laser, "linear": linear, "polynomial": polynomial, "table": table}
-    named = {"name": name, "unit": unit, "calibration_sd": calibration_sd}
+    options = _conversion.ConversionOptions(
+        laser, linear, polynomial, table, name, unit, calibration_sd
+    )
     limits = _limits(range)
     with _common.working(f"reading {file.name}") as now:
         log = _common.read_log(file, input, output, time, now, needed=True)
@@ -104,7 +88,7 @@ def run(
         now(f"reducing {len(record)} samples")
         reduction = reduce(
             record,
-            conversion=_conversion(chosen, named, record.output),
+            conversion=options.conversion(record.output),
             flip=flip,
             flip_input=flip_input,
             limits=limits,
@@ -127,36 +111,6 @@ def run(
     if save is not None:
         steps.insert(0, partial(_save, reduction, keep_unsettled, save, force, as_json))
     _common.do_all(steps)
-
-
-def _conversion(
-    chosen: dict[str, Any], named: dict[str, Any], reading: Quantity
-) -> Conversion | None:
-    from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable
-
-    given = [name for name, value in chosen.items() if value is not None]
-    if len(given) > 1:
-        raise ParameterError(f"--{given[0]} and --{given[1]} are given; give one conversion")
-    if given == ["laser"]:
-        if any(named.values()):
-            raise ParameterError(
-                "--laser gives curvature [1/m]; leave --name, --unit and --calibration-sd out"
-            )
-        return _common.laser_curvature(chosen["laser"], reading.unit)
-    if given == ["table"]:
-        found = CalibrationTable.from_csv(chosen["table"], calibration_sd=named["calibration_sd"])
-        return replace(found, name=named["name"] or found.name, unit=named["unit"] or found.unit)
-    coefficients: tuple[float, ...] = (0.0, 1.0)
-    if given == ["linear"]:
-        gain, *offset = _common.numbers("linear", chosen["linear"], (1, 2), "GAIN,OFFSET")
-        coefficients = (*(offset or [0.0]), gain)
-    elif given == ["polynomial"]:
-        coefficients = tuple(
-            _common.numbers("polynomial", chosen["polynomial"], _POWERS, "C0,C1,...")
-        )
-    elif not any(named.values()):
-        return None
-    return CalibrationPolynomial(**named, coefficients=coefficients)
 
 
 def _limits(text: str | None) -> tuple[float, float] | None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
+from minorloop.errors import counted
 
 NAME = "simulate"
 EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predicted.csv"
@@ -49,7 +50,9 @@ def run(
         _common.print_json({"samples": y.size, "least": y.min(), "greatest": y.max(), **outputs})
         return
     unit = f" {known.output.unit}" if known.output.unit else ""
-    typer.echo(f"{y.size} samples of {known.output.name}, {y.min():.6g} to {y.max():.6g}{unit}")
+    typer.echo(
+        f"{counted(y.size, 'sample')} of {known.output.name}, {y.min():.6g} to {y.max():.6g}{unit}"
+    )
     if save is not None:
         typer.echo(f"written to {save}")
     else:

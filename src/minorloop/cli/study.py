@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -12,7 +13,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
-from minorloop.errors import ParameterError
+from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.threads import one_thread
 
 NAME = "study"
@@ -158,6 +159,8 @@ def _report(
         beside = page.save_beside(first, folder) if hasattr(page, "save_beside") else []
     if hasattr(page, "save_beside") and not beside:
         typer.echo(page.nothing_found(first.mission), err=True)
+    if beside and find_spec("trimesh") is None:
+        typer.echo(f"surfaces are not written: {MissingExtraError('trimesh', 'head')}", err=True)
     if not as_json:
         typer.echo(f"report written to {path}; open it in a browser")
         for written in beside:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, IntArray
 from minorloop.drawing.layout import new_figure
 from minorloop.drawing.operators import clip_to_plane, draw_density
+from minorloop.errors import counted
 from minorloop.identification.bands import PER_DEVIATION
+from minorloop.identification.residuals import amplitudes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,22 +25,45 @@ if TYPE_CHECKING:
 _MOST_BANDS = 1000
 """Samples whose bands are computed for the residual: more cost time and show no more."""
 _MOST_DRAWN = 20_000
-"""Samples of the loop in a notebook: more take seconds to draw."""
+"""Samples of the loop in a notebook, and of the residual: more take seconds to draw."""
 _FEW = 400
 """Number of samples up to which points are large, and the model is drawn between them too."""
-_DOTS: dict[str, Any] = {"ms": 2.5, "color": "0.6"}
+_PARTS, _FEWEST_OF_PART, _FEWEST = 12, 5, 30
+"""Parts of equal width for which the residual is averaged, and least samples of one and of all."""
+_LEAP, _LEAP_SHARE = 20, 0.05
+"""An input leaps if it changes by more than so many usual steps and this share of its range."""
+_DOTS: dict[str, Any] = {"ms": 3.5, "color": "C1"}
 
 
 def draw_identification(
-    result: Identification, *, input_label: str = "input", output_label: str = "output"
+    result: Identification,
+    *,
+    input_label: str = "input",
+    output_label: str = "output",
+    time: FloatArray | None = None,
 ) -> Any:
-    """Draw loop, plane, record and residual."""
-    figure, axes = new_figure(2, 2, 7.5, 10.5, grid=False)
+    """Draw loop, plane and record, and the residual in time, by amplitude and by rate.
+
+    Parameters
+    ----------
+    result : Identification
+        The identification.
+    input_label, output_label : str
+        Name and unit of input and output.
+    time : (T,) array, optional
+        Time of each sample in seconds; samples are counted without it.
+    """
+    figure, axes = new_figure(3, 2, 11.5, 10.5, grid=False)
+    figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)
+    clock = np.arange(result.y.size, dtype=np.float64) if time is None else time
     _draw_loop(axes[0, 0], result, input_label, output_label)
     draw_density(axes[0, 1], result.model, input_label=input_label)
     _grey_unexcited(axes[0, 1], result)
-    _draw_record(axes[1, 0], result, output_label)
-    _draw_residual(axes[1, 1], result)
+    _draw_record(axes[1, 0], result, output_label, clock)
+    _draw_residual(axes[1, 1], result, clock)
+    _draw_residual_parts(axes[2], result, input_label)
+    for axis in axes[1]:
+        axis.set_xlabel("sample" if time is None else "time [s]")
     return figure
 
 
@@ -56,7 +82,7 @@ def _draw_loop(
     axes: Axes, result: Identification, input_label: str, output_label: str, most: int = 0
 ) -> None:
     """Draw the loop; of ``most`` samples only, the last ones, if that is not 0."""
-    u, y = (part[-most:] for part in _unjoined(result, result.y))
+    u, y = (part[-most:] for part in loop_points(result, result.y))
     if result.u.size <= _FEW and not result.lag and result.curves.begins.size == 1:
         axes.plot(u, y, "o", ms=4, color="C1", label="measured", zorder=3)
         inputs = _interpolated(result.u)
@@ -64,24 +90,39 @@ def _draw_loop(
         axes.plot(inputs, result.predict(inputs), label="model", **shown)
     else:
         axes.plot(u, y, label="measured", rasterized=True, ls="", marker=".", **_DOTS)
-        style: dict[str, Any] = {"marker": ".", "ms": 1.2, "lw": 0.8, "color": "C0"}
-        modelled = [part[-most:] for part in _unjoined(result, result.prediction)]
+        style: dict[str, Any] = {"marker": ".", "ms": 0.6, "lw": 0.5, "color": "C0"}
+        modelled = [part[-most:] for part in loop_points(result, result.prediction)]
         axes.plot(*modelled, label="model", rasterized=True, **style)
-    at = "" if not result.lag else f" {result.lag} samples before"
+    at = "" if not result.lag else f" {counted(result.lag, 'sample')} before"
     axes.set(xlabel=input_label + at, ylabel=output_label, title="Loop")
     axes.legend(frameon=False, loc="upper left")
     axes.grid(alpha=0.25)
 
 
-def _unjoined(result: Identification, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return inputs and outputs with NaN where nothing was measured, and between curves.
+def loop_points(result: Identification, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and outputs with NaN where nothing was measured, between curves and at leaps.
 
     A line through them does not join what was not measured one after the other.
+
+    Parameters
+    ----------
+    result : Identification
+        The identification.
+    outputs : (T,) array
+        The measured outputs, or those of the model.
     """
     y = np.where(result.fitted | result.held_out, outputs, np.nan)[result.lag :]
+    u = result.u[: y.size]
     begins = result.curves.begins - result.lag
-    begins = begins[(begins > 0) & (begins < y.size)]
-    return np.insert(result.u[: y.size], begins, np.nan), np.insert(y, begins, np.nan)
+    begins = np.union1d(begins[(begins > 0) & (begins < y.size)], _jumps(u))
+    return np.insert(u, begins, np.nan), np.insert(y, begins, np.nan)
+
+
+def _jumps(u: FloatArray) -> IntArray:
+    """Return the samples before which the input leaps, as between curves with few labels."""
+    steps = np.abs(np.diff(u))
+    usual = float(np.median(steps[steps > 0])) if steps.any() else 0.0
+    return np.flatnonzero(steps > max(_LEAP * usual, _LEAP_SHARE * float(np.ptp(u)))) + 1
 
 
 def _interpolated(u: FloatArray, points: int = 12) -> FloatArray:
@@ -99,59 +140,118 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
         return  # With a prior, bands show what was not measured.
     shade = np.ma.masked_where(~unexcited, np.ones(unexcited.shape))
     grey = ListedColormap(["0.85"])
-    mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, alpha=0.8, lw=0)
+    mesh = axes.pcolormesh(levels, levels, shade, cmap=grey, rasterized=True)
     clip_to_plane(axes, mesh, result.model)
     axes.set_title("Preisach plane (grey: not excited)")
 
 
-def _draw_record(axes: Axes, result: Identification, output_label: str) -> None:
+def _draw_record(axes: Axes, result: Identification, output_label: str, clock: FloatArray) -> None:
     index = np.arange(result.y.size)
-    dots: dict[str, Any] = {"ms": 4, "color": "C1"} if index.size <= _FEW else _DOTS
-    axes.plot(index, result.y, ".", label="measured", rasterized=True, **dots)
-    axes.plot(index, result.prediction, lw=0.8, color="C0", label="model", rasterized=True)
+    dots: dict[str, Any] = {"ms": 7, "color": "C1"} if index.size <= _FEW else _DOTS
+    axes.plot(clock, result.y, ".", label="measured", rasterized=True, **dots)
+    begins = result.curves.begins[1:]
+    modelled = np.insert(clock, begins, np.nan), np.insert(result.prediction, begins, np.nan)
+    axes.plot(*modelled, lw=0.8, color="C0", label="model", rasterized=True)
     plain = not result.lag and result.curves.begins.size == 1
     if result.posterior is not None and 1 < index.size <= _FEW and plain:
         # Between samples too, where bands are wide.
         between = result.predict(_interpolated(result.u), bands=0.9)
-        places = np.linspace(0, index[-1], between.u.size)
+        places = np.interp(np.linspace(0, index[-1], between.u.size), index, clock)
         axes.fill_between(places, between.lower, between.upper, color="C0", alpha=0.2, lw=0)
-    _shade_held_out(axes, result)
-    axes.set(xlabel="sample", ylabel=output_label, title="Record")
+    _shade_held_out(axes, result, clock)
+    axes.set(ylabel=output_label, title="Record")
     axes.grid(alpha=0.25)
 
 
-def _draw_residual(axes: Axes, result: Identification) -> None:
+def _residual(result: Identification) -> tuple[FloatArray, float]:
+    """Return model less measured in % of the range of the fitted output, and that range."""
     unit = float(np.ptp(result.y[result.fitted])) or 1.0
-    index = np.arange(result.y.size)
-    residual = 100 * (result.prediction - result.y) / unit
-    axes.plot(index, residual, ".", ms=2.0, color="C0", rasterized=True)
+    return 100 * (result.prediction - result.y) / unit, unit
+
+
+def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> None:
+    residual, unit = _residual(result)
+    axes.plot(clock, residual, ".", ms=_size(clock), color="C0", rasterized=True)
     if result.posterior is not None or result.scatter is not None:
-        shown = np.unique(np.linspace(0, index[-1], _MOST_BANDS).astype(np.int64))
+        shown = np.unique(np.linspace(0, clock.size - 1, _MOST_BANDS).astype(np.int64))
         reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
-        axes.fill_between(shown, -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
+        axes.fill_between(
+            clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band"
+        )
         axes.legend(framealpha=0.9, loc="upper right")
     axes.axhline(0.0, color="0.3", lw=0.8)
-    _shade_held_out(axes, result)
-    _shade_startup(axes, result, residual)
-    axes.set(xlabel="sample", ylabel="residual, % of range", title="Model less measured")
+    _shade_held_out(axes, result, clock)
+    _shade_startup(axes, result, residual, clock)
+    axes.set(ylabel="residual, % of range", title="Residual in time: model less measured")
     axes.grid(alpha=0.25)
 
 
-def _shade_startup(axes: Axes, result: Identification, residual: FloatArray) -> None:
+def _draw_residual_parts(axes: npt.NDArray[Any], result: Identification, input_label: str) -> None:
+    """Draw the residual by the size of the loop, and by the change of the input."""
+    residual, _ = _residual(result)
+    u = result.curves.delayed(result.u, result.lag)
+    known = np.flatnonzero((result.fitted | result.held_out) & np.isfinite(residual))
+    startup = result.residual.startup
+    known = known[known >= (startup.rows if startup else 0)]
+    known = known[:: max(known.size // _MOST_DRAWN, 1)]
+    for one, feature, label, title in (
+        (axes[0], amplitudes(u), "height of the branch", "amplitude"),
+        (axes[1], np.abs(np.diff(u, prepend=u[0])), "change from sample to sample", "rate"),
+    ):
+        x, size = feature[known], np.abs(residual[known])
+        one.plot(x, size, ".", ms=_size(x), color="0.7", rasterized=True, label="samples")
+        if known.size >= _FEWEST:
+            _draw_rms(one, x, size)
+        one.set(
+            xlabel=f"{label}, {input_label}",
+            ylabel="|residual|, % of range",
+            title=f"Residual by {title} of the input",
+        )
+        one.set_ylim(bottom=0)
+        one.grid(alpha=0.25)
+        one.legend(framealpha=0.9, loc="upper right")
+
+
+def _draw_rms(axes: Axes, x: FloatArray, size: FloatArray) -> None:
+    """Draw the rms over intervals of equal width, up to the 99th percentile of x."""
+    # The few samples beyond it, as between curves, are not shown.
+    low, high = np.quantile(x, [0.0, 0.99])
+    edges = np.linspace(low, high, _PARTS + 1)
+    shown = x <= high
+    place = np.searchsorted(edges[1:-1], x[shown])
+    count = np.bincount(place, minlength=_PARTS)
+    mean = np.bincount(place, size[shown] ** 2, _PARTS) / np.maximum(count, 1)
+    enough = count >= _FEWEST_OF_PART
+    middles = ((edges[1:] + edges[:-1]) / 2)[enough]
+    axes.plot(middles, np.sqrt(mean[enough]), "o-", ms=4, color="C0", label="rms")
+    margin = 0.03 * (high - low) or 1.0
+    axes.set_xlim(low - margin, high + margin)
+
+
+def _size(values: FloatArray) -> float:
+    """Return the size of the dots of so many samples."""
+    return 7.0 if values.size <= _FEW else 2.0
+
+
+def _shade_startup(
+    axes: Axes, result: Identification, residual: FloatArray, clock: FloatArray
+) -> None:
     """Shade a start-up, and scale the axis to the later rows."""
     startup = result.residual.startup
     if startup is not None:
         later = np.abs(residual[startup.rows :])
         reach = 1.2 * float(np.nanmax(later))
         axes.set_ylim(-reach, reach)
-        axes.axvspan(0, startup.rows, color="C3", alpha=0.2, label="start-up, not to scale")
+        axes.axvspan(
+            clock[0], clock[startup.rows], color="C3", alpha=0.2, label="start-up, not to scale"
+        )
         axes.legend(framealpha=0.9, loc="upper right")
 
 
-def _shade_held_out(axes: Axes, result: Identification) -> None:
+def _shade_held_out(axes: Axes, result: Identification, clock: FloatArray) -> None:
     held = np.flatnonzero(result.held_out)
     if held.size:
-        axes.axvspan(held[0], held[-1], color="C1", alpha=0.12, label="held out")
+        axes.axvspan(clock[held[0]], clock[held[-1]], color="C1", alpha=0.12, label="held out")
         axes.legend(framealpha=0.9, loc="lower right")
 
 

@@ -58,7 +58,7 @@ class Specimen:
         if not self.outside:
             return str(error)
         return (
-            f"{self.file} is no record with the columns {self.input!r} and {self.output!r}; it "
+            f"{self.file} is not a record with the columns {self.input!r} and {self.output!r}; it "
             "lies outside the folder of the manifest, so that its content is not shown"
         )
 
@@ -79,10 +79,10 @@ class Specimen:
         Raises
         ------
         OSError, ValueError
-            If it cannot be opened, or is no regular file: a pipe may never end.
+            If it cannot be opened, or is not a regular file: a pipe may never end.
         """
         if self.file.exists() and not self.file.is_file():
-            raise OSError(errno.EINVAL, "it is no regular file")
+            raise OSError(errno.EINVAL, "it is not a regular file")
         return self.file.open("rb")
 
     def read(self) -> bytes:
@@ -142,8 +142,12 @@ def read_manifest(
 def _text_of(path: Path) -> str:
     try:
         if path.stat().st_size > LARGEST:
-            raise RecordError(f"{path} is larger than {LARGEST} bytes; that is no manifest")
+            raise RecordError(f"{path} is larger than {LARGEST} bytes; a manifest is smaller")
         return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise RecordError(
+            f"{path} does not exist; give a table with the columns specimen and file"
+        ) from None
     except (UnicodeDecodeError, OSError, ValueError) as error:
         if isinstance(error, RecordError):
             raise

@@ -7,12 +7,13 @@ structure and the lag are compared on a coarse plane, where a fit takes millisec
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from minorloop.arrays import IntArray, Levels
+from minorloop.errors import counted
 from minorloop.identification import fitting
 from minorloop.identification.baseline import nrmse, percent
 from minorloop.identification.curves import Curves
@@ -117,6 +118,7 @@ def choose(
     lag: int | None,
     groups: IntArray | None,
     finer: Levels | None,
+    say: Callable[[str], None] = lambda stage: None,
 ) -> Chosen:
     """Choose the structure, the lag and the levels.
 
@@ -132,6 +134,8 @@ def choose(
         Number of the group of each row.
     finer : array, optional
         Other levels to compare.
+    say : callable
+        Called with what is done next.
     """
     spec, choices = specs[0], []
     if np.count_nonzero(record.fitted) < _FEWEST:
@@ -140,14 +144,19 @@ def choose(
     groups = None if groups is None else groups[: settled.u.size]
     fold, spread = parts_of(settled, groups), parts_of(settled, groups, _SEGMENTS)
     if lag is None:
+        say("comparing lags")
         lag, found = _choose_lag(specs[-1], settled, spread)
         choices += found
     if len(specs) > 1:
-        errors = {structure(one): error(_coarse(one, settled), settled, lag, fold) for one in specs}
+        errors = {}
+        for count, one in enumerate(specs, 1):
+            say(f"comparing structures, {count} of {len(specs)}: {structure(one)}")
+            errors[structure(one)] = error(_coarse(one, settled), settled, lag, fold)
         choices.append(_choice("structure", errors, structure(spec)))
         spec = next(one for one in specs if structure(one) == choices[-1].chosen)
     if finer is not None:
-        spec, found = _choose_levels(spec, replace(spec, levels=finer), settled, lag, spread)
+        other = replace(spec, levels=finer)
+        spec, found = _choose_levels(spec, other, settled, lag, spread, say)
         choices += found
     return Chosen(spec, lag, tuple(choices), fold)
 
@@ -199,13 +208,18 @@ def _choose_lag(spec: PlaneSpec, record: FitRecord, fold: IntArray) -> tuple[int
     lag = fitting.best_lag(coarse, record)
     if not lag:
         return 0, []
-    errors = {f"{k} samples": error(coarse, record, k, fold) for k in (0, lag)}
+    errors = {counted(k, "sample"): error(coarse, record, k, fold) for k in (0, lag)}
     choice = _choice("lag", errors, "0 samples")
     return (0 if choice.chosen == "0 samples" else lag), [choice]
 
 
 def _choose_levels(
-    spec: PlaneSpec, finer: PlaneSpec, record: FitRecord, lag: int, fold: IntArray
+    spec: PlaneSpec,
+    finer: PlaneSpec,
+    record: FitRecord,
+    lag: int,
+    fold: IntArray,
+    say: Callable[[str], None],
 ) -> tuple[PlaneSpec, list[Choice]]:
     """Compare more levels, but only if the given ones are better than a coarse plane."""
     coarse = _coarse(spec, record)
@@ -214,6 +228,7 @@ def _choose_levels(
     specs, errors = {}, {}
     for one in (coarse, spec, finer):
         name = f"{one.bands} bands"
+        say(f"comparing levels: {name}")
         specs[name] = one
         errors[name] = error(one, record, lag, fold, _STRENGTHS[1:2], _PARTS_FOR_LEVELS)
         if one is spec and errors[name] > _PROMISING * errors[f"{coarse.bands} bands"]:

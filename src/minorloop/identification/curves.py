@@ -1,17 +1,17 @@
-"""Curves: parts of a record before each of which the memory is set anew."""
+"""Curves: parts of a record before each of which the memory is reset."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray, Levels
-from minorloop.errors import ParameterError, SignalError
-from minorloop.operators.memory import Start
+from minorloop.arrays import FloatArray, IntArray, Levels, check_option
+from minorloop.errors import ParameterError, SignalError, counted
+from minorloop.operators.memory import Saturation, Start
 from minorloop.operators.preisach import Preisach
 
 StartOfCurve = Start | Literal["as-left"]
@@ -21,7 +21,7 @@ AS_LEFT: Final = "as-left"
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Rows before which the memory of a record is set anew.
+    """Rows before which the memory of a record is reset.
 
     Parameters
     ----------
@@ -110,13 +110,16 @@ def as_curves(
     SignalError
         If there is not one label for each row.
     ParameterError
-        If ``start_of_curve`` is given without labels.
+        If ``start_of_curve`` is given without labels, or is not a start.
     """
     if labels is None:
         if start_of_curve is not None:
             raise ParameterError("start_of_curve is given without curves; give curves (--curves)")
         return Curves.whole(start)
     number = as_groups("curves", labels, samples)
+    if isinstance(start_of_curve, str):
+        allowed = (*get_args(Saturation), AS_LEFT)
+        check_option("start_of_curve (--start-of-curve)", start_of_curve, allowed)
     if start_of_curve is None:
         start_of_curve = start
     if start_of_curve == AS_LEFT:
@@ -156,6 +159,6 @@ def check_group_sizes(name: str, groups: IntArray, labels: Sequence[object]) -> 
     single = np.flatnonzero(counts == 1)
     if 2 * single.size >= counts.size:
         raise ParameterError(
-            f"{name} has {single.size} groups of one row, the first is {labels[single[0]]!r}; give "
-            "the rows of one curve or specimen the same label"
+            f"{name} has {counted(single.size, 'group')} of one row, the first is "
+            f"{labels[single[0]]!r}; give the rows of one curve or specimen the same label"
         )

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, as_levels, as_samples
-from minorloop.errors import SignalError
+from minorloop.errors import SignalError, counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.diagnosis import rank_and_condition
@@ -111,7 +111,8 @@ class ExcitationReport(NotebookView):
     def __str__(self) -> str:
         verdict = "determines the plane" if self.sufficient else "does not determine the plane"
         return (
-            f"{self.samples} samples, rank {self.rank} of {self.unknowns} unknowns, condition "
+            f"{counted(self.samples, 'sample')}, rank {self.rank} of {self.unknowns} unknowns, "
+            "condition "
             f"{self.condition:.3g}, {self.excited_fraction:.0%} of the cells excited: {verdict}"
         )
 

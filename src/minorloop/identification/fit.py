@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import IntArray, Levels, check_option
+from minorloop.errors import counted
 from minorloop.identification import record_checks as checks
 from minorloop.identification.choosing import LEVELS, Chosen, choose, choose_prior
 from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, check_group_sizes
@@ -46,6 +48,7 @@ def identify(
     start_of_curve: StartOfCurve | None = None,
     groups: npt.ArrayLike | None = None,
     skip: int = 0,
+    progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Identify a Preisach model from inputs and measured outputs.
 
@@ -97,7 +100,7 @@ def identify(
         from 0 to 0.9.
     curves : (T,) array_like, optional
         Label of the curve of each row, such as its number. Where the label changes, the memory is
-        set anew. Curves are also groups, unless ``groups`` are given.
+        reset. Curves are also groups, unless ``groups`` are given.
     start_of_curve : {"negative", "positive", "demagnetised", "as-left"} or Memory, optional
         Memory before each curve, the first included; ``start`` if not given. ``"as-left"``: the
         memory that the previous curve left.
@@ -106,6 +109,8 @@ def identify(
         the others, and bands include the scatter of three or more groups.
     skip : int
         Rows at the start of the record, and of each curve, that set the memory and are not fitted.
+    progress : callable, optional
+        Called with what is done next, as text.
 
     Returns
     -------
@@ -140,15 +145,21 @@ def identify(
     specs = _structures(grids[0], relay, diagonal, slope, bool(offset))
     automatic = len(specs) > 1 or len(grids) > 1
     delay = None if lag == "auto" else checks.as_lag(lag, inputs.size)
+    say = progress or (lambda stage: None)
     chosen = Chosen(specs[0], delay or 0, ())
     if automatic or delay is None:
-        chosen = choose(specs, record, delay, group, grids[1] if len(grids) > 1 else None)
+        chosen = choose(specs, record, delay, group, grids[1] if len(grids) > 1 else None, say)
     spec, delay, choices = chosen.spec, chosen.lag, chosen.choices
+    say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
     found = fit_plane(spec, record, delay, smoothness, prior, sensor, group)
     if automatic and prior == "auto":
+        if found.posterior is not None:
+            say("comparing the prior with smoothing")
         found, compared = choose_prior(found, record, delay, chosen.fold)
         choices += compared
-    left_out, scatter = (None, None) if group is None else validate(record, found, delay, group)
+    left_out, scatter = None, None
+    if group is not None:
+        left_out, scatter = validate(record, found, delay, group, say)
     return Identification(
         model=spec.model(found.x),
         lag=delay,

@@ -34,7 +34,7 @@ class Fit:
     lag : int
         Samples by which the output follows the input, beyond the hysteresis.
     curves : Curves
-        Where the memory is set anew, and the memory there.
+        Where the memory is reset, and the memory there.
     smoothness : float
         Strength that was used.
     kkt : float

@@ -55,7 +55,7 @@ class FitRecord:
     fitted : (T,) array of bool
         Samples to be fitted.
     curves : Curves
-        Where the memory is set anew.
+        Where the memory is reset.
     signed : bool
         Whether weights and slope may be negative.
     """

@@ -7,6 +7,7 @@ curves, days or specimens.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,7 +81,11 @@ class GroupScatter:
 
 
 def validate(
-    record: FitRecord, found: FittedPlane, lag: int, groups: IntArray
+    record: FitRecord,
+    found: FittedPlane,
+    lag: int,
+    groups: IntArray,
+    say: Callable[[str], None] = lambda stage: None,
 ) -> tuple[FloatArray, GroupScatter | None]:
     """Predict the rows of each group without it; the scatter of at least three groups.
 
@@ -94,6 +99,8 @@ def validate(
         Its lag.
     groups : (T,) array of int
         Number of the group of each row.
+    say : callable
+        Called with what is done next.
 
     Returns
     -------
@@ -113,7 +120,7 @@ def validate(
             "or leave groups (--groups) out"
         )
     fold = np.searchsorted(names, groups) % min(names.size, FOLDS)
-    predicted = left_out(record, found, lag, fold)
+    predicted = left_out(record, found, lag, fold, say)
     everywhere = np.full(record.u.size, np.nan)
     everywhere[rows] = predicted[rows]
     if names.size < FEWEST_GROUPS:
@@ -122,12 +129,20 @@ def validate(
     return everywhere, _scatter(names.size, u, record.y[rows], predicted[rows], found)
 
 
-def left_out(record: FitRecord, found: FittedPlane, lag: int, fold: IntArray) -> FloatArray:
+def left_out(
+    record: FitRecord,
+    found: FittedPlane,
+    lag: int,
+    fold: IntArray,
+    say: Callable[[str], None] = lambda stage: None,
+) -> FloatArray:
     """(T,) outputs of the samples of each fold, predicted by a fit to the others."""
     regression = found.regression
     part = fold[regression.rows]
     predicted = np.full(record.u.size, np.nan)
-    for k in np.unique(part):
+    names = np.unique(part)
+    for count, k in enumerate(names, 1):
+        say(f"leaving out groups, fit {count} of {names.size}")
         x = _without(found, record.signed, part == k)
         model = regression.matrix.spec.model(x)
         predicted[fold == k] = record.curves.simulate(model, record.u, lag)[fold == k]

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import (
+    LARGEST,
     BoolArray,
     FloatArray,
     IntArray,
@@ -13,17 +14,16 @@ from minorloop.arrays import (
     as_finite,
     as_levels,
     as_samples,
+    check_magnitude,
     check_option,
 )
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import ParameterError, SignalError, are, counted
 from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
 from minorloop.lab.codes import OVERLOAD, Code, codes
 
 FEWEST = 3
 """Measured samples below which nothing is fitted."""
-_LARGEST = 1e150
-"""Largest magnitude of a signal: its square must not overflow."""
 
 
 def checked_record(
@@ -42,14 +42,15 @@ def checked_record(
     outputs, coded = _without_codes(inputs, outputs)
     finite = outputs[np.isfinite(outputs)]
     if finite.size < FEWEST:
-        raise SignalError(f"{finite.size} outputs are finite; at least {FEWEST} are needed")
+        raise SignalError(
+            f"{counted(finite.size, 'output')} {are(finite.size)} finite; at least {FEWEST} are "
+            "needed"
+        )
     for name, values in (("input", inputs), ("output", finite)):
-        largest = np.abs(values).max()
-        if largest > _LARGEST:
-            raise SignalError(f"the {name} reaches {largest:g}; scale it to below {_LARGEST:g}")
-        if 0 < np.ptp(values) < 1 / _LARGEST:
+        check_magnitude(name, values)
+        if 0 < np.ptp(values) < 1 / LARGEST:
             raise SignalError(
-                f"the {name} changes by {np.ptp(values):g} only; scale it to above {1 / _LARGEST:g}"
+                f"the {name} changes by {np.ptp(values):g} only; scale it to above {1 / LARGEST:g}"
             )
         if np.ptp(values) == 0:
             raise SignalError(
@@ -67,7 +68,7 @@ def _without_codes(u: FloatArray, y: FloatArray) -> tuple[FloatArray, tuple[Code
             )
     finite = y[np.isfinite(y)]
     sound = int(np.count_nonzero(np.abs(finite) < OVERLOAD))
-    if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= _LARGEST:
+    if sound < min(finite.size, FEWEST) and np.abs(finite).max() <= LARGEST:
         raise SignalError(
             f"{f'{finite.size - sound} of' if sound else 'all'} {finite.size} outputs are overload "
             f"codes, as {finite[np.abs(finite) >= OVERLOAD][0]:g} is, and no measurement; check "
@@ -149,9 +150,9 @@ def as_noise(noise: float | None) -> float | None:
     if isinstance(noise, bool | np.bool_):
         raise ParameterError(f"noise is {noise}; give a standard deviation in the output's unit")
     number = as_finite("noise", noise)
-    if not 0 <= number <= _LARGEST:
+    if not 0 <= number <= LARGEST:
         raise ParameterError(
-            f"noise is {noise}; give a standard deviation >= 0 and up to {_LARGEST:g}"
+            f"noise is {noise}; give a standard deviation >= 0 and up to {LARGEST:g}"
         )
     return number
 

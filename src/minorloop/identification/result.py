@@ -49,17 +49,17 @@ class Identification(Fit, NotebookView):
             Probability, such as 0.9, that each output lies within its band: of another group, where
             the record has three groups or more.
         curves : (T,) array_like, optional
-            Label of the curve of each input; the memory is set anew where it changes.
+            Label of the curve of each input; the memory is reset where it changes.
 
         Returns
         -------
-        (T,) array, or Prediction where bands are asked for
+        (T,) array, or Prediction with bands
             Outputs, lag included. Before the first input, that input is assumed to be applied.
 
         Raises
         ------
         ParameterError
-            If bands are asked for and the model was identified without the prior and without
+            If bands are wanted and the model was identified without the prior and without
             groups, or they are not between 0 and 1.
         """
         if bands is None and curves is None:
@@ -165,7 +165,13 @@ class Identification(Fit, NotebookView):
         lines += [f"chosen {choice}" for choice in self.choices]
         return "\n".join(lines + [f"advice: {text}" for text in self.advice])
 
-    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
+    def plot(
+        self,
+        *,
+        input_label: str = "input",
+        output_label: str = "output",
+        time: FloatArray | None = None,
+    ) -> Any:
         """Draw the loop, the fit, the residual and the plane; gives the matplotlib figure.
 
         Parameters
@@ -174,5 +180,7 @@ class Identification(Fit, NotebookView):
             Name and unit of the input, for the axes.
         output_label : str
             Name and unit of the output.
+        time : (T,) array, optional
+            Time of each sample in seconds; samples are counted without it.
         """
-        return figure_of(self, input_label=input_label, output_label=output_label)
+        return figure_of(self, input_label=input_label, output_label=output_label, time=time)

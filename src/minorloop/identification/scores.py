@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
+from minorloop.errors import counted
 from minorloop.identification.baseline import percent
 from minorloop.identification.fitted import Fit
 
@@ -25,7 +26,7 @@ def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
         ("error on held-out data", "-" if share is None else f"{percent(share)} of range"),
         *_group_row(found),
         ("best delayed polynomial", f"{percent(found.baseline_nrmse)} of range"),
-        ("lag", f"{found.lag} samples"),
+        ("lag", counted(found.lag, "sample")),
         ("samples fitted", f"{found.samples}"),
         *([("samples held out", f"{held}")] if held else []),
         *([("rows skipped", f"{found.skipped}")] if found.skipped else []),
@@ -47,7 +48,7 @@ def _residual_rows(found: Fit) -> list[tuple[str, str]]:
     residual = found.residual
     rows = [("worst error", f"{residual.worst:+.1%}, sample {residual.worst_sample}")]
     if residual.startup is not None:
-        rows.append(("start-up", f"{residual.startup.rows} rows"))
+        rows.append(("start-up", counted(residual.startup.rows, "row")))
     if isfinite(residual.autocorrelation):
         rows.append(("residual autocorrelation", f"{residual.autocorrelation:.2f}"))
     return rows

@@ -34,7 +34,7 @@ def record_faults(
     u, y : (T,) arrays
         The record, without codes; y is NaN where nothing was measured.
     curves : Curves
-        Where the memory is set anew.
+        Where the memory is reset.
     lag : int
         Lag of the model in samples.
     searched : bool

@@ -5,15 +5,23 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 
 import numpy as np
+import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError
 from minorloop.files import PathLike, check_name
 from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
 from minorloop.lab.text_tables import UNITS, Rows, TextTable, is_number, opened
+
+_THOUSANDS = re.compile(
+    r"[-+]?\d{1,3}((,\d{3})+\.\d*|(\.\d{3})+,\d*|([,.]\d{3}){2,}"
+    r"|(['\u2019 \xa0\u202f]\d{3})+([.,]\d*)?)"
+)
+"""Numbers such as 1,234.5 and 1'234.5."""
 
 
 def read_columns(
@@ -29,8 +37,8 @@ def read_columns(
     A text file is UTF-8 or UTF-16, with one header line, before it comments after ``#``, ``%`` or
     ``//``, and after it possibly a row of units. Commas, semicolons or tabs separate the columns;
     decimals have a point, or a comma where no comma separates. A ``.mat`` file has a vector for
-    each column or a matrix, an ``.xlsx`` file its table on the first sheet. Columns that are not
-    asked for may hold anything.
+    each column or a matrix, an ``.xlsx`` file its table on the first sheet. Other columns may
+    hold anything.
 
     Parameters
     ----------
@@ -111,6 +119,41 @@ def read_each(path: PathLike) -> list[FloatArray | RecordError]:
     ]
 
 
+def read_labels(path: PathLike, name: str) -> FloatArray | npt.NDArray[np.str_]:
+    """Return a column of labels, such as specimens: numbers if all are, otherwise texts.
+
+    Raises
+    ------
+    RecordError
+        As for ``read_columns``, or if a label is empty.
+    """
+    with suppress(RecordError):
+        return read_columns(path, [name])[name]
+    cells: list[str] = []
+    numbers: list[int] = []
+    if is_sheet(path):
+        sheet = read_sheet(path)
+        cells += map(str, sheet.cells(find_column(name, sheet.headers, source=sheet.file)))
+        numbers += range(sheet.first, sheet.first + len(cells))
+    else:
+        with opened(path) as table:
+            index = table.headers.index(find_column(name, table.headers, source=table.file))
+            for block in table.blocks():
+                if isinstance(block, np.ndarray):
+                    cells += map(repr, block[:, index].tolist())
+                    numbers += [0] * len(block)
+                else:
+                    cells += [row[index] for row in block[0]]
+                    numbers += block[1]
+    labels = np.array([cell.strip() for cell in cells])
+    empty = np.flatnonzero(np.isin(labels, ("", "nan", "NaN")))
+    if empty.size:
+        raise RecordError(
+            f"column '{name}' of {path} is empty in row {numbers[empty[0]]}; give every row a label"
+        )
+    return labels
+
+
 def read_headers(path: PathLike) -> list[str]:
     """Return the column headers of a file, with their units.
 
@@ -142,6 +185,8 @@ def split_header(header: str) -> tuple[str, str]:
 def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
     """Return the one header with a name: the whole header, or its part before the unit.
 
+    A name may have a unit, as ``distance [mm]``, where the header has none.
+
     Raises
     ------
     RecordError
@@ -151,6 +196,8 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
     if name in headers:
         return name
     matches = [header for header in headers if name.strip() in (header, split_header(header)[0])]
+    if not matches:  # the unit is given with the name, and the header has none
+        matches = [header for header in headers if header == split_header(name)[0]]
     if len(matches) == 1:
         return matches[0]
     if matches:
@@ -162,6 +209,11 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
     close = difflib.get_close_matches(name.casefold(), list(known), n=1)
     hint = f"; did you mean '{known[close[0]]}'?" if close else ""
     raise RecordError(f"{source} has no column '{name}', it has {_listed(headers)}{hint}")
+
+
+def with_unit(name: str, header: str) -> str:
+    """Return a header with its unit; if it has none, with that of the name it was found by."""
+    return name.strip() if header == split_header(name)[0] else header
 
 
 def _listed(headers: Sequence[str], *, most: int = 12) -> str:
@@ -281,6 +333,8 @@ class _Cells:
             return RecordError(f"{self.where} is empty in row {row}; every cell must be a number")
         shown = repr(text if len(text) <= 40 else text[:37] + "...")
         advice = "every cell must be a number"
-        if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", text):
+        if _THOUSANDS.fullmatch(text):
+            advice = "write numbers without separators of thousands"
+        elif re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", text):
             advice = "write decimals with a point"
         return RecordError(f"{self.where} has the text {shown} in row {row}; {advice}")

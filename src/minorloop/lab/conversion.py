@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, frozen
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import read_columns, read_headers, split_header
 from minorloop.lab.curvature import curvature_from_displacement, curvature_uncertainty
@@ -132,7 +132,7 @@ class CalibrationTable(_Calibration):
     Parameters
     ----------
     readings, values : (N,) array_like
-        The readings, increasing or decreasing, and what they stand for.
+        The readings, increasing or decreasing, and their values.
     name, unit : str, optional
         Of the result.
     calibration_sd : float
@@ -147,7 +147,8 @@ class CalibrationTable(_Calibration):
         x, y = np.asarray(self.readings, np.float64), np.asarray(self.values, np.float64)
         if x.ndim != 1 or x.shape != y.shape or x.size < 2:
             raise ParameterError(
-                f"the table has {x.size} readings and {y.size} values; give two or more of each"
+                f"the table has {counted(x.size, 'reading')} and {counted(y.size, 'value')}; give "
+                "two or more of each"
             )
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise ParameterError("the table has a number that is not finite; give finite numbers")
@@ -168,7 +169,8 @@ class CalibrationTable(_Calibration):
         headers = read_headers(path)
         if len(headers) != 2:
             raise ParameterError(
-                f"{path} has {len(headers)} columns; a calibration table has two, the reading and "
+                f"{path} has {counted(len(headers), 'column')}; a calibration table has two, the "
+                "reading and "
                 "the value"
             )
         columns = read_columns(path, headers)
@@ -215,7 +217,14 @@ class LaserCurvature:
                 f"the laser reads in {self.unit or 'a pure number'}; a distance must be in one of "
                 f"{', '.join(LENGTHS)}: write it in the header, such as distance [mm]"
             )
-        self.sd([self.d0])
+        as_finite("d0", self.d0)
+        if as_finite("h0", self.h0) <= 0:
+            raise ParameterError(f"h0 is {self.h0:g} {self.unit}; give a positive height")
+        for name in ("sd_d0", "sd_h0"):
+            if as_finite(name, getattr(self, name)) < 0:
+                raise ParameterError(
+                    f"{name} is {getattr(self, name):g} {self.unit}; give a standard deviation >= 0"
+                )
 
     def convert(self, readings: npt.ArrayLike) -> FloatArray:
         """Return the curvature for each distance; NaN past a quarter circle."""

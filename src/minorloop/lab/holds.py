@@ -1,7 +1,7 @@
 """Find the holds of a raw log: stretches in which the input is constant but for its noise.
 
 The input is cut where its mean changes (binary segmentation by the CUSUM statistic). Pieces of a
-ramp are no holds: within them the input rises by about as much as it changes to the next piece.
+ramp are not holds: within them the input rises by about as much as it changes to the next piece.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, IntArray, as_finite, as_samples
+from minorloop.arrays import FloatArray, IntArray, as_finite, as_samples, check_magnitude
 from minorloop.errors import ParameterError
 from minorloop.lab.settling import FEWEST_STILL
 
@@ -78,11 +78,12 @@ def find_holds(
     Raises
     ------
     SignalError
-        If the input is not one row of finite numbers.
+        If the input is not one row of finite numbers up to 1e150.
     ParameterError
         If the tolerance is negative.
     """
     values = as_samples(u, name="u")
+    check_magnitude("input", values)
     span = float(np.ptp(values)) if values.size else 0.0
     if values.ndim != 1 or values.size < fewest or span == 0:
         return []

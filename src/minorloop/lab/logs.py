@@ -10,7 +10,7 @@ import numpy as np
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike
-from minorloop.lab.columns import find_column, read_columns, read_headers
+from minorloop.lab.columns import find_column, read_columns, read_headers, with_unit
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.timebase import (
     GAP,
@@ -55,8 +55,8 @@ class Log:
         """What was found about gaps and clock jumps only."""
         return self.check.of_breaks if self.check else ()
 
-    def with_memory_set_anew(self) -> Log:
-        """Return the log as if it had no breaks, because each curve begins with a known memory."""
+    def with_memory_reset(self) -> Log:
+        """Return the log without its breaks, because each curve begins with a known memory."""
         if self.check is None:
             return self
         none = np.zeros(0, dtype=np.int64)
@@ -118,7 +118,8 @@ def read_log(
     path : str or path
         The file; see `minorloop.lab.columns.read_columns`.
     input, output : str
-        Columns, by the whole header or the name; the output may have gaps.
+        Columns, by the whole header or the name, which may have the unit that a header lacks; the
+        output may have gaps.
     time : str, optional
         Column of time, in the unit of its header, or date and time as ISO 8601; without it, the
         samples are counted.
@@ -135,6 +136,7 @@ def read_log(
     headers = read_headers(path)
     wanted = [name for name in (input, output, time) if name is not None]
     found = [find_column(name, headers, source=path) for name in wanted]
+    labels = [with_unit(*pair) for pair in zip(wanted, found, strict=True)]
     for place, header in enumerate(found):
         if header in found[:place]:
             names = ("--input", "--output", "--time")
@@ -147,9 +149,9 @@ def read_log(
     u, y = columns[input], columns[output]
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
-        return Log(Record(t, u, y, found[0], found[1], time=SAMPLE))
-    clock, check = _checked(columns[time], found[2])
-    return Log(Record(check.t, u, y, found[0], found[1], time=clock), check)
+        return Log(Record(t, u, y, labels[0], labels[1], time=SAMPLE))
+    clock, check = _checked(columns[time], labels[2])
+    return Log(Record(check.t, u, y, labels[0], labels[1], time=clock), check)
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
@@ -160,7 +162,7 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
     RecordError
         As for ``read_log``.
     """
-    header = find_column(time, read_headers(path), source=path)
+    header = with_unit(time, find_column(time, read_headers(path), source=path))
     return _checked(read_columns(path, [time], dates=[time])[time], header)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_finite, as_samples, frozen
-from minorloop.errors import ParameterError, RecordError, SignalError
+from minorloop.errors import ParameterError, RecordError, SignalError, counted
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.actuator import rounded_up
 from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
@@ -115,7 +115,7 @@ class Plan:
 
     def __str__(self) -> str:
         time = as_duration(float(self.longest.sum()))
-        return f"{len(self)} levels of {self.input}, {time} at most"
+        return f"{counted(len(self), 'level')} of {self.input}, {time} at most"
 
     @classmethod
     def from_csv(cls, path: PathLike, *, input: str | None = None, **settings: Any) -> Plan:
@@ -228,7 +228,7 @@ class Plan:
             if mine != theirs:
                 return f"its {name.replace('_', ' ')} is {mine}, not {theirs}"
         if len(self) != len(other):
-            return f"it has {len(self)} levels, not {len(other)}"
+            return f"it has {counted(len(self), 'level')}, not {len(other)}"
         for name, what in (("inputs", "level"), ("longest", "hold"), ("shortest", "shortest hold")):
             mine, theirs = getattr(self, name), getattr(other, name)
             differs = (mine != theirs) & ~(np.isnan(mine) & np.isnan(theirs))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, are
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.records import Record
@@ -38,7 +38,8 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
         beyond = (y <= low) | (y >= high)
         if beyond.any():
             notes.append(
-                f"{np.count_nonzero(beyond)} of {y.size} readings of {record.output} are beyond "
+                f"{np.count_nonzero(beyond)} of {y.size} readings of {record.output} "
+                f"{are(np.count_nonzero(beyond))} beyond "
                 f"the range of the sensor, {low:g} to {high:g}, first {y[np.argmax(beyond)]:g} at "
                 f"sample {np.argmax(beyond)}; they are not used: move the sensor or reduce the "
                 "input"
@@ -47,7 +48,8 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
     for extreme, saturated in _saturated(y):
         notes.append(
             f"the sensor is saturated: {np.count_nonzero(saturated)} of {y.size} readings of "
-            f"{record.output} are exactly {extreme:g}, first at sample {np.argmax(saturated)}; "
+            f"{record.output} {are(np.count_nonzero(saturated))} exactly {extreme:g}, first at "
+            f"sample {np.argmax(saturated)}; "
             "they are not used: use a wider range or reduce the input"
         )
         y = np.where(saturated, np.nan, y)

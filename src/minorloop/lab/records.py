@@ -12,7 +12,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray, Samples, as_samples, frozen
 from minorloop.errors import RecordError, SignalError
 from minorloop.files import PathLike, check_name, check_writable, table_text, write_atomically
-from minorloop.lab.columns import find_column, read_columns, read_headers, split_header
+from minorloop.lab.columns import find_column, read_columns, read_headers, split_header, with_unit
 from minorloop.lab.timebase import SECONDS
 
 __all__ = ["SAMPLE", "Quantity", "Record", "Timing", "read_columns", "read_headers"]
@@ -176,7 +176,7 @@ class Record:
         headers = read_headers(path)
         wanted = [name for name in (input, output, time) if name is not None]
         columns = read_columns(path, wanted, gaps=(output,) if gaps else ())
-        found = {name: find_column(name, headers, source=path) for name in wanted}
+        found = {name: with_unit(name, find_column(name, headers, source=path)) for name in wanted}
         return cls._from_columns(columns, found, input, output, time)
 
     @classmethod

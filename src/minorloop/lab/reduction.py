@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_finite
-from minorloop.errors import ParameterError, RecordError
+from minorloop.arrays import FloatArray, as_finite, check_kind, check_magnitude
+from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.files import PathLike, check_writable, table_text, write_atomically
 from minorloop.lab.codes import codes
@@ -44,7 +44,8 @@ class ReducedPoint:
     input : float
         Mean of the input, in its unit.
     value, sd : float
-        Settled output and its standard deviation, in the unit of the output; NaN at an extreme.
+        Settled output and its standard deviation, in the unit of the output; NaN at an extreme. How
+        far a hold that has not settled is from its end is not known: its standard deviation is NaN.
     verdict : str
         ``settled``, ``extrapolated`` or ``unsettled``, as in `minorloop.lab.settling.Settling`;
         ``passed`` at an extreme of the input between holds.
@@ -227,13 +228,16 @@ def reduce(
     ------
     RecordError
         If holds are fewer than three or less than a tenth of the log, or none has a usable output.
+    SignalError
+        If a number is beyond 1e150.
     ParameterError
-        If an option is out of range.
+        If the record is no `Record`, or an option is out of range.
     """
+    check_kind("record", record, Record)
     if record.u.ndim != 1 or record.y.ndim != 1:
         raise RecordError(
-            f"the log has {len(record.inputs)} inputs and {len(record.outputs)} outputs; give one "
-            "of each"
+            f"the log has {counted(len(record.inputs), 'input')} and "
+            f"{counted(len(record.outputs), 'output')}; give one of each"
         )
     if as_finite("shortest", shortest) < 0:
         raise ParameterError(f"shortest is {shortest}; give a duration >= 0")
@@ -260,12 +264,14 @@ def reduce(
     if len(holds) < _FEWEST or share < _LEAST_HELD:
         least = f" of {shortest:g} s or more" if shortest else ""
         raise RecordError(
-            f"{len(holds)} holds{least} were found in {len(record)} samples of {record.input}, "
+            f"{counted(len(holds), 'hold')}{least} found in {len(record)} samples of "
+            f"{record.input}, "
             f"with {share:.0%} of the samples; at least {_FEWEST} holds with {_LEAST_HELD:.0%} are "
             "needed: where the input never rests, identify the record as it is, and where it is "
             "noisier than its steps, give the input tolerance"
         )
     readings, notes = usable(record, limits)
+    check_magnitude("output", readings)
     y, common = readings, np.zeros(readings.size)
     quantity = record.output
     if conversion is not None:
@@ -323,7 +329,7 @@ def _judged(
         t=float(log.t[hold.end - 1]),
         input=hold.level,
         value=found.value,
-        sd=found.sd,
+        sd=found.sd if found.verdict != "unsettled" else np.nan,
         verdict=found.verdict,
         held=held,
         end=line.value if line else found.value,
@@ -389,20 +395,22 @@ def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
     if unsettled:
         shown = ", ".join(map(str, unsettled[:8])) + (", ..." if len(unsettled) > 8 else "")
         notes.append(
-            f"{len(unsettled)} of {len(holds)} holds have not settled (hold {shown}): their "
-            "outputs are left out, and their inputs drive the memory only; hold longer"
+            f"{len(unsettled)} of {len(holds)} holds did not settle (hold {shown}): an "
+            "output that has not settled is left out, and its input drives the memory only; hold "
+            "longer"
         )
     unknown = sum(not point.known for point in holds)
     if unknown:
         notes.append(
-            f"{unknown} of {len(holds)} holds follow a break in time before the memory is known "
-            "again: their outputs are left out"
+            f"{unknown} of {len(holds)} holds came after a break in time, before the memory was "
+            "known "
+            "again, and were left out"
         )
     passed = len(points) - len(holds)
     if passed:
         notes.append(
-            f"{passed} extremes of {log.input.name} between, before or after the holds are kept as "
-            "rows without an output: they drive the memory"
+            f"{counted(passed, 'extreme')} of {log.input.name} between, before or after the holds "
+            f"{are(passed)} kept without an output, to drive the memory"
         )
     if not log.timed:
         notes.append(

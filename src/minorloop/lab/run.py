@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreError
+from minorloop.errors import MinorloopError, ParameterError, SafetyError, StoreError, counted
 from minorloop.lab.actuator import SIX_DIGITS, Actuator, Rounding, Timed, check_input
 from minorloop.lab.holding import Hold
 from minorloop.lab.plan import Plan
@@ -195,8 +195,8 @@ def check_channels(actuator: Actuator, input: Quantity) -> None:
     """
     if len(actuator.inputs) != 1 or len(actuator.outputs) != 1:
         raise ParameterError(
-            f"the actuator has {len(actuator.inputs)} inputs and {len(actuator.outputs)} outputs; "
-            "a plan is for one of each"
+            f"the actuator has {counted(len(actuator.inputs), 'input')} and "
+            f"{counted(len(actuator.outputs), 'output')}; a plan is for one of each"
         )
     channel = actuator.inputs[0]
     if input.unit and input.unit != channel.unit:
@@ -402,7 +402,7 @@ def left_safe(actuator: Actuator) -> Iterator[None]:
             with Allowed():
                 yield
         except SafetyError:
-            raise  # the actuator was asked again and again until a deadline
+            raise  # the actuator was read again until a deadline
         except BaseException as error:
             _make_safe(actuator, error)
             raise

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -31,6 +32,8 @@ TAIL = 0.7
 third are often nonlinear."""
 TIME_CONSTANTS = tuple(np.geomspace(1 / 20, 1 / 2.5, 7).tolist())
 """Time constants to choose from, as shares of the hold."""
+SLOWER = 1.0
+"""Time constant of a decay that is too slow to be extrapolated, as a share of the hold."""
 DOUBT = 0.3
 """Share of the extrapolated change that counts as uncertain: decays need not be exponential."""
 TRUST = 0.1
@@ -121,8 +124,9 @@ class Settling:
     Notes
     -----
     A hold shows only what is faster than itself. ``sd`` is reliable if the hold is at least four
-    times the slowest time constant that matters. Slower decays, and an output that is about to
-    reverse, look more settled than they are.
+    times the slowest time constant that matters; where the samples show a slower one, it includes
+    the whole change that is extrapolated. Decays slower than the hold, and an output that is about
+    to reverse, look more settled than they are.
     """
 
     value: float
@@ -241,6 +245,11 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     sd = math.sqrt(float(weight @ doubts) + (DOUBT * remaining) ** 2)
     moved = float(weight @ [np.ptp(fit.fitted) for fit in fits])
     trusted = sd <= max(best.noise, TRUST * moved)
+    if abs(remaining) > sd:
+        # The longest of the time constants also fits a slower decay, of which more remains.
+        slower = [_least_squares(basis, values - last) for basis in _slower_decays(x.tobytes())]
+        slow = float(_likelihoods([*fits, *slower], times.size)[len(fits) :].sum())
+        sd = math.hypot(sd, slow * remaining)
     return Extrapolation(value + last, sd, remaining, trusted, best.noise)
 
 
@@ -339,17 +348,23 @@ def _decays(grid: bytes) -> list[_Basis]:
 
     The holds of a plan have the same times, so that the factors serve for all of them.
     """
+    pairs = itertools.combinations(TIME_CONSTANTS, 2)
+    return _bases(grid, [*((share,) for share in TIME_CONSTANTS), *pairs])
+
+
+@lru_cache(maxsize=4)
+def _slower_decays(grid: bytes) -> list[_Basis]:
+    """Return the choices with a decay that is slower than all of them."""
+    return _bases(grid, [(SLOWER,), *((share, SLOWER) for share in TIME_CONSTANTS)])
+
+
+def _bases(grid: bytes, choices: Sequence[tuple[float, ...]]) -> list[_Basis]:
     x = np.frombuffer(grid)
-    columns = {share: np.exp(-x / share) for share in TIME_CONSTANTS}
+    columns = {share: np.exp(-x / share) for share in (*TIME_CONSTANTS, SLOWER)}
     return [
         _Basis.of(np.column_stack([np.ones_like(x), *(columns[share] for share in chosen)]))
-        for chosen in _choices()
+        for chosen in choices
     ]
-
-
-def _choices() -> list[tuple[float, ...]]:
-    pairs = itertools.combinations(TIME_CONSTANTS, 2)
-    return [*((share,) for share in TIME_CONSTANTS), *pairs]
 
 
 def _likelihoods(fits: list[_Fit], count: int) -> FloatArray:

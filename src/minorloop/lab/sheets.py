@@ -1,4 +1,4 @@
-"""Read tables that are no text: MATLAB files and Excel workbooks."""
+"""Read tables that are not text: MATLAB files and Excel workbooks."""
 
 from __future__ import annotations
 
@@ -96,7 +96,24 @@ def _mat(file: Path) -> Sheet:
             tall = value if value.shape[0] >= value.shape[1] else value.T
             parts = tall.T.astype(np.float64)
             columns |= {f"{name}_{k}": part for k, part in enumerate(parts, 1)}
+    if not columns:
+        known = (name for name in content if not name.startswith("__"))
+        shown = ", ".join(f"{name} ({_kind(content[name])})" for name in known) or "none"
+        raise RecordError(
+            f"{file} has no variable that is a vector or a matrix of real numbers, its variables "
+            f"are {shown}; save each column as a variable, such as voltage"
+        )
     return Sheet(file, tuple(columns), tuple(columns.values()), 1)
+
+
+def _kind(value: Any) -> str:
+    """Return shape and type of a MATLAB variable in words."""
+    if not isinstance(value, np.ndarray):
+        return type(value).__name__
+    if value.dtype.names:
+        return "struct"
+    names = {"O": "cell", "U": "text", "c": "complex"}
+    return f"{'x'.join(map(str, value.shape))} {names.get(value.dtype.kind, 'numbers')}"
 
 
 def _workbook(file: Path) -> Sheet:

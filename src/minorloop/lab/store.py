@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError, RecordError, StoreError
+from minorloop.errors import ParameterError, RecordError, StoreError, counted
 from minorloop.files import PathLike, check_writable, first_difference
 from minorloop.lab import _store_rows as rows
 from minorloop.lab._store_rows import Point, RunSession, Setup
@@ -384,7 +384,7 @@ class Store:
                 raise ValueError(f"point {count} is missing or is not that of the plan")
         traces = [rows.unsealed(row)[0] for row in self._connection.execute(rows.TRACES)]
         if traces != list(range(len(points))):
-            raise ValueError(f"it has {len(points)} points, and traces that do not belong to them")
+            raise ValueError(f"it has {counted(len(points), 'point')}, and traces of others")
 
     def _is_level(self, index: int, level: float) -> bool:
         planned = self.plan.inputs[index : index + 1]

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import os
 import re
+import shlex
 import stat
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +26,7 @@ from typing import TextIO
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import RecordError
+from minorloop.errors import RecordError, counted
 from minorloop.files import PathLike, check_name, unquoted
 
 MAX_BYTES = 4 * 1024**3
@@ -51,9 +53,14 @@ _SLACK, _CELLS = 100, 10_000_000
 _LONGEST_CELL = 1000
 """Most lines of a quoted cell; more mean a missing quotation mark."""
 _MOST_COMMENTS = 1000
+_SQLITE = b"SQLite format 3\0"
+"""Begin of an experiment store."""
 _LOOKED_AT = 50
-"""Rows from which the sign of decimals is recognised."""
+"""Rows from which the decimal separator is recognised."""
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
+
+_THOUSANDS = re.compile(r"\s*[-+]?\d{1,3},\d{3}(\.\d*)?\s*")
+"""A number that its separator of thousands divides into two cells."""
 
 Rows = tuple[list[list[str]], Sequence[int]]
 """Rows of cells, and their numbers in the file."""
@@ -160,6 +167,7 @@ def opened(path: PathLike, progress: Callable[[str], None] | None = None) -> Ite
     file = Path(path)
     check_file(file)
     try:
+        _check_no_store(file)
         with file.open(encoding=_encoding(file), newline="") as text:
             yield _begin(text, file, progress or (lambda share: None))
     except UnicodeError:
@@ -190,6 +198,16 @@ def check_file(file: Path) -> None:
         raise RecordError(f"{file} cannot be read: permission denied")
 
 
+def _check_no_store(file: Path) -> None:
+    """Refuse an experiment store, which is not text."""
+    with file.open("rb") as raw:
+        if raw.read(len(_SQLITE)) == _SQLITE:
+            raise RecordError(
+                f"{file} is an experiment store, not a table; minorloop runs export --store "
+                f"{shlex.quote(str(file))} --save points.csv writes its points as one"
+            )
+
+
 def check_headers(headers: Sequence[str], file: Path) -> None:
     """Refuse headers that cannot be printed, or are there twice."""
     seen: set[str] = set()
@@ -201,7 +219,7 @@ def check_headers(headers: Sequence[str], file: Path) -> None:
 
 
 def with_units(headers: Sequence[str], cells: Sequence[str]) -> list[str] | None:
-    """Return headers with units from a row of units; None if the row is none."""
+    """Return headers with units from a row of units; None if the row has no units."""
     units = [cell.strip().strip("[]()").strip() for cell in cells]
     known = [unit in UNITS for unit in units]
     if len(units) != len(headers) or not any(known):
@@ -282,7 +300,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _decimal(lines: Sequence[str], delimiter: str) -> str:
-    """Return the sign of decimals: a comma if some numbers have one and none has a point."""
+    """Return the decimal separator: a comma if some numbers have one and none has a point."""
     if delimiter == ",":
         return "."
     cells = [cell for line in lines for cell in line.strip().split(delimiter)]
@@ -330,7 +348,10 @@ def _full_rows(chunk: list[list[str]], first: int, width: int, file: Path) -> Ro
     ]
     for row, number in pairs:
         if len(row) != width:
+            split = any(map(_THOUSANDS.fullmatch, map(",".join, itertools.pairwise(row))))
+            advice = "write numbers without separators of thousands" if split else "repair it"
             raise RecordError(
-                f"row {number} of {file} has {len(row)} cells, the header has {width}; repair it"
+                f"row {number} of {file} has {counted(len(row), 'cell')}, the header has {width}; "
+                f"{advice}"
             )
     return [row for row, _ in pairs], [number for _, number in pairs]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_finite
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.lab.columns import split_header
 
 __all__ = [
@@ -91,7 +91,7 @@ class TimeCheck:
 def time_column(
     headers: Sequence[str], *, source: object = "the file", but: Sequence[str] = ()
 ) -> str | None:
-    """Return the column of time, by its name or unit; None if there is none.
+    """Return the column of time, by its name or unit; None without one.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     """
     times = np.array(t, dtype=np.float64)
     if times.ndim != 1 or times.size < 2:
-        raise RecordError(f"{name} has {times.size} samples; give at least two")
+        raise RecordError(f"{name} has {counted(times.size, 'sample')}; give at least two")
     if not np.isfinite(times).all():
         row = int(np.argmin(np.isfinite(times)))
         raise RecordError(f"{name} is {times[row]} at sample {row}; every time must be finite")
@@ -158,7 +158,8 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     if not forward.size or np.mean(steps <= 0) > 0.5 or back.size > 0.1 * steps.size:
         raise RecordError(
             f"{name} stands still or runs backwards at {np.count_nonzero(steps <= 0)} of "
-            f"{steps.size} steps; it is no clock of this record, or its digits are too few: give "
+            f"{steps.size} steps; it cannot be the time of this record, or has too few digits: "
+            "give "
             "another column, or leave it out"
         )
     interval = float(np.median(forward))
@@ -166,7 +167,8 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     if back.size:
         first = int(back[0])
         notes.append(
-            f"the clock was set back {back.size} times, first by {-steps[first]:.4g} s after "
+            f"the clock was set back {counted(back.size, 'time')}, first by {-steps[first]:.4g} s "
+            "after "
             f"sample {first}; time continues there with the usual interval of {interval:.4g} s"
         )
         steps[back] = interval
@@ -176,10 +178,11 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
         gaps = gaps[:0]  # sampled by events, not evenly
     if gaps.size:
         largest = int(gaps[np.argmax(steps[gaps])])
-        lost = float(np.sum(np.round(steps[gaps] / interval) - 1))
+        lost = round(float(np.sum(np.round(steps[gaps] / interval) - 1)))
         notes.append(
-            f"{gaps.size} gaps in {name}: about {lost:.0f} samples are missing, the longest gap is "
-            f"{steps[largest]:.4g} s after sample {largest}; the memory is unknown after each, "
+            f"{counted(gaps.size, 'gap')} in {name}: about {counted(lost, 'sample')} {are(lost)} "
+            f"missing, the longest gap is {steps[largest]:.4g} s after sample {largest}; the "
+            "memory is unknown after each, "
             "until the input has been near both ends of its range or at one of them"
         )
     usual = np.delete(steps, np.concatenate([gaps, back]))
@@ -208,7 +211,7 @@ def parse_lag(text: str) -> float | None:
     Raises
     ------
     ParameterError
-        If the unit is no unit of time, or the lag is negative.
+        If the unit is not one of time, or the lag is negative.
     """
     match = re.fullmatch(r"\s*([-+\d.eE]+?)\s*([a-zA-Zµμ]+)\s*", text)
     if not match:

@@ -1,5 +1,7 @@
 import asyncio
+import importlib
 import json
+import sys
 import tempfile
 
 import numpy as np
@@ -8,6 +10,7 @@ from starlette.requests import Request
 
 from console_rig import SilentLoop, TestClient
 from minorloop import modelfile
+from minorloop.errors import MissingExtraError
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.lab import LabPage, _name
 from minorloop.head.console.server import Console
@@ -35,6 +38,13 @@ def csv(rows=400):
     columns = np.column_stack([np.arange(rows), u, model.simulate(u)])
     lines = "\n".join(",".join(f"{x:.8g}" for x in row) for row in columns)
     return f"time [s],voltage [V],length [um]\n{lines}\n".encode()
+
+
+def test_without_starlette_the_extra_is_named(monkeypatch):
+    monkeypatch.delitem(sys.modules, "minorloop.head.console.lab")
+    monkeypatch.setitem(sys.modules, "starlette.requests", None)
+    with pytest.raises(MissingExtraError, match=r"minorloop\[head\]"):
+        importlib.import_module("minorloop.head.console.lab")
 
 
 def drop(client, content=None, name="run.csv"):

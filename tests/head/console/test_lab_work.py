@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from minorloop.operators.preisach import Preisach
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A user's folder with a record of a known model; the test comes back from it."""
+    """A user's folder with a record of a known model; the working folder during a test."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(2)
     u = np.concatenate([[0, 1], rng.uniform(0, 1, 300)])
@@ -67,6 +69,40 @@ def test_what_is_shown_is_the_model(folder):
     assert found["scores"]["fit"] < 1e-6
     assert [len(row) for row in found["weights"]] == [1, 2, 3, 4, 5]
     assert found["held"] is None
+
+
+def test_options_are_those_of_the_command_line(folder, tmp_path):
+    u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T
+    t = 10.0 * np.arange(u.size)
+    t[200:] += 500.0
+    names = np.repeat([f"wire {name}" for name in "abcdef"], 60)[: u.size]
+    rows = [f"{a},{b},{c},{d}" for a, b, c, d in zip(t, u, y, names, strict=True)]
+    (tmp_path / "run.csv").write_text("\n".join(["t [ms],u [V],y [um],wire", *rows]))
+    (described,) = lab_work.look(folder, "run.csv")
+    assert described["time"] == "t [ms]"
+    found = result(folder, levels=5, time="t [ms]", first=10, last=300, skip=3, holdout=0.2)
+    assert found["clock"] == "t [s]"
+    assert found["rows"][0] == pytest.approx(0.1)
+    assert found["rows"][0] < found["held"] < found["rows"][-1]
+    assert "1 gap in column 't [ms]'" in found["advice"][0]
+    table = dict(found["table"])
+    assert table["rows skipped"] == "3"
+    assert table["error on held-out data"].endswith("% of range")
+    found = result(folder, levels=5, curves="wire", groups="wire", start_of_curve="as-left")
+    assert "error on left-out groups" in dict(found["table"])
+    with pytest.raises(ParameterError, match="rows 5 to 5 are given, and there are 302"):
+        result(folder, levels=5, first=5, last=5)
+
+
+def test_the_loop_is_interrupted_where_nothing_was_measured(folder):
+    u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T
+    cells = [f"{b}" if not 50 <= k < 60 else "" for k, b in enumerate(y)]
+    rows = [f"{a},{b}" for a, b in zip(u, cells, strict=True)]
+    Path("run.csv").write_text("\n".join(["u [V],y [um]", *rows]))
+    loop = result(folder, levels=5)["loop"]
+    assert loop["joined"]
+    for name in ("y", "fit"):
+        assert [k for k, value in enumerate(loop[name]) if value is None] == list(range(50, 60))
 
 
 def test_memory_goes_in_and_out(folder):

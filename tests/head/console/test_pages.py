@@ -77,9 +77,9 @@ class Operator:
         self.page, self.troubles = page, []
         page.set_default_timeout(60_000)
         page.on("pageerror", lambda error: self.troubles.append(str(error)))
-        page.on("console", self._heard)
+        page.on("console", self._on_console)
 
-    def _heard(self, message):
+    def _on_console(self, message):
         if message.type == "error":
             self.troubles.append(message.text)
 
@@ -376,10 +376,18 @@ def test_a_csv_becomes_a_model_and_inputs(browser, address, tmp_path):
         page.wait_for_selector("#setup:not([hidden])")
         assert page.input_value("#input") == "voltage [V]"
         assert page.input_value("#output") == "length [um]"
+        page.click("#more summary")
+        assert page.input_value("#time") == "time [s]"
         page.fill("#levels", "12")
+        page.fill("#skip", "4")
+        page.fill("#last", "1500")
+        page.select_option("#slope", "false")
         page.click("#identify")
         page.wait_for_selector("#result:not([hidden])")
-        assert "%" in page.inner_text("#scores .best")
+        scores = page.inner_text("#scores")
+        assert re.search(r"error on held-out data\s+\d", scores)
+        assert re.search(r"rows skipped\s+4\b", scores)
+        assert "Chosen structure" in page.inner_text("#chosen")
         for value in ("900", "300", "600"):
             page.fill("#slider", value)
             page.wait_for_function("document.querySelector('#slider-output').textContent !== '–'")

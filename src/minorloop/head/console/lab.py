@@ -10,12 +10,17 @@ from collections.abc import AsyncIterator, Coroutine, Iterator
 from typing import Annotated, Any, Literal
 
 import msgspec
-from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
-from starlette.routing import BaseRoute, Route
 
+from minorloop.errors import MissingExtraError
 from minorloop.head.console.uploads import INPUTS, MODEL, REPORT, FullError, Quota, Upload, Uploads
 from minorloop.head.console.workers import Workers
+
+try:
+    from starlette.requests import ClientDisconnect, Request
+    from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+    from starlette.routing import BaseRoute, Route
+except ImportError:
+    raise MissingExtraError("starlette", "head") from None
 
 _LONGEST_REQUEST = 512 * 1024
 """Bytes of a request other than a file; 10,000 targets fit into it."""
@@ -31,11 +36,21 @@ _PAUSE, _WHOLE = 10.0, 600.0
 
 
 class _Choice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Columns and options of an identification."""
+    """Columns and options of an identification; rows from ``first`` up to ``last`` are used."""
 
     input: str
     output: str
-    levels: Annotated[int, msgspec.Meta(ge=1, le=100)] = 25
+    time: str | None = None
+    first: Annotated[int, msgspec.Meta(ge=0)] = 0
+    last: Annotated[int, msgspec.Meta(ge=1)] | None = None
+    skip: Annotated[int, msgspec.Meta(ge=0)] = 0
+    curves: str | None = None
+    start_of_curve: Literal["negative", "positive", "demagnetised", "as-left"] | None = None
+    groups: str | None = None
+    start: Literal["negative", "positive", "demagnetised"] = "negative"
+    levels: Annotated[int, msgspec.Meta(ge=1, le=100)] | Literal["auto"] = "auto"
+    diagonal: Literal["auto", "uniform", "reversible"] = "auto"
+    slope: bool | Literal["auto"] = "auto"
     lag: Annotated[int, msgspec.Meta(ge=0, le=1000)] | Literal["auto"] = "auto"
     holdout: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.3
     spacing: Literal["uniform", "adaptive"] = "uniform"

@@ -7,22 +7,28 @@ worker changes into it, so that messages contain the name of the file only.
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+from time import perf_counter
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from minorloop import modelfile
+from minorloop.drawing.identification import loop_points
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import table_text, write_atomically
 from minorloop.head.console.uploads import INPUTS, MODEL, REPORT
 from minorloop.identification import Identification, identify
-from minorloop.lab.columns import read_each, read_headers, split_header
+from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
+from minorloop.identification.scores import score_rows
+from minorloop.lab.columns import read_each, read_headers, read_labels, split_header
+from minorloop.lab.logs import read_log
 from minorloop.lab.records import Record
+from minorloop.lab.timebase import time_column
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -78,21 +84,59 @@ def look(folder: str, name: str) -> Reports:
     if len(usable) < 2:
         trouble = next((c["trouble"] for c in columns if "trouble" in c), "")
         raise RecordError(trouble or f"{name} has one column; give an input and an output")
-    yield {"name": name, "columns": columns}
+    time = None
+    with suppress(RecordError):  # two columns could be time
+        time = time_column(headers)
+    yield {"name": name, "columns": columns, "time": time}
 
 
-def identify_file(folder: str, name: str, input: str, output: str, **options: Any) -> Reports:
-    """Identify a model; report stages, the result, and the end of the report."""
+def identify_file(
+    folder: str,
+    name: str,
+    input: str,
+    output: str,
+    *,
+    time: str | None = None,
+    first: int = 0,
+    last: int | None = None,
+    curves: str | None = None,
+    groups: str | None = None,
+    **options: Any,
+) -> Reports:
+    """Identify a model; report stages, the result, and the end of the report.
+
+    Parameters
+    ----------
+    folder, name : str
+        Of the file.
+    input, output, time, curves, groups : str
+        Columns.
+    first, last : int
+        Rows to use, counted from 0, ``last`` not included.
+    **options
+        Options of `minorloop.identify`.
+    """
     os.chdir(folder)
     if input == output:
         raise ParameterError("input and output are the same column; choose two")
     yield {"stage": f"reading {name}"}
-    levels = options.get("levels", 25)
-    if not isinstance(levels, int) or not 1 <= levels <= _MOST_LEVELS:
+    levels = options.get("levels", DEFAULT_LEVELS)
+    count = DEFAULT_LEVELS if levels == "auto" else levels
+    if not isinstance(count, int) or not 1 <= count <= _MOST_LEVELS:
         raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
-    record = Record.from_csv(name, input=input, output=output, gaps=True)
-    cells, measured = levels * (levels + 1) // 2, int(np.isfinite(record.y).sum())
-    advice: list[str] = []
+    log = read_log(name, input=input, output=output, time=time)
+    labels = {
+        option: read_labels(name, column)
+        for option, column in (("curves", curves), ("groups", groups))
+        if column is not None
+    }
+    if curves is not None:
+        log = log.with_memory_reset()
+    whole = not labels and not first and last is None and options.get("lag") != 0
+    record = _part(log.evenly_sampled() if whole else log.with_known_memory(), first, last)
+    options |= {option: values[first:last] for option, values in labels.items()}
+    cells, measured = count * (count + 1) // 2, int(np.isfinite(record.y).sum())
+    advice = list(log.notes)
     fitting = f"fitting {cells} cells to {measured} of {len(record)} rows"
     if measured * _SPARSE < len(record) and measured < _EACH * cells:
         if cells > _MOST_SPARSE_CELLS:
@@ -105,9 +149,9 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
         else:
             fitting += ": so few take ten seconds or more"
     yield {"stage": fitting}
-    began = time.perf_counter()
+    began = perf_counter()
     result = identify(np.asarray(record.u), np.asarray(record.y), **options)
-    seconds = time.perf_counter() - began
+    seconds = perf_counter() - began
     yield {"stage": "scoring"}
     modelfile.save(
         result,
@@ -122,9 +166,28 @@ def identify_file(folder: str, name: str, input: str, output: str, **options: An
     yield {"stage": "drawing the report"}
     from minorloop.report import identification_report
 
-    labels: dict[str, Any] = {"input_label": str(record.input), "output_label": str(record.output)}
-    identification_report(result, source=name, **labels).write(REPORT, force=True)
+    identification_report(
+        result,
+        source=name,
+        input_label=str(record.input),
+        output_label=str(record.output),
+        time=record.t if record.timed else None,
+    ).write(REPORT, force=True)
     yield {"report": True}
+
+
+def _part(record: Record, first: int, last: int | None) -> Record:
+    """Return some rows of a record."""
+    end = len(record) if last is None else last
+    if not 0 <= first < end <= len(record):
+        raise ParameterError(
+            f"rows {first} to {end} are given, and there are {len(record)}; give two numbers from "
+            "0 "
+            f"to {len(record)}, the first below the last"
+        )
+    part = slice(first, end)
+    t, u, y = record.t[part], record.u[part], record.y[part]
+    return Record(t, u, y, record.inputs, record.outputs, record.time)
 
 
 def move(folder: str, memory: list[float] | None, u: float) -> Reports:
@@ -154,17 +217,31 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
 
 
 def _shown(result: Identification, record: Record, seconds: float) -> dict[str, Any]:
-    """Return what the page shows of a result."""
+    """Return what the page shows of a result.
+
+    Lines of the loop are interrupted at null. In ``rows`` are times where they are known, and
+    ``held`` is the first of them that was held out.
+    """
     shown = _few(result.u.size, _SHOWN)
     model = result.model
+    (u, y), (_, fit) = (loop_points(result, each) for each in (result.y, result.prediction))
+    drawn = _few(u.size, _SHOWN)
+    x = record.t if record.timed else np.arange(result.u.size, dtype=np.float64)
     return {
         "input": str(record.input),
         "output": str(record.output),
         "u": _listed(result.u[shown]),
         "y": _listed(result.y[shown]),
         "fit": _listed(result.prediction[shown]),
-        "rows": shown.tolist(),
-        "held": int(np.argmax(result.held_out)) if result.held_out.any() else None,
+        "loop": {
+            "u": _listed(u[drawn]),
+            "y": _listed(y[drawn]),
+            "fit": _listed(fit[drawn]),
+            "joined": drawn.size == u.size,
+        },
+        "rows": x[shown].tolist(),
+        "clock": str(record.time) if record.timed else "row",
+        "held": float(x[np.argmax(result.held_out)]) if result.held_out.any() else None,
         "levels": model.levels.tolist(),
         "weights": [_listed(row[: k + 1]) for k, row in enumerate(model.weights)],
         "range": list(model.range),
@@ -178,6 +255,8 @@ def _shown(result: Identification, record: Record, seconds: float) -> dict[str, 
             "excited": result.excited_fraction,
             "seconds": seconds,
         },
+        "table": score_rows(result),
+        "choices": [str(choice) for choice in result.choices],
         "advice": list(result.advice),
         "warnings": list(result.warnings),
     }

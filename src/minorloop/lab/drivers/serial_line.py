@@ -33,7 +33,7 @@ import weakref
 import zlib
 from contextlib import suppress
 
-from minorloop.errors import InstrumentError
+from minorloop.errors import InstrumentError, counted
 from minorloop.lab.drivers.link import Link
 from minorloop.lab.drivers.scpi import number
 from minorloop.lab.signals import Deferred
@@ -166,7 +166,9 @@ class Board:
     def _number(self, *words: str) -> float:
         answer = self._ask(*words)
         if len(answer) != 1:
-            raise InstrumentError(f"{self._link.name} answers {words[0]} with {len(answer)} words")
+            raise InstrumentError(
+                f"{self._link.name} answers {words[0]} with {counted(len(answer), 'word')}"
+            )
         value = number(answer[0], self._link.name)
         if not math.isfinite(value):
             raise InstrumentError(f"{self._link.name} answers {words[0]} with {value}")
