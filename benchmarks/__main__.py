@@ -24,6 +24,7 @@ PARTS = (
     "console_depth",
     "meter",
     "raw_logs",
+    "fast_stage",
     "group_bands",
     "faults",
     "strangers",
