@@ -51,7 +51,7 @@ class Stage:
         return np.asarray(TRAVEL * (z + bend * z * (1 - z)))
 
     def positions(self, u: FloatArray, noise: float = 0.0) -> FloatArray:
-        """Positions (T,) for inputs that are held from the sample before, from rest at the first."""
+        """Positions (T,) for held inputs; before the first sample it was at rest."""
         w = np.repeat(self.settled(u), STEPS)
         for lag in LAGS:
             left = np.exp(-1 / (RATE * STEPS * lag))
@@ -86,7 +86,7 @@ def other(frequency: float) -> FloatArray:
 
 
 def wanted(rest: float) -> FloatArray:
-    """Trajectory: from rest to 4 um within 0.1 s, then five periods of 10 Hz between 4 and 32 um."""
+    """Trajectory: to 4 um within 0.1 s, then five periods of 10 Hz between 4 and 32 um."""
     rise = (1 - np.cos(np.pi * np.arange(500) / 500)) / 2
     wave = 18 - 14 * np.cos(2 * np.pi * 10 * np.arange(2500) / RATE)
     return np.concatenate([rest + (4 - rest) * rise, wave])
@@ -123,7 +123,7 @@ def rows(quick: bool = False, first_seed: int = 0) -> list[Row]:
                 seconds,
                 required=f"<= {most:.2%} of range",
                 met=max(errors) <= most,
-                accuracy=f"{np.median(errors):.3%} of range in the median, {max(errors):.3%} at most",
+                accuracy=f"{np.median(errors):.3%} in the median, {max(errors):.3%} at most",
             )
         )
     off = [one[2] for one in measured]
