@@ -443,7 +443,10 @@ def _alternate(
         if best is None or error <= best.error:
             best = _Found(result, dynamics, error)
             if begun:
-                dynamics = dynamics.at(_extrapolated(begun[-_DEPTH:], reached[-_DEPTH:]))
+                ahead = _extrapolated(begun[-_DEPTH:], reached[-_DEPTH:])
+                low, high = dynamics.bounds(float(record.t[-1]))
+                ahead[: low.size] = np.clip(ahead[: low.size], low, high)
+                dynamics = dynamics.at(ahead)
         else:  # back to where plain alternation does not make the error larger
             operator, dynamics = best.operator, best.dynamics
             begun, reached = [], []
@@ -455,7 +458,7 @@ def _extrapolated(begun: list[FloatArray], reached: list[FloatArray]) -> FloatAr
     """Return where rounds that began and ended at these vectors seem to converge."""
     steps = np.array(reached) - np.array(begun)
     if len(steps) < 2 or not np.diff(steps, axis=0).any():
-        return reached[-1]
+        return reached[-1].copy()
     share = np.linalg.lstsq(np.diff(steps, axis=0).T, steps[-1], rcond=1e-6)[0]
     return np.asarray(reached[-1] - share @ np.diff(np.array(reached), axis=0))
 
