@@ -127,15 +127,18 @@ def floors(squares, first, turns, out):
                 out[d, b, f] += total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def square_sum(pressure, area, out):
     """Sum over points of pressure squared (K, F, Q) times an area (Q,), into (K, F)."""
     for b in range(pressure.shape[0]):
         for f in range(pressure.shape[1]):
-            total = 0j
-            for q in range(pressure.shape[2]):
-                total += pressure[b, f, q] * pressure[b, f, q] * area[q]
-            out[b, f] = total
+            row = pressure[b, f].view(np.float64)
+            real = imaginary = 0.0
+            for q in range(area.size):
+                x, y = row[2 * q], row[2 * q + 1]
+                real += area[q] * (x * x - y * y)
+                imaginary += area[q] * 2.0 * x * y
+            out[b, f] = complex(real, imaginary)
 
 
 @njit(cache=True, nogil=True)
