@@ -12,6 +12,10 @@ os.environ["MPLBACKEND"] = "Agg"
 # before NumPy is imported, here and in every process that a test starts.
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+# The C library then keeps the memory of large arrays for the next ones, instead of asking the
+# system for cleared pages each time; it reads this when a worker starts.
+os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(1 << 28))
+os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(1 << 29))
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=60)
 settings.load_profile("repeatable")
@@ -42,6 +46,36 @@ LONGEST = (
     "head/control/test_head_control.py",
 )
 HERE = Path(__file__).parent
+
+
+def compile_in_turn():
+    """Let one worker at a time compile the functions of a file: the others load them."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.dispatcher import Dispatcher
+
+    compiled, held = Dispatcher.compile, set()
+
+    def compile_function(self, sig):
+        source = self.py_func.__code__.co_filename
+        if source in held or self._cache.cache_path is None:
+            return compiled(self, sig)
+        with global_compiler_lock, open(source, "rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            held.add(source)
+            try:
+                return compiled(self, sig)
+            finally:
+                held.discard(source)
+
+    Dispatcher.compile = compile_function
+
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    compile_in_turn()
 
 
 def pytest_collection_modifyitems(items):

@@ -117,6 +117,7 @@ class PlanePrior:
         self._width, self._middle = width, middle
         self._unit = 2.0 / swing(spec.relay)
         self._none = np.zeros(spec.bands)
+        self._correlations: dict[tuple[float, float], FloatArray] = {}
 
     def scale(self, h: Hyperparameters) -> FloatArray:
         """(n,) approximate prior standard deviations of the unknowns; all positive."""
@@ -132,9 +133,7 @@ class PlanePrior:
         scale = self.scale(h)
         covariance = np.zeros((n, n))
         size = self._unit * self._bulk(h) / scale[:cells]
-        correlation = np.empty((cells, cells))
-        _kernels.matern(self._along, self._across, h.along, h.across, correlation)
-        correlation += 1.0
+        correlation = self._correlation(h.along, h.across) + 1.0
         correlation[np.diag_indices(cells)] += h.nugget
         covariance[:cells, :cells] = size[:, None] * correlation * size
         size = self._unit * h.reversible * self._width / scale[self._diagonal]
@@ -145,6 +144,16 @@ class PlanePrior:
         covariance[np.ix_(self._diagonal, self._diagonal)] += size[:, None] * correlation * size
         covariance[np.arange(cells, n), np.arange(cells, n)] = 1.0
         return covariance
+
+    def _correlation(self, along: float, across: float) -> FloatArray:
+        """Return the (K, K) Matern correlation, kept while other hyperparameters change."""
+        if (along, across) not in self._correlations:
+            if len(self._correlations) > 1:
+                del self._correlations[next(iter(self._correlations))]
+            out = np.empty((self.spec.cells, self.spec.cells))
+            _kernels.matern(self._along, self._across, along, across, out)
+            self._correlations[along, across] = out
+        return self._correlations[along, across]
 
     def _bulk(self, h: Hyperparameters) -> FloatArray:
         """(K,) standard deviations of the irreversible weights."""

@@ -69,12 +69,9 @@ class Tracker(Generic[Model]):
         ParameterError
             If the input is not a finite number.
         """
-        if not isinstance(u, float) or not -np.inf < u < np.inf:
-            u = as_finite("u", u)
         if self._rows > len(self._stack) - 2:
             self._stack = np.concatenate([self._stack, np.empty_like(self._stack)])
-        self._u[0] = u
-        self._rows = _kernels.simulate(self._tables, self._stack, self._rows, self._u, self._y)
+        self._rows = self._advance(self._stack, u)
         return float(self._y[0])
 
     def peek(self, u: float) -> float:
@@ -90,7 +87,18 @@ class Tracker(Generic[Model]):
         float
             In the unit of the output.
         """
-        return self.copy().push(u)
+        # One input adds at most one row; of the rows after the present ones none is read.
+        stack = np.empty((self._rows + 2, self._stack.shape[1]))
+        stack[: self._rows] = self._stack[: self._rows]
+        self._advance(stack, u)
+        return float(self._y[0])
+
+    def _advance(self, stack: FloatArray, u: float) -> int:
+        """Update a stack for the next input; ``self._y`` has the output. Return the rows in use."""
+        if not isinstance(u, float) or not -np.inf < u < np.inf:
+            u = as_finite("u", u)
+        self._u[0] = u
+        return int(_kernels.simulate(self._tables, stack, self._rows, self._u, self._y))
 
     def aim(self, y: float) -> float:
         """Return the nearest input that brings the output to y; the memory stays as it is.

@@ -242,6 +242,8 @@ class Guard:
             *clock,
             behind,
             idle,
+            state.active,
+            state.log,
         )
         return current, self._logged(state, new, notes, cool < requested)
 
@@ -389,6 +391,8 @@ class Guard:
         if "unreachable" in old.active and "unreachable" not in present:
             fresh.append(("reachable", "targets are tried again"))
         events = tuple(Event(new.steps, cause, text) for cause, text in fresh)
+        if not events and present.keys() == old.active:
+            return new
         log = _newest((*old.log, *events)) if events else old.log
         return replace(new, active=frozenset(present), log=log)
 

@@ -103,6 +103,8 @@ class SensorWatch:
         else:
             known = self._usable(state, value)
         fault = self._fault(known)
+        if not fault and not known.fault:
+            return known
         return replace(known, fault=fault, value=math.nan if fault else known.value)
 
     def _usable(self, state: Sensed, value: float) -> Sensed:

@@ -1,7 +1,8 @@
 """Compiled loops for echoes: arrays in, arrays out.
 
 Positions are in metres in the pipe; a beam is a table (off, along, frequency) without its
-carrier exp(i k along).
+carrier exp(i k along). Complex arrays are read as floats, a real and an imaginary part in turn, in
+short loops that the compiler vectorises.
 """
 
 from __future__ import annotations
@@ -32,6 +33,51 @@ def height_at(phi, z, radius, texture, cell, rough, dents):
 
 
 @njit(cache=True, nogil=True)
+def carriers(first, step, out):
+    """Fill out (2 F,) with exp(i (first + f step)) for each f."""
+    out[0], out[1] = np.cos(first), np.sin(first)
+    c, s, n = np.cos(step), np.sin(step), 1
+    while 2 * n < out.size:
+        done, rest = out[: 2 * n], out[2 * n :]
+        for f in range(min(n, out.size // 2 - n)):
+            rest[2 * f] = done[2 * f] * c - done[2 * f + 1] * s
+            rest[2 * f + 1] = done[2 * f] * s + done[2 * f + 1] * c
+        c, s, n = c * c - s * s, 2.0 * c * s, 2 * n
+
+
+@njit(cache=True, nogil=True)
+def facet_echo(table, m, n, weights, slopes, k0, dk, term):
+    """Fill term (2 F,) with 2 p dp/dn of one facet, interpolated in the table.
+
+    ``weights`` are the position in the cell off and along the axis; ``slopes`` the shares of the
+    differences across the cell, off and along the axis, and of the carrier, in dp/dn.
+    """
+    e, g = weights
+    outward, slow, facing = slopes
+    a, b = table[m, n].view(np.float32), table[m, n + 1].view(np.float32)
+    c, d = table[m + 1, n].view(np.float32), table[m + 1, n + 1].view(np.float32)
+    for f in range(term.size // 2):
+        ar, ai, br, bi = a[2 * f], a[2 * f + 1], b[2 * f], b[2 * f + 1]
+        cr, ci, dr, di = c[2 * f], c[2 * f + 1], d[2 * f], d[2 * f + 1]
+        br, bi, dr, di = br - ar, bi - ai, dr - cr, di - ci
+        ar, ai, cr, ci = ar + g * br, ai + g * bi, cr + g * dr, ci + g * di
+        cr, ci, br, bi = cr - ar, ci - ai, br + e * (dr - br), bi + e * (di - bi)
+        pr, pi, k = ar + e * cr, ai + e * ci, k0 + f * dk
+        nr = slow * br - facing * k * pi + outward * cr
+        ni = slow * bi + facing * k * pr + outward * ci
+        term[2 * f] = pr * nr - pi * ni
+        term[2 * f + 1] = pr * ni + pi * nr
+
+
+@njit(cache=True, nogil=True)
+def add_product(scale, a, b, out):
+    """Add scale times a (2 F,) times b (2 F,) to out (2 F,)."""
+    for f in range(out.size // 2):
+        out[2 * f] += scale * (a[2 * f] * b[2 * f] - a[2 * f + 1] * b[2 * f + 1])
+        out[2 * f + 1] += scale * (a[2 * f] * b[2 * f + 1] + a[2 * f + 1] * b[2 * f])
+
+
+@njit(cache=True, nogil=True)
 def echo_of_wall(
     table, grid, k0, dk, origin, axis, radius, half, step, water,
     bores, dents, texture, grains, cell, rough, reference,
@@ -42,7 +88,9 @@ def echo_of_wall(
     ``bores`` are (N, 5): phi, z, radius of the mouth, width and slope of the chamfer. ``out`` and
     ``grain_out`` are (F,) complex; the second takes the echoes of grains under the wall.
     """
-    count = out.shape[0]
+    count = 2 * out.shape[0]
+    carrier, term = np.empty(count), np.empty(count)
+    total, grainy = out.view(np.float64), grain_out.view(np.float64)
     across = axis[0] * axis[0] + axis[1] * axis[1]
     b = origin[0] * axis[0] + origin[1] * axis[1]
     c = origin[0] ** 2 + origin[1] ** 2 - radius * radius
@@ -82,26 +130,18 @@ def echo_of_wall(
             if m >= table.shape[0] - 1 or n0 < 0 or n0 >= table.shape[1] - 1:
                 continue
             e, g = np.float32(u - m), np.float32(v - n0)
-            facing = np.float32(axis[0] * nx + axis[1] * ny)
-            side = np.float32((ox * nx + oy * ny) / max(off, 1e-9))
+            facing = axis[0] * nx + axis[1] * ny
+            side = (ox * nx + oy * ny) / max(off, 1e-9)
+            slopes = np.float32(side / grid[0]), np.float32(facing / grid[2]), facing
+            facet_echo(table, m, n0, (e, g), slopes, k0, dk, term)
             way = 2.0 * (along - reference)
-            phase, turn = np.exp(1j * k0 * way), np.exp(1j * dk * way)
+            carriers(k0 * way, dk * way, carrier)
+            add_product(2.0 * area, term, carrier, total)
             gi, gj = int(np.floor(radius * phi / step)) % size, int(np.floor(z / step)) % size
             grain, lag = grains[gi, gj, 0], grains[gi, gj, 1]
-            late, later = np.exp(1j * k0 * lag), np.exp(1j * dk * lag)
-            for f in range(count):
-                p00, p01 = table[m, n0, f], table[m, n0 + 1, f]
-                p10, p11 = table[m + 1, n0, f], table[m + 1, n0 + 1, f]
-                low, high = p00 + g * (p01 - p00), p10 + g * (p11 - p10)
-                p = low + e * (high - low)
-                slow = ((p01 - p00) + e * ((p11 - p10) - (p01 - p00))) / np.float32(grid[2])
-                down = 1j * (k0 + f * dk) * p + slow
-                outward = (high - low) / np.float32(grid[0])
-                term = 2.0 * area * p * (down * facing + outward * side) * phase
-                out[f] += term
-                grain_out[f] += grain * term * late
-                phase *= turn
-                late *= later
+            if grain != 0.0:
+                carriers(k0 * (way + lag), dk * (way + lag), carrier)
+                add_product(2.0 * area * grain, term, carrier, grainy)
 
 
 @njit(cache=True, nogil=True)
@@ -125,3 +165,32 @@ def pressure_at(table, grid, k0, dk, origin, axis, reference, points, out):
             else:
                 out[f, q] = 0.0
             phase *= turn
+
+
+@njit(cache=True, nogil=True)
+def crack_echo(waves, back, along, across, wavenumbers, depth):
+    """Return the sum (F,) of products of waves (F, N, M) carried down to a depth and up again.
+
+    ``along`` (N,) and ``across`` (M,) are squares of wavenumbers, ``along`` in the order of a
+    Fourier transform; steep waves decay with the depth.
+    """
+    out = np.zeros(wavenumbers.size, dtype=np.complex128)
+    count = along.size
+    for f in range(wavenumbers.size):
+        for n in range(count // 2 + 1):
+            mirrored = (count - n) % count
+            for m in range(across.size):
+                square = wavenumbers[f] * wavenumbers[f] - along[n] - across[m]
+                down = np.sqrt(abs(square))
+                way = 2.0 * depth * down
+                if square > 0.0:
+                    carried = 2.0 * down * complex(-np.sin(way), np.cos(way))
+                elif way < 40.0:
+                    carried = complex(-2.0 * down * np.exp(-way), 0.0)
+                else:
+                    continue
+                product = waves[f, n, m] * back[f, n, m]
+                if mirrored != n:
+                    product += waves[f, mirrored, m] * back[f, mirrored, m]
+                out[f] += carried * product
+    return out

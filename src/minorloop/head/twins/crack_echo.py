@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wall_point, wrapped
+from minorloop.head.twins import _echo_kernels as kernels
 from minorloop.head.twins.pipe import Crack
 
 _STEP = 0.04e-3
@@ -63,13 +64,11 @@ class CrackBasis:
         local = self.widths[part]
         amplitudes = (pressure * self.weights) @ self.modes * np.sqrt(local)[:, None]
         count = 1 << int(np.ceil(np.log2(4 * len(part) + 64)))
-        along = 2 * np.pi * np.fft.fftfreq(count, _STEP)[:, None]
+        along = 2 * np.pi * np.fft.fftfreq(count, _STEP)
         across = np.pi * np.arange(self.modes.shape[1]) / float(local.mean())
-        k = wavenumbers[:, None, None]
-        down = np.sqrt(k * k - along**2 - across**2 + 0j)
         waves = np.fft.fft(amplitudes, count, axis=1)
         back = np.roll(waves[:, ::-1], 1, axis=1)
-        total = (2j * down * np.exp(2j * down * depth) * waves * back).sum(axis=(1, 2))
+        total = kernels.crack_echo(waves, back, along**2, across**2, wavenumbers, depth)
         echo: npt.NDArray[np.complex128] = total * _STEP / count
         return echo
 

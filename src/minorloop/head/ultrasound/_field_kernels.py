@@ -6,6 +6,21 @@ import numpy as np
 from numba import njit
 
 
+@njit(cache=True, nogil=True, fastmath=True)
+def _turned_sums(phases, turns, out):
+    """Add sums over phases (2, Q) to out (F, 2), the phases turned once for each f."""
+    a, b, c, s = phases[0], phases[1], turns[0], turns[1]
+    for f in range(out.shape[0]):
+        real = imaginary = 0.0
+        for q in range(a.size):
+            x, y = a[q], b[q]
+            real += x
+            imaginary += y
+            a[q], b[q] = x * c[q] - y * s[q], x * s[q] + y * c[q]
+        out[f, 0] += real
+        out[f, 1] += imaginary
+
+
 @njit(cache=True, nogil=True)
 def rayleigh(off, along, rings, areas, lags, cosines, k0, dk, count):
     """Sum exp(i k (r - lag)) / r over the rings of a disc, without exp(i k along): (N, M, F).
@@ -13,19 +28,20 @@ def rayleigh(off, along, rings, areas, lags, cosines, k0, dk, count):
     ``cosines`` are of angles spread evenly over half a turn; ``areas`` are of a whole ring.
     """
     table = np.zeros((off.size, along.size, count), dtype=np.complex128)
-    share = 1.0 / cosines.size
+    parts = table.view(np.float64).reshape(off.size, along.size, count, 2)
+    phases, turns = np.empty((2, cosines.size)), np.empty((2, cosines.size))
     for i in range(off.size):
         for j in range(along.size):
             for n in range(rings.size):
                 fixed = along[j] ** 2 + off[i] ** 2 + rings[n] ** 2
+                share = areas[n] / (2 * np.pi * cosines.size)
                 for q in range(cosines.size):
                     r = np.sqrt(fixed - 2 * off[i] * rings[n] * cosines[q])
                     way = r - lags[n] - along[j]
-                    phase = share * areas[n] / (2 * np.pi * r) * np.exp(1j * k0 * way)
-                    turn = np.exp(1j * dk * way)
-                    for f in range(count):
-                        table[i, j, f] += phase
-                        phase *= turn
+                    phases[0, q] = share / r * np.cos(k0 * way)
+                    phases[1, q] = share / r * np.sin(k0 * way)
+                    turns[0, q], turns[1, q] = np.cos(dk * way), np.sin(dk * way)
+                _turned_sums(phases, turns, parts[i, j])
     return table
 
 
@@ -111,15 +127,18 @@ def floors(squares, first, turns, out):
                 out[d, b, f] += total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def square_sum(pressure, area, out):
     """Sum over points of pressure squared (K, F, Q) times an area (Q,), into (K, F)."""
     for b in range(pressure.shape[0]):
         for f in range(pressure.shape[1]):
-            total = 0j
-            for q in range(pressure.shape[2]):
-                total += pressure[b, f, q] * pressure[b, f, q] * area[q]
-            out[b, f] = total
+            row = pressure[b, f].view(np.float64)
+            real = imaginary = 0.0
+            for q in range(area.size):
+                x, y = row[2 * q], row[2 * q + 1]
+                real += area[q] * (x * x - y * y)
+                imaginary += area[q] * 2.0 * x * y
+            out[b, f] = complex(real, imaginary)
 
 
 @njit(cache=True, nogil=True)
