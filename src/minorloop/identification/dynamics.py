@@ -56,9 +56,8 @@ _EVALUATIONS, _STEP, _SMALLEST_GAIN = 8, 1e-4, 1e-4
 """Most steps of the search for the dynamics, their finite difference, and the gain of the last."""
 _FASTEST = 0.3
 """Shortest time constant, in sampling intervals."""
-_NEXT_POLE = (0.3, 0.03)
-"""Time constants with which another pole is tried, over that of the fastest so far; the second
-where the first leads to a larger error."""
+_NEXT_POLE = 0.3
+"""Time constant with which another pole is tried, over that of the fastest so far."""
 _FILTERS = (5.0, 1.0)
 """Factors of the time constant of that filter: a slow one, which converges from any begin, and then
 a fast one, which converges further."""
@@ -300,16 +299,23 @@ class _Dynamics:
             creep = Creep(creep.times, strengths, 1 - float(strengths.sum()))
         return replace(self, logarithms=tuple(logarithms.tolist()), delay=delay, creep=creep)
 
-    def with_another_pole(self, share: float) -> _Dynamics:
-        """Return the begin of a search with one pole more, ``share`` of the fastest so far."""
+    def with_another_pole(self) -> _Dynamics:
+        """Return the begin of a search with one pole more, faster than all others."""
         if not self.poles:
             slow = np.log(self.interval * max(self.delay, 1.0))
             return replace(self, logarithms=(float(slow),), delay=0.5)
-        fast = share * float(self.linear.time_constants[-1])
+        fast = _NEXT_POLE * float(self.linear.time_constants[-1])
         a = np.exp(self.logarithms)
         more = [a[0] + fast, a[0] * fast] if self.poles == 1 else [*a, fast]
         delay = max(self.delay - fast / self.interval, 0.0)
         return replace(self, logarithms=tuple(np.log(more).tolist()), delay=delay)
+
+    def with_equal_poles(self) -> _Dynamics:
+        """Return the begin of a search with one pole more, all equal and without dead time."""
+        late = self.delay * self.interval + float(self.linear.time_constants.sum())
+        time = max(late, self.interval) / (self.poles + 1)
+        logs = np.log([time, time, time] if not self.poles else [2 * time, time**2, time])
+        return replace(self, logarithms=tuple(logs[: self.poles + 1].tolist()), delay=0.0)
 
     def bounds(self, seconds: float) -> tuple[FloatArray, FloatArray]:
         """Return the least and greatest logarithms and dead time, for a record so long."""
@@ -380,12 +386,9 @@ def _each_order(record: _Record, first: First, most: int, static: Static) -> lis
     found = [_alternate(record, dynamics, static)]
     for _ in range(most):
         last = found[-1]
-        for share in _NEXT_POLE:
-            begin = last.dynamics.with_another_pole(share)
-            more = _alternate(record, begin, static, last.operator)
-            if more.error <= last.error:
-                break
-        found.append(more)
+        begins = last.dynamics.with_another_pole(), last.dynamics.with_equal_poles()
+        more = [_alternate(record, begin, static, last.operator) for begin in begins]
+        found.append(min(more, key=lambda one: one.error))
     return found
 
 
