@@ -160,14 +160,16 @@ def identification_report(
     from minorloop.identification.baseline import percent
     from minorloop.identification.scores import score_rows
 
-    held = result.holdout_nrmse
+    whole = result if dynamic is None else dynamic
+    held = whole.holdout_nrmse
     score = (
         "nothing was held out" if held is None else f"{percent(held, 2)} of range on held-out data"
     )
+    moving = "" if dynamic is None else " with dynamics"
     report = Report(
         f"Hysteresis of {output_label} against {input_label}",
-        f"A Preisach model of {result.model.bands} bands, identified from {source}: "
-        f"{percent(result.nrmse, 2)} of range on the {result.samples} samples it was fitted to, "
+        f"A Preisach model of {result.model.bands} bands{moving}, identified from {source}: "
+        f"{percent(whole.nrmse, 2)} of range on the {result.samples} samples it was fitted to, "
         f"{score}; the best polynomial of the delayed input reaches "
         f"{percent(result.baseline_nrmse, 2)}.",
     )
@@ -197,7 +199,9 @@ def identification_report(
 
 
 def _add_dynamics(report: Report, found: DynamicIdentification, labels: Sequence[str]) -> None:
-    """Add a section on dynamics; the sections after it are on the operator without them."""
+    """Add sections on dynamics; the sections after them are on the operator without them."""
+    from minorloop.identification.baseline import percent
+
     figure = found.plot(input_label=labels[0], output_label=labels[1])
     caption = (
         "The record with the model, held-out samples shaded; the operator alone, which is the "
@@ -205,10 +209,16 @@ def _add_dynamics(report: Report, found: DynamicIdentification, labels: Sequence
     )
     report.add(
         "With dynamics",
-        text="The sections after this one are on the operator, and the record without dynamics.",
+        text="The sections on quality and looks are on the operator, and the record without "
+        "dynamics.",
         table=Table(("", ""), found.rows),
         pictures=[Picture(figure, caption)],
-        notes=[f"Tried {one}." for one in found.tried],
+    )
+    compared = [(one.what, f"{one.dead_time:.3g}", percent(one.error)) for one in found.tried]
+    report.add(
+        "Dynamics that were compared",
+        text=f"Chosen: {next(one.what for one in found.tried if one.chosen)}.",
+        table=Table(("", "dead time [s]", "error, of range"), compared),
     )
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeInversion, First
+from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.baseline import nrmse, percent
 from minorloop.identification.result import Identification
@@ -48,15 +49,17 @@ class TriedDynamics:
     error: float
     chosen: bool = False
 
-    def __str__(self) -> str:
-        poles = f"{self.poles} pole" + ("" if self.poles == 1 else "s")
+    @property
+    def what(self) -> str:
+        """The parts, in the order in which signals pass them."""
+        poles = counted(self.poles, "pole")
         order = f"operator, {poles}" if self.first == "operator" else f"{poles}, operator"
-        creep = ", creep" if self.creep else ""
+        return f"{order}, creep" if self.creep else order
+
+    def __str__(self) -> str:
         mark = "  chosen" if self.chosen else ""
-        return (
-            f"{order}{creep}, dead time {self.dead_time:.3g} s: "
-            f"{percent(self.error)} of range{mark}"
-        )
+        error = f"{percent(self.error)} of range{mark}"
+        return f"{self.what}, dead time {self.dead_time:.3g} s: {error}"
 
 
 @dataclass(frozen=True, eq=False)

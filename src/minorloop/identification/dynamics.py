@@ -347,7 +347,7 @@ class _Found:
         """Return what is kept of a fit that was tried."""
         one = self.dynamics
         return TriedDynamics(
-            one.first, one.poles, one.delay * one.interval, one.creep is not None,
+            one.first, one.poles, round(one.delay, 3) * one.interval, one.creep is not None,
             self.error, chosen,
         )  # fmt: skip
 
