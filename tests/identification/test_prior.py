@@ -70,14 +70,35 @@ def test_likelihood_is_that_of_the_outputs():
     whole = plane.scale(h)[:, None] * plane.covariance(h) * plane.scale(h)
     total = dense[0] @ whole @ dense[0].T + prior.disturbance(dense[1], h)
     expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
-    found = prior.likelihood(plane, prior.Evidence(spec, y, *dense), h)
+    found = prior.likelihood(plane, prior.Evidence(spec, y, *dense), h)[0]
     assert found == pytest.approx(expected, rel=1e-9)
     gram, slope = dense[0].T @ dense[0], dense[0].T @ y
     summed = prior.Evidence(spec, y, gram=gram, slope=slope)
     variance = h.noise**2 + h.discrepancy**2
     total = dense[0] @ whole @ dense[0].T + variance * np.eye(8)
     expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
-    assert prior.likelihood(plane, summed, h) == pytest.approx(expected, rel=1e-9)
+    assert prior.likelihood(plane, summed, h)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("slope", [False, True])
+@pytest.mark.parametrize("many", [False, True])
+def test_slopes_of_the_likelihood_are_those_of_finite_differences(slope, many):
+    spec = PlaneSpec(np.linspace(0, 1, 6), diagonal="reversible", slope=slope)
+    rng = np.random.default_rng(3)
+    u, y = rng.uniform(0, 1, 20), rng.normal(size=20)
+    rows, features = prior.regressors(spec, u, np.ones(20, dtype=bool), "negative")
+    apart = {"rows": rows, "features": features}
+    summed = {"gram": rows.T @ rows, "slope": rows.T @ y}
+    evidence = prior.Evidence(spec, y, **(summed if many else apart))
+    plane = prior.PlanePrior(spec)
+    logs = rng.normal(-1.5, 0.5, 8)
+
+    def at(theta):
+        return prior.likelihood(plane, evidence, prior.Hyperparameters(*np.exp(theta)))
+
+    steps = 1e-5 * np.eye(8)
+    wanted = [(at(logs + step)[0] - at(logs - step)[0]) / 2e-5 for step in steps]
+    np.testing.assert_allclose(at(logs)[1], wanted, rtol=1e-5, atol=1e-6)
 
 
 def test_covariances_are_positive_on_uneven_planes():

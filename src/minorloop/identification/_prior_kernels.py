@@ -44,6 +44,24 @@ def matern(x, y, at_x, at_y, out):
 
 
 @njit(cache=True, nogil=True)
+def matern_slopes(x, y, at_x, at_y, correlation, weight):
+    """Derivatives of the weighted sum of the kernels with respect to the logs of both lengths.
+
+    ``correlation`` and ``weight`` (K, K) are symmetric.
+    """
+    root = math.sqrt(3.0)
+    by_x = by_y = 0.0
+    for i in range(x.size):
+        for j in range(i):
+            a = root * abs(x[i] - x[j]) / at_x
+            b = root * abs(y[i] - y[j]) / at_y
+            both = 2.0 * weight[i, j] * correlation[i, j]
+            by_x += both * a * a / (1.0 + a)
+            by_y += both * b * b / (1.0 + b)
+    return by_x, by_y
+
+
+@njit(cache=True, nogil=True)
 def look_ahead(levels, spread, past, candidates, rows):
     """Fractions switched on after each candidate (m,) is applied to the extrema ``past`` (d,)."""
     low, high = levels[0], levels[-1]

@@ -62,7 +62,6 @@ _DEGREES_OF_FREEDOM = 3.0
 _FURTHEST = 4.0
 _FURTHEST_HEAVY = 5.0
 """Bounds of the search, in spreads from the centre."""
-_DIFFERENCE = 1e-4
 _ITERATIONS = 60
 _LEAST_NOISE = 1e-6
 _REFINEMENTS = 2
@@ -137,13 +136,49 @@ class PlanePrior:
         correlation[np.diag_indices(cells)] += h.nugget
         covariance[:cells, :cells] = size[:, None] * correlation * size
         size = self._unit * h.reversible * self._width / scale[self._diagonal]
-        correlation = np.empty((self.spec.bands, self.spec.bands))
-        _kernels.matern(self._middle, self._none, h.along, 1.0, correlation)
-        correlation += 1.0
+        correlation = self._reversible_correlation(h) + 1.0
         correlation[np.diag_indices(self.spec.bands)] += h.nugget
         covariance[np.ix_(self._diagonal, self._diagonal)] += size[:, None] * correlation * size
         covariance[np.arange(cells, n), np.arange(cells, n)] = 1.0
         return covariance
+
+    def slopes(self, h: Hyperparameters, weight: FloatArray) -> FloatArray:
+        """(7,) derivatives of the sum of weighted covariances by the logs of the hyperparameters.
+
+        Parameters
+        ----------
+        h : Hyperparameters
+            Where to differentiate.
+        weight : (n, n) array
+            Symmetric; of the covariance of the unknowns, in their unit.
+        """
+        cells, bulk = self.spec.cells, self._unit * self._bulk(h)
+        weighted = bulk[:, None] * weight[:cells, :cells] * bulk
+        correlation = self._correlation(h.along, h.across)
+        nugget = h.nugget * float(np.trace(weighted))
+        each = np.sum(weighted * (correlation + 1.0), axis=1) + h.nugget * weighted.diagonal()
+        along, across = _kernels.matern_slopes(
+            self._along, self._across, h.along, h.across, correlation, weighted
+        )
+        decay = np.exp(-self._across / h.decay) * self._area
+        distance = self._across / h.decay
+        by_decay = 2 * float(each @ (distance - distance @ decay / decay.sum()))
+        size = self._unit * h.reversible * self._width
+        weighted = size[:, None] * weight[np.ix_(self._diagonal, self._diagonal)] * size
+        correlation = self._reversible_correlation(h)
+        along += _kernels.matern_slopes(
+            self._middle, self._none, h.along, 1.0, correlation, weighted
+        )[0]
+        own = h.nugget * float(np.trace(weighted))
+        by_reversible = 2 * (float(np.sum(weighted * (correlation + 1.0))) + own)
+        by_bulk = 2 * float(each.sum())
+        return np.array([by_decay, along, across, by_bulk, by_reversible, 0.0, nugget + own])
+
+    def _reversible_correlation(self, h: Hyperparameters) -> FloatArray:
+        """(L, L) correlation of the reversible weights."""
+        correlation = np.empty((self.spec.bands, self.spec.bands))
+        _kernels.matern(self._middle, self._none, h.along, 1.0, correlation)
+        return correlation
 
     def _correlation(self, along: float, across: float) -> FloatArray:
         """Return the (K, K) Matern correlation, kept while other hyperparameters change."""
@@ -458,11 +493,16 @@ def regressors(
 
 def disturbance(features: FloatArray, h: Hyperparameters) -> FloatArray:
     """(M, M) covariance of discrepancy plus noise."""
-    distance = (features[:, None, :] - features[None, :, :]) / np.array(CORRELATION_LENGTHS)
-    correlated = CORRELATED_SHARE * np.exp(-0.5 * np.sum(distance**2, axis=2))
     independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2
-    covariance: FloatArray = h.discrepancy**2 * correlated + independent * np.eye(len(features))
+    covariance: FloatArray = h.discrepancy**2 * _correlated(features)
+    covariance[np.diag_indices(len(features))] += independent
     return covariance
+
+
+def _correlated(features: FloatArray) -> FloatArray:
+    """(M, M) correlated part of the discrepancy, over its variance."""
+    distance = (features[:, None, :] - features[None, :, :]) / np.array(CORRELATION_LENGTHS)
+    return np.asarray(CORRELATED_SHARE * np.exp(-0.5 * np.sum(distance**2, axis=2)))
 
 
 def search(
@@ -476,55 +516,104 @@ def search(
         centres, spreads = np.append(centres, _NOISE_CENTRE), np.append(spreads, _NOISE_SPREAD)
     plane = PlanePrior(evidence.spec)
 
-    def cost(theta: FloatArray) -> float:
-        return _penalty((theta - centres) / spreads) - likelihood(
-            plane, evidence, _as_hyper(theta, noise)
-        )
-
-    def both(theta: FloatArray) -> tuple[float, FloatArray]:
-        here = cost(theta)
-        steps = _DIFFERENCE * np.eye(theta.size)
-        return here, np.array([(cost(theta + d) - cost(theta - d)) for d in steps]) / (
-            2 * _DIFFERENCE
-        )
+    def cost(theta: FloatArray) -> tuple[float, FloatArray]:
+        penalty, steepness = _penalty((theta - centres) / spreads)
+        value, slopes = likelihood(plane, evidence, _as_hyper(theta, noise))
+        return penalty - value, steepness / spreads - slopes[: theta.size]
 
     begin = centres if guess is None else _as_theta(guess, noise)
     furthest = np.where(_HEAVY[: centres.size], _FURTHEST_HEAVY, _FURTHEST) * spreads
     bounds = list(zip(centres - furthest, centres + furthest, strict=True))
     begin = np.clip(begin, *np.transpose(bounds))
     options: Any = {"maxiter": _ITERATIONS, "ftol": 1e-7}
-    answer = minimize(both, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    answer = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return _as_hyper(answer.x, noise)
 
 
-def _penalty(distance: FloatArray) -> float:
-    """Negative logarithm of the prior density of hyperparameters, in spreads from the centres.
+def _penalty(distance: FloatArray) -> tuple[float, FloatArray]:
+    """Negative logarithm of the prior density of hyperparameters, and its derivatives.
+
+    Distances are in spreads from the centres.
 
     The noise has a t distribution: most sensors are good, but the data must be able to show that
     one is fifty times worse. The discrepancy has a normal one: on rough planes a heavy tail would
     let it explain what further holds can still determine.
     """
-    heavy = _HEAVY[: distance.size]
-    tails = (_DEGREES_OF_FREEDOM + 1) / 2 * np.log1p(distance[heavy] ** 2 / _DEGREES_OF_FREEDOM)
-    return float(0.5 * np.sum(distance[~heavy] ** 2) + np.sum(tails))
+    heavy, more = _HEAVY[: distance.size], _DEGREES_OF_FREEDOM + 1
+    squares = distance**2
+    tails = more / 2 * np.log1p(squares[heavy] / _DEGREES_OF_FREEDOM)
+    steepness = np.where(heavy, more * distance / (_DEGREES_OF_FREEDOM + squares), distance)
+    return float(0.5 * np.sum(squares[~heavy]) + np.sum(tails)), steepness
 
 
-def likelihood(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> float:
-    """Logarithm of the marginal likelihood, up to a constant."""
-    scale = plane.scale(h)
+def likelihood(
+    plane: PlanePrior, evidence: Evidence, h: Hyperparameters
+) -> tuple[float, FloatArray]:
+    """Logarithm of the marginal likelihood, up to a constant, and its derivatives.
+
+    The derivatives (8,) are with respect to the logarithms of the hyperparameters, the noise last.
+
+    References
+    ----------
+    Rasmussen and Williams 2006, eq. 5.9. With C the covariance of the outputs and W = C^-1 y y'
+    C^-1 - C^-1, a derivative is half the sum of W times that of C.
+    """
     if evidence.rows is not None and evidence.features is not None:
-        rows = evidence.rows * scale
-        outer = np.linalg.cholesky(
-            rows @ plane.covariance(h) @ rows.T + disturbance(evidence.features, h)
-        )
-        left = _triangular_solve(outer, evidence.y)
-        return -0.5 * float(left @ left) - float(np.log(outer.diagonal()).sum())
-    gram, slope, square, logarithm = evidence.information(h)
-    root = np.linalg.cholesky(plane.covariance(h)) * scale[:, None]
-    inner = np.linalg.cholesky(np.eye(scale.size) + root.T @ gram @ root)
+        return _likelihood_of_few(plane, evidence, h)
+    return _likelihood_of_many(plane, evidence, h)
+
+
+def _likelihood_of_few(
+    plane: PlanePrior, evidence: Evidence, h: Hyperparameters
+) -> tuple[float, FloatArray]:
+    """Likelihood through the (M, M) covariance of the outputs."""
+    assert evidence.rows is not None
+    assert evidence.features is not None
+    scale, y = plane.scale(h), evidence.y
+    rows = evidence.rows * scale
+    correlated = h.discrepancy**2 * _correlated(evidence.features)
+    covariance = rows @ plane.covariance(h) @ rows.T + correlated
+    independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2
+    covariance[np.diag_indices(y.size)] += independent
+    outer = np.linalg.cholesky(covariance)
+    half = _triangular_solve(outer, np.column_stack([np.eye(y.size), y]))
+    left, half = half[:, -1], half[:, :-1]
+    value = -0.5 * float(left @ left) - float(np.log(outer.diagonal()).sum())
+    solved = half.T @ left
+    weight = np.outer(solved, solved) - half.T @ half
+    slopes = np.append(plane.slopes(h, evidence.rows.T @ weight @ evidence.rows), 0.0)
+    total = float(np.trace(weight))
+    own = (1 - CORRELATED_SHARE) * h.discrepancy**2 * total
+    slopes[5] = 2 * (float(np.sum(weight * correlated)) + own)
+    slopes[7] = 2 * h.noise**2 * total
+    return value, 0.5 * slopes
+
+
+def _likelihood_of_many(
+    plane: PlanePrior, evidence: Evidence, h: Hyperparameters
+) -> tuple[float, FloatArray]:
+    """Likelihood through the (n, n) posterior covariance P of the unknowns.
+
+    A'W A is (A'e)(A'e)' / v^2 - G / v + G P G / v^2 with the Gram matrix G, the residual e of the
+    posterior mean, and the variance v of an output.
+    """
+    assert evidence.gram is not None
+    gram, slope, square, logarithm = evidence.information(h)  # over the variance
+    root = np.linalg.cholesky(plane.covariance(h)) * plane.scale(h)[:, None]
+    seen = gram @ root
+    inner = np.linalg.cholesky(np.eye(root.shape[0]) + root.T @ seen)
+    half = _triangular_solve(inner, seen.T)  # half' half is G P G / v^2
     part = _triangular_solve(inner, root.T @ slope)
     spent = 2 * float(np.log(inner.diagonal()).sum())
-    return -0.5 * (square - float(part @ part) + spent + logarithm)
+    value = -0.5 * (square - float(part @ part) + spent + logarithm)
+    left = slope - half.T @ part
+    slopes = np.append(plane.slopes(h, np.outer(left, left) - gram + half.T @ half), 0.0)
+    mean = root @ _triangular_solve(inner, part, transposed=True)
+    error = square - 2 * float(mean @ slope) + float(mean @ gram @ mean)
+    determined = inner.shape[0] - float(np.sum(_triangular_solve(inner, np.eye(len(inner))) ** 2))
+    by_variance = 2 * (error - evidence.y.size + determined) / (h.noise**2 + h.discrepancy**2)
+    slopes[5], slopes[7] = by_variance * h.discrepancy**2, by_variance * h.noise**2
+    return value, 0.5 * slopes
 
 
 def _solve(
@@ -613,10 +702,15 @@ def _with_residual_discrepancy(h: Hyperparameters, residuals: FloatArray) -> Hyp
     return replace(h, discrepancy=float(np.sqrt(rest)))
 
 
-def _triangular_solve(lower: npt.NDArray[Any], right: npt.NDArray[Any]) -> FloatArray:
+def _triangular_solve(
+    lower: npt.NDArray[Any], right: npt.NDArray[Any], transposed: bool = False
+) -> FloatArray:
     from scipy.linalg import solve_triangular
 
-    return np.asarray(solve_triangular(lower, right, lower=True, check_finite=False))
+    found = solve_triangular(
+        lower, right, lower=True, check_finite=False, trans="T" if transposed else "N"
+    )
+    return np.asarray(found)
 
 
 def _as_hyper(theta: FloatArray, noise: float | None) -> Hyperparameters:
