@@ -72,3 +72,15 @@ def test_excited_cells_are_where_branches_end():
     expected = np.zeros((4, 4), dtype=bool)
     expected[:, 0] = expected[3, :] = True
     np.testing.assert_array_equal(excited, expected)
+
+
+def test_the_gram_matrix_of_many_nested_loops_is_that_of_the_columns():
+    decay = np.linspace(1, 0, 60) * (-1) ** np.arange(60)
+    u = np.interp(np.arange(0, 59, 0.25), np.arange(60), decay)
+    spec = PlaneSpec(np.linspace(-1, 1, 7), slope=True)
+    matrix = DesignMatrix(spec, u, np.arange(u.size) % 3 > 0, "negative")
+    weight = np.random.default_rng(0).uniform(size=matrix.samples)
+    dense = matrix.dense()
+    np.testing.assert_allclose(
+        np.tril(matrix.gram(weight)), np.tril(dense.T * weight @ dense), rtol=1e-10, atol=1e-10
+    )

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-_WIDEST = 32
-_PADDING, _FEW = 0.5, 32
+_WIDEST = 48
+_PADDING, _FEW = 0.3, 32
 """Zeros that a panel may store: this share of its numbers, or as many."""
-_SMALL = 50_000
+_SMALL = 30_000
 """Multiplications from which a product of blocks is left to the library."""
 _INFINITE = 1e64
 """Replaces a pivot that is zero to rounding: its unknown becomes zero."""
@@ -204,6 +204,17 @@ def eliminate_panel(panel, sign, least):
         pivot = line[i] * sign[i]
         line[i] = np.sqrt(pivot if pivot > least[i] else _INFINITE)
         inverse[i] = 1.0 / line[i]
+    if (height - width) * width**2 > _SMALL:
+        divisor = np.zeros((width, width))
+        for i in range(width):
+            divisor[i, i] = inverse[i]
+            for j in range(i + 1, width):
+                total = 0.0
+                for k in range(i, j):
+                    total += divisor[i, k] * across[k, j]
+                divisor[i, j] = -total * inverse[j]
+        panel[width:] = np.dot(panel[width:], divisor * sign)
+        return
     for i in range(width, height):
         line = panel[i]
         for k in range(width):

@@ -19,12 +19,12 @@ from minorloop.identification.everett_system import EverettSystem
 _LEAST_RIDGE = 1e-10
 _AT_BOUND = 1e4
 """Ridge that keeps an unknown at its bound, to a diagonal of one."""
-_GAP, _INFEASIBLE = 1e-12, 1e-9
+_GAP, _INFEASIBLE = 1e-14, 1e-9
 """Complementarity and dual residual at which pivoting takes over, relative."""
-_MOST, _BOUNDARY, _STUCK = 40, 0.99, 1e-3
+_MOST, _BOUNDARY, _STUCK = 40, 0.997, 1e-3
 """Most iterations, share of the way to the boundary, and step from which there is no progress."""
 _FIRST_RIDGE = 1e-6
-_CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-5
+_CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-3
 _PIVOT_STEPS, _PIVOT_TOLERANCE = 100, 1e-10
 
 

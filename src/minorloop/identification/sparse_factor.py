@@ -9,11 +9,15 @@ J. Sci. Comput. 14, 1993).
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
-import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray
 from minorloop.identification import _sparse_kernels as _kernels
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 _DOMINANT = 1e3
 _ROUNDING = 1e-15
@@ -84,12 +88,13 @@ class SparseFactor:
         return out
 
 
-def _least_degree(pattern: npt.NDArray[np.float64]) -> IntArray:
+def _least_degree(pattern: csc_array[Any]) -> IntArray:
     """Order of elimination with little fill."""
-    from scipy.sparse import diags_array
+    from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import spilu
 
-    dominant = (pattern + diags_array(np.full(pattern.shape[0], _DOMINANT))).tocsc()
+    count = pattern.shape[0]
+    dominant = csc_array(pattern + diags_array(np.full(count, _DOMINANT)))
     incomplete = spilu(  # drops all entries, so that it costs little more than the order
         dominant,
         drop_tol=1.0,
@@ -101,7 +106,7 @@ def _least_degree(pattern: npt.NDArray[np.float64]) -> IntArray:
     return np.argsort(incomplete.perm_c)
 
 
-def _permuted(pattern: npt.NDArray[np.float64], order: IntArray) -> tuple[IntArray, IntArray]:
+def _permuted(pattern: csc_array[Any], order: IntArray) -> tuple[IntArray, IntArray]:
     """Columns of a permuted pattern: where each begins, and its rows."""
-    moved = pattern[order][:, order].tocsc()
+    moved = pattern[order][:, order]
     return moved.indptr.astype(np.int64), moved.indices.astype(np.int64)
