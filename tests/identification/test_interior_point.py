@@ -3,6 +3,7 @@ import pytest
 from benchmarks import real_records
 from scipy.optimize import nnls
 
+from minorloop.errors import ParameterError
 from minorloop.identification import identify, least_squares
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import Problem
@@ -22,7 +23,8 @@ SPECS = (
 def sparse(monkeypatch):
     """Use the sparse system for planes of any size."""
     monkeypatch.setattr(least_squares, "_LEAST_SPARSE", 0)
-    monkeypatch.setattr(least_squares, "_REVERSALS", np.inf)
+    monkeypatch.setattr(least_squares, "_BRANCH", 0.1)
+    monkeypatch.setattr(least_squares, "_SHARE", np.inf)
     monkeypatch.setattr(least_squares, "_FILL", np.inf)
 
 
@@ -70,3 +72,15 @@ def test_the_optimality_holds_in_simulated_outputs():
     found = identify(u, y, levels=model.levels, smoothness=0.0)
     assert found.kkt <= 1e-10
     assert real_records.violation(found.model, u, y) <= 1e-10
+
+
+def test_planes_too_fine_for_dense_matrices_need_a_sparse_system(monkeypatch):
+    monkeypatch.setattr(least_squares, "MOST_SMOOTHED", 7)
+    random, signed = a_problem(), a_problem(signed=True)
+    with pytest.raises(ParameterError, match="reverses every few samples"):
+        random.fit(0.0)
+    with pytest.raises(ParameterError, match="beyond give smoothness 0"):
+        signed.fit(0.0)
+    with pytest.raises(ParameterError, match="beyond give smoothness 0"):
+        random.fit("auto")
+    assert a_real_problem(40, 1500).fit(0.0).kkt <= 1e-10

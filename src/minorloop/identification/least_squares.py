@@ -43,9 +43,12 @@ _FLOOR = 1e-300
 _MANY = 50_000
 """Samples from which the iteration uses the normal equations only: passes over all samples would
 take longer than the solution, and so many samples leave no accuracy to be gained."""
-_LEAST_SPARSE, _REVERSALS, _FILL = 800, 0.5, 0.01
-"""Cells from which the sparse system is used, reversals for each cell up to which it is, and
-multiplications of its factorisation over those of a dense matrix."""
+_LEAST_SPARSE, _BRANCH, _SHARE = 800, 5, 0.5
+"""Cells and samples for each reversal from which the sparse system is used, and reversals for each
+cell up to which it is."""
+_FILL = 0.005
+"""Multiplications of its factorisation, over the cube of the cells or samples, up to which it is
+quicker than dense matrices."""
 _ENOUGH, _NOISELESS = 1e-10, 1e-7
 """Violation up to which the sparse system is accurate enough, and residual from which it is."""
 _LARGE, _LARGE_OF_MANY = 2500, 1000
@@ -192,7 +195,7 @@ class _System:
         matrix, spec = self.problem.matrix, self.problem.matrix.spec
         if strength == 0:
             found = self._solve_sparse()
-            if found.kkt <= _ENOUGH:
+            if found.kkt <= _ENOUGH or spec.bands > MOST_SMOOTHED:
                 return found
             guess = found.x if np.isfinite(found.kkt) else guess
         if guess is None and spec.cells > _LARGE:
@@ -248,13 +251,19 @@ class _System:
         """
         matrix, spec, share = self.problem.matrix, self.problem.matrix.spec, np.sqrt(self.weight)
         unused = FittedUnknowns(np.zeros(spec.unknowns), np.inf, 0.0)
-        few = matrix.reversals <= _REVERSALS * spec.cells
+        few = matrix.reversals <= min(_SHARE * spec.cells, matrix.samples / _BRANCH)
         if self.problem.signed or spec.cells < _LEAST_SPARSE or not few:
+            if spec.bands > MOST_SMOOTHED:
+                raise ParameterError(
+                    f"levels are {spec.bands} bands and the input reverses every few samples, so "
+                    f"that the fit needs more than 8 GB; give at most {MOST_SMOOTHED} levels"
+                )
             return unused
         squares, varying = matrix.column_squares(self.weight)
         scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
         system = EverettSystem(matrix, self.weight, scale)
-        if system.operations > _FILL * spec.cells**3:
+        dense = float(min(spec.cells, matrix.samples)) ** 3
+        if spec.bands <= MOST_SMOOTHED and system.operations > _FILL * dense:
             return unused
 
         def gradient(z: FloatArray) -> FloatArray:
