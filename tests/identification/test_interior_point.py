@@ -75,7 +75,7 @@ def test_the_optimality_holds_in_simulated_outputs():
 
 
 def test_planes_too_fine_for_dense_matrices_need_a_sparse_system(monkeypatch):
-    monkeypatch.setattr(least_squares, "MOST_SMOOTHED", 7)
+    monkeypatch.setattr(least_squares, "MOST_DENSE", 7)
     random, signed = a_problem(), a_problem(signed=True)
     with pytest.raises(ParameterError, match="reverses every few samples"):
         random.fit(0.0)

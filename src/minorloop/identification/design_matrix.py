@@ -26,6 +26,9 @@ Packed = FloatArray
 
 MOST_BANDS = 500
 """Largest number of bands."""
+MOST_DENSE = 250
+"""Largest number of bands with dense normal equations; those of a finer plane would take more than
+8 GB."""
 _NEVER = 1e-14
 """Share of the samples up to which a cell is never on."""
 
@@ -183,7 +186,17 @@ class DesignMatrix:
         ----------
         weight : (M,) array, optional
             Of each sample; one if not given.
+
+        Raises
+        ------
+        ParameterError
+            If there are more than `MOST_DENSE` bands.
         """
+        if self.spec.bands > MOST_DENSE:
+            raise ParameterError(
+                f"the normal equations of {self.spec.bands} bands need more than 8 GB; give at "
+                f"most {MOST_DENSE}"
+            )
         spec, cells = self.spec, self.spec.cells
         counts = np.ones(self.samples) if weight is None else weight
         gram = np.zeros((spec.unknowns, spec.unknowns))

@@ -21,17 +21,19 @@ import numpy as np
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels, active_set, interior_point
-from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack, unpack
+from minorloop.identification.design_matrix import (
+    MOST_DENSE,
+    DesignMatrix,
+    PlaneSpec,
+    pack,
+    unpack,
+)
 from minorloop.identification.everett_system import EverettSystem
 from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
 
 CANDIDATES = (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 """Strengths that ``smoothness="auto"`` tries, weakest first."""
-
-MOST_SMOOTHED = 250
-"""Largest number of bands with smoothness or weights of either sign: their normal equations are
-dense, and those of a finer plane would take more than 8 GB."""
 
 _SEGMENTS = 25
 _HELD_OUT_EVERY = 5
@@ -83,10 +85,10 @@ class Problem:
     def fit(self, smoothness: float | Literal["auto"]) -> FittedUnknowns:
         """Fit with a given smoothness, or the one that predicts held-out segments best."""
         bands = self.matrix.spec.bands
-        if bands > MOST_SMOOTHED and (self.signed or smoothness != 0):
+        if bands > MOST_DENSE and (self.signed or smoothness != 0):
             raise ParameterError(
                 f"levels are {bands} bands; weights of either sign or smoothness allow at most "
-                f"{MOST_SMOOTHED}, beyond give smoothness 0"
+                f"{MOST_DENSE}, beyond give smoothness 0"
             )
         if smoothness == "auto":
             return self._fit_chosen()
@@ -195,7 +197,7 @@ class _System:
         matrix, spec = self.problem.matrix, self.problem.matrix.spec
         if strength == 0:
             found = self._solve_sparse()
-            if found.kkt <= _ENOUGH or spec.bands > MOST_SMOOTHED:
+            if found.kkt <= _ENOUGH or spec.bands > MOST_DENSE:
                 return found
             guess = found.x if np.isfinite(found.kkt) else guess
         if guess is None and spec.cells > _LARGE:
@@ -253,17 +255,17 @@ class _System:
         unused = FittedUnknowns(np.zeros(spec.unknowns), np.inf, 0.0)
         few = matrix.reversals <= min(_SHARE * spec.cells, matrix.samples / _BRANCH)
         if self.problem.signed or spec.cells < _LEAST_SPARSE or not few:
-            if spec.bands > MOST_SMOOTHED:
+            if spec.bands > MOST_DENSE:
                 raise ParameterError(
                     f"levels are {spec.bands} bands and the input reverses every few samples, so "
-                    f"that the fit needs more than 8 GB; give at most {MOST_SMOOTHED} levels"
+                    f"that the fit needs more than 8 GB; give at most {MOST_DENSE} levels"
                 )
             return unused
         squares, varying = matrix.column_squares(self.weight)
         scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
         system = EverettSystem(matrix, self.weight, scale)
         dense = float(min(spec.cells, matrix.samples)) ** 3
-        if spec.bands <= MOST_SMOOTHED and system.operations > _FILL * dense:
+        if spec.bands <= MOST_DENSE and system.operations > _FILL * dense:
             return unused
 
         def gradient(z: FloatArray) -> FloatArray:
@@ -274,7 +276,7 @@ class _System:
         found = interior_point.solve(system, gradient, self.bounded, self.bounded & varying, size)
         x = self._unscaled(found.z, scale)
         left = float(np.linalg.norm(share * (matrix.forward(scale * found.z) - self.y)))
-        if left <= _NOISELESS * size and spec.bands <= MOST_SMOOTHED:
+        if left <= _NOISELESS * size and spec.bands <= MOST_DENSE:
             return replace(unused, x=x)
         return FittedUnknowns(x, found.kkt, 0.0, found.kkt <= active_set.ACCEPTABLE)
 
