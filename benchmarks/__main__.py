@@ -11,6 +11,7 @@ import benchmarks
 PARTS = (
     "operators",
     "identification",
+    "real_records",
     "staircases",
     "optima",
     "prior",

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import oracles
+from minorloop.errors import ParameterError
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack, unpack
 
 LEVELS = np.array([-1.0, -0.6, -0.1, 0.0, 0.4, 1.0])
@@ -72,3 +73,22 @@ def test_excited_cells_are_where_branches_end():
     expected = np.zeros((4, 4), dtype=bool)
     expected[:, 0] = expected[3, :] = True
     np.testing.assert_array_equal(excited, expected)
+
+
+def test_the_gram_matrix_of_many_nested_loops_is_that_of_the_columns():
+    decay = np.linspace(1, 0, 60) * (-1) ** np.arange(60)
+    u = np.interp(np.arange(0, 59, 0.25), np.arange(60), decay)
+    spec = PlaneSpec(np.linspace(-1, 1, 7), slope=True)
+    matrix = DesignMatrix(spec, u, np.arange(u.size) % 3 > 0, "negative")
+    weight = np.random.default_rng(0).uniform(size=matrix.samples)
+    dense = matrix.dense()
+    np.testing.assert_allclose(
+        np.tril(matrix.gram(weight)), np.tril(dense.T * weight @ dense), rtol=1e-10, atol=1e-10
+    )
+
+
+def test_normal_equations_too_large_for_the_memory_are_refused():
+    spec = PlaneSpec(np.linspace(-1, 1, 252))
+    matrix = DesignMatrix(spec, np.array([0.5, -0.5]), np.ones(2, dtype=bool), "negative")
+    with pytest.raises(ParameterError, match="of 251 bands need more than 8 GB; give at most 250"):
+        matrix.gram()

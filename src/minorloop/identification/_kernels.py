@@ -146,28 +146,58 @@ def gram(index, coefficient, parent, weight, out):
     """Half of the weighted Gram matrix of the rows: out + out' is all of it.
 
     Expanding a sum over tree rows by ancestry, every sample counts with the weight of all that
-    descends from it, against its own terms (half) and those of each of its ancestors (whole):
-    so the cost grows with the number of remembered extrema, not with the size of the plane.
+    descends from it, against its own terms (half) and those of each of its ancestors (whole).
+    Samples of one parent share their ancestors, so that their terms are added first. The cost
+    grows with the number of reversals and remembered extrema, not with the size of the plane.
     Consumes ``weight``.
     """
+    child, sibling = np.full(parent.size, ROOT), np.full(parent.size, ROOT)
     for t in range(parent.size - 1, -1, -1):
         n = weight[t]
         if n == 0.0:
             continue
-        if parent[t] != ROOT:
-            weight[parent[t]] += n
         for c in range(index.shape[1]):
-            a = 0.5 * n * coefficient[t, c]
-            if a == 0.0:
-                continue
-            row = out[index[t, c]]
+            row, a = out[index[t, c]], 0.5 * n * coefficient[t, c]
             for d in range(index.shape[1]):
                 row[index[t, d]] += a * coefficient[t, d]
-            ancestor = parent[t]
-            while ancestor != ROOT:
-                for d in range(index.shape[1]):
-                    row[index[ancestor, d]] += 2.0 * a * coefficient[ancestor, d]
-                ancestor = parent[ancestor]
+        if parent[t] != ROOT:
+            weight[parent[t]] += n
+            sibling[t], child[parent[t]] = child[parent[t]], t
+    terms, others = np.zeros(out.shape[0]), np.zeros(out.shape[0])
+    nodes, far = np.empty(out.shape[0], np.int64), np.empty(out.shape[0], np.int64)
+    listed, far_listed = np.zeros(out.shape[0], np.bool_), np.zeros(out.shape[0], np.bool_)
+    for p in range(parent.size):
+        if child[p] == ROOT:
+            continue
+        count, remote, t = 0, 0, child[p]
+        while t != ROOT:
+            count = add_terms(index[t], coefficient[t], weight[t], terms, nodes, listed, count)
+            t = sibling[t]
+        t = p
+        while t != ROOT:
+            remote = add_terms(index[t], coefficient[t], 1.0, others, far, far_listed, remote)
+            t = parent[t]
+        for c in range(count):
+            row, a = out[nodes[c]], terms[nodes[c]]
+            for d in range(remote):
+                row[far[d]] += a * others[far[d]]
+        for c in range(count):
+            terms[nodes[c]], listed[nodes[c]] = 0.0, False
+        for d in range(remote):
+            others[far[d]], far_listed[far[d]] = 0.0, False
+
+
+@njit(cache=True, nogil=True)
+def add_terms(index, coefficient, factor, sums, nodes, listed, count):
+    """Add terms of a row to sums; ``nodes`` lists where, each once. Gives their number."""
+    for c in range(index.size):
+        if coefficient[c] == 0.0:
+            continue
+        if not listed[index[c]]:
+            nodes[count], listed[index[c]] = index[c], True
+            count += 1
+        sums[index[c]] += factor * coefficient[c]
+    return count
 
 
 @njit(cache=True, nogil=True)

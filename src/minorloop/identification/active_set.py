@@ -16,6 +16,7 @@ few hundred steps if a penalty keeps the condition number low.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -118,35 +119,25 @@ def solve(
         return found if rows is None else solver.refined(found, rows)
 
 
-class _Solver:
+class Pivoting(ABC):
+    """Proximal-point iteration with block pivoting.
+
+    ``gradient``, ``bounded`` and ``scale`` as in `solve`. A subclass solves for the free unknowns.
+    """
+
     def __init__(
-        self,
-        gram: FloatArray,
-        gradient: Callable[[FloatArray], FloatArray],
-        hessian: Callable[[FloatArray], FloatArray],
-        bounded: BoolArray,
-        scale: float,
-        penalty: Sparse | None,
+        self, gradient: Callable[[FloatArray], FloatArray], bounded: BoolArray, scale: float
     ) -> None:
-        self.gram, self.gradient, self.hessian = gram, gradient, hessian
-        self.bounded, self.scale = bounded, scale
-        self.penalty = penalty
+        self.gradient, self.bounded, self.scale = gradient, bounded, scale
         self.factorisations = 0
-        self.workspace = np.empty(0)
-        self.scaling: Preconditioner | None = None
-        self.diagonal = gram.diagonal().copy()
-        if penalty is not None:
-            on = penalty.rows == penalty.columns
-            np.add.at(self.diagonal, penalty.rows[on], penalty.values[on])
 
-    def first_guess(self) -> FloatArray:
-        z = np.zeros(self.bounded.size)
-        _kernels.descend(self.gram, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
-        return z
+    @abstractmethod
+    def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
+        """(n,) Newton step of the free unknowns, zero for the others."""
 
-    def run(self, z: FloatArray) -> BoundedSolution:
+    def run(self, z: FloatArray, ridge: float = _FIRST_RIDGE) -> BoundedSolution:
+        """Iterate from z and a first ridge to the best solution, converged or not."""
         free = ~self.bounded | (z > 0)
-        ridge = _FIRST_RIDGE
         best = BoundedSolution(z, np.inf, 0)
         for _ in range(_OUTER):
             gradient = self.gradient(z)
@@ -165,35 +156,6 @@ class _Solver:
             z = np.where(self.bounded, np.maximum(trial[0], 0.0), trial[0])
             ridge = max(ridge * (0.01 if pivots <= 4 else 0.1), _LEAST_RIDGE)
         return BoundedSolution(best.z, best.kkt, self.factorisations)
-
-    def refined(self, found: BoundedSolution, rows: Rows) -> BoundedSolution:
-        """Refine the solution, and compute its optimality again."""
-        picked = np.flatnonzero(~self.bounded | (found.z > 0))
-        scaling = self._scaling(picked) if picked.size else None
-        if scaling is None:
-            return found
-        fine, settled = refine(rows, found.z, scaling)
-        z = np.where(self.bounded, np.maximum(fine, 0.0), fine)
-        kkt = optimality(z, self.gradient(z), self.bounded, self.scale)
-        if kkt > max(found.kkt, TOLERANCE) and not np.array_equal(z, fine):
-            return found  # a bound lies in between
-        return BoundedSolution(z, kkt, self.factorisations, settled)
-
-    def _scaling(self, picked: IntArray) -> Preconditioner | None:
-        """Factor of the free part; the last one if it is of the same unknowns."""
-        if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
-            return self.scaling
-        if self._is_large(picked.size):
-            if self.bounded[picked].any():
-                return None
-            return Preconditioner(picked, np.sqrt(self.diagonal[picked] + _LEAST_RIDGE))
-        for ridge in (_LEAST_RIDGE, _FIRST_RIDGE):
-            with suppress(LinAlgError):
-                return self._factorise(picked, ridge)
-        return None
-
-    def _is_large(self, unknowns: int) -> bool:
-        return unknowns > (_FACTORISED if self.penalty is None else _FACTORISED_SMOOTH)
 
     def _pivot(
         self, z: FloatArray, gradient: FloatArray, free: BoolArray, ridge: float
@@ -228,13 +190,70 @@ class _Solver:
         x = np.where(free, z, 0.0)
         if not np.array_equal(x, z):
             gradient = self.gradient(x) + ridge * (x - z)
+        return x + self.step(-np.where(free, gradient, 0.0), free, ridge)
+
+
+class _Solver(Pivoting):
+    def __init__(
+        self,
+        gram: FloatArray,
+        gradient: Callable[[FloatArray], FloatArray],
+        hessian: Callable[[FloatArray], FloatArray],
+        bounded: BoolArray,
+        scale: float,
+        penalty: Sparse | None,
+    ) -> None:
+        super().__init__(gradient, bounded, scale)
+        self.gram, self.hessian, self.penalty = gram, hessian, penalty
+        self.workspace = np.empty(0)
+        self.scaling: Preconditioner | None = None
+        self.diagonal = gram.diagonal().copy()
+        if penalty is not None:
+            on = penalty.rows == penalty.columns
+            np.add.at(self.diagonal, penalty.rows[on], penalty.values[on])
+
+    def first_guess(self) -> FloatArray:
+        z = np.zeros(self.bounded.size)
+        _kernels.descend(self.gram, self.gradient(z), z, self.bounded, _FIRST_SWEEPS)
+        return z
+
+    def step(self, downhill: FloatArray, free: BoolArray, ridge: float) -> FloatArray:
         picked = np.flatnonzero(free)
         if self._is_large(picked.size):
-            return x + self._conjugate_gradients(-np.where(free, gradient, 0.0), free, ridge)
+            return self._conjugate_gradients(downhill, free, ridge)
         factor = self._factorise(picked, ridge).factor
-        step, _ = lapack.dpotrs(factor, -gradient[picked], lower=0)
-        x[picked] += step
-        return x
+        found = np.zeros(free.size)
+        found[picked], _ = lapack.dpotrs(factor, downhill[picked], lower=0)
+        return found
+
+    def refined(self, found: BoundedSolution, rows: Rows) -> BoundedSolution:
+        """Refine the solution, and compute its optimality again."""
+        picked = np.flatnonzero(~self.bounded | (found.z > 0))
+        scaling = self._scaling(picked) if picked.size else None
+        if scaling is None:
+            return found
+        fine, settled = refine(rows, found.z, scaling)
+        z = np.where(self.bounded, np.maximum(fine, 0.0), fine)
+        kkt = optimality(z, self.gradient(z), self.bounded, self.scale)
+        if kkt > max(found.kkt, TOLERANCE) and not np.array_equal(z, fine):
+            return found  # a bound lies in between
+        return BoundedSolution(z, kkt, self.factorisations, settled)
+
+    def _scaling(self, picked: IntArray) -> Preconditioner | None:
+        """Factor of the free part; the last one if it is of the same unknowns."""
+        if self.scaling is not None and np.array_equal(self.scaling.picked, picked):
+            return self.scaling
+        if self._is_large(picked.size):
+            if self.bounded[picked].any():
+                return None
+            return Preconditioner(picked, np.sqrt(self.diagonal[picked] + _LEAST_RIDGE))
+        for ridge in (_LEAST_RIDGE, _FIRST_RIDGE):
+            with suppress(LinAlgError):
+                return self._factorise(picked, ridge)
+        return None
+
+    def _is_large(self, unknowns: int) -> bool:
+        return unknowns > (_FACTORISED if self.penalty is None else _FACTORISED_SMOOTH)
 
     def _factorise(self, picked: IntArray, ridge: float) -> Preconditioner:
         """Cholesky factor of the normal equations of some unknowns, with a ridge."""

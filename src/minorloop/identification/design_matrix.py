@@ -24,8 +24,13 @@ Packed = FloatArray
 """(K,) numbers, one a cell, K = L (L + 1) / 2, row after row of the lower triangle."""
 
 
-MOST_BANDS = 250
-"""Largest number of bands; the normal equations of a finer plane would take more than 8 GB."""
+MOST_BANDS = 500
+"""Largest number of bands."""
+MOST_DENSE = 250
+"""Largest number of bands with dense normal equations; those of a finer plane would take more than
+8 GB."""
+_NEVER = 1e-14
+"""Share of the samples up to which a cell is never on."""
 
 
 @dataclass(frozen=True)
@@ -108,9 +113,9 @@ class DesignMatrix:
         blank = Preisach(spec.levels, np.zeros((spec.bands, spec.bands)), diagonal=spec.diagonal)
         past = np.array(blank.memory(start).extrema[1:])
         inputs = np.concatenate([past, u])
-        self._index = np.zeros((inputs.size, 6), dtype=np.int32)
-        self._coefficient = np.zeros((inputs.size, 6))
-        self._parent = np.empty(inputs.size, dtype=np.int32)
+        self.index = np.zeros((inputs.size, 6), dtype=np.int32)
+        self.coefficient = np.zeros((inputs.size, 6))
+        self.parent = np.empty(inputs.size, dtype=np.int32)
         corner = np.empty(inputs.size, dtype=np.int32)
         plane = blank.tables
         _kernels.trace(
@@ -120,13 +125,13 @@ class DesignMatrix:
             plane.per_unit,
             spec.diagonal == "uniform",
             inputs,
-            self._index,
-            self._coefficient,
-            self._parent,
+            self.index,
+            self.coefficient,
+            self.parent,
             corner,
         )
         self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
-        self._swing, self._shift = swing(spec.relay), -off_output(spec.relay)
+        self.swing, self.shift = swing(spec.relay), -off_output(spec.relay)
         self.corner = corner[self.measured]
 
     @property
@@ -153,9 +158,9 @@ class DesignMatrix:
         nodes = x[: spec.cells].copy()
         total = nodes.sum()
         _kernels.cells_to_nodes(spec.bands, nodes)
-        on = np.empty(self._parent.size)
-        _kernels.forward(self._index, self._coefficient, self._parent, nodes, on)
-        y: FloatArray = self._swing * on[self.measured] - self._shift * total
+        on = np.empty(self.parent.size)
+        _kernels.forward(self.index, self.coefficient, self.parent, nodes, on)
+        y: FloatArray = self.swing * on[self.measured] - self.shift * total
         if spec.offset:
             y += x[spec.cells]
         if spec.slope:
@@ -167,7 +172,7 @@ class DesignMatrix:
         spec = self.spec
         out = np.empty(spec.unknowns)
         total = r.sum()
-        out[: spec.cells] = self._swing * self._fraction_sums(r) - self._shift * total
+        out[: spec.cells] = self.swing * self._fraction_sums(r) - self.shift * total
         if spec.offset:
             out[spec.cells] = total
         if spec.slope:
@@ -181,21 +186,55 @@ class DesignMatrix:
         ----------
         weight : (M,) array, optional
             Of each sample; one if not given.
+
+        Raises
+        ------
+        ParameterError
+            If there are more than `MOST_DENSE` bands.
         """
+        if self.spec.bands > MOST_DENSE:
+            raise ParameterError(
+                f"the normal equations of {self.spec.bands} bands need more than 8 GB; give at "
+                f"most {MOST_DENSE}"
+            )
         spec, cells = self.spec, self.spec.cells
         counts = np.ones(self.samples) if weight is None else weight
         gram = np.zeros((spec.unknowns, spec.unknowns))
         spread = self._spread(counts)
-        _kernels.gram(self._index, self._coefficient, self._parent, spread, gram)
+        _kernels.gram(self.index, self.coefficient, self.parent, spread, gram)
         _kernels.columns_to_cells(spec.bands, gram)
         _kernels.nodes_to_cells(spec.bands, gram)
         touched = self._fraction_sums(counts)
-        _kernels.finish_gram(gram, cells, self._swing, self._shift, touched, counts.sum())
+        _kernels.finish_gram(gram, cells, self.swing, self.shift, touched, counts.sum())
         columns = [np.ones(self.samples)] if spec.offset else []
         columns += [self.u] if spec.slope else []
         for k, column in enumerate(columns, start=cells):
             gram[k] = self.adjoint(column * counts)
         return gram
+
+    @property
+    def reversals(self) -> int:
+        """Number of samples at which others branch off."""
+        return int(np.count_nonzero(np.bincount(self.parent[self.parent >= 0])))
+
+    def column_squares(self, weight: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Squared length of each column with cells either on or off, and which columns vary.
+
+        A cell that never switches between weighted samples has a constant column, which an offset
+        replaces.
+        """
+        spec, total = self.spec, float(weight.sum())
+        on = self._fraction_sums(weight)
+        squares, varies = np.full(spec.unknowns, total), np.ones(spec.unknowns, dtype=np.bool_)
+        squares[: spec.cells] = on * (self.swing - self.shift) ** 2 + (total - on) * self.shift**2
+        if spec.offset:
+            varies[: spec.cells] = (on > _NEVER * total) & (on < (1 - _NEVER) * total)
+        else:
+            varies[: spec.cells] = squares[: spec.cells] > 0
+        if spec.slope:
+            squares[-1] = weight @ self.u**2
+            varies[-1] = squares[-1] > 0
+        return squares, varies
 
     def coarser(self) -> DesignMatrix:
         """Design matrix of the same samples on a plane with every other threshold."""
@@ -210,14 +249,14 @@ class DesignMatrix:
         return np.stack([self.forward(column) for column in identity], axis=1)
 
     def _spread(self, r: FloatArray) -> FloatArray:
-        everywhere = np.zeros(self._parent.size)
+        everywhere = np.zeros(self.parent.size)
         everywhere[self.measured] = r
         return everywhere
 
     def _fraction_sums(self, r: FloatArray) -> Packed:
         """Transpose of the map from weights to switched-on weight."""
         sums = np.zeros((self.spec.cells, 1))
-        _kernels.adjoint(self._index, self._coefficient, self._parent, self._spread(r), sums[:, 0])
+        _kernels.adjoint(self.index, self.coefficient, self.parent, self._spread(r), sums[:, 0])
         _kernels.nodes_to_cells(self.spec.bands, sums)
         return sums[:, 0]
 
@@ -232,8 +271,7 @@ def check_bands(bands: int) -> None:
     """
     if bands > MOST_BANDS:
         raise ParameterError(
-            f"levels are {bands} bands, whose normal equations do not fit into 8 GB; give at "
-            f"most {MOST_BANDS}"
+            f"levels are {bands} bands, too many to be identified; give at most {MOST_BANDS}"
         )
 
 

@@ -12,7 +12,7 @@ levels: levels that are dense where relays switch make the plane smooth in these
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -20,8 +20,15 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.errors import ParameterError
-from minorloop.identification import _kernels, active_set
-from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack, unpack
+from minorloop.identification import _kernels, active_set, interior_point
+from minorloop.identification.design_matrix import (
+    MOST_DENSE,
+    DesignMatrix,
+    PlaneSpec,
+    pack,
+    unpack,
+)
+from minorloop.identification.everett_system import EverettSystem
 from minorloop.identification.refinement import Rows
 from minorloop.operators.plane import cell_areas
 
@@ -38,6 +45,14 @@ _FLOOR = 1e-300
 _MANY = 50_000
 """Samples from which the iteration uses the normal equations only: passes over all samples would
 take longer than the solution, and so many samples leave no accuracy to be gained."""
+_LEAST_SPARSE, _BRANCH, _SHARE = 800, 5, 0.5
+"""Cells and samples for each reversal from which the sparse system is used, and reversals for each
+cell up to which it is."""
+_FILL = 0.005
+"""Multiplications of its factorisation, over the cube of the cells or samples, up to which it is
+quicker than dense matrices."""
+_ENOUGH, _NOISELESS = 1e-10, 1e-7
+"""Violation up to which the sparse system is accurate enough, and residual from which it is."""
 _LARGE, _LARGE_OF_MANY = 2500, 1000
 """Cells from which a problem is first solved on every other threshold; the second from which its
 strength is chosen there if it has many samples."""
@@ -69,6 +84,12 @@ class Problem:
 
     def fit(self, smoothness: float | Literal["auto"]) -> FittedUnknowns:
         """Fit with a given smoothness, or the one that predicts held-out segments best."""
+        bands = self.matrix.spec.bands
+        if bands > MOST_DENSE and (self.signed or smoothness != 0):
+            raise ParameterError(
+                f"levels are {bands} bands; weights of either sign or smoothness allow at most "
+                f"{MOST_DENSE}, beyond give smoothness 0"
+            )
         if smoothness == "auto":
             return self._fit_chosen()
         return _System(self, np.ones(self.y.size)).solve(_as_strength(smoothness))
@@ -139,17 +160,32 @@ class _System:
         self.shift = float(used.mean()) if spec.offset else 0.0
         self.unit = float(np.ptp(used)) or float(np.abs(used).max(initial=0.0)) or 1.0
         self.y = (problem.y - self.shift) / self.unit
-        self.gram: FloatArray = self._gram(whole)
-        squares = self.gram.diagonal().copy()
-        self.scale: FloatArray = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
-        _kernels.scale_lower(self.gram, self.scale)
+        self._whole = whole
         self.bounded = np.full(spec.unknowns, not problem.signed)
         if spec.offset:
             self.bounded[spec.cells] = False
 
-    def _gram(self, whole: _System | None) -> FloatArray:
+    @property
+    def gram(self) -> FloatArray:
+        """Gram matrix of columns of unit length, in the lower triangle."""
+        return self._normal[0]
+
+    @property
+    def scale(self) -> FloatArray:
+        """(n,) factors that give the columns unit length."""
+        return self._normal[1]
+
+    @cached_property
+    def _normal(self) -> tuple[FloatArray, FloatArray]:
+        gram = self._unscaled_gram()
+        squares = gram.diagonal().copy()
+        scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
+        _kernels.scale_lower(gram, scale)
+        return gram, scale
+
+    def _unscaled_gram(self) -> FloatArray:
         """Gram matrix; of many samples, that of all less that of the few left out."""
-        matrix = self.problem.matrix
+        matrix, whole = self.problem.matrix, self._whole
         if whole is None or self.weight.size <= _MANY:
             return matrix.gram(self.weight)
         gram = whole.gram.copy()
@@ -159,6 +195,11 @@ class _System:
     def solve(self, strength: float, guess: FloatArray | None = None) -> FittedUnknowns:
         """Fit with a smoothness, starting from a guess of the unknowns if there is one."""
         matrix, spec = self.problem.matrix, self.problem.matrix.spec
+        if strength == 0:
+            found = self._solve_sparse()
+            if found.kkt <= _ENOUGH or spec.bands > MOST_DENSE:
+                return found
+            guess = found.x if np.isfinite(found.kkt) else guess
         if guess is None and spec.cells > _LARGE:
             guess = self._coarse_guess(strength)
         factor = strength * self.weight.sum() * spec.bands**2
@@ -202,7 +243,42 @@ class _System:
         z = solution.z
         kkt = active_set.optimality(z, -whole.transpose(whole.residual(z)), self.bounded, scale)
         converged = solution.settled and kkt <= active_set.ACCEPTABLE
-        return FittedUnknowns(self._unscaled(z), kkt, strength, converged)
+        return FittedUnknowns(self._unscaled(z, self.scale), kkt, strength, converged)
+
+    def _solve_sparse(self) -> FittedUnknowns:
+        """Fit without smoothness on the sparse system, if that is quicker and accurate enough.
+
+        Otherwise the violation is infinite. Outputs without noise determine the weights to more
+        digits than the sparse system resolves.
+        """
+        matrix, spec, share = self.problem.matrix, self.problem.matrix.spec, np.sqrt(self.weight)
+        unused = FittedUnknowns(np.zeros(spec.unknowns), np.inf, 0.0)
+        few = matrix.reversals <= min(_SHARE * spec.cells, matrix.samples / _BRANCH)
+        if self.problem.signed or spec.cells < _LEAST_SPARSE or not few:
+            if spec.bands > MOST_DENSE:
+                raise ParameterError(
+                    f"levels are {spec.bands} bands and the input reverses every few samples, so "
+                    f"that the fit needs more than 8 GB; give at most {MOST_DENSE} levels"
+                )
+            return unused
+        squares, varying = matrix.column_squares(self.weight)
+        scale = 1.0 / np.sqrt(np.where(squares > _FLOOR, squares, 1.0))
+        system = EverettSystem(matrix, self.weight, scale)
+        dense = float(min(spec.cells, matrix.samples)) ** 3
+        if spec.bands <= MOST_DENSE and system.operations > _FILL * dense:
+            return unused
+
+        def gradient(z: FloatArray) -> FloatArray:
+            left = matrix.forward(scale * z) - self.y
+            return np.asarray(scale * matrix.adjoint(left * self.weight))
+
+        size = float(np.linalg.norm(share * self.y)) or 1.0
+        found = interior_point.solve(system, gradient, self.bounded, self.bounded & varying, size)
+        x = self._unscaled(found.z, scale)
+        left = float(np.linalg.norm(share * (matrix.forward(scale * found.z) - self.y)))
+        if left <= _NOISELESS * size and spec.bands <= MOST_DENSE:
+            return replace(unused, x=x)
+        return FittedUnknowns(x, found.kkt, 0.0, found.kkt <= active_set.ACCEPTABLE)
 
     @cached_property
     def _slope(self) -> FloatArray:
@@ -246,9 +322,9 @@ class _System:
         fine = unpack(coarse.x[: wide.cells])[inside] * share
         return np.concatenate([pack(fine), coarse.x[wide.cells :]])
 
-    def _unscaled(self, z: FloatArray) -> FloatArray:
+    def _unscaled(self, z: FloatArray, scale: FloatArray) -> FloatArray:
         spec = self.problem.matrix.spec
-        x = z * self.scale * self.unit
+        x = z * scale * self.unit
         if spec.offset:
             x[spec.cells] += self.shift
         return x

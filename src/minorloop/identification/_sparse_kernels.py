@@ -1,0 +1,283 @@
+"""Compiled loops of the sparse factorisation L S L' of a symmetric matrix, S of signs.
+
+Columns of the factor with nearly the same rows form a panel, a dense block. ``start`` (P + 1,) are
+the first columns of the panels. ``at`` (P + 1,) is where the rows of each begin in ``rows``, its
+own columns first. ``offset`` (P + 1,) is where its numbers begin in ``data``, row after row.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_WIDEST = 48
+_PADDING, _FEW = 0.3, 32
+"""Zeros that a panel may store: this share of its numbers, or as many."""
+_SMALL = 30_000
+"""Multiplications from which a product of blocks is left to the library."""
+_INFINITE = 1e64
+"""Replaces a pivot that is zero to rounding: its unknown becomes zero."""
+
+
+@njit(cache=True, nogil=True)
+def elimination_tree(first, rows):
+    """Parent of each column in the elimination tree, -1 for a root, and the size of each column.
+
+    ``first`` and ``rows`` are the columns of the matrix, both triangles. Liu, SIAM J. Matrix Anal.
+    Appl. 11, 1990.
+    """
+    n = first.size - 1
+    parent, seen, count = np.full(n, -1), np.full(n, -1), np.ones(n, dtype=np.int64)
+    for k in range(n):
+        seen[k] = k
+        for p in range(first[k], first[k + 1]):
+            i = rows[p]
+            while i < k and seen[i] != k:
+                if parent[i] == -1:
+                    parent[i] = k
+                count[i] += 1
+                seen[i] = k
+                i = parent[i]
+    return parent, count
+
+
+@njit(cache=True, nogil=True)
+def postorder(parent):
+    """Order of the columns in which each follows its whole subtree."""
+    n = parent.size
+    child, sibling = np.full(n + 1, -1), np.full(n, -1)
+    for k in range(n - 1, -1, -1):
+        above = parent[k] if parent[k] >= 0 else n
+        sibling[k], child[above] = child[above], k
+    order, stack, top, count = np.empty(n, np.int64), np.empty(n + 1, np.int64), 1, 0
+    stack[0] = n
+    while top > 0:
+        k = stack[top - 1]
+        if child[k] >= 0:
+            stack[top] = child[k]
+            child[k] = sibling[child[k]]
+            top += 1
+            continue
+        top -= 1
+        if k < n:
+            order[count] = k
+            count += 1
+    return order
+
+
+@njit(cache=True, nogil=True)
+def panels(parent, count):
+    """First column of each panel, and its number of rows."""
+    n = parent.size
+    start, height, zeros = np.empty(n + 1, np.int64), np.empty(n, np.int64), np.zeros(n, np.int64)
+    top = 0
+    for k in range(n):
+        start[top], height[top], zeros[top] = k, count[k], 0
+        top += 1
+        if top < 2 or parent[k - 1] != k:
+            continue
+        width = k - start[top - 2]
+        tall = width + count[k]
+        padding = zeros[top - 2] + width * (tall - height[top - 2])
+        if width < _WIDEST and padding <= max(_PADDING * (width + 1) * tall, _FEW):
+            top -= 1
+            height[top - 1], zeros[top - 1] = tall, padding
+    start[top] = n
+    return start[: top + 1].copy(), height[:top].copy()
+
+
+@njit(cache=True, nogil=True)
+def panel_rows(first, rows, start, at):
+    """Rows of each panel, increasing, and the panel of each column."""
+    n, count = first.size - 1, start.size - 1
+    out, seen, panel_of = np.empty(at[-1], np.int64), np.full(n, -1), np.empty(n, np.int64)
+    child, sibling = np.full(count, -1), np.full(count, -1)
+    for s in range(count):
+        panel_of[start[s] : start[s + 1]] = s
+    for s in range(count):
+        width, last = start[s + 1] - start[s], start[s + 1]
+        out[at[s] : at[s] + width] = np.arange(start[s], last)
+        end = at[s] + width
+        for p in range(first[start[s]], first[last]):
+            if rows[p] >= last and seen[rows[p]] != s:
+                seen[rows[p]] = s
+                out[end] = rows[p]
+                end += 1
+        below = child[s]
+        while below >= 0:
+            for p in range(at[below] + start[below + 1] - start[below], at[below + 1]):
+                if out[p] >= last and seen[out[p]] != s:
+                    seen[out[p]] = s
+                    out[end] = out[p]
+                    end += 1
+            below = sibling[below]
+        if at[s] + width < end:
+            out[at[s] + width : end] = np.sort(out[at[s] + width : end])
+            above = panel_of[out[at[s] + width]]
+            sibling[s], child[above] = child[above], s
+    return out, panel_of
+
+
+@njit(cache=True, nogil=True)
+def places(start, at, rows, offset, panel_of, row, column):
+    """Index in ``data`` of each entry of the lower triangle."""
+    out = np.empty(row.size, np.int64)
+    for e in range(row.size):
+        s = panel_of[column[e]]
+        width = start[s + 1] - start[s]
+        if row[e] < start[s + 1]:
+            k = row[e] - start[s]
+        else:
+            k = width + np.searchsorted(rows[at[s] + width : at[s + 1]], row[e])
+        out[e] = offset[s] + k * width + column[e] - start[s]
+    return out
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def factorise(start, at, rows, offset, panel_of, sign, place, values, least, data):
+    """Fill ``data`` with the factor of the matrix of entries ``values`` at ``place``.
+
+    A pivot below ``least`` of the size of its column before elimination counts as zero.
+    """
+    data[:] = 0.0
+    for e in range(place.size):
+        data[place[e]] += values[e]
+    size = np.empty(sign.size)
+    for s in range(start.size - 1):
+        width = start[s + 1] - start[s]
+        for k in range(width):
+            size[start[s] + k] = abs(data[offset[s] + k * width + k])
+    where = np.empty(sign.size, np.int64)
+    for s in range(start.size - 1):
+        width, height = start[s + 1] - start[s], at[s + 1] - at[s]
+        panel = data[offset[s] : offset[s + 1]].reshape(height, width)
+        signs = sign[start[s] : start[s + 1]]
+        eliminate_panel(panel, signs, least * size[start[s] : start[s + 1]])
+        below, signed = panel[width:], panel[width:] * signs
+        small = below.shape[0] ** 2 * width < _SMALL
+        product = products(below, signed) if small else below
+        mine = rows[at[s] + width : at[s + 1]]
+        i = 0
+        while i < mine.size:
+            t, end = panel_of[mine[i]], i
+            while end < mine.size and mine[end] < start[t + 1]:
+                end += 1
+            his = rows[at[t] : at[t + 1]]
+            for k in range(his.size):
+                where[his[k]] = k
+            target = data[offset[t] : offset[t + 1]].reshape(his.size, start[t + 1] - start[t])
+            block = product[i:, i:end] if small else np.dot(below[i:], signed[i:end].T)
+            for r in range(i, mine.size):
+                line = target[where[mine[r]]]
+                for c in range(i, min(r + 1, end)):
+                    line[mine[c] - start[t]] -= block[r - i, c - i]
+            i = end
+
+
+@njit(cache=True, nogil=True)
+def products(one, other):
+    """Lower triangle of the products of the rows of two small arrays."""
+    across = other.T.copy()
+    out = np.zeros((one.shape[0], one.shape[0]))
+    for r in range(one.shape[0]):
+        line = out[r]
+        for k in range(one.shape[1]):
+            x = one[r, k]
+            for c in range(r + 1):
+                line[c] += x * across[k, c]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def eliminate_panel(panel, sign, least):
+    """Factor the own columns of a panel, and divide the rows below by them."""
+    height, width = panel.shape
+    across, inverse = np.zeros((width, width)), np.empty(width)
+    for i in range(width):
+        line = panel[i]
+        for k in range(i):
+            x = line[k] * inverse[k]
+            line[k] = x * sign[k]
+            across[k, i] = line[k]
+            for j in range(k + 1, i + 1):
+                line[j] -= x * across[k, j]
+        pivot = line[i] * sign[i]
+        line[i] = np.sqrt(pivot if pivot > least[i] else _INFINITE)
+        inverse[i] = 1.0 / line[i]
+    if (height - width) * width**2 > _SMALL:
+        divisor = np.zeros((width, width))
+        for i in range(width):
+            divisor[i, i] = inverse[i]
+            for j in range(i + 1, width):
+                total = 0.0
+                for k in range(i, j):
+                    total += divisor[i, k] * across[k, j]
+                divisor[i, j] = -total * inverse[j]
+        panel[width:] = np.dot(panel[width:], divisor * sign)
+        return
+    for i in range(width, height):
+        line = panel[i]
+        for k in range(width):
+            x = line[k] * inverse[k]
+            line[k] = x * sign[k]
+            for j in range(k + 1, width):
+                line[j] -= x * across[k, j]
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def solve(start, at, rows, offset, sign, data, x):
+    """Solve L S L' x = b in place."""
+    for s in range(start.size - 1):
+        width, p = start[s + 1] - start[s], offset[s]
+        own = x[start[s] : start[s + 1]]
+        for i in range(at[s + 1] - at[s]):
+            total = 0.0
+            for k in range(min(i, width)):
+                total += data[p + k] * own[k]
+            if i < width:
+                own[i] = (own[i] - total) / data[p + i]
+            else:
+                x[rows[at[s] + i]] -= total
+            p += width
+    for s in range(start.size - 2, -1, -1):
+        width, p = start[s + 1] - start[s], offset[s + 1]
+        own = x[start[s] : start[s + 1]]
+        for k in range(width):
+            own[k] *= sign[start[s] + k]
+        for i in range(at[s + 1] - at[s] - 1, -1, -1):
+            p -= width
+            if i < width:
+                own[i] /= data[p + i]
+            value = own[i] if i < width else x[rows[at[s] + i]]
+            for k in range(min(i, width)):
+                own[k] -= data[p + k] * value
+
+
+@njit(cache=True, nogil=True)
+def weights_of_nodes(bands, nodes, out):
+    """Cell weights from Everett values: inverse of `cells_to_nodes` of `_kernels`."""
+    for i in range(bands):
+        here, above = i * (i + 1) // 2, (i - 1) * i // 2
+        for j in range(i + 1):
+            total = nodes[here + j]
+            if j < i:
+                total -= nodes[here + j + 1] + nodes[above + j]
+            if j + 1 < i:
+                total += nodes[above + j + 1]
+            out[here + j] = total
+
+
+@njit(cache=True, nogil=True)
+def weights_to_nodes(bands, weights, out):
+    """Transpose of `weights_of_nodes`."""
+    out[:] = 0.0
+    for i in range(bands):
+        here, above = i * (i + 1) // 2, (i - 1) * i // 2
+        for j in range(i + 1):
+            x = weights[here + j]
+            out[here + j] += x
+            if j < i:
+                out[here + j + 1] -= x
+                out[above + j] -= x
+            if j + 1 < i:
+                out[above + j + 1] += x

@@ -1,0 +1,221 @@
+"""Newton system of the weights as a sparse system in Everett values and predictions.
+
+The normal equations of the weights are dense. They are sparse in the Everett values on the nodes of
+the plane together with the predicted outputs at reversals: a sample links at most six nodes to the
+prediction at its last reversal, which is a sample itself, and a weight is the mixed difference of
+four nodes. Predictions of other samples are eliminated at once. The links between reversals
+are equations, each with a multiplier.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification import _sparse_kernels as _kernels
+from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.sparse_factor import SparseFactor
+
+_SOFT = 1e-8
+"""Negative diagonal of the multipliers, over the mean weight of a sample."""
+_TINY = 1e-14
+"""Diagonal of unknowns that no sample determines, likewise."""
+
+
+class EverettSystem:
+    """The system (G + diag(ridge)) z = r, with G the weighted Gram matrix of scaled columns.
+
+    Parameters
+    ----------
+    matrix : DesignMatrix
+        Columns.
+    weight : (M,) array
+        Weight of each sample.
+    scale : (n,) array
+        Factor of each column.
+    """
+
+    def __init__(self, matrix: DesignMatrix, weight: FloatArray, scale: FloatArray) -> None:
+        spec = matrix.spec
+        self.matrix, self.weight, self.scale = matrix, weight, scale
+        self.cells = spec.cells
+        parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
+        everywhere[matrix.measured] = weight
+        inner = np.zeros(parent.size, dtype=np.bool_)
+        inner[parent[parent >= 0]] = True
+        inner_count = int(np.count_nonzero(inner))
+        self._root = spec.cells + 2 * inner_count
+        self._size = self._root + 2 + spec.slope
+        entries = _Entries(float(weight.mean()))
+        number = np.full(parent.size + 1, self._root)  # the last one is that of parent -1
+        number[:-1][inner] = spec.cells + np.arange(inner_count)
+        multiplier = spec.cells + inner_count + np.arange(inner_count)
+        before, own = number[parent][:, None], number[:-1][:, None]
+        ones, input_ = np.ones((parent.size, 1)), np.zeros((parent.size, 1))
+        input_[matrix.measured, 0] = matrix.u
+        slope = np.full((parent.size, 1), self._size - 1)
+        index, coefficient = matrix.index, matrix.swing * matrix.coefficient
+        links = np.hstack([index, before] + [slope] * spec.slope)
+        factors = np.hstack([coefficient, ones] + [input_] * spec.slope)
+        outer = ~inner & (everywhere > 0)
+        entries.squares(links[outer], factors[outer], everywhere[outer])
+        links = np.hstack([own] + [slope] * spec.slope)
+        factors = np.hstack([ones] + [input_] * spec.slope)
+        entries.squares(links[inner], factors[inner], everywhere[inner])
+        links = np.hstack([index, before, own])
+        factors = np.hstack([coefficient, ones, -ones])
+        entries.equations(multiplier, links[inner], factors[inner])
+        total = self._total
+        if spec.offset:  # the root is free, and its equation holds the offset
+            entries.add(self._root + 1, self._root + 1, -1.0)
+        else:
+            equation = np.array([[self._root, total]])
+            entries.equations(np.array([self._root + 1]), equation, np.array([[1.0, matrix.shift]]))
+        sign = np.ones(self._size)
+        sign[multiplier], sign[self._root + 1] = -1.0, -1.0
+        entries.add(np.flatnonzero(sign > 0), np.flatnonzero(sign > 0), _TINY * weight.mean())
+        rows, columns, self._values = entries.all()
+        ridge_rows, ridge_columns, self._ridge_cells, self._ridge_signs = _ridges(spec.bands)
+        last = np.full(int(spec.slope), self._size - 1)
+        self._factor = SparseFactor(
+            np.concatenate([rows, ridge_rows, last]),
+            np.concatenate([columns, ridge_columns, last]),
+            sign,
+        )
+        self._ridge = np.zeros(spec.unknowns)
+
+    @property
+    def _total(self) -> int:
+        """Node with the sum of all weights."""
+        return self.cells - self.matrix.spec.bands
+
+    @property
+    def operations(self) -> float:
+        """Multiplications of a factorisation."""
+        return float(np.sum(self._factor.counts.astype(np.float64) ** 2))
+
+    def product(self, z: FloatArray) -> FloatArray:
+        """(n,) product with G."""
+        outputs = self.matrix.forward(self.scale * z)
+        return np.asarray(self.scale * self.matrix.adjoint(self.weight * outputs))
+
+    def factorise(self, ridge: FloatArray) -> None:
+        """Factorise the system with this (n,) ridge; that of the offset is left out."""
+        self._ridge = ridge
+        steep = ridge / self.scale**2
+        slope = steep[steep.size - self.matrix.spec.slope :]
+        ridges = self._ridge_signs * steep[self._ridge_cells]
+        self._factor.factorise(np.concatenate([self._values, ridges, slope]))
+
+    def solve(
+        self, r: FloatArray, free: BoolArray | bool = True, tolerance: float = 1.0, most: int = 1
+    ) -> FloatArray:
+        """(n,) solution by conjugate gradients on G, with the factor as the preconditioner.
+
+        Parameters
+        ----------
+        r : (n,) array
+            Right-hand side.
+        free : (n,) array of bool, optional
+            Unknowns; the others are zero. Their ridge must be high.
+        tolerance : float
+            Relative residual.
+        most : int
+            Most steps.
+        """
+        z, left, direction, before = np.zeros_like(r), np.where(free, r, 0.0), None, 1.0
+        enough = tolerance * float(np.linalg.norm(left))
+        for _ in range(most):
+            conditioned = np.where(free, self._rough(left), 0.0)
+            rho = float(left @ conditioned)
+            if not rho > 0:
+                break
+            direction = conditioned if direction is None else conditioned + rho / before * direction
+            product = np.where(free, self.product(direction) + self._ridge * direction, 0.0)
+            length, before = rho / (direction @ product), rho
+            z += length * direction
+            left -= length * product
+            if np.linalg.norm(left) <= enough:
+                break
+        return z
+
+    def _rough(self, r: FloatArray) -> FloatArray:
+        """(n,) solution, to the accuracy of the factor."""
+        spec, cells = self.matrix.spec, self.cells
+        b, out, r = np.zeros(self._size), np.empty_like(r), r / self.scale
+        _kernels.weights_to_nodes(spec.bands, r[:cells], b[:cells])
+        if spec.offset:
+            b[self._root] = r[cells]
+            b[self._total] += self.matrix.shift * r[cells]
+        if spec.slope:
+            b[-1] = r[-1]
+        x = self._factor.solve(b)
+        _kernels.weights_of_nodes(spec.bands, x[:cells], out[:cells])
+        if spec.offset:
+            out[cells] = x[self._root] + self.matrix.shift * x[self._total]
+        if spec.slope:
+            out[-1] = x[-1]
+        return out / self.scale
+
+
+class _Entries:
+    """Entries of a symmetric matrix, one triangle."""
+
+    def __init__(self, unit: float) -> None:
+        self.unit = unit
+        self.parts: list[tuple[IntArray, IntArray, FloatArray]] = []
+
+    def add(
+        self, rows: IntArray | int, columns: IntArray | int, values: FloatArray | float
+    ) -> None:
+        row, column, value = np.broadcast_arrays(
+            np.atleast_1d(rows), np.atleast_1d(columns), np.atleast_1d(values)
+        )
+        kept = value != 0
+        self.parts.append((row[kept], column[kept], value[kept].astype(np.float64)))
+
+    def squares(self, links: IntArray, factors: FloatArray, weight: FloatArray) -> None:
+        """Add the squares of rows that have these factors at these unknowns."""
+        for a in range(links.shape[1]):
+            for b in range(a + 1):
+                one, other = links[:, a], links[:, b]
+                twice = 2.0 if a != b else 1.0
+                value = weight * factors[:, a] * factors[:, b]
+                self.add(one, other, np.where(one == other, twice, 1.0) * value)
+
+    def equations(self, multiplier: IntArray, links: IntArray, factors: FloatArray) -> None:
+        """Add equations, one for each multiplier.
+
+        Their squares change no solution, but keep the pivots away from zero.
+        """
+        self.squares(links, factors, np.full(len(links), self.unit))
+        for a in range(links.shape[1]):
+            self.add(multiplier, links[:, a], factors[:, a])
+        self.add(multiplier, multiplier, -_SOFT * self.unit)
+
+    def all(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """Rows, columns and values, without duplicates."""
+        from scipy.sparse import coo_array
+
+        rows, columns, values = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        places = np.maximum(rows, columns), np.minimum(rows, columns)
+        merged = coo_array((values, places)).tocsc().tocoo()
+        return merged.row.astype(np.int64), merged.col.astype(np.int64), merged.data
+
+
+def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Where a ridge of each weight acts on the nodes: rows, columns, cells, signs."""
+    i, j = np.tril_indices(bands)
+    cell = np.arange(i.size)
+    above = cell - i  # the node (i - 1, j)
+    corners = (
+        (cell, 1.0, j <= i), (above, -1.0, j < i), (cell + 1, -1.0, j < i),
+        (above + 1, 1.0, j + 1 < i),
+    )  # fmt: skip
+    parts = []
+    for a, (row, one, there) in enumerate(corners):
+        for column, other, too in corners[: a + 1]:
+            both = there & too
+            parts.append((row[both], column[both], cell[both], np.full(both.sum(), one * other)))
+    rows, columns, cells, signs = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return rows, columns, cells, signs

@@ -1,0 +1,112 @@
+"""Factorisation of a sparse symmetric matrix whose pattern does not change.
+
+The matrix is quasi-definite (Vanderbei, SIAM J. Optim. 5, 1995): its unknowns have signs, and it is
+positive definite on those of one sign and negative definite on the others. Then each order of
+elimination is possible. The order is by least degree (Liu, ACM Trans. Math. Softw. 11, 1985),
+computed by SuperLU. Columns with nearly the same rows are eliminated together (Ng and Peyton, SIAM
+J. Sci. Comput. 14, 1993).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, IntArray
+from minorloop.identification import _sparse_kernels as _kernels
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+
+_DOMINANT = 1e3
+_ROUNDING = 1e-15
+
+
+class SparseFactor:
+    """Factor of a matrix given by its entries.
+
+    Parameters
+    ----------
+    rows, columns : (E,) arrays of int
+        Places of the entries, in one triangle. Entries in the same place are added.
+    sign : (n,) array
+        1 or -1 for each unknown.
+    """
+
+    def __init__(self, rows: IntArray, columns: IntArray, sign: FloatArray) -> None:
+        from scipy.sparse import coo_array
+
+        n = sign.size
+        ends = np.concatenate([rows, columns, np.arange(n)])
+        others = np.concatenate([columns, rows, np.arange(n)])
+        pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
+        order = _least_degree(pattern)
+        parent, _ = _kernels.elimination_tree(*_permuted(pattern, order))
+        order = order[_kernels.postorder(parent)]
+        first, below = _permuted(pattern, order)
+        parent, self.counts = _kernels.elimination_tree(first, below)
+        self._start, height = _kernels.panels(parent, self.counts)
+        self._at = np.append(0, np.cumsum(height))
+        self._offset = np.append(0, np.cumsum(height * np.diff(self._start)))
+        self._rows, self._panel_of = _kernels.panel_rows(first, below, self._start, self._at)
+        self._order, self._sign = order, sign[order]
+        place = np.argsort(order)
+        one, other = place[rows], place[columns]
+        self._places = _kernels.places(
+            self._start,
+            self._at,
+            self._rows,
+            self._offset,
+            self._panel_of,
+            np.maximum(one, other),
+            np.minimum(one, other),
+        )
+        self._data = np.empty(self._offset[-1])
+
+    def factorise(self, values: FloatArray) -> None:
+        """Factorise the matrix with these (E,) values of its entries."""
+        _kernels.factorise(
+            self._start,
+            self._at,
+            self._rows,
+            self._offset,
+            self._panel_of,
+            self._sign,
+            self._places,
+            values,
+            _ROUNDING,
+            self._data,
+        )
+
+    def solve(self, b: FloatArray) -> FloatArray:
+        """(n,) solution of the system with the right-hand side ``b``."""
+        x = b[self._order]
+        _kernels.solve(self._start, self._at, self._rows, self._offset, self._sign, self._data, x)
+        out = np.empty_like(b)
+        out[self._order] = x
+        return out
+
+
+def _least_degree(pattern: csc_array[Any]) -> IntArray:
+    """Order of elimination with little fill."""
+    from scipy.sparse import csc_array, diags_array
+    from scipy.sparse.linalg import spilu
+
+    count = pattern.shape[0]
+    dominant = csc_array(pattern + diags_array(np.full(count, _DOMINANT)))
+    incomplete = spilu(  # drops all entries, so that it costs little more than the order
+        dominant,
+        drop_tol=1.0,
+        fill_factor=1,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return np.argsort(incomplete.perm_c)
+
+
+def _permuted(pattern: csc_array[Any], order: IntArray) -> tuple[IntArray, IntArray]:
+    """Columns of a permuted pattern: where each begins, and its rows."""
+    moved = pattern[order][:, order]
+    return moved.indptr.astype(np.int64), moved.indices.astype(np.int64)
