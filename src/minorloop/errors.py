@@ -20,8 +20,6 @@ A message says what is wrong, the value, the allowed range, and what to do.
 
 from __future__ import annotations
 
-from typing import SupportsInt
-
 
 class MinorloopError(Exception):
     """Root of the tree: catch it to catch all errors of minorloop."""
@@ -95,6 +93,6 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def are(count: SupportsInt) -> str:
+def are(count: int) -> str:
     """Return the verb that a count needs: ``is`` for one, ``are`` otherwise."""
-    return "is" if int(count) == 1 else "are"
+    return "is" if count == 1 else "are"

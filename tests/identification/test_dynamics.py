@@ -167,13 +167,6 @@ def test_a_model_file_keeps_it(tmp_path):
     assert model.noise == pytest.approx(found.nrmse, rel=0.01)
 
 
-def test_prints_and_draws():
-    found = stage()
-    assert "tried: operator, 2 poles, dead time" in str(found)
-    assert "operator, then dynamics" in str(found)
-    assert len(found.plot(input_label="voltage [V]").axes) == 4
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

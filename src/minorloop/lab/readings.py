@@ -39,7 +39,7 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
         if beyond.any():
             notes.append(
                 f"{np.count_nonzero(beyond)} of {y.size} readings of {record.output} "
-                f"{are(np.count_nonzero(beyond))} beyond "
+                f"{are(int(np.count_nonzero(beyond)))} beyond "
                 f"the range of the sensor, {low:g} to {high:g}, first {y[np.argmax(beyond)]:g} at "
                 f"sample {np.argmax(beyond)}; they are not used: move the sensor or reduce the "
                 "input"
@@ -48,7 +48,7 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
     for extreme, saturated in _saturated(y):
         notes.append(
             f"the sensor is saturated: {np.count_nonzero(saturated)} of {y.size} readings of "
-            f"{record.output} {are(np.count_nonzero(saturated))} exactly {extreme:g}, first at "
+            f"{record.output} {are(int(np.count_nonzero(saturated)))} exactly {extreme:g}, first at "
             f"sample {np.argmax(saturated)}; "
             "they are not used: use a wider range or reduce the input"
         )

@@ -1,0 +1,64 @@
+import numpy as np
+import pytest
+
+import minorloop as ml
+from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.linear import Linear
+from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
+
+T = 0.01 * np.arange(200)
+U = -np.cos(5 * T) * np.exp(-T)
+PLANE = ml.Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
+CHOSEN = TriedDynamics("linear", 1, 0.01, True, 0.002, True)
+
+
+def result(linear, first="operator", creep=None, off=0.0):
+    model = Cascade(PLANE, linear, first, creep, 0.01)
+    y = model.simulate(T, U) + off * np.sin(50 * T)
+    static = ml.identify(U, PLANE.simulate(U), levels=4)
+    fitted = T < 1.5
+    return DynamicIdentification(model, static, T, U, y, fitted, ~fitted, (CHOSEN,))
+
+
+def test_rows_say_what_the_dynamics_are():
+    omega = 2 * np.pi * 4
+    oscillating = Linear([omega**2], [1, 0.2 * omega, omega**2], delay=0.03)
+    found = result(oscillating, creep=Creep([0.1, 1.0], [0.1, 0.2], 0.7))
+    rows = dict(found.rows)
+    assert rows["order"] == "operator, then dynamics"
+    assert rows["dead time"] == "0.03 s"
+    assert rows["resonance"] == "4 Hz"
+    assert rows["damping ratio"] == "0.1"
+    assert rows["creep"] == "30.0% of the output, within 0.1 s to 1 s"
+    assert dict(result(Linear.lags(0.2), "linear").rows)["order"] == "dynamics, then operator"
+
+
+def test_errors_are_those_of_the_whole_model():
+    found = result(Linear.lags(0.1), off=0.1)
+    off = 0.1 * np.sin(50 * T)
+    for rows, value in ((found.fitted, found.nrmse), (found.held_out, found.holdout_nrmse)):
+        assert value == pytest.approx(np.sqrt(np.mean(off[rows] ** 2)) / np.ptp(found.y[rows]))
+    assert found.scores == {"nrmse_train": found.nrmse, "nrmse_holdout": found.holdout_nrmse}
+
+
+def test_advice_is_about_the_time_constants_too():
+    assert any("sample faster" in text for text in result(Linear.lags(0.004)).advice)
+    assert any("record three time" in text for text in result(Linear.lags(1.0)).advice)
+    static = result(Linear.lags())
+    assert not static.dynamic
+    assert "no better than with the operator alone" in static.advice[-1]
+
+
+def test_prints_and_draws():
+    found = result(Linear.lags(0.1), creep=Creep([0.5], [0.2], 0.8))
+    assert "tried: 1 pole, operator, creep, dead time 0.01 s: 0.2% of range  chosen" in str(
+        found
+    ).replace("0.200%", "0.2%")
+    figure = found.plot(input_label="voltage [V]", output_label="length [um]")
+    assert [axis.get_xlabel() for axis in figure.axes] == [
+        "time [s]",
+        "voltage [V]",
+        "time [s]",
+        "time [s]",
+    ]
