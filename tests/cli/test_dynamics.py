@@ -80,8 +80,8 @@ def test_c_says_that_creep_is_missing(model, run):
 
 
 def test_identify_finds_dynamics(cascade, run, answer, refused):
-    t = 0.01 * np.arange(600)
-    u = -np.cos(2 * t) * np.exp(-t / 6) * np.where(t < 4, 1, np.cos(25 * t))
+    t = 0.01 * np.arange(400)
+    u = -np.cos(2 * t) * np.exp(-t / 6) * np.where(t < 2, 1, np.cos(25 * t))
     rows = np.column_stack([t, u, cascade.simulate(t, u)])
     np.savetxt("log.csv", rows, delimiter=",", header="time [s],voltage [V],length [um]",
                comments="")  # fmt: skip
