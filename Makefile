@@ -16,6 +16,9 @@ PAGES := src/minorloop/head/console/static/index.html
 # The pages are built where there is a node to build them; without, everything else still works.
 BUILT := $(if $(shell command -v npm 2>/dev/null),$(PAGES),)
 
+# The tests start hundreds of processes; without files of bytecode each would compile the package anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo docs pages console screenshots studies test torture check bench figures format lock wheel sdist smoke fuzz clean
 
