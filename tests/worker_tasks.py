@@ -1,5 +1,7 @@
 """Tasks that import nothing, for workers whose tasks do not matter."""
 
+import threading
+
 from minorloop.errors import ParameterError
 
 
@@ -10,3 +12,8 @@ def warm_up():
 def refuse():
     yield {"stage": "looking"}
     raise ParameterError("this is always refused")
+
+
+def endless():
+    yield {"stage": "waiting"}
+    threading.Event().wait()

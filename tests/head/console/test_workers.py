@@ -39,7 +39,7 @@ def test_what_a_process_takes_to_begin_is_not_what_a_task_takes(tmp_path):
 
 
 def test_what_takes_too_long_is_ended_and_the_next_is_served():
-    first, second = told("refuse", times=2, longest=1e-6)
+    first, second = told("endless", times=2, longest=0.1)
     assert "took over" in first[-1]["error"]
     assert "took over" in second[-1]["error"]
 
