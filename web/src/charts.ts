@@ -21,7 +21,7 @@ export class AngleChart {
       {
         width: box.clientWidth || 300,
         height: box.clientHeight || 96,
-        padding: [6, 6, 0, 0],
+        padding: [6, 14, 0, 0],
         legend: { show: false },
         cursor: { show: false },
         scales: { x: { time: false }, y: { range: (_, low, high) => limits(low, high, cone) } },
