@@ -52,6 +52,18 @@ def test_invert_follows_targets_in_time(cascade, run):
     assert np.abs(y - targets).max() < 0.03 * np.ptp(targets)
 
 
+def test_targets_out_of_reach_in_time_are_those_of_the_file(cascade, run, refused):
+    rows = np.column_stack([T, np.full(T.size, 6.0)])
+    np.savetxt("jump.csv", rows, delimiter=",", header="time [s],length [um]", comments="")
+    err = refused("invert dynamic.json jump.csv --target length --time time")
+    assert "target 6 at index 0" in err
+    assert "rests at" in err
+    assert "--clip" in err
+    assert "--hold and --time cannot be combined" in refused(
+        "invert dynamic.json moves.csv --target length --time time --hold 3 --save p.csv"
+    )
+
+
 def test_without_times_invert_settles_at_the_targets(cascade, model, run):
     status, out, _ = run("invert dynamic.json moves.csv --target length --save in.csv")
     assert status == 0
@@ -61,8 +73,11 @@ def test_without_times_invert_settles_at_the_targets(cascade, model, run):
 
 
 def test_c_carries_the_dynamics_at_an_interval(cascade, run, refused, tmp_path):
-    assert "give the seconds between calls of the C with --interval" in refused(
+    assert "give the seconds between samples with --interval" in refused(
         "export c dynamic.json --out c"
+    )
+    assert "--interval is 0; give a positive number" in refused(
+        "export c dynamic.json --out c --interval 0"
     )
     status, out, _ = run("export c dynamic.json --out c --interval 0.01")
     assert status == 0

@@ -34,7 +34,7 @@ def test_a_cascade_carries_dynamics_dead_time_and_creep(operator, first):
     creep = Creep([0.5, 3.0], [0.2, 0.1], 0.7)
     model = Cascade(operator, Linear.lags(0.3, 0.1, delay=0.2), first, creep)
     system = as_system(model, 0.1)
-    state = as_state(Cascade(operator, model.linear.discretise(0.1), first, creep), before=0.3)
+    state = as_state(model, before=0.3, interval=0.1)
     found = control.input_output_response(system, T, U, state)
     wanted = model.simulate(
         T, U, operator.memory("negative") if operator is PREISACH else "demagnetised", before=0.3

@@ -65,7 +65,7 @@ def test_finds_two_poles_after_the_operator():
     found = stage()
     assert found.model.first == "operator"
     assert found.model.creep is None
-    assert found.model.linear.delay == 0
+    assert found.model.linear.delay < 0.3e-3
     np.testing.assert_allclose(found.model.linear.time_constants, [6e-3, 2e-3], rtol=0.05)
     assert found.nrmse < 2e-3
     assert found.holdout_nrmse < 0.02
@@ -107,7 +107,7 @@ def test_finds_dead_time_and_a_resonance():
     found = ml.identify_dynamics(
         time_of(u), u, measured(u, system), first="operator", poles=2, creep=False, **COARSE
     )
-    assert found.model.linear.delay == pytest.approx(3 / RATE)
+    assert found.model.linear.delay == pytest.approx(3 / RATE, abs=0.2 / RATE)
     poles = found.model.linear.poles
     np.testing.assert_allclose(np.abs(poles), omega, rtol=0.01)
     np.testing.assert_allclose(-poles.real / np.abs(poles), 0.1, rtol=0.1)

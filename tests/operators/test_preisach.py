@@ -175,8 +175,9 @@ def test_range_of_a_signed_model_is_that_of_all_its_memories(seed, relay):
     levels = np.arange(5.0)
     weights = np.tril(rng.uniform(-1, 1, (4, 4)))
     model = Preisach(levels, weights, 0.3, relay, slope=float(rng.uniform(-1, 1)))
-    paths = np.array([*itertools.product(levels, repeat=5)])
-    everything = model.simulate(paths)  # shorter paths are their beginnings
+    paths = np.array([*itertools.product(levels, repeat=5)])  # shorter ones are their beginnings
+    # Each begins at the lowest level, which is saturation.
+    everything = model.simulate(np.insert(paths, 0, levels[0], axis=1).ravel())
     np.testing.assert_allclose(model.range, (everything.min(), everything.max()), atol=1e-12)
 
 

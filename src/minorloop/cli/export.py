@@ -99,6 +99,8 @@ def run(
             f"--memory does nothing for a {type(known.operator).__name__}, whose memory has a "
             "fixed size; leave it out"
         )
+    if interval is not None and not 0 < interval < float("inf"):
+        raise ParameterError(f"--interval is {interval:g}; give a positive number of seconds")
     part, order = _dynamics(known, model, linear, first, interval)
     if interval is not None and part is None and target == "c":
         raise ParameterError("--interval does nothing for c without dynamics; leave it out")
@@ -196,7 +198,7 @@ def _dynamics(
         raise ParameterError(f"{path} has dynamics of its own; leave --linear out")
     if interval is None:
         raise ParameterError(
-            f"{path} has dynamics; give the seconds between calls of the C with --interval"
+            f"{path} has dynamics; give the seconds between samples with --interval"
         )
     part = known.model.linear
     whole = replace(part, delay=round(part.delay / interval) * interval)

@@ -49,6 +49,11 @@ def run(
     _common.check_outputs([save], inputs=[model, file], force=force)
     from minorloop import modelfile
 
+    if hold is not None and time is not None:
+        raise ParameterError(
+            "--hold and --time cannot be combined: a plan has holds, a trajectory has times; leave "
+            "one of them out"
+        )
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         targets = _common.read_column(file, target, known.output.unit)
@@ -69,7 +74,7 @@ def run(
         warnings = {"warnings": list(known.warnings)} if known.warnings else {}
         _common.print_json({"targets": targets.size, **worst, **inputs, **warnings})
         return
-    _print(known, targets, result)
+    _print(known, targets, result, saved=save is not None)
     if known.operator is not known.model and time is None:
         typer.echo("each output settles at its target; --time follows targets in time")
     if save is not None:
@@ -137,7 +142,9 @@ def _rest(known: ModelFile, start: str) -> float:
     return float(levels[0] if start == "negative" else levels[-1])
 
 
-def _print(known: ModelFile, targets: FloatArray, result: Inversion | CascadeInversion) -> None:
+def _print(
+    known: ModelFile, targets: FloatArray, result: Inversion | CascadeInversion, *, saved: bool
+) -> None:
     missed = int((~result.reachable).sum())
     columns = [f"target {known.output}", str(known.input), f"predicted {known.output}"]
     wanted = [f"{value:.6g}" for value in targets[:_SHOWN]]
@@ -149,7 +156,8 @@ def _print(known: ModelFile, targets: FloatArray, result: Inversion | CascadeInv
             row.append("" if ok else "out of reach")
     _common.print_table(columns, rows)
     if targets.size > _SHOWN:
-        typer.echo(f"... {targets.size - _SHOWN} more; --save FILE writes them all")
+        how = "" if saved else "; --save FILE writes them all"
+        typer.echo(f"... {targets.size - _SHOWN} more{how}")
     if missed:
         typer.echo(f"{missed} of {targets.size} targets {are(missed)} out of reach of the model")
 

@@ -16,9 +16,9 @@ from minorloop.arrays import BoolArray, FloatArray, as_finite, as_waveform, chec
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import Between
-from minorloop.errors import NotInvertibleError, ParameterError
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
 from minorloop.figures import NotebookView, figure_of
-from minorloop.operators.inversion import Unreachable
+from minorloop.operators.inversion import Inversion, Unreachable
 from minorloop.operators.operator import Operator
 
 First: TypeAlias = Literal["operator", "linear"]
@@ -300,15 +300,37 @@ class Cascade:
         if self.first == "operator":
             needed = np.interp(times + late, times, needed)
             needed = inverse.simulate(times, needed, before=w * gain, between="straight")
-            found = self.operator.invert(needed, memory, unreachable)
+        found = _inverted(self.operator, needed, memory, unreachable, wanted, w * gain)
+        if self.first == "operator":
             u = found.u
         else:
-            found = self.operator.invert(needed, memory, unreachable)
             filtered = np.interp(times + late, times, found.u)
             u = inverse.simulate(times, filtered, before=before * gain, between="straight")
         model = replace(self, linear=linear)
         y = model.simulate(times, u, start, before=before, between=between)
         return CascadeInversion(times, u, y, wanted, found.reachable, seconds)
+
+
+def _inverted(
+    operator: Any,
+    needed: FloatArray,
+    memory: Any,
+    unreachable: Unreachable,
+    wanted: FloatArray,
+    rest: float,
+) -> Inversion:
+    """Invert what an operator has to give, and name the targets where that is out of reach."""
+    try:
+        found: Inversion = operator.invert(needed, memory, unreachable)
+        return found
+    except UnreachableError as error:
+        reached = operator.invert(needed, memory, "clip").reachable
+        index = int(np.flatnonzero(~reached)[0])
+        raise UnreachableError(
+            f"target {wanted[index]:g} at index {index} needs {needed[index]:g} from the operator, "
+            f"because of the dynamics; the output rests at {rest:g} before. Begin there, move "
+            f'slower, or pass unreachable="clip" ({error})'
+        ) from None
 
 
 def _filter_time(linear: Linear, t: FloatArray, noise: float, wanted: float | None) -> float:

@@ -44,7 +44,7 @@ def as_system(
     Parameters
     ----------
     model : Preisach, PrandtlIshlinskii or Cascade
-        The operator, or one of these with dynamics.
+        The operator, or one of these with dynamics. Dead time is rounded to whole intervals.
     interval : float or True
         Seconds between samples; True if it does not matter, which needs an operator, or a
         cascade with a sampled linear part.
@@ -111,6 +111,7 @@ def as_state(
     *,
     room: int = ROOM,
     before: float | None = None,
+    interval: float | Literal[True] = True,
 ) -> FloatArray:
     """Return an initial state of `as_system`.
 
@@ -127,6 +128,8 @@ def as_state(
     before : float, optional
         Input at which a cascade has settled then; the last input of ``start``, or 0 for plays, if
         not given.
+    interval : float or True
+        As for `as_system`.
 
     Returns
     -------
@@ -144,7 +147,7 @@ def as_state(
         operator = as_state(model.operator, start, room=room)  # type: ignore[arg-type]
         if before is None:
             before = as_memory(operator).u if isinstance(model.operator, Preisach) else 0.0
-        settled = model.begin(before, _memory(model.operator, operator))
+        settled = _sampled(model, interval).begin(before, _memory(model.operator, operator))
         states = [_room(model.operator, settled.memory, room), settled.linear]
         return np.concatenate([*states, () if settled.creep is None else settled.creep])
     if isinstance(model, PrandtlIshlinskii):
@@ -215,7 +218,8 @@ def _sampled(model: Cascade, interval: float | Literal[True]) -> Cascade:
             raise ParameterError("the linear part is continuous; give the interval in seconds")
         return model
     if known is None:
-        return replace(model, linear=model.linear.discretise(interval))
+        delay = round(model.linear.delay / interval) * interval
+        return replace(model, linear=replace(model.linear, delay=delay).discretise(interval))
     if known != interval:
         raise ParameterError(f"interval is {interval:g} s and that of the linear part {known:g} s")
     return model

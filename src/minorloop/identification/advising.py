@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from minorloop.errors import are, counted
 from minorloop.identification import active_set
 from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
 from minorloop.identification.refinement import UNSETTLED
@@ -120,8 +121,8 @@ def _excitation(result: Fit) -> Iterator[str]:
     beyond = int(np.count_nonzero((result.u < low) | (result.u > high)))
     if beyond:
         yield (
-            f"{beyond} inputs lie beyond the levels [{low:g}, {high:g}], where the relays are "
-            "saturated; widen the levels"
+            f"{counted(beyond, 'input')} {are(beyond)} beyond the levels [{low:g}, {high:g}], "
+            "where the relays are saturated; widen the levels"
         )
 
 

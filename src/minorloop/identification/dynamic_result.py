@@ -14,6 +14,7 @@ from minorloop.dynamics.cascade import Cascade, CascadeInversion, First
 from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.baseline import nrmse, percent
+from minorloop.identification.residual_advice import WITH_TIMES
 from minorloop.identification.result import Identification
 from minorloop.operators.inversion import Unreachable
 from minorloop.operators.memory import Start
@@ -190,7 +191,9 @@ class DynamicIdentification(NotebookView):
     @cached_property
     def advice(self) -> tuple[str, ...]:
         """Sentences about what is weak and what to do; empty if nothing is weak."""
-        texts = list(self.static.advice)
+        # Levels that were not given follow the filtered input of an earlier round.
+        advice = [text for text in self.static.advice if "beyond the levels" not in text]
+        texts = [text.replace(WITH_TIMES, "") for text in advice]
         times = self.model.linear.time_constants
         interval, seconds = float(self.t[1] - self.t[0]), float(self.t[-1])
         if times.size and times[-1] < interval:

@@ -11,7 +11,6 @@ The dynamics are a dead time and up to three poles without zeros, so that their 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
@@ -41,11 +40,13 @@ _MOST_ROWS = 40_000
 """Samples, the first ones, that dynamics are compared on."""
 _BANDS = 25
 """Most bands with which dynamics are compared."""
-_BETTER = 0.98
+_BETTER = 0.95
 """Ratio of the errors below which another parameter is worth it. Among thousands of samples chance
 gains much less by one parameter."""
 _BETTER_WITH_CREEP = 0.8
 """The same for creep, which has several parameters and follows other slow errors too."""
+_NO_DELAY = 0.5
+"""Dead time in samples that counts as none where there are no poles."""
 _DELAYS = 12
 """Delays that a search begins with, from 0 to a tenth of the record."""
 _ROUNDS, _SETTLED = 25, 2e-3
@@ -84,12 +85,13 @@ def identify_dynamics(
     """Identify a hysteresis operator, dead time, linear dynamics and creep from one record.
 
     What is ``"auto"`` is chosen by the error of the whole model: another parameter must reduce it
-    by 2 %.
+    by 5 %.
 
     Parameters
     ----------
     t : (T,) array_like
-        Evenly spaced times in seconds. At the first, the output is at rest.
+        Evenly spaced times in seconds. At the first, the output is at rest, and the memory is that
+        of ``start``: move the actuator over its whole range and back before.
     u : (T,) array_like
         Inputs; u[k] is applied from the sample before.
     y : (T,) array_like
@@ -101,7 +103,8 @@ def identify_dynamics(
     creep : bool or "auto"
         Whether to fit creep of the output.
     **options
-        Options of `identify` for the operator; not ``lag``, ``curves`` and ``groups``.
+        Options of `identify` for the operator; not ``lag``, ``curves`` and ``groups``. Diagonal
+        and slope are ``"auto"`` if not given.
 
     Returns
     -------
@@ -131,7 +134,8 @@ def identify_dynamics(
             "settled points and identify the operator from them"
         )
     record = _Record.of(t, u, y, options)
-    fields = {name: value for name, value in options.items() if name not in _OF_THE_RECORD}
+    fields = {"diagonal": "auto", "slope": "auto"}
+    fields |= {name: value for name, value in options.items() if name not in _OF_THE_RECORD}
     static = _fitter(_coarse(fields))
     short = record.part(_MOST_ROWS)
     most = MOST_POLES if poles == "auto" else int(poles)
@@ -417,11 +421,10 @@ def _alternate(
     operator: Preisach | None = None,
     *,
     creeping: bool = False,
-    whole: bool = False,
 ) -> _Found:
     """Alternate between operator and dynamics until the error no longer falls.
 
-    Creep is fitted if ``creeping``, and the dead time is kept if ``whole``. The parameters are
+    Creep is fitted if ``creeping``. The parameters are
     extrapolated from the last rounds (Anderson, J. ACM 12, 1965), because operator and dynamics
     explain part of the record alike and plain alternation would be slow.
     """
@@ -431,7 +434,7 @@ def _alternate(
     for _ in range(_ROUNDS):
         result = static(*_without(dynamics, record, operator, _FILTERS[waited]))
         operator, began = result.model, dynamics.vector
-        dynamics = _fitted_poles(record, dynamics, operator, whole)
+        dynamics = _fitted_poles(record, dynamics, operator)
         if creeping:
             dynamics = replace(dynamics, creep=_fitted_creep(record, dynamics, operator))
         if dynamics.vector.size != began.size:  # creep has come or gone
@@ -492,15 +495,13 @@ def _without(
     return record.u, np.where(known, w, np.nan)
 
 
-def _fitted_poles(
-    record: _Record, dynamics: _Dynamics, operator: Preisach, whole: bool
-) -> _Dynamics:
-    """Return the poles, and the dead time unless it is kept, that come nearest to the outputs."""
+def _fitted_poles(record: _Record, dynamics: _Dynamics, operator: Preisach) -> _Dynamics:
+    """Return the poles and the dead time that come nearest to the outputs."""
     from scipy.optimize import least_squares
 
-    if whole and not dynamics.poles:
-        return dynamics
-    free = dynamics.poles + (not whole)
+    if not dynamics.poles and dynamics.delay < _NO_DELAY:
+        return replace(dynamics, delay=0.0)
+    free = dynamics.poles + 1
     w = operator.simulate(record.u, record.start)
 
     def errors(x: FloatArray) -> FloatArray:
@@ -552,7 +553,7 @@ def _refined(
 ) -> tuple[_Found, Identification]:
     """Fit the whole record with the operator that the options ask for.
 
-    Options that are "auto" are chosen once. The dead time becomes a whole number of samples.
+    Options that are "auto" are chosen once.
     Returns the fit, and the operator with what it alone would have given plus the residual.
     """
     chosen = identify(*_without(best.dynamics, record, best.operator), **options)
@@ -568,19 +569,6 @@ def _refined(
     static = _fitter(plane | {"prior": "none", "smoothness": smoothness})
     creeping = best.dynamics.creep is not None
     found = _alternate(record, best.dynamics, static, best.operator, creeping=creeping)
-    delay = found.dynamics.delay
-    rounded = [
-        _alternate(
-            record,
-            replace(found.dynamics, delay=float(whole)),
-            static,
-            found.operator,
-            creeping=creeping,
-            whole=True,
-        )
-        for whole in sorted({math.floor(delay), math.ceil(delay)})
-    ]
-    found = min(rounded, key=lambda one: one.error)
     if banded:
         known = _without(found.dynamics, record, found.operator)
         result = identify(*known, **plane | {"prior": "gaussian"})
@@ -597,5 +585,6 @@ def _refined(
         held_out=record.held_out,
         skipped=int(np.count_nonzero(measured & ~record.fitted & ~record.held_out)),
         choices=chosen.choices,
+        searched=True,
     )
     return found, operator

@@ -48,8 +48,8 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
     for extreme, saturated in _saturated(y):
         notes.append(
             f"the sensor is saturated: {np.count_nonzero(saturated)} of {y.size} readings of "
-            f"{record.output} {are(int(np.count_nonzero(saturated)))} exactly {extreme:g}, first at "
-            f"sample {np.argmax(saturated)}; "
+            f"{record.output} {are(int(np.count_nonzero(saturated)))} exactly {extreme:g}, first "
+            f"at sample {np.argmax(saturated)}; "
             "they are not used: use a wider range or reduce the input"
         )
         y = np.where(saturated, np.nan, y)
