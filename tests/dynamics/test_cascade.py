@@ -41,6 +41,15 @@ def test_linear_first_equals_both_parts_in_series(u, before):
     np.testing.assert_allclose(got, wanted, atol=1e-12)
 
 
+def test_a_sampled_cascade_has_whole_intervals_of_dead_time():
+    cascade = Cascade(PLANE, Linear(G.numerator, G.denominator, delay=0.31))
+    sampled = cascade.sampled(0.1)
+    assert (sampled.linear.interval, sampled.linear.lag) == (0.1, 3)
+    assert sampled.sampled(0.1) is sampled
+    with pytest.raises(ParameterError, match="interval is 0.2 s and that of the linear part 0.1"):
+        sampled.sampled(0.2)
+
+
 def test_the_order_matters():
     t = 0.2 * np.arange(1, 60)
     u = np.where(t < 1, 1.0, -0.2)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -200,9 +199,7 @@ def _dynamics(
         raise ParameterError(
             f"{path} has dynamics; give the seconds between samples with --interval"
         )
-    part = known.model.linear
-    whole = replace(part, delay=round(part.delay / interval) * interval)
-    return (part if part.interval else whole.discretise(interval)), known.model.first
+    return known.model.sampled(interval).linear, known.model.first
 
 
 def _say_what_is_missing(known: ModelFile, what: str) -> None:

@@ -12,7 +12,14 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, as_finite, as_waveform, check_option
+from minorloop.arrays import (
+    BoolArray,
+    FloatArray,
+    as_finite,
+    as_seconds,
+    as_waveform,
+    check_option,
+)
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import Between
@@ -179,6 +186,27 @@ class Cascade:
             y = self.linear.simulate(times, w[1:], before=float(w[0]), between=between)
             rest = float(w[0]) * self.linear.dc_gain
         return y if self.creep is None else self.creep.simulate(times, y, before=rest)
+
+    def sampled(self, interval: float) -> Cascade:
+        """Return the cascade with a sampled linear part; dead time becomes whole intervals.
+
+        Parameters
+        ----------
+        interval : float
+            Seconds between samples.
+
+        Raises
+        ------
+        ParameterError
+            If the linear part is sampled at another interval, or the interval is not positive.
+        """
+        step, known = as_seconds("interval", interval), self.linear.interval
+        if known is None:
+            delay = round(self.linear.delay / step) * step
+            return replace(self, linear=replace(self.linear, delay=delay).discretise(step))
+        if known != step:
+            raise ParameterError(f"interval is {step:g} s and that of the linear part {known:g} s")
+        return self
 
     def begin(self, before: float, start: Any = "negative") -> CascadeState:
         """Return the state of a sampled cascade that has settled at an input.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -212,16 +211,10 @@ def _room(operator: Any, memory: Any, room: int) -> FloatArray:
 
 def _sampled(model: Cascade, interval: float | Literal[True]) -> Cascade:
     """Return a cascade with a linear part that is sampled at this interval."""
-    known = model.linear.interval
-    if interval is True:
-        if known is None:
-            raise ParameterError("the linear part is continuous; give the interval in seconds")
-        return model
-    if known is None:
-        delay = round(model.linear.delay / interval) * interval
-        return replace(model, linear=replace(model.linear, delay=delay).discretise(interval))
-    if known != interval:
-        raise ParameterError(f"interval is {interval:g} s and that of the linear part {known:g} s")
+    if interval is not True:
+        return model.sampled(interval)
+    if model.linear.interval is None:
+        raise ParameterError("the linear part is continuous; give the interval in seconds")
     return model
 
 

@@ -59,12 +59,12 @@ _FASTEST = 0.3
 """Shortest time constant, in sampling intervals."""
 _NEXT_POLE = 0.3
 """Time constant with which another pole is tried, over that of the fastest so far."""
-_FILTERS = (5.0, 1.0)
-"""Factors of the time constant of that filter: a slow one, which converges from any begin, and then
-a fast one, which converges further."""
 _INTERVALS, _AMPLIFIED = 1.0, 10.0
 """The filter of the inverse: its shortest time constant in sampling intervals, and the factor by
 which F / G amplifies noise at most."""
+_FILTERS = (5.0, 1.0)
+"""Factors of the time constant of that filter: a slow one, which converges from any begin, and then
+a fast one, which converges further."""
 _SLOWER, _LONGEST = 5.0, 3.0
 """Creep times: from so many times the slowest time constant to this part of the record."""
 _MOST_NOISE = 0.5
@@ -285,7 +285,10 @@ class _Dynamics:
 
     def outputs(self, record: _Record, operator: Preisach) -> FloatArray:
         """Return the outputs."""
-        y = self.prompt(record, operator)
+        return self.crept(record, self.prompt(record, operator))
+
+    def crept(self, record: _Record, y: FloatArray) -> FloatArray:
+        """Return the outputs, given those before creep."""
         return y if self.creep is None else self.creep.simulate(record.t, y, before=float(y[0]))
 
     @property
@@ -318,7 +321,7 @@ class _Dynamics:
         """Return the begin of a search with one pole more, all equal and without dead time."""
         late = self.delay * self.interval + float(self.linear.time_constants.sum())
         time = max(late, self.interval) / (self.poles + 1)
-        logs = np.log([time, time, time] if not self.poles else [2 * time, time**2, time])
+        logs = np.log([2 * time, time**2, time] if self.poles else [time])
         return replace(self, logarithms=tuple(logs[: self.poles + 1].tolist()), delay=0.0)
 
     def bounds(self, seconds: float) -> tuple[FloatArray, FloatArray]:
@@ -424,9 +427,9 @@ def _alternate(
 ) -> _Found:
     """Alternate between operator and dynamics until the error no longer falls.
 
-    Creep is fitted if ``creeping``. The parameters are
-    extrapolated from the last rounds (Anderson, J. ACM 12, 1965), because operator and dynamics
-    explain part of the record alike and plain alternation would be slow.
+    Creep is fitted if ``creeping``. The parameters are extrapolated from the last rounds (Anderson,
+    J. ACM 12, 1965), because operator and dynamics explain part of the record alike, and plain
+    alternation would be slow.
     """
     best, waited = None, 0
     begun: list[FloatArray] = []
@@ -485,7 +488,7 @@ def _without(
         return record.u, _earlier(y, round(dynamics.delay + slow))
     prompt = dynamics.prompt(record, operator)
     if dynamics.creep is not None:
-        whole = np.where(known, y, dynamics.outputs(record, operator))
+        whole = np.where(known, y, dynamics.crept(record, prompt))
         y = dynamics.creep.compensate(record.t, whole, before=float(prompt[0]))
     if dynamics.first == "linear":
         return dynamics.filtered(record.u), np.where(known, y, np.nan)
@@ -502,14 +505,13 @@ def _fitted_poles(record: _Record, dynamics: _Dynamics, operator: Preisach) -> _
     if not dynamics.poles and dynamics.delay < _NO_DELAY:
         return replace(dynamics, delay=0.0)
     free = dynamics.poles + 1
-    w = operator.simulate(record.u, record.start)
+    # The output of an operator that comes first does not depend on the dynamics.
+    w = None if dynamics.first == "linear" else operator.simulate(record.u, record.start)
 
     def errors(x: FloatArray) -> FloatArray:
         now = dynamics.at(x)
-        y = now.prompt(record, operator) if now.first == "linear" else now.filtered(w)
-        if now.creep is not None:
-            y = now.creep.simulate(record.t, y, before=float(y[0]))
-        return (y - record.y)[record.fitted]
+        prompt = now.prompt(record, operator) if w is None else now.filtered(w)
+        return (now.crept(record, prompt) - record.y)[record.fitted]
 
     low, high = (bound[:free] for bound in dynamics.bounds(float(record.t[-1])))
     begin = dynamics.vector[:free]
@@ -553,8 +555,8 @@ def _refined(
 ) -> tuple[_Found, Identification]:
     """Fit the whole record with the operator that the options ask for.
 
-    Options that are "auto" are chosen once.
-    Returns the fit, and the operator with what it alone would have given plus the residual.
+    Options that are "auto" are chosen once. Returns the fit, and the operator with what it alone
+    would have given plus the residual.
     """
     chosen = identify(*_without(best.dynamics, record, best.operator), **options)
     spec, banded = chosen.matrix.spec, chosen.posterior is not None
