@@ -46,7 +46,9 @@ def test_a_sampled_cascade_has_whole_intervals_of_dead_time():
     sampled = cascade.sampled(0.1)
     assert (sampled.linear.interval, sampled.linear.lag) == (0.1, 3)
     assert sampled.sampled(0.1) is sampled
-    with pytest.raises(ParameterError, match=r"interval is 0\.2 s and that of the linear part 0\.1"):
+    with pytest.raises(
+        ParameterError, match=r"interval is 0\.2 s and that of the linear part 0\.1"
+    ):
         sampled.sampled(0.2)
 
 
