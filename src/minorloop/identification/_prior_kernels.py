@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from minorloop.operators._memory_kernels import push, switched_on
+from minorloop.operators._memory_kernels import copy_extrema, push, switched_on
 
 
 @njit(cache=True, nogil=True)
@@ -17,7 +17,7 @@ def walk(levels, spread, past, u, measured, rows, features):
     """
     low, high = levels[0], levels[-1]
     stack = np.empty(past.size + u.size + 2)
-    stack[: past.size] = past
+    copy_extrema(past, past.size, stack)
     depth = past.size
     m = 0
     for t in range(u.size):
@@ -67,6 +67,6 @@ def look_ahead(levels, spread, past, candidates, rows):
     low, high = levels[0], levels[-1]
     stack = np.empty(past.size + 2)
     for m in range(candidates.size):
-        stack[: past.size] = past
+        copy_extrema(past, past.size, stack)
         depth = push(stack, past.size, min(max(candidates[m], low), high))
         switched_on(levels, spread, stack, depth, rows[m])

@@ -12,6 +12,13 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
+def copy_extrema(extrema, count, out):
+    """Copy the first ``count`` extrema; numba takes seconds to compile an assignment of slices."""
+    for k in range(count):
+        out[k] = extrema[k]
+
+
+@njit(cache=True, nogil=True)
 def wipes_out(u, top, extremum, rising):
     """Whether the present input, with index ``top`` >= 2, wipes out the two extrema before it.
 

@@ -84,7 +84,7 @@ class Operator:
             self.troubles.append(message.text)
 
     def wait(self, condition):
-        self.page.wait_for_function(condition)
+        self.page.wait_for_function(condition, polling=100)
 
     def state(self, name):
         return self.page.evaluate(f"document.body.dataset.{name}")

@@ -9,6 +9,14 @@ SMALLEST = 1e-15
 
 
 @njit(cache=True, nogil=True)
+def _copy(stack, rows, out):
+    """Copy the first rows; numba takes seconds to compile an assignment of slices."""
+    for k in range(rows):
+        for column in range(stack.shape[1]):
+            out[k, column] = stack[k, column]
+
+
+@njit(cache=True, nogil=True)
 def courses(plane, stack, rows, start, wire, powers, step, parts, out):
     """Return angles (C, N) of a heated wire under C sequences of powers (C, N), each held.
 
@@ -21,7 +29,7 @@ def courses(plane, stack, rows, start, wire, powers, step, parts, out):
     own, trial = np.empty((most, 4)), np.empty((most, 4))
     u, y = np.empty(1), np.empty(1)
     for c in range(powers.shape[0]):
-        own[:rows] = stack[:rows]
+        _copy(stack, rows, own)
         n, w, angle = rows, start[0], start[1]
         for k in range(powers.shape[1]):
             for _ in range(parts):
@@ -32,7 +40,7 @@ def courses(plane, stack, rows, start, wire, powers, step, parts, out):
                     continue
                 if latent > 0.0:
                     for _ in range(2):
-                        trial[:n] = own[:n]
+                        _copy(own, n, trial)
                         u[0] = w + change
                         simulate(plane, trial, n, u, y)
                         change = gap / (stiff + latent * (y[0] - angle) / change)

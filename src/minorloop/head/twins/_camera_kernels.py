@@ -391,7 +391,9 @@ def add_water(fields, radius, height, rays, rotations, positions, leds, strength
                     ray = (1 - sv) * ((1 - su) * rays[i, j, b] + su * rays[i, j + 1, b])
                     ray += sv * ((1 - su) * rays[i + 1, j, b] + su * rays[i + 1, j + 1, b])
                     d[a] += turn[a, b] * ray
-            d /= np.sqrt((d * d).sum())
+            norm = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+            for a in range(3):
+                d[a] /= norm
             length = min((height - lens[1]) / max(d[1], 1e-6), _FARTHEST)
             value = 0.0
             for k in range(leds.shape[0]):

@@ -32,7 +32,8 @@ def remember(past, mark, t, y, spacing):
     if past[mark[0], 0] - past[before, 0] >= spacing:
         mark[0] = (mark[0] + 1) % rows
     past[mark[0], 0] = t
-    past[mark[0], 1:] = y
+    for k in range(y.size):
+        past[mark[0], k + 1] = y[k]
 
 
 @njit(cache=True, nogil=True)
@@ -46,7 +47,9 @@ def recall(past, mark, t, out):
             gap = past[newer, 0] - past[older, 0]
             share = (t - past[older, 0]) / gap if gap > 0.0 else 1.0
             share = min(max(share, 0.0), 1.0)
-            out[:] = past[older, 1:] + share * (past[newer, 1:] - past[older, 1:])
+            for k in range(out.size):
+                old = past[older, k + 1]
+                out[k] = old + share * (past[newer, k + 1] - old)
             return
         newer = older
 
