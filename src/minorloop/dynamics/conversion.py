@@ -39,15 +39,17 @@ def sampled(
     numerator: FloatArray, denominator: FloatArray, interval: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return numerator and denominator in z with the same outputs at the samples."""
-    from scipy.signal import cont2discrete
+    from scipy.linalg import expm
 
     a, b, c, d = canonical(numerator, denominator)
-    if b.size == 0:
+    n = b.size
+    if n == 0:
         return numerator, denominator
-    system = (a, b[:, None], c[None], np.array([[d]]))
-    phi, gamma, *_ = (np.asarray(part) for part in cont2discrete(system, interval, method="zoh"))
-    bottom = np.atleast_1d(np.real(np.poly(phi)))
-    return _markov_numerator(bottom, phi, gamma[:, 0], c, d), bottom
+    block = np.zeros((n + 1, n + 1))
+    block[:n, :n], block[:n, n] = a, b
+    block = np.asarray(expm(interval * block))
+    bottom = np.atleast_1d(np.real(np.poly(block[:n, :n])))
+    return _markov_numerator(bottom, block[:n, :n], block[:n, n], c, d), bottom
 
 
 def continuous(
