@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from minorloop.drawing import identification
 from minorloop.identification import identify
@@ -6,15 +7,20 @@ from minorloop.operators.preisach import Preisach
 
 TRUTH = Preisach(np.linspace(-1, 1, 5), np.tril(np.ones((4, 4))))
 U = np.array([-1.0, 0.6, -0.4, 1.0, -1.0, 0.1, -0.7, 0.9, -1.0])
-FIT = identify(U, TRUTH.simulate(U) + 0.1 * U**2, levels=4, prior="none", smoothness=0.1)
 
 
-def test_record_and_residual_are_those_of_the_identification():
-    _, _, record, residual = FIT.plot().axes[:4]
+@pytest.fixture(scope="module")
+def fit():
+    y = TRUTH.simulate(U) + 0.1 * U**2
+    return identify(U, y, levels=4, prior="none", smoothness=0.1)
+
+
+def test_record_and_residual_are_those_of_the_identification(fit):
+    _, _, record, residual = fit.plot().axes[:4]
     measured, model = (line.get_ydata() for line in record.lines)
-    np.testing.assert_array_equal(measured, FIT.y)
-    np.testing.assert_array_equal(model, FIT.prediction)
-    share = 100 * (FIT.prediction - FIT.y) / np.ptp(FIT.y)
+    np.testing.assert_array_equal(measured, fit.y)
+    np.testing.assert_array_equal(model, fit.prediction)
+    share = 100 * (fit.prediction - fit.y) / np.ptp(fit.y)
     np.testing.assert_allclose(residual.lines[0].get_ydata(), share)
 
 
@@ -66,8 +72,8 @@ def test_the_residual_is_drawn_by_amplitude_and_rate_and_against_time():
     assert samples.get_xdata().size == u.size
 
 
-def test_a_notebook_shows_the_last_samples_of_a_long_record(monkeypatch):
+def test_a_notebook_shows_the_last_samples_of_a_long_record(fit, monkeypatch):
     monkeypatch.setattr(identification, "_MOST_DRAWN", 5)
-    axes = identification.draw_loop_and_plane(FIT).axes[0]
-    np.testing.assert_array_equal(axes.lines[0].get_ydata(), FIT.y[-5:])
+    axes = identification.draw_loop_and_plane(fit).axes[0]
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), fit.y[-5:])
     assert axes.get_title() == "Loop, last 5 samples"

@@ -8,24 +8,29 @@ from plane_records import LEVELS, a_record
 
 MODEL = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
 U = np.random.default_rng(0).uniform(0, 1, 25)
-FIT = identify(U, MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25), levels=8)
 
 
-def test_a_model_predicts_with_and_without_bands():
-    shown = FIT.predict(U, bands=0.5)
-    np.testing.assert_array_equal(shown.y, FIT.predict(U))
+@pytest.fixture(scope="module")
+def fit():
+    y = MODEL.simulate(U) + np.random.default_rng(1).normal(0, 0.1, 25)
+    return identify(U, y, levels=8)
+
+
+def test_a_model_predicts_with_and_without_bands(fit):
+    shown = fit.predict(U, bands=0.5)
+    np.testing.assert_array_equal(shown.y, fit.predict(U))
     assert (shown.lower < shown.y).all()
     assert (shown.sd > 0).all()
     assert "bands of 50%" in str(shown)
     assert len(shown.plot().axes) == 2
 
 
-def test_an_inversion_has_standard_deviations():
+def test_an_inversion_has_standard_deviations(fit):
     targets = np.quantile(MODEL.simulate(U), [0.3, 0.8, 0.5])
-    found = FIT.invert(targets)
-    np.testing.assert_allclose(found.sd, FIT.predict(found.u, bands=0.9).sd)
+    found = fit.invert(targets)
+    np.testing.assert_allclose(found.sd, fit.predict(found.u, bands=0.9).sd)
     assert "sd" in str(found).splitlines()[0]
-    assert FIT.model.invert(targets).sd is None
+    assert fit.model.invert(targets).sd is None
 
 
 def test_a_model_without_the_prior_has_no_bands():
@@ -35,8 +40,8 @@ def test_a_model_without_the_prior_has_no_bands():
     assert plain.invert([0.0], unreachable="clip").sd is None
 
 
-def test_the_record_is_drawn_with_bands_between_the_samples():
-    record = FIT.plot().axes[2]
+def test_the_record_is_drawn_with_bands_between_the_samples(fit):
+    record = fit.plot().axes[2]
     assert record.get_title() == "Record"
     across = record.collections[0].get_paths()[0].vertices[:, 0]
     assert len(np.unique(across)) > 5 * U.size

@@ -12,7 +12,6 @@ from minorloop.head.procedures.values import Reading
 from minorloop.lab.actuator import Frame
 
 AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
-PLAIN = photograph(*AIM, noise=0.0).astype(float)
 MIDDLE = (319.5, 239.5)
 
 
@@ -36,6 +35,7 @@ class Lens:
 
     def __init__(self, best, spoil=lambda image: image):
         self.best, self.spoil, self.now, self.count = best, spoil, 10e-3, 0
+        self.plain = photograph(*AIM, noise=0.0).astype(float)
 
     def focus_at(self, distance):
         self.now = distance
@@ -43,8 +43,8 @@ class Lens:
     def frame(self):
         self.count += 1
         off = 0.08 * abs(1 / self.now - 1 / self.best)
-        image = PLAIN.copy()
-        image[160:320, 240:400] = ndimage.gaussian_filter(PLAIN[160:320, 240:400], 0.5 + off)
+        image = self.plain.copy()
+        image[160:320, 240:400] = ndimage.gaussian_filter(image[160:320, 240:400], 0.5 + off)
         image += np.random.default_rng(self.count).normal(0, 1.0, image.shape)
         image = np.clip(np.rint(image), 0, 255).astype(np.uint8)
         return Frame(0.04 * self.count, self.spoil(image))

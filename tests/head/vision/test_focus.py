@@ -10,6 +10,7 @@ from .walls import CAMERA, photograph
 
 AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
 MIDDLE = (319.5, 239.5)
+RAMP = np.add.outer(np.arange(480), np.arange(640)).astype(np.uint8)
 
 
 def test_sharpness_does_not_depend_on_the_gain_and_is_blind_to_glare():
@@ -26,8 +27,8 @@ def test_sharpness_does_not_depend_on_the_gain_and_is_blind_to_glare():
     [
         (None, MIDDLE),
         (np.zeros((480, 640), np.uint8), MIDDLE),
-        (photograph(*AIM), (np.nan, 0.0)),
-        (photograph(*AIM), (5000.0, 0.0)),
+        (RAMP, (np.nan, 0.0)),
+        (RAMP, (5000.0, 0.0)),
     ],
 )
 def test_nothing_to_see_is_not_a_number(image, pixel):

@@ -9,8 +9,11 @@ from minorloop.head.vision.frame_checks import check_frame
 from .walls import CAMERA, LENS, photograph
 
 AIM = CAMERA.mount.aim(wall_point(0.5, 20e-3, 10e-3))
-IMAGE = photograph(*AIM)
-OTHER = photograph(AIM[0] + 0.2, AIM[1] - 0.1, seed=1)
+
+
+@pytest.fixture(scope="module")
+def image():
+    return photograph(*AIM)
 
 
 @pytest.mark.parametrize(
@@ -28,9 +31,9 @@ def test_what_is_not_a_frame_of_this_camera(image):
     assert check_frame(image, LENS) == "wrong size"
 
 
-def test_frames_of_a_live_camera_are_good():
-    assert check_frame(IMAGE, LENS) == "good"
-    assert check_frame(photograph(*AIM, seed=5), LENS, IMAGE) == "good"
+def test_frames_of_a_live_camera_are_good(image):
+    assert check_frame(image, LENS) == "good"
+    assert check_frame(photograph(*AIM, seed=5), LENS, image) == "good"
 
 
 def test_black_and_white_frames():
@@ -55,14 +58,15 @@ def test_a_frame_that_is_nearly_white_is_saturated():
     assert check_frame(white, LENS) == "saturated"
 
 
-def test_a_frame_twice_is_frozen():
-    assert check_frame(IMAGE.copy(), LENS, IMAGE) == "frozen"
+def test_a_frame_twice_is_frozen(image):
+    assert check_frame(image.copy(), LENS, image) == "frozen"
 
 
 @pytest.mark.parametrize("row", [40, 200, 401])
-def test_two_halves_of_different_frames_are_torn(row):
-    torn = np.concatenate([IMAGE[:row], OTHER[row:]])
+def test_two_halves_of_different_frames_are_torn(image, row):
+    other = photograph(AIM[0] + 0.2, AIM[1] - 0.1, seed=1)
+    torn = np.concatenate([image[:row], other[row:]])
     assert check_frame(torn, LENS) == "torn"
-    half = IMAGE.copy()
+    half = image.copy()
     half[row:] = 0
     assert check_frame(half, LENS) == "torn"
