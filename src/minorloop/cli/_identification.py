@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,6 +72,16 @@ class Columns:
     groups: str | None = None
     time: str | None = None
 
+    @property
+    def labels(self) -> list[str]:
+        """Names of the columns of labels."""
+        return [name for name in (self.curves, self.groups) if name is not None]
+
+    def labelled(self, labels: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the labels by option of `identify`."""
+        named = {"curves": self.curves, "groups": self.groups}
+        return {option: labels[name] for option, name in named.items() if name is not None}
+
 
 def identified(
     file: Path,
@@ -93,7 +103,7 @@ def identified(
 
     with _common.working(f"reading {file.name}") as now:
         record, run_by, log = _record(file, columns, now)
-        labels = _labels(file, columns)
+        labels = {} if log is None else columns.labelled(log.labels)
         provenance = Provenance.of(file)
         began = time.perf_counter()
         if run_by is not None:
@@ -184,14 +194,6 @@ def _timed(
     return log.evenly_sampled(), log.notes
 
 
-def _labels(file: Path, columns: Columns) -> dict[str, Any]:
-    """Return the columns of labels that are given, by option."""
-    from minorloop.lab.columns import read_labels
-
-    names = {"curves": columns.curves, "groups": columns.groups}
-    return {option: read_labels(file, name) for option, name in names.items() if name is not None}
-
-
 def _of_run(
     record: Record,
     chooser: Adaptive,
@@ -240,5 +242,5 @@ def _record(
             raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")
         missing = "--input" if input is None else "--output"
         raise ParameterError(f"{missing} is missing; name a column of {file}")
-    log = _common.read_log(file, input, output, columns.time, now)
+    log = _common.read_log(file, input, output, columns.time, now, labels=columns.labels)
     return log.record, None, log

@@ -42,9 +42,9 @@ class Prediction(NotebookView):
     @property
     def half_width(self) -> FloatArray:
         """(T,) half the width of the bands."""
-        from scipy.stats import norm
+        from scipy.special import ndtri
 
-        return np.asarray(norm.ppf((1 + self.probability) / 2) * self.sd)
+        return np.asarray(ndtri((1 + self.probability) / 2) * self.sd)
 
     @property
     def lower(self) -> FloatArray:

@@ -67,12 +67,12 @@ class GroupScatter:
         probability : float
             Probability of the band.
         """
-        from scipy.stats import norm, t
+        from scipy.special import ndtri, stdtrit
 
-        normal = float(norm.ppf((1 + probability) / 2))
+        normal = float(ndtri((1 + probability) / 2))
         found = float(np.quantile(self.scores, probability)) / normal
         share = self.groups / (self.groups + _NORMAL_GROUPS)
-        few = float(t.ppf((1 + probability) / 2, self.groups - 1)) / normal
+        few = float(stdtrit(self.groups - 1, (1 + probability) / 2)) / normal
         factor = few * (share * found + (1 - share))
         return np.asarray(factor * np.sqrt(known**2 + self._at(u)))
 
