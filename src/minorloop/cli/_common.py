@@ -250,6 +250,7 @@ def read_log(
     now: Callable[[str], None],
     *,
     labels: Sequence[str] = (),
+    sd: str | None = None,
     needed: bool = False,
 ) -> Log:
     """Return a log; its column of time is found by its name or unit if it is not given.
@@ -264,6 +265,8 @@ def read_log(
         Shows progress, as `working` yields it.
     labels : sequence of str
         Columns of labels.
+    sd : str, optional
+        Column of the standard deviation of the output.
     needed : bool
         Whether a column of time that was found must be usable; it is left out otherwise.
     """
@@ -276,7 +279,7 @@ def read_log(
 
     def read(time: str | None) -> Log:
         return read_log(
-            file, input=input, output=output, time=time, labels=labels, progress=progress
+            file, input=input, output=output, time=time, labels=labels, sd=sd, progress=progress
         )
 
     if time is not None:

@@ -49,11 +49,14 @@ class Log:
         What was found in the times; None without a column of time.
     labels : dict of str to (T,) array
         Columns of labels, by the names they were asked for.
+    sd : (T,) array, optional
+        Standard deviation of each output, NaN where it is not known; None if none is.
     """
 
     record: Record
     check: TimeCheck | None = None
     labels: Mapping[str, Labels] = field(default_factory=dict)
+    sd: FloatArray | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -120,6 +123,7 @@ def read_log(
     output: str,
     time: str | None = None,
     labels: Sequence[str] = (),
+    sd: str | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Log:
     """Read an input, an output, time and labels from a file, in one pass.
@@ -136,6 +140,8 @@ def read_log(
         samples are counted.
     labels : sequence of str
         Columns of labels, such as specimens.
+    sd : str, optional
+        Column of the standard deviation of the output, in its unit; it may have gaps.
     progress : callable, optional
         Called with the share that has been read, as text.
 
@@ -158,15 +164,24 @@ def read_log(
                 "two columns"
             )
     dates = () if time is None else (time,)
+    deviations = () if sd is None else (sd,)
     columns, texts = read_table(
-        path, wanted, labels, gaps=(output,), dates=dates, progress=progress
+        path,
+        [*wanted, *deviations],
+        labels,
+        gaps=(output, *deviations),
+        dates=dates,
+        progress=progress,
     )
     u, y = columns[input], columns[output]
+    noise = None if sd is None else columns[sd]
+    if noise is not None and np.isnan(noise[np.isfinite(y)]).all():
+        noise = None
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
-        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), labels=texts)
+        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise)
     clock, check = _checked(columns[time], names[2])
-    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts)
+    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise)
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
