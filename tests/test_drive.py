@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.connect import connect
 from minorloop.drive import TargetDrive, saturation_of
-from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
+from minorloop.errors import InstrumentError, NotInvertibleError, ParameterError, UnreachableError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.run import run
 from minorloop.lab.store import Point, Setup, Store
@@ -73,6 +73,40 @@ def weak(memory, u):
     """A plant of 90 % of the model's output."""
     y, after = MODEL.step(memory, u)
     return 0.9 * y, after
+
+
+@pytest.mark.parametrize(
+    ("gain", "said"),
+    [
+        (0.1, "moves by 0.1 times what the model predicts; check the unit and the conversion"),
+        (10, "moves by 10 times"),
+        (-1, "moves by -1 times what the model predicts, its sign is turned"),
+    ],
+)
+@pytest.mark.parametrize("corrections", [0, 3])
+def test_a_sensor_of_another_gain_ends_the_drive_at_the_first_target(gain, said, corrections):
+    low = MODEL.step("negative", -1.2)[0]
+    inputs = []
+
+    def scaled(memory, u):
+        inputs.append(u)
+        y, after = MODEL.step(memory, u)
+        return low + gain * (y - low), after
+
+    with pytest.raises(InstrumentError, match=said):
+        driven(drive(corrections=corrections), scaled)
+    assert len(inputs) == 2
+
+
+def test_targets_that_are_missed_are_counted_and_explained():
+    result = driven(drive(), weak)
+    assert result.allowed == pytest.approx(0.05 * np.subtract(*MODEL.range[::-1]))
+    assert result.missed == [k for k, e in enumerate(result.errors) if abs(e) > result.allowed]
+    assert 0 < len(result.missed) < 5
+    assert f"{len(result.missed)} of 5 targets ended off by more than" in result.advice[0]
+    assert "--corrections" in result.advice[0]
+    assert driven(drive(nrmse=0.2), weak).advice == []
+    assert driven(drive(corrections=8, within=1e-3), weak).missed == []
 
 
 def test_corrections_bring_a_plant_of_another_gain_to_its_targets():
@@ -157,6 +191,7 @@ def test_a_model_beyond_the_limits_of_the_actuator_is_refused():
         ({"targets": []}, "there are no targets"),
         ({"corrections": -1}, "corrections is -1; give 0 to 100"),
         ({"within": np.nan}, "within is nan"),
+        ({"nrmse": -0.1}, "nrmse is -0.1"),
     ],
 )
 def test_refuses_parameters_out_of_range(options, said):

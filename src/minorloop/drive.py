@@ -25,6 +25,7 @@ from minorloop.errors import (
     ParameterError,
     UnreachableError,
     are,
+    counted,
 )
 from minorloop.lab.actuator import Channel
 from minorloop.lab.plan import Plan
@@ -39,6 +40,14 @@ SURE = 2.0
 SLOWEST, STEEPEST = 0.5, 10.0
 """The actuator moves by at least and at most so many times what the model predicts. Less would
 make corrections explode; more than ten times is not seen on reversals of a reversible actuator."""
+
+LEAST_GAIN, MOST_GAIN = 1 / 3, 3.0
+"""Gain of the measured over the predicted outputs, from saturation on, below and above which the
+sensor or its conversion is wrong."""
+_LEAST_ALLOWED = 0.05
+"""Share of the model's range up to which an error is never a missed target."""
+_TELLING = 0.1
+"""Share of the model's range that the predicted outputs must span for that gain to count."""
 
 
 @dataclass(frozen=True)
@@ -84,15 +93,42 @@ class DriveResult:
         Output measured in saturation minus that of the model; NaN before it was measured.
     arrivals : tuple of Arrival
         The targets that are done, in order.
+    allowed : float
+        Error of a target beyond which it counts as missed.
     """
 
     offset: float
     arrivals: tuple[Arrival, ...]
+    allowed: float = float("inf")
 
     @property
     def errors(self) -> FloatArray:
         """(n,) achieved minus target; NaN where nothing was measured."""
         return np.array([arrival.error for arrival in self.arrivals])
+
+    @property
+    def missed(self) -> list[int]:
+        """Targets whose error is beyond ``allowed`` and twice its standard deviation."""
+        return [
+            index
+            for index, arrival in enumerate(self.arrivals)
+            if abs(arrival.error) > max(self.allowed, SURE * arrival.sd)
+        ]
+
+    @property
+    def advice(self) -> list[str]:
+        """What to do about targets that were missed; empty where none were."""
+        if not (missed := self.missed):
+            return []
+        worst = max(missed, key=lambda index: abs(self.arrivals[index].error))
+        count = len(self.arrivals)
+        return [
+            f"{len(missed)} of {counted(count, 'target')} ended off by more than "
+            f"{self.allowed:.3g}, the error that this model lets expect; the worst is target "
+            f"{worst + 1}, by {self.arrivals[worst].error:+.3g}: correct by the sensor "
+            "(--corrections), hold longer (--hold), check the conversion of the sensor, or "
+            "identify this actuator anew"
+        ]
 
     def summary(self) -> dict[str, float | None]:
         """Return rms and largest error over the measured targets, by name; None without any."""
@@ -107,7 +143,8 @@ class DriveResult:
     def to_dict(self) -> dict[str, Any]:
         """Return offset, errors and every target with what was achieved, ready for JSON."""
         targets = [asdict(arrival) for arrival in self.arrivals]
-        return {"offset": self.offset, **self.summary(), "targets": targets}
+        missed = {"missed": self.missed}
+        return {"offset": self.offset, **self.summary(), **missed, "targets": targets}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +166,9 @@ class TargetDrive:
     absolute : bool
         Whether targets count from the zero of the sensor. Otherwise they count from that of the
         model, and the offset of the sensor is subtracted from what it measures.
+    nrmse : float
+        Error of the model, over the range of its output: a target that is off by more than three
+        times this, and a twentieth of the range of the model, counts as missed.
     written : callable
         Returns the input that the source really gives for a wanted one.
 
@@ -146,6 +186,7 @@ class TargetDrive:
     corrections: int = 0
     within: float = 0.0
     absolute: bool = False
+    nrmse: float = 0.0
     written: Callable[[float], float] = field(default=float)
 
     def __post_init__(self) -> None:
@@ -160,6 +201,8 @@ class TargetDrive:
             raise ParameterError("there are no targets; give one or more")
         if not 0 <= self.corrections <= 100:
             raise ParameterError(f"corrections is {self.corrections}; give 0 to 100")
+        if as_finite("nrmse", self.nrmse) < 0:
+            raise ParameterError(f"nrmse is {self.nrmse}; give an error >= 0")
         if not (np.isfinite(self.within) and self.within >= 0):
             raise ParameterError(f"within is {self.within}; give a finite error of at least 0")
 
@@ -178,6 +221,7 @@ class TargetDrive:
             "corrections": self.corrections,
             "within": self.within,
             "absolute": self.absolute,
+            "nrmse": self.nrmse,
         }
 
     def plan(self, hold: float, *, input: str, **settings: Any) -> Plan:
@@ -236,24 +280,31 @@ class TargetDrive:
     def choose(self, points: Sequence[Point]) -> float | None:
         """Return the input to hold next; None when every target is done.
 
-        An `InstrumentError` is raised if the sensor cannot be that of the model: its offset is
-        larger than the range of the model, or nothing was measured in saturation.
+        An `InstrumentError` is raised if the sensor cannot be that of the model: nothing was
+        measured in saturation, its offset is larger than the range of the model, or it moves by
+        less than a third or more than three times what the model predicts.
 
         Parameters
         ----------
         points : sequence of Point
             The points so far; the same points give the same input.
         """
-        state = self._replayed(points)
-        if len(state.arrivals) == self.targets.size:
-            return None
-        if points:
-            self._check_offset(state.offset)
         if not points:
             return self.saturation
+        state = self._replayed(points)
+        self._check_offset(state.offset)
+        self._check_gain(points, state.predicted)
+        if len(state.arrivals) == self.targets.size:
+            return None
         aim = self._target(len(state.arrivals), state.offset) + state.correction
         found = self.model.invert([aim], state.memory, "clip").u[0]
         return self.written(float(found))
+
+    @property
+    def _width(self) -> float:
+        """Range of the outputs of the model; infinite where it has no bounds."""
+        low, high = self.model.range
+        return float(high - low)
 
     def _check_offset(self, offset: float) -> None:
         """Refuse a sensor that cannot belong to the model."""
@@ -261,22 +312,41 @@ class TargetDrive:
             raise InstrumentError(
                 "nothing was measured in saturation; check the sensor, its range and its conversion"
             )
-        low, high = getattr(self.model, "range", (-np.inf, np.inf))
-        if abs(offset) > high - low:
+        if abs(offset) > self._width:
             raise InstrumentError(
                 f"the sensor reads {offset:+.4g} more than the model in saturation, and all of the "
-                f"model's range is {high - low:.4g}; check the unit and the conversion of the "
+                f"model's range is {self._width:.4g}; check the unit and the conversion of the "
                 "sensor, such as the geometry of a laser, and that this is the model's actuator"
             )
+
+    def _check_gain(self, points: Sequence[Point], predicted: Sequence[float]) -> None:
+        """Refuse a sensor that moves by another amount than the model."""
+        known = np.isfinite([point.value for point in points])
+        y = np.array([point.value for point in points])[known]
+        x = np.array(predicted)[known]
+        x, y = x - x.mean(), y - y.mean()
+        noise = max(point.sd for point in points if np.isfinite(point.value))
+        if np.ptp(x) <= max(_TELLING * min(self._width, np.ptp(self.targets)), 10 * noise):
+            return
+        gain = float(x @ y / (x @ x))
+        if LEAST_GAIN <= gain <= MOST_GAIN:
+            return
+        sign = ", its sign is turned" if gain < -LEAST_GAIN else ""
+        raise InstrumentError(
+            f"the measured output moves by {gain:.3g} times what the model predicts{sign}; check "
+            "the unit and the conversion of the sensor, such as the gain of --linear, and that "
+            "this is the model's actuator"
+        )
 
     def result(self, points: Sequence[Point]) -> DriveResult:
         """Return what the points so far show."""
         state = self._replayed(points)
-        return DriveResult(state.offset, tuple(state.arrivals))
+        allowed = max(3 * self.nrmse, _LEAST_ALLOWED) * self._width
+        return DriveResult(state.offset, tuple(state.arrivals), max(allowed, self.within))
 
     def _replayed(self, points: Sequence[Point]) -> _DriveState:
         memory, predicted = _saturated(self.model, self.saturation)
-        state = _DriveState(memory)
+        state = _DriveState(memory, [predicted])
         for point in points[:1]:
             state.offset = point.value - predicted
         for point in points[1:]:
@@ -286,6 +356,7 @@ class TargetDrive:
     def _take(self, state: _DriveState, point: Point) -> None:
         """Count a hold: the memory that it leaves, and whether its target is done."""
         predicted, state.memory = self.model.step(state.memory, point.input)
+        state.predicted.append(float(predicted))
         state.tries += 1
         target = float(self.targets[len(state.arrivals)])
         achieved = point.value - (0.0 if self.absolute else state.offset)
@@ -326,6 +397,7 @@ class _DriveState:
     """State of a drive after some points."""
 
     memory: Any
+    predicted: list[float]
     offset: float = float("nan")
     correction: float = 0.0
     tries: int = 0

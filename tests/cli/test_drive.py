@@ -106,6 +106,21 @@ def test_a_sensor_that_cannot_be_that_of_the_model_stops_before_the_first_target
     assert answer("runs export --store d.sqlite")["columns"]["voltage [V]"] == [-1.2]
 
 
+def test_a_wrong_gain_of_the_sensor_ends_the_drive(run, answer):
+    line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
+    status, _, err = run(f"{line} --linear -0.95,28.5 --name curvature --unit 1/m")
+    assert status == 2
+    assert "times what the model predicts; check the unit and the conversion" in err
+    assert len(answer("runs export --store d.sqlite")["columns"]["voltage [V]"]) == 2
+
+
+def test_missed_targets_are_named_and_give_another_status(run):
+    modelfile.save(MODEL, "strip.json", input="voltage [V]", output="curvature [1/m]", force=True)
+    status, out, _ = run(DRIVE.replace("--hold 60", "--hold 5"))
+    assert status == 1
+    assert "targets ended off by more than 0.864" in " ".join(out.split())
+
+
 @pytest.mark.parametrize("hold", ["-1", "0", "inf"])
 def test_a_plan_needs_a_hold_that_is_a_time(hold, refused):
     said = refused(f"invert strip.json wanted.csv --target curvature --hold {hold} --save in.csv")

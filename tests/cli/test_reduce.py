@@ -32,6 +32,24 @@ def test_a_log_becomes_points_that_identify_takes(run):
     assert "Settled points of curvature" in Path("r.html").read_text()
     status, out, _ = run("identify points.csv --input voltage --output curvature --levels 4")
     assert "curvature [1/m] against voltage [V]" in out
+    assert "each sample counts by its standard deviation, column 'sd [1/m]'" in out
+
+
+def test_the_standard_deviation_of_a_point_is_its_weight(answer, refused, model):
+    chance = np.random.default_rng(1000)
+    u = np.concatenate([[-1, 1], chance.uniform(-1, 1, 298)])
+    sd = np.where(np.arange(300) % 2, 0.002, 0.1)
+    y = model.simulate(u) + sd * chance.normal(size=300)
+    rows = np.column_stack([u, y, sd, 1e3 * sd])
+    write("points.csv", "u [V],y [um],sd [um],other [nm]", rows)
+    line = "identify points.csv --input u --output y --levels 8 --lag 0 --prior none"
+    ways = ("", "--sd sd", "--sd none", "--noise 0.1")
+    recognised, named, without, noise = (answer(f"{line} {way}") for way in ways)
+    assert (recognised["sd"], named["sd"]) == ("sd [um]", "sd")
+    assert without["sd"] is noise["sd"] is None
+    assert recognised["rmse_train"] == named["rmse_train"] > without["rmse_train"]
+    assert "is no standard deviation of 'y [um]'" in refused(f"{line} --sd other")
+    assert "--sd cannot be combined with --noise" in refused(f"{line} --sd sd --noise 1")
 
 
 def test_json_has_the_points(answer):

@@ -77,3 +77,17 @@ def test_a_notebook_shows_the_last_samples_of_a_long_record(fit, monkeypatch):
     axes = identification.draw_loop_and_plane(fit).axes[0]
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), fit.y[-5:])
     assert axes.get_title() == "Loop, last 5 samples"
+
+
+def test_of_many_dots_those_that_can_be_told_apart_are_drawn(monkeypatch):
+    monkeypatch.setattr(identification, "_MOST_DRAWN", 5)
+    u = np.tile(np.append(np.linspace(-1, 1, 20), np.linspace(1, -1, 20)), 30)
+    y = TRUTH.simulate(u)
+    y[700] += 100
+    found = identify(u, y, levels=4, prior="none", smoothness=0.1)
+    dots = found.plot().axes[0].lines[0]
+    points = list(zip(dots.get_xdata(), dots.get_ydata(), strict=True))
+    drawn = [points[k] for k in dots.get_markevery()]
+    assert set(drawn) == {point for point in points if np.isfinite(point).all()}
+    assert len(drawn) < 50
+    assert y[700] in dots.get_ydata()[dots.get_markevery()]

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from minorloop.errors import SignalError
 from minorloop.identification import excitation, identify
 from minorloop.lab.columns import read_columns
 from minorloop.operators.preisach import Preisach
@@ -68,3 +69,53 @@ def test_piezo_minor_loops_are_predicted(shared_data):
     found = identify(u, y, levels=25, lag="auto", holdout=2500 / 6800)
     assert found.holdout_nrmse <= 0.008
     assert found.holdout_nrmse < found.baseline_nrmse
+
+
+@pytest.mark.parametrize(
+    ("rows", "options"),
+    [(400, {"prior": "none"}), (400, {"smoothness": 1e-6}), (90, {"prior": "gaussian"})],
+)
+def test_outputs_count_by_their_standard_deviations(rows, options):
+    u, y = a_record(noise=0.0)
+    u, y, chance = u[:rows], y[:rows], np.random.default_rng(1000)
+    sd = np.where(chance.uniform(size=u.size) < 0.5, 0.01, 1.0)
+    rough = y + sd * chance.normal(size=u.size)
+    alike, weighted = (
+        identify(u, rough, levels=LEVELS, noise=noise, **options) for noise in (None, sd)
+    )
+    errors = [np.sqrt(np.mean((found.prediction - y) ** 2)) for found in (alike, weighted)]
+    assert errors[1] < 0.5 * errors[0]
+    assert weighted.samples == u.size
+
+
+def test_the_error_of_the_model_adds_to_the_noise_of_the_outputs():
+    u = np.tile(np.append(np.linspace(-1, 1, 60), np.linspace(1, -1, 60)), 6)
+    y = u + 0.2 * np.sin(40 * u)  # which three bands cannot follow
+    sd = np.full(u.size, 1e-3)
+    sd[: u.size // 2] = 1e-5
+    options = {"levels": 3, "prior": "none", "smoothness": 0.0}
+    found, alike = identify(u, y, noise=sd, **options), identify(u, y, **options)
+    np.testing.assert_allclose(found.prediction, alike.prediction, atol=1e-4)
+
+
+def test_equal_standard_deviations_are_as_good_as_none_and_missing_ones_as_the_greatest():
+    u, y = a_record(noise=0.01)
+    sd = np.full(u.size, 0.02)
+    plain = identify(u, y, levels=LEVELS, prior="none")
+    for noise in (sd, np.where(np.arange(u.size) % 3, sd, np.nan), 0 * sd):
+        found = identify(u, y, levels=LEVELS, prior="none", noise=noise)
+        np.testing.assert_allclose(found.model.weights, plain.model.weights, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda sd: sd[1:], "noise has shape"),
+        (lambda sd: -sd, "noise is -0.1 at index 0; give standard deviations >= 0"),
+        (lambda sd: np.nan * sd, "noise is nan at index 0"),
+    ],
+)
+def test_standard_deviations_that_cannot_be_are_refused(change, message):
+    u, y = a_record(noise=0.01)
+    with pytest.raises(SignalError, match=message):
+        identify(u, y, levels=LEVELS, noise=change(np.full(u.size, 0.1)))

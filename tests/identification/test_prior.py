@@ -64,11 +64,13 @@ def test_likelihood_is_that_of_the_outputs():
     spec = PlaneSpec(np.linspace(0, 1, 4), diagonal="reversible")
     rng = np.random.default_rng(1)
     u, y = rng.uniform(0, 1, 8), rng.normal(size=8)
-    dense = prior.regressors(spec, u, np.ones(8, dtype=bool), "negative")
+    relative = rng.uniform(0.1, 3, 8)
+    dense = (*prior.regressors(spec, u, np.ones(8, dtype=bool), "negative"), relative)
     h = prior.Hyperparameters(noise=0.02)
     plane = prior.PlanePrior(spec)
     whole = plane.scale(h)[:, None] * plane.covariance(h) * plane.scale(h)
     total = dense[0] @ whole @ dense[0].T + prior.disturbance(dense[1], h)
+    total += h.noise**2 * np.diag(relative - 1)
     expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
     found = prior.likelihood(plane, prior.Evidence(spec, y, *dense), h)[0]
     assert found == pytest.approx(expected, rel=1e-9)
@@ -87,7 +89,7 @@ def test_slopes_of_the_likelihood_are_those_of_finite_differences(slope, many):
     rng = np.random.default_rng(3)
     u, y = rng.uniform(0, 1, 20), rng.normal(size=20)
     rows, features = prior.regressors(spec, u, np.ones(20, dtype=bool), "negative")
-    apart = {"rows": rows, "features": features}
+    apart = {"rows": rows, "features": features, "relative": rng.uniform(0.1, 3, 20)}
     summed = {"gram": rows.T @ rows, "slope": rows.T @ y}
     evidence = prior.Evidence(spec, y, **(summed if many else apart))
     plane = prior.PlanePrior(spec)

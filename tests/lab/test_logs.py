@@ -80,3 +80,12 @@ def test_a_column_cannot_be_used_twice_or_have_another_unit(file):
         read_log(file, input="u", output="y", time="u [V]")
     with pytest.raises(RecordError, match=r"'y \[um\]' must be in one of s, ms, us, ns, min, h, d"):
         read_log(file, input="u", output="time", time="y")
+
+
+def test_labels_are_read_with_the_rest(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t [s],u,y,run,wire\n0,1,2,1,a\n1,2,,1,b\n2,3,4,2,7\n")
+    log = read_log(file, input="u", output="y", time="t", labels=["run", "wire", "run"])
+    np.testing.assert_array_equal(log.record.y, [2, np.nan, 4])
+    np.testing.assert_array_equal(log.labels["run"], [1.0, 1.0, 2.0])
+    assert log.labels["wire"].tolist() == ["a", "b", "7"]

@@ -249,6 +249,8 @@ def read_log(
     time: str | None,
     now: Callable[[str], None],
     *,
+    labels: Sequence[str] = (),
+    sd: str | None = None,
     needed: bool = False,
 ) -> Log:
     """Return a log; its column of time is found by its name or unit if it is not given.
@@ -261,6 +263,10 @@ def read_log(
         Columns.
     now : callable
         Shows progress, as `working` yields it.
+    labels : sequence of str
+        Columns of labels.
+    sd : str, optional
+        Column of the standard deviation of the output.
     needed : bool
         Whether a column of time that was found must be usable; it is left out otherwise.
     """
@@ -272,7 +278,9 @@ def read_log(
         now(f"reading {file.name}: {share}")
 
     def read(time: str | None) -> Log:
-        return read_log(file, input=input, output=output, time=time, progress=progress)
+        return read_log(
+            file, input=input, output=output, time=time, labels=labels, sd=sd, progress=progress
+        )
 
     if time is not None:
         return read(time)

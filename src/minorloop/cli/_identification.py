@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,12 +28,13 @@ _DEFAULTS: dict[str, Any] = {
     "prior": "auto",
 }
 DYNAMICS = ("none", "auto")
+NOT_USED = "none"
 _NOT_OF_RUNS = ("holdout", "skip", "start_of_curve")
 
 
 @dataclass(frozen=True)
 class Done:
-    """An identification and its data."""
+    """An identification and its data; ``sd`` is the column of standard deviations, if any."""
 
     record: Record
     result: Identification
@@ -44,6 +45,7 @@ class Done:
     first: int = 0
     of_time: tuple[str, ...] = ()
     dynamic: DynamicIdentification | None = None
+    sd: str | None = None
 
     @property
     def advice(self) -> list[str]:
@@ -71,6 +73,48 @@ class Columns:
     curves: str | None = None
     groups: str | None = None
     time: str | None = None
+    sd: str | None = None
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the columns of labels."""
+        return [name for name in (self.curves, self.groups) if name is not None]
+
+    def with_deviation(self, file: Path, noise: float | None, dynamics: str) -> Columns:
+        """Return the columns with that of standard deviations: the given one, or that of reduce.
+
+        The latter is named ``sd`` and has the unit of the output. With a noise that is given, or
+        with dynamics, it is not used.
+        """
+        from minorloop.lab.columns import find_column, read_headers, split_header, with_unit
+
+        if self.output is None:
+            return self
+        used = noise is None and dynamics == "none"
+        if self.sd == NOT_USED or (self.sd is None and not used):
+            return replace(self, sd=None)
+        if not used:
+            other = "--noise" if noise is not None else "--dynamics"
+            raise ParameterError(f"--sd cannot be combined with {other}; leave one of them out")
+        headers = read_headers(file)
+        output = with_unit(self.output, find_column(self.output, headers, source=file))
+        unit = split_header(output)[1]
+        if self.sd is None:
+            found = (header for header in headers if split_header(header) == ("sd", unit))
+            return replace(self, sd=next(found, None))
+        header = with_unit(self.sd, find_column(self.sd, headers, source=file))
+        if split_header(header)[1] not in ("", unit):
+            raise RecordError(
+                f"column '{header}' of {file} is no standard deviation of '{output}'; give one in "
+                "the unit of the output"
+            )
+        return self
+
+    def beside(self, log: Log) -> dict[str, Any]:
+        """Return what each row has beside input and output, by option of `identify`."""
+        named = {"curves": self.curves, "groups": self.groups}
+        found = {option: log.labels[name] for option, name in named.items() if name is not None}
+        return found if log.sd is None else {**found, "noise": log.sd}
 
 
 def identified(
@@ -92,8 +136,9 @@ def identified(
     check_option("--dynamics", dynamics, DYNAMICS)
 
     with _common.working(f"reading {file.name}") as now:
+        columns = columns.with_deviation(file, options["noise"], dynamics)
         record, run_by, log = _record(file, columns, now)
-        labels = _labels(file, columns)
+        beside = {} if log is None else columns.beside(log)
         provenance = Provenance.of(file)
         began = time.perf_counter()
         if run_by is not None:
@@ -105,13 +150,13 @@ def identified(
         if log is not None and columns.curves is not None:
             log = log.with_memory_reset()
         if log is not None:
-            whole = not labels and rows is None
+            whole = not beside and rows is None
             record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
         part = _common.as_rows(rows, len(record))
         settings: dict[str, Any] = {
             name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
         }
-        settings |= {name: values[part] for name, values in labels.items()}
+        settings |= {name: values[part] for name, values in beside.items()}
         now(f"identifying from {part.stop - part.start} rows")
         if dynamics != "none":
             _shown(now, part)("dynamics")
@@ -122,7 +167,16 @@ def identified(
         result = identify(record.u[part], record.y[part], progress=_shown(now, part), **settings)
         seconds = time.perf_counter() - began
         raw = _raw(logged, columns)
-        return Done(record, result, provenance, seconds, raw, first=part.start, of_time=of_time)
+        return Done(
+            record,
+            result,
+            provenance,
+            seconds,
+            raw,
+            first=part.start,
+            of_time=of_time,
+            sd=columns.sd if "noise" in beside else None,
+        )
 
 
 def _with_dynamics(
@@ -184,14 +238,6 @@ def _timed(
     return log.evenly_sampled(), log.notes
 
 
-def _labels(file: Path, columns: Columns) -> dict[str, Any]:
-    """Return the columns of labels that are given, by option."""
-    from minorloop.lab.columns import read_labels
-
-    names = {"curves": columns.curves, "groups": columns.groups}
-    return {option: read_labels(file, name) for option, name in names.items() if name is not None}
-
-
 def _of_run(
     record: Record,
     chooser: Adaptive,
@@ -240,5 +286,6 @@ def _record(
             raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")
         missing = "--input" if input is None else "--output"
         raise ParameterError(f"{missing} is missing; name a column of {file}")
-    log = _common.read_log(file, input, output, columns.time, now)
+    beside: dict[str, Any] = {"labels": columns.labels, "sd": columns.sd}
+    log = _common.read_log(file, input, output, columns.time, now, **beside)
     return log.record, None, log

@@ -48,6 +48,7 @@ def show(done: Done, rank: bool, as_json: bool) -> None:
         figures["advice"] = done.advice
         figures["warnings"] = list(done.warnings)
         figures["codes"] = [code.sample for code in done.result.codes]
+        figures["sd"] = done.sd
         figures["held_out"] = int(done.result.held_out.sum())
         figures["left_out"] = list(done.left_out)
         if done.dynamic is not None:
@@ -132,6 +133,8 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
     record = done.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"
     _common.print_table(("", ""), rows, title)
+    if done.sd is not None:
+        typer.echo(f"each sample counts by its standard deviation, column '{done.sd}'")
     for one in () if done.dynamic is None else done.dynamic.tried:
         typer.echo(f"tried {one}")
     for choice in done.result.choices:

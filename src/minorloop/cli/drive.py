@@ -25,6 +25,7 @@ EXAMPLE = (
     "--store drive.sqlite"
 )
 
+_MISSED = 1
 _HINT = ", or convert the readings with --laser, --linear, --polynomial or --table"
 
 
@@ -78,7 +79,10 @@ def run(
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Saturate an actuator, then bring it to each target; resume continues a stopped drive."""
+    """Saturate an actuator, then bring it to each target; resume continues a stopped drive.
+
+    If a target ends further off than the model lets expect, the exit status is 1.
+    """
     from minorloop import modelfile
     from minorloop.drive import TargetDrive, saturation_of
     from minorloop.lab.run import check_plan
@@ -100,6 +104,7 @@ def run(
             corrections=corrections,
             within=within,
             absolute=absolute,
+            nrmse=_error_of(known),
             written=getattr(plant, "written", float),
         )
         chosen.check(plant.inputs[0])
@@ -117,6 +122,13 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     design = store.setup.design or {}
     options = _conversion.ConversionOptions(**design.get("conversion", {"laser": design["laser"]}))
     _carried(_seen(plant, options), store, as_json)
+
+
+def _error_of(known: ModelFile) -> float:
+    """Return the error of a model on held-out data, or on fitted; 0 where it is not known."""
+    scores = known.provenance.scores
+    found = [scores.get(name) for name in ("nrmse_holdout", "nrmse_train")]
+    return next((score for score in found if score is not None), 0.0)
 
 
 def _seen(plant: Actuator, options: _conversion.ConversionOptions) -> Actuator:
@@ -144,13 +156,15 @@ def _carried(
     )
     mode = carry_out_levels(plant, store, chosen.choose, None)
     result, figures = chosen.result(store.points()), summary(store)
-    warnings = run_warnings(plant, figures)
+    warnings = [*result.advice, *run_warnings(plant, figures)]
     if report is not None:
         drive_report(result, figures, warnings).write(report, force=force)
     if as_json:
         _common.print_json({**figures, **result.to_dict(), "warnings": warnings, "way": mode})
     else:
         _print(result, figures, warnings, mode)
+    if result.missed:
+        raise typer.Exit(_MISSED)
 
 
 def is_drive(setup: Setup) -> bool:

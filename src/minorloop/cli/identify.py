@@ -91,6 +91,13 @@ _Noise = Annotated[
     float | None,
     _common.number_option("Standard deviation of a measured output, where known; for the prior."),
 ]
+_Sd = Annotated[
+    str | None,
+    typer.Option(
+        help="Column of the standard deviation of each output, by which it counts; or none.",
+        show_default="sd, as reduce writes it",
+    ),
+]
 _Rows = Annotated[
     str | None,
     typer.Option(
@@ -146,6 +153,7 @@ def run(
     smoothness: _Smoothness = "auto",
     prior: _Prior = None,
     noise: _Noise = None,
+    sd: _Sd = None,
     start: _common.Start = "negative",
     rows: _Rows = None,
     holdout: _Holdout = 0.0,
@@ -183,7 +191,7 @@ def run(
         "start_of_curve": start_of_curve,
         "skip": skip,
     }
-    columns = Columns(input, output, curves, groups, time)
+    columns = Columns(input, output, curves, groups, time, sd)
     done = identified(file, columns, rows, options, lag_seconds, dynamics)
     steps: list[Callable[[], None]] = [partial(show, done, rank, as_json)]
     # Files first: the reader of the output may end.

@@ -33,6 +33,8 @@ _PARTS, _FEWEST_OF_PART, _FEWEST = 12, 5, 30
 _LEAP, _LEAP_SHARE = 20, 0.05
 """An input leaps if it changes by more than so many usual steps and this share of its range."""
 _DOTS: dict[str, Any] = {"ms": 3.5, "color": "C1"}
+_CELLS = 400
+"""Cells of an axis: of the dots within one cell, one is drawn."""
 
 
 def draw_identification(
@@ -89,10 +91,9 @@ def _draw_loop(
         shown: dict[str, Any] = {"lw": 0.8, "color": "C0", "rasterized": True}
         axes.plot(inputs, result.predict(inputs), label="model", **shown)
     else:
-        axes.plot(u, y, label="measured", rasterized=True, ls="", marker=".", **_DOTS)
-        style: dict[str, Any] = {"marker": ".", "ms": 0.6, "lw": 0.5, "color": "C0"}
-        modelled = [part[-most:] for part in loop_points(result, result.prediction)]
-        axes.plot(*modelled, label="model", rasterized=True, **style)
+        _plot_dots(axes, u, y, label="measured", **_DOTS)
+        u, modelled = (part[-most:] for part in loop_points(result, result.prediction))
+        _plot_dots(axes, u, modelled, ls="-", label="model", ms=0.6, lw=0.5, color="C0")
     at = "" if not result.lag else f" {counted(result.lag, 'sample')} before"
     axes.set(xlabel=input_label + at, ylabel=output_label, title="Loop")
     axes.legend(frameon=False, loc="upper left")
@@ -148,7 +149,7 @@ def _grey_unexcited(axes: Axes, result: Identification) -> None:
 def _draw_record(axes: Axes, result: Identification, output_label: str, clock: FloatArray) -> None:
     index = np.arange(result.y.size)
     dots: dict[str, Any] = {"ms": 7, "color": "C1"} if index.size <= _FEW else _DOTS
-    axes.plot(clock, result.y, ".", label="measured", rasterized=True, **dots)
+    _plot_dots(axes, clock, result.y, label="measured", **dots)
     begins = result.curves.begins[1:]
     modelled = np.insert(clock, begins, np.nan), np.insert(result.prediction, begins, np.nan)
     axes.plot(*modelled, lw=0.8, color="C0", label="model", rasterized=True)
@@ -171,7 +172,7 @@ def _residual(result: Identification) -> tuple[FloatArray, float]:
 
 def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> None:
     residual, unit = _residual(result)
-    axes.plot(clock, residual, ".", ms=_size(clock), color="C0", rasterized=True)
+    _plot_dots(axes, clock, residual, ms=_size(clock), color="C0")
     if result.posterior is not None or result.scatter is not None:
         shown = np.unique(np.linspace(0, clock.size - 1, _MOST_BANDS).astype(np.int64))
         reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
@@ -226,6 +227,27 @@ def _draw_rms(axes: Axes, x: FloatArray, size: FloatArray) -> None:
     axes.plot(middles, np.sqrt(mean[enough]), "o-", ms=4, color="C0", label="rms")
     margin = 0.03 * (high - low) or 1.0
     axes.set_xlim(low - margin, high + margin)
+
+
+def _plot_dots(axes: Axes, x: FloatArray, y: FloatArray, ls: str = "", **style: Any) -> None:
+    """Plot points, of many only those that can be told apart."""
+    shown = _distinct(x, y) if x.size > _MOST_DRAWN else None
+    axes.plot(x, y, ls=ls, marker=".", markevery=shown, rasterized=True, **style)
+
+
+def _distinct(x: FloatArray, y: FloatArray) -> list[int]:
+    """Return one sample of each cell of a grid over the points, and all samples far from them."""
+    samples = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    inside, cell = np.ones(samples.size, dtype=np.bool_), np.zeros(samples.size, dtype=np.int64)
+    for values in (x[samples], y[samples]):
+        low, high = np.quantile(values, [0.01, 0.99])
+        place = (values - low) / ((high - low) or 1.0) + 0.5
+        inside &= (place >= 0) & (place < 2)
+        cell = 2 * _CELLS * cell + (_CELLS * np.clip(place, 0, 2 - 1 / _CELLS)).astype(np.int64)
+    last = np.zeros((2 * _CELLS) ** 2, dtype=np.int64)
+    last[cell[inside]] = samples[inside]
+    kept: list[int] = samples[~inside | (last[cell] == samples)].tolist()
+    return kept
 
 
 def _size(values: FloatArray) -> float:

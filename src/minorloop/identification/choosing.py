@@ -168,7 +168,9 @@ def _first(record: FitRecord) -> FitRecord:
         return record
     size = int(rows[_MOST_ROWS])
     curves = Curves(record.curves.begins[record.curves.begins < size], record.curves.start)
-    return FitRecord(record.u[:size], record.y[:size], record.fitted[:size], curves, record.signed)
+    sd = None if record.sd is None else record.sd[:size]
+    u, y, fitted = record.u[:size], record.y[:size], record.fitted[:size]
+    return replace(record, u=u, y=y, fitted=fitted, curves=curves, sd=sd)
 
 
 def structure(spec: PlaneSpec) -> str:

@@ -7,6 +7,7 @@ from scipy import linalg
 
 from minorloop.arrays import FloatArray
 from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.threads import one_thread
 
 _DENSE = 40_000_000
 """Numbers in a design matrix up to which its singular values are worked out directly."""
@@ -35,7 +36,8 @@ def singular_values(matrix: DesignMatrix) -> FloatArray:
 
 def rank_and_condition(matrix: DesignMatrix) -> tuple[int, float]:
     """Rank of the design with unit columns, and the condition of its determined part."""
-    values = singular_values(matrix)
+    with one_thread(matrix.spec.unknowns):
+        values = singular_values(matrix)
     if not values.size or values[0] == 0:
         return 0, np.inf
     exact = matrix.samples * matrix.spec.unknowns <= _DENSE

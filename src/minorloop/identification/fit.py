@@ -39,7 +39,7 @@ def identify(
     signed: bool = False,
     smoothness: float | Literal["auto"] = "auto",
     prior: Regularisation = "auto",
-    noise: float | None = None,
+    noise: float | npt.ArrayLike | None = None,
     lag: int | Literal["auto"] = 0,
     start: Start = "negative",
     offset: bool = True,
@@ -85,9 +85,12 @@ def identify(
         predictive bands. ``"auto"`` uses it for fewer than three samples per unknown, except
         where a smoothness is given, where the samples determine a plane that reproduces them to
         rounding, or where there are more than 2,100 cells.
-    noise : float, optional
-        Standard deviation of a measured output, in its unit, where it is known; used by the
-        prior only.
+    noise : float or (T,) array_like, optional
+        Standard deviation of the measured outputs, in their unit, where it is known. One number is
+        used by the prior only. Of an array, one for each output, NaN where it is not known and
+        then the greatest, the fit without the prior weights each output with 1 / (sd^2 + m^2),
+        where m is the error of the model itself, from its residual. The prior takes them as the
+        noise of up to 400 outputs; of more outputs, their rms.
     lag : int or "auto"
         Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples, and
         keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise.
@@ -135,12 +138,12 @@ def identify(
     check_option("diagonal", diagonal, ("uniform", "reversible", "auto"))
     checks.check_flags(slope=False if slope == "auto" else slope, signed=signed, offset=offset)
     checks.check_prior(prior, smoothness)
-    sensor = checks.as_noise(noise)
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     group = _as_groups(curves, groups, inputs.size)
     skipped = checks.as_skip(skip, parts.positions(inputs.size))
     fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
-    record = FitRecord(inputs, outputs, fitted, parts, bool(signed))
+    sensor, sd = checks.as_noise(noise, fitted)
+    record = FitRecord(inputs, outputs, fitted, parts, bool(signed), sd)
     grids = _grids(record, levels, spacing)
     specs = _structures(grids[0], relay, diagonal, slope, bool(offset))
     automatic = len(specs) > 1 or len(grids) > 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
 
@@ -58,6 +58,10 @@ class FitRecord:
         Where the memory is reset.
     signed : bool
         Whether weights and slope may be negative.
+    sd : (T,) array, optional
+        Standard deviation of each output, greater than 0; outputs count alike if not given.
+    model_error : float
+        Standard deviation by which the model itself is off; it is added to each ``sd``.
     """
 
     u: FloatArray
@@ -65,12 +69,30 @@ class FitRecord:
     fitted: BoolArray
     curves: Curves
     signed: bool
+    sd: FloatArray | None = None
+    model_error: float = 0.0
 
     def without(self, sample: int) -> FitRecord:
         """Return the record with one sample less to be fitted."""
         fitted = self.fitted.copy()
         fitted[sample] = False
-        return FitRecord(self.u, self.y, fitted, self.curves, self.signed)
+        return replace(self, fitted=fitted)
+
+    def weight(self, rows: IntArray) -> FloatArray | None:
+        """Inverse variances of outputs (M,), with a mean of 1; None where outputs count alike."""
+        if self.sd is None:
+            return None
+        weight = 1.0 / (self.sd[rows] ** 2 + self.model_error**2)
+        return np.asarray(weight / weight.mean())
+
+    def with_model_error(self, found: FittedPlane) -> FitRecord:
+        """Return the record with the error of a fitted model beyond the noise of its samples."""
+        rows, weight = found.regression.rows, self.weight(found.regression.rows)
+        if self.sd is None or weight is None:
+            return self
+        off = found.regression.matrix.forward(found.x) - found.regression.y
+        excess = float(np.mean(weight * (off**2 - self.sd[rows] ** 2)))
+        return replace(self, model_error=float(np.sqrt(max(excess, 0.0))))
 
     def rows(self, lag: int) -> IntArray:
         """(M,) samples that are fitted with a lag: none before the first delayed input."""
@@ -109,8 +131,9 @@ class FitRecord:
             matrix = DesignMatrix(spec, short.u, short.measured, "negative", short.counts)
             row = np.searchsorted(places, short.rows)
             return Regression(matrix, short.y, row, short.u, short.measured, short.within)
-        matrix = DesignMatrix(spec, inputs, measured, self.curves.start)
-        return Regression(matrix, self.y[rows], rows, inputs, measured)
+        matrix = DesignMatrix(spec, inputs, measured, self.curves.start, self.weight(rows))
+        relative = None if self.sd is None else self.sd[rows] ** 2 / np.mean(self.sd[rows] ** 2)
+        return Regression(matrix, self.y[rows], rows, inputs, measured, relative=relative)
 
     def _condensed(
         self,
@@ -120,7 +143,7 @@ class FitRecord:
         measured: BoolArray,
         labels: IntArray | None,
     ) -> Condensed | None:
-        if np.count_nonzero(measured) < LONG:
+        if np.count_nonzero(measured) < LONG or self.sd is not None:
             return None
         y = self.y
         if inputs.size != y.size:
@@ -140,7 +163,8 @@ class Regression:
     In a condensed record, each output stands for several samples, one of which is in ``rows``.
 
     ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
-    the outputs about the condensed ones.
+    the outputs about the condensed ones; ``relative`` the variance of the noise of each output, of
+    mean 1.
     """
 
     matrix: DesignMatrix
@@ -149,6 +173,7 @@ class Regression:
     inputs: FloatArray
     measured: BoolArray
     within: float = 0.0
+    relative: FloatArray | None = None
 
     def squared_error(self, x: FloatArray) -> float:
         """Sum of squared errors, without that within condensed samples."""
@@ -156,11 +181,12 @@ class Regression:
         return float(off @ off if self.matrix.counts is None else self.matrix.counts @ off**2)
 
     @cached_property
-    def dense(self) -> tuple[FloatArray, FloatArray] | None:
-        """Regressors and features for the prior; None for many samples."""
+    def dense(self) -> tuple[FloatArray, ...] | None:
+        """Regressors, features and relative noise for the prior; None for many samples."""
         if self.rows.size > MOST_CORRELATED:
             return None
-        return regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
+        found = regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
+        return found if self.relative is None else (*found, self.relative)
 
     @cached_property
     def coarse(self) -> tuple[PlaneSpec, FloatArray] | None:
@@ -207,7 +233,9 @@ def fit_plane(
             if reproduces(found.regression.matrix, found.x, found.regression.y):
                 return found
         return _fit_with_prior(spec, record, lag, noise)
-    return fit_smooth(spec, record, lag, smoothness, labels)
+    found = fit_smooth(spec, record, lag, smoothness, labels)
+    better = record.with_model_error(found)
+    return found if better is record else fit_smooth(spec, better, lag, smoothness, labels)
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:
@@ -284,15 +312,16 @@ def _suspect(
     without = fit_dense(
         found.posterior.spec,
         y[others],
-        (dense[0][others], dense[1][others]),
+        tuple(part[others] for part in dense),
         signed=signed,
         noise=noise,
         guess=found.learnt,
         coarse=None if coarse is None else (coarse[0], coarse[1][others]),
     )
     row = dense[0][worst : worst + 1]
+    own = 1.0 if regression.relative is None else float(np.sqrt(regression.relative[worst]))
     h, unit = without.posterior.hyperparameters, without.posterior.unit
-    allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * unit)
+    allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * own * unit)
     return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
 
 
@@ -319,7 +348,7 @@ def best_lag(spec: PlaneSpec, record: FitRecord) -> int:
     shared = record.fitted & (record.curves.positions(record.u.size) >= longest)
     if np.count_nonzero(shared) < FEWEST:
         return 0
-    common = FitRecord(record.u, record.y, shared, record.curves, record.signed)
+    common = replace(record, fitted=shared)
     errors = []
     for lag in range(longest + 1):
         found = fit_smooth(coarse, common, lag, 0.0)

@@ -201,7 +201,8 @@ class Evidence:
     """Scaled measurements, in the form that the likelihood needs.
 
     ``y`` (M,) outputs. Where the discrepancy is correlated, regressors ``rows`` (M, n) and
-    ``features`` (M, 3) as `regressors` gives them; otherwise ``gram`` A'A (n, n) and ``slope`` A'y
+    ``features`` (M, 3) as `regressors` gives them, and ``relative`` (M,), the noise variance of
+    each output over that of the hyperparameters; otherwise ``gram`` A'A (n, n) and ``slope`` A'y
     (n,).
     """
 
@@ -209,6 +210,7 @@ class Evidence:
     y: FloatArray
     rows: FloatArray | None = None
     features: FloatArray | None = None
+    relative: FloatArray | float = 1.0
     gram: FloatArray | None = None
     slope: FloatArray | None = None
 
@@ -221,7 +223,7 @@ class Evidence:
             square = float(self.y @ self.y) / variance
             logarithm = self.y.size * float(np.log(variance))
             return self.gram / variance, self.slope / variance, square, logarithm
-        root = np.linalg.cholesky(disturbance(self.features, h))
+        root = np.linalg.cholesky(disturbance(self.features, h, self.relative))
         white = _triangular_solve(root, np.column_stack([self.rows, self.y]))
         a, y = white[:, :-1], white[:, -1]
         return a.T @ a, a.T @ y, float(y @ y), 2 * float(np.log(root.diagonal()).sum())
@@ -285,7 +287,7 @@ class PriorFit:
 def fit_prior(
     matrix: DesignMatrix,
     y: FloatArray,
-    dense: tuple[FloatArray, FloatArray] | None,
+    dense: tuple[FloatArray, ...] | None,
     *,
     signed: bool = False,
     noise: float | None = None,
@@ -301,7 +303,8 @@ def fit_prior(
     y : (M,) array
         Outputs.
     dense : tuple, optional
-        What `regressors` gives, up to `MOST_CORRELATED` samples.
+        What `regressors` gives, up to `MOST_CORRELATED` samples; possibly the relative variances
+        of the noise as well.
     signed : bool
         Let weights and slope be negative.
     noise : float, optional
@@ -356,7 +359,7 @@ def _fit_gram(
 def fit_dense(
     spec: PlaneSpec,
     y: FloatArray,
-    dense: tuple[FloatArray, FloatArray],
+    dense: tuple[FloatArray, ...],
     *,
     signed: bool = False,
     noise: float | None = None,
@@ -374,7 +377,7 @@ def fit_dense(
         if coarse is None:
             learnt = h = search(found, _scaled_noise(noise, unit), guess)
         else:
-            small = Evidence(coarse[0], scaled, coarse[1], dense[1])
+            small = Evidence(coarse[0], scaled, coarse[1], *dense[1:])
             learnt = search(small, _scaled_noise(noise, unit), guess)
             h = replace(learnt, nugget=learnt.nugget * spec.cells / coarse[0].cells)
         x, kkt, factor = _solve(plane, found, h, signed)
@@ -393,7 +396,7 @@ def fit_given(
     posterior: Posterior,
     matrix: DesignMatrix,
     y: FloatArray,
-    dense: tuple[FloatArray, FloatArray] | None,
+    dense: tuple[FloatArray, ...] | None,
     kept: BoolArray,
     *,
     signed: bool,
@@ -422,7 +425,7 @@ def fit_given(
         if dense is None:
             found = _gram_evidence(matrix, scaled, kept.astype(np.float64))
         else:
-            found = Evidence(spec, scaled[kept], dense[0][kept], dense[1][kept])
+            found = Evidence(spec, scaled[kept], *(part[kept] for part in dense))
         x, _, _ = _solve(PlanePrior(spec), found, posterior.hyperparameters, signed)
     return _unscaled(spec, x, unit, shift)
 
@@ -491,9 +494,11 @@ def regressors(
     return np.hstack(columns), features
 
 
-def disturbance(features: FloatArray, h: Hyperparameters) -> FloatArray:
-    """(M, M) covariance of discrepancy plus noise."""
-    independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2
+def disturbance(
+    features: FloatArray, h: Hyperparameters, relative: FloatArray | float = 1.0
+) -> FloatArray:
+    """(M, M) covariance of discrepancy plus noise, of relative variance of the noise."""
+    independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2 * relative
     covariance: FloatArray = h.discrepancy**2 * _correlated(features)
     covariance[np.diag_indices(len(features))] += independent
     return covariance
@@ -573,7 +578,7 @@ def _likelihood_of_few(
     rows = evidence.rows * scale
     correlated = h.discrepancy**2 * _correlated(evidence.features)
     covariance = rows @ plane.covariance(h) @ rows.T + correlated
-    independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2
+    independent = (1 - CORRELATED_SHARE) * h.discrepancy**2 + h.noise**2 * evidence.relative
     covariance[np.diag_indices(y.size)] += independent
     outer = np.linalg.cholesky(covariance)
     half = _triangular_solve(outer, np.column_stack([np.eye(y.size), y]))
@@ -585,7 +590,7 @@ def _likelihood_of_few(
     total = float(np.trace(weight))
     own = (1 - CORRELATED_SHARE) * h.discrepancy**2 * total
     slopes[5] = 2 * (float(np.sum(weight * correlated)) + own)
-    slopes[7] = 2 * h.noise**2 * total
+    slopes[7] = 2 * h.noise**2 * float(np.sum(weight.diagonal() * evidence.relative))
     return value, 0.5 * slopes
 
 
@@ -654,7 +659,8 @@ def _leave_one_out(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) ->
     assert evidence.features is not None
     scale = plane.scale(h)
     half = np.asarray(evidence.rows * scale) @ np.linalg.cholesky(plane.covariance(h))
-    inverse = np.linalg.inv(half @ half.T + disturbance(evidence.features, h))
+    covariance = half @ half.T + disturbance(evidence.features, h, evidence.relative)
+    inverse = np.linalg.inv(covariance)
     return np.asarray((inverse @ evidence.y) / np.sqrt(inverse.diagonal()))
 
 

@@ -22,6 +22,8 @@ from minorloop.identification.design_matrix import check_bands
 from minorloop.identification.levels import levels_for
 from minorloop.lab.codes import OVERLOAD, Code, codes
 
+_LEAST_SD = 0.1
+"""Standard deviations below this share of their median count as so much."""
 FEWEST = 3
 """Measured samples below which nothing is fitted."""
 
@@ -143,18 +145,40 @@ def as_lag(lag: int | str, samples: int) -> int:
     return int(lag)
 
 
-def as_noise(noise: float | None) -> float | None:
-    """Check the standard deviation of a measured output."""
+def as_noise(
+    noise: float | npt.ArrayLike | None, fitted: BoolArray
+) -> tuple[float | None, FloatArray | None]:
+    """Check the standard deviations of measured outputs; return their rms, and each if given."""
     if noise is None:
-        return None
+        return None, None
+    if np.ndim(noise):
+        sd = _each(np.asarray(noise, dtype=np.float64), fitted)
+        return (0.0, None) if sd is None else (float(np.sqrt(np.mean(sd[fitted] ** 2))), sd)
     if isinstance(noise, bool | np.bool_):
         raise ParameterError(f"noise is {noise}; give a standard deviation in the output's unit")
-    number = as_finite("noise", noise)
+    number = as_finite("noise", noise)  # type: ignore[arg-type]
     if not 0 <= number <= LARGEST:
         raise ParameterError(
             f"noise is {noise}; give a standard deviation >= 0 and up to {LARGEST:g}"
         )
-    return number
+    return number, None
+
+
+def _each(sd: FloatArray, fitted: BoolArray) -> FloatArray | None:
+    """Return a standard deviation above 0 for each output; None if all are 0."""
+    if sd.shape != fitted.shape:
+        raise SignalError(f"noise has shape {sd.shape}; give one for each of {fitted.size} outputs")
+    known = sd[fitted & ~np.isnan(sd)]
+    if not known.size or not ((known >= 0) & (known <= LARGEST)).all():
+        row = int(np.argmax(fitted & ~((sd >= 0) & (sd <= LARGEST))))
+        raise SignalError(
+            f"noise is {sd[row]} at index {row}; give standard deviations >= 0 and up to "
+            f"{LARGEST:g}, NaN where one is not known"
+        )
+    if not known.any():
+        return None
+    least = _LEAST_SD * float(np.median(known[known > 0]))
+    return np.maximum(np.where(np.isnan(sd), known.max(), sd), least)
 
 
 def check_flags(**flags: object) -> None:

@@ -7,6 +7,8 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +19,10 @@ from minorloop.files import PathLike, check_name
 from minorloop.lab.sheets import Sheet, is_sheet, read_sheet
 from minorloop.lab.text_tables import UNITS, Rows, TextTable, is_number, opened
 
+Labels: TypeAlias = FloatArray | npt.NDArray[np.str_]
+"""A column of labels: numbers, or texts."""
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_EPOCH_WITHOUT_ZONE = _EPOCH.replace(tzinfo=None)
 _THOUSANDS = re.compile(
     r"[-+]?\d{1,3}((,\d{3})+\.\d*|(\.\d{3})+,\d*|([,.]\d{3}){2,}"
     r"|(['\u2019 \xa0\u202f]\d{3})+([.,]\d*)?)"
@@ -64,21 +70,60 @@ def read_columns(
         If the file cannot be read, is not such a table, lacks a column, or has a cell that is not a
         finite number. The message gives the column and the row; the header is row 1.
     """
+    return read_table(path, names, gaps=gaps, dates=dates, progress=progress)[0]
+
+
+def read_table(
+    path: PathLike,
+    names: Sequence[str],
+    labels: Sequence[str] = (),
+    *,
+    gaps: Collection[str] = (),
+    dates: Collection[str] = (),
+    progress: Callable[[str], None] | None = None,
+) -> tuple[dict[str, FloatArray], dict[str, Labels]]:
+    """Read columns of numbers, and columns of labels such as specimens, in one pass.
+
+    Parameters
+    ----------
+    path, names, gaps, dates, progress
+        As for `read_columns`.
+    labels : sequence of str
+        Columns of labels: numbers if all are, otherwise texts.
+
+    Returns
+    -------
+    dict of str to (rows,) array, dict of str to (rows,) array
+        The columns of numbers and those of labels, by the given names.
+
+    Raises
+    ------
+    RecordError
+        As for `read_columns`, or if a label is empty.
+    """
     if is_sheet(path):
-        return _of_sheet(read_sheet(path), names, gaps, dates)
+        sheet = read_sheet(path)
+        return _of_sheet(sheet, names, gaps, dates), {
+            name: _labels_of_sheet(sheet, name) for name in labels
+        }
     with opened(path, progress) as table:
         where = {
             name: table.headers.index(find_column(name, table.headers, source=table.file))
-            for name in names
+            for name in (*names, *labels)
         }
         pieces: dict[str, list[FloatArray]] = {name: [] for name in names}
+        texts = {name: _Labels(name, table.file, table.decimal) for name in labels}
+        rows = 0
         for block in table.blocks():
-            for name, index in where.items():
-                pieces[name].append(_column(table, block, index, name in gaps, name in dates))
-    columns = {name: np.concatenate(parts or [np.empty(0)]) for name, parts in pieces.items()}
-    if any(column.size == 0 for column in columns.values()):
+            rows += len(block if isinstance(block, np.ndarray) else block[0])
+            for name, parts in pieces.items():
+                parts.append(_column(table, block, where[name], name in gaps, name in dates))
+            for name, found in texts.items():
+                found.add(block, where[name])
+    if not rows:
         raise RecordError(f"{table.file} has a header and no rows; there is nothing to read")
-    return columns
+    columns = {name: np.concatenate(parts or [np.empty(0)]) for name, parts in pieces.items()}
+    return columns, {name: found.joined() for name, found in texts.items()}
 
 
 def read_each(path: PathLike) -> list[FloatArray | RecordError]:
@@ -119,7 +164,7 @@ def read_each(path: PathLike) -> list[FloatArray | RecordError]:
     ]
 
 
-def read_labels(path: PathLike, name: str) -> FloatArray | npt.NDArray[np.str_]:
+def read_labels(path: PathLike, name: str) -> Labels:
     """Return a column of labels, such as specimens: numbers if all are, otherwise texts.
 
     Raises
@@ -127,31 +172,7 @@ def read_labels(path: PathLike, name: str) -> FloatArray | npt.NDArray[np.str_]:
     RecordError
         As for ``read_columns``, or if a label is empty.
     """
-    with suppress(RecordError):
-        return read_columns(path, [name])[name]
-    cells: list[str] = []
-    numbers: list[int] = []
-    if is_sheet(path):
-        sheet = read_sheet(path)
-        cells += map(str, sheet.cells(find_column(name, sheet.headers, source=sheet.file)))
-        numbers += range(sheet.first, sheet.first + len(cells))
-    else:
-        with opened(path) as table:
-            index = table.headers.index(find_column(name, table.headers, source=table.file))
-            for block in table.blocks():
-                if isinstance(block, np.ndarray):
-                    cells += map(repr, block[:, index].tolist())
-                    numbers += [0] * len(block)
-                else:
-                    cells += [row[index] for row in block[0]]
-                    numbers += block[1]
-    labels = np.array([cell.strip() for cell in cells])
-    empty = np.flatnonzero(np.isin(labels, ("", "nan", "NaN")))
-    if empty.size:
-        raise RecordError(
-            f"column '{name}' of {path} is empty in row {numbers[empty[0]]}; give every row a label"
-        )
-    return labels
+    return read_table(path, (), [name])[1][name]
 
 
 def read_headers(path: PathLike) -> list[str]:
@@ -252,10 +273,54 @@ def _of_sheet(
     return columns
 
 
+def _labels_of_sheet(sheet: Sheet, name: str) -> Labels:
+    found = _Labels(name, sheet.file)
+    cells = [
+        [str(cell)] for cell in sheet.cells(find_column(name, sheet.headers, source=sheet.file))
+    ]
+    found.add((cells, range(sheet.first, sheet.first + len(cells))), 0)
+    return found.joined()
+
+
 def _seconds(text: str) -> float:
     """Return seconds since 1970 of a date and time in ISO 8601; without a zone it is UTC."""
     moment = datetime.fromisoformat(text.strip())
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return (moment - (_EPOCH if moment.tzinfo else _EPOCH_WITHOUT_ZONE)).total_seconds()
+
+
+class _Labels:
+    """Collects the labels of one column."""
+
+    def __init__(self, name: str, file: Path, decimal: str = ".") -> None:
+        self.where = f"column '{name}' of {file}"
+        self.decimal = decimal
+        self.parts: list[tuple[list[str] | FloatArray, Sequence[int]]] = []
+
+    def add(self, block: FloatArray | Rows, index: int) -> None:
+        if isinstance(block, np.ndarray):
+            self.parts.append((block[:, index].copy(), ()))
+        else:
+            self.parts.append(([row[index] for row in block[0]], block[1]))
+
+    def joined(self) -> Labels:
+        with suppress(RecordError):
+            return np.concatenate([self._numbers(*part) for part in self.parts])
+        return np.concatenate([self._texts(*part) for part in self.parts])
+
+    def _numbers(self, cells: list[str] | FloatArray, numbers: Sequence[int]) -> FloatArray:
+        if isinstance(cells, np.ndarray):
+            return cells
+        return _Cells(self.where, numbers, False, decimal=self.decimal).parse(cells)
+
+    def _texts(self, cells: list[str] | FloatArray, numbers: Sequence[int]) -> npt.NDArray[np.str_]:
+        if isinstance(cells, np.ndarray):
+            return np.array(list(map(repr, cells.tolist())))
+        texts = np.array([cell.strip() for cell in cells])
+        empty = np.isin(texts, ("", "nan", "NaN"))
+        if empty.any():
+            row = numbers[int(np.argmax(empty))]
+            raise RecordError(f"{self.where} is empty in row {row}; give every row a label")
+        return texts
 
 
 class _Cells:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike
-from minorloop.lab.columns import find_column, read_columns, read_headers, with_unit
+from minorloop.lab.columns import (
+    Labels,
+    find_column,
+    read_columns,
+    read_headers,
+    read_table,
+    with_unit,
+)
 from minorloop.lab.records import SAMPLE, Quantity, Record
 from minorloop.lab.timebase import (
     GAP,
@@ -40,10 +47,16 @@ class Log:
         The samples; times never run backwards.
     check : TimeCheck, optional
         What was found in the times; None without a column of time.
+    labels : dict of str to (T,) array
+        Columns of labels, by the names they were asked for.
+    sd : (T,) array, optional
+        Standard deviation of each output, NaN where it is not known; None if none is.
     """
 
     record: Record
     check: TimeCheck | None = None
+    labels: Mapping[str, Labels] = field(default_factory=dict)
+    sd: FloatArray | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -109,9 +122,11 @@ def read_log(
     input: str,
     output: str,
     time: str | None = None,
+    labels: Sequence[str] = (),
+    sd: str | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Log:
-    """Read an input, an output and time from a file.
+    """Read an input, an output, time and labels from a file, in one pass.
 
     Parameters
     ----------
@@ -123,6 +138,10 @@ def read_log(
     time : str, optional
         Column of time, in the unit of its header, or date and time as ISO 8601; without it, the
         samples are counted.
+    labels : sequence of str
+        Columns of labels, such as specimens.
+    sd : str, optional
+        Column of the standard deviation of the output, in its unit; it may have gaps.
     progress : callable, optional
         Called with the share that has been read, as text.
 
@@ -136,22 +155,33 @@ def read_log(
     headers = read_headers(path)
     wanted = [name for name in (input, output, time) if name is not None]
     found = [find_column(name, headers, source=path) for name in wanted]
-    labels = [with_unit(*pair) for pair in zip(wanted, found, strict=True)]
+    names = [with_unit(*pair) for pair in zip(wanted, found, strict=True)]
     for place, header in enumerate(found):
         if header in found[:place]:
-            names = ("--input", "--output", "--time")
+            options = ("--input", "--output", "--time")
             raise ParameterError(
-                f"{names[found.index(header)]} and {names[place]} are both '{header}'; give two "
-                "columns"
+                f"{options[found.index(header)]} and {options[place]} are both '{header}'; give "
+                "two columns"
             )
     dates = () if time is None else (time,)
-    columns = read_columns(path, wanted, gaps=(output,), dates=dates, progress=progress)
+    deviations = () if sd is None else (sd,)
+    columns, texts = read_table(
+        path,
+        [*wanted, *deviations],
+        labels,
+        gaps=(output, *deviations),
+        dates=dates,
+        progress=progress,
+    )
     u, y = columns[input], columns[output]
+    noise = None if sd is None else columns[sd]
+    if noise is not None and np.isnan(noise[np.isfinite(y)]).all():
+        noise = None
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
-        return Log(Record(t, u, y, labels[0], labels[1], time=SAMPLE))
-    clock, check = _checked(columns[time], labels[2])
-    return Log(Record(check.t, u, y, labels[0], labels[1], time=clock), check)
+        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise)
+    clock, check = _checked(columns[time], names[2])
+    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise)
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:

@@ -25,7 +25,7 @@ from minorloop.head.console.uploads import INPUTS, MODEL, REPORT
 from minorloop.identification import Identification, identify
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
 from minorloop.identification.scores import score_rows
-from minorloop.lab.columns import read_each, read_headers, read_labels, split_header
+from minorloop.lab.columns import read_each, read_headers, split_header
 from minorloop.lab.logs import read_log
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import time_column
@@ -124,12 +124,10 @@ def identify_file(
     count = DEFAULT_LEVELS if levels == "auto" else levels
     if not isinstance(count, int) or not 1 <= count <= _MOST_LEVELS:
         raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
-    log = read_log(name, input=input, output=output, time=time)
-    labels = {
-        option: read_labels(name, column)
-        for option, column in (("curves", curves), ("groups", groups))
-        if column is not None
-    }
+    columns = {"curves": curves, "groups": groups}
+    named = {option: column for option, column in columns.items() if column is not None}
+    log = read_log(name, input=input, output=output, time=time, labels=list(named.values()))
+    labels = {option: log.labels[column] for option, column in named.items()}
     if curves is not None:
         log = log.with_memory_reset()
     whole = not labels and not first and last is None and options.get("lag") != 0
