@@ -71,3 +71,15 @@ def test_a_notebook_shows_the_last_samples_of_a_long_record(monkeypatch):
     axes = identification.draw_loop_and_plane(FIT).axes[0]
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), FIT.y[-5:])
     assert axes.get_title() == "Loop, last 5 samples"
+
+
+def test_curves_are_drawn_with_their_rms_and_largest_errors():
+    labels = np.repeat(np.arange(12), 9)
+    found = identify(
+        np.tile(U, 12), np.tile(TRUTH.simulate(U), 12), levels=4, curves=labels, skip=1
+    )
+    rms, largest, left_out = identification.draw_curves(found).axes[0].lines
+    errors = [one.accuracy for one in found.curve_accuracy]
+    np.testing.assert_allclose(rms.get_ydata(), [100 * one.nrmse for one in errors])
+    np.testing.assert_allclose(largest.get_ydata(), [100 * abs(one.worst) for one in errors])
+    assert np.isfinite(left_out.get_ydata()).all()

@@ -255,6 +255,23 @@ def _shade_held_out(axes: Axes, result: Identification, clock: FloatArray) -> No
         axes.legend(framealpha=0.9, loc="lower right")
 
 
+def draw_curves(result: Identification) -> Any:
+    """Draw the root-mean-square and the largest error of each curve."""
+    figure, axes = new_figure()
+    curves = result.curve_accuracy
+    number = np.arange(len(curves))
+    axes.plot(number, [100 * one.accuracy.nrmse for one in curves], ".-", label="rms")
+    largest = [100 * abs(one.accuracy.worst) for one in curves]
+    axes.plot(number, largest, ".", color="0.6", label="largest")
+    if result.left_out is not None:
+        off = [np.nan if one.left_out is None else 100 * one.left_out for one in curves]
+        axes.plot(number, off, ".-", color="C1", label="rms of a fit without its group")
+    axes.set(xlabel="curve", ylabel="error, % of range")
+    axes.set_ylim(bottom=0)
+    axes.legend(frameon=False)
+    return figure
+
+
 def draw_excitation(report: ExcitationReport) -> Any:
     """Draw the excited cells by their band numbers."""
     from matplotlib.colors import ListedColormap
