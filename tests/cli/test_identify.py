@@ -430,3 +430,33 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
     assert found["residual"]["worst_sample"] < 400
     assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html")[1]
     assert "Chosen structure: " in Path("chosen.html").read_text()
+
+
+def test_a_model_is_made_from_a_data_sheet(run, answer):
+    line = "identify --from-loop 12.8 0.58 1.5 --field 217 --input 'H [A/m]' --output 'B [T]'"
+    status, out, err = run(f"{line} --save sheet.json")
+    assert (status, err) == (0, "")
+    assert "model written to sheet.json\nB [T] against H [A/m]: Preisach" in out
+    assert "! this model was made from a data sheet" in out
+    known = modelfile.read("sheet.json")
+    assert (str(known.input), str(known.output)) == ("H [A/m]", "B [T]")
+    assert known.model.simulate([217.0, 0.0]) == pytest.approx([1.5, 0.58], abs=1e-6)
+    found = answer(line)
+    assert (found["coercivity"], found["field"]) == (12.8, 217)
+    assert found["warnings"] == list(known.warnings)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--from-loop 0 0.5 1", "coercivity is 0; give a positive number"),
+        ("--from-loop 1 x 2", "--from-loop is '1 x 2'; give three numbers"),
+        ("--from-loop 1 0.5", "requires 3 arguments"),
+        ("--from-loop 1 0.5 1 --levels 5", "--levels cannot be combined with --from-loop"),
+        ("good.csv --from-loop 1 0.5 1", "a file cannot be combined with --from-loop"),
+        ("good.csv --field 3", "--field is given without --from-loop"),
+        ("", "Missing argument 'file'; see minorloop identify --help, or give --from-loop"),
+    ],
+)
+def test_refuses_what_is_no_data_sheet(options, says, refused):
+    assert says in refused(f"identify {options}")
