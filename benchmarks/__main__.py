@@ -27,6 +27,7 @@ PARTS = (
     "raw_logs",
     "fast_stage",
     "group_bands",
+    "data_sheets",
     "faults",
     "strangers",
 )

@@ -13,7 +13,7 @@ NAMES = {
     *("Preisach", "RelayModel", "PrandtlIshlinskii", "GeneralisedPrandtlIshlinskii"),
     *("Polynomial", "Memory", "Tracker", "Inversion"),
     *("identify", "Identification", "excitation", "densities"),
-    *("identify_dynamics", "DynamicIdentification"),
+    *("identify_dynamics", "DynamicIdentification", "from_loop", "DataSheetModel"),
     *("Linear", "Cascade", "Trajectory", "Creep", "fit_creep"),
     *("Actuator", "Adaptive", "Channel", "Prediction", "NextInput", "next_input", "design"),
     *("arx", "step_response", "frequency_response", "Preamble", "describing_function"),

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from minorloop.identification.adaptive import Adaptive
     from minorloop.identification.arx import arx, step_response
     from minorloop.identification.bands import Prediction
+    from minorloop.identification.data_sheet import DataSheetModel, from_loop
     from minorloop.identification.design import NextInput, design, next_input
     from minorloop.identification.frequency import Preamble, describing_function, frequency_response
     from minorloop.identification.rational import fit_response
@@ -75,6 +76,7 @@ __all__ = [
     "Cascade",
     "Channel",
     "Creep",
+    "DataSheetModel",
     "DynamicIdentification",
     "FleetError",
     "GeneralisedPrandtlIshlinskii",
@@ -122,6 +124,7 @@ __all__ = [
     "fit_creep",
     "fit_response",
     "frequency_response",
+    "from_loop",
     "identify",
     "identify_dynamics",
     "load",
@@ -137,6 +140,7 @@ _HOMES = {
     "minorloop.lab.actuator": ("Actuator", "Channel"),
     "minorloop.identification.adaptive": ("Adaptive",),
     "minorloop.identification.bands": ("Prediction",),
+    "minorloop.identification.data_sheet": ("DataSheetModel", "from_loop"),
     "minorloop.identification.design": ("NextInput", "design", "next_input"),
     "minorloop.dynamics.cascade": ("Cascade",),
     "minorloop.dynamics.creep": (

@@ -195,7 +195,30 @@ def identification_report(
         "by the rate of the input."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
+    if result.curve_accuracy:
+        _add_curves(report, result)
     return report
+
+
+def _add_curves(report: Report, result: Identification) -> None:
+    """Add a section on the errors by curve, with a figure for many curves."""
+    from minorloop.drawing.identification import draw_curves
+    from minorloop.identification.scores import (
+        CURVE_COLUMNS,
+        MOST_CURVES,
+        curve_rows,
+        curve_title,
+    )
+
+    pictures = []
+    if len(result.curve_accuracy) > MOST_CURVES:
+        caption = "Root-mean-square and largest error of each curve, in the order of the record."
+        pictures.append(Picture(draw_curves(result), caption))
+    table = Table(CURVE_COLUMNS, curve_rows(result))
+    title = curve_title(result)
+    report.add(
+        "Curve by curve", text=f"{title[0].upper()}{title[1:]}.", table=table, pictures=pictures
+    )
 
 
 def _add_dynamics(report: Report, found: DynamicIdentification, labels: Sequence[str]) -> None:

@@ -18,7 +18,8 @@ from minorloop.lab import text_tables
 IDENTIFY = "identify good.csv --input voltage --output length --levels 8"
 KEYS = (
     "nrmse_train nrmse_holdout baseline_nrmse_holdout lag_samples unknowns rank "
-    "excited_fraction kkt seconds advice smoothness samples levels range"
+    "excited_fraction kkt seconds advice smoothness samples levels range "
+    "relative_rms_train worst_holdout loop_area_train free_parameters curves"
 )
 
 
@@ -38,7 +39,9 @@ def test_from_a_file_to_a_model_with_its_origin(run):
     origin = found.provenance
     assert (origin.data, origin.minorloop) == ("good.csv", __version__)
     assert origin.sha256 == hashlib.sha256(Path("good.csv").read_bytes()).hexdigest()
-    assert set(origin.scores) == {"nrmse_train", "nrmse_holdout", "baseline_nrmse", "kkt"}
+    errors = {"nrmse", "relative_rms", "worst", "loop_area"}
+    both = {f"{error}_{part}" for error in errors for part in ("train", "holdout")}
+    assert set(origin.scores) == both | {"baseline_nrmse", "free_parameters", "kkt"}
     assert origin.scores["nrmse_holdout"] < 0.01
     page = Path("new.html").read_text()
     assert "good.csv" in page
@@ -390,7 +393,12 @@ def test_curves_of_a_column_are_reset_and_left_out(model, run, answer):
     assert found["skipped"] == 12
     assert found["samples"] == 6 * 38
     assert found["nrmse_groups"] < 0.02
+    assert [curve["name"] for curve in found["curves"]] == [f"{k:.1f}" for k in range(6)]
+    assert found["curves"][5]["accuracy"]["samples"] == 38
     assert found["band_sd"] > 0
+    shown = run(f"{line} --curves curve --start-of-curve positive --report curves.html")[1]
+    assert "errors over the range of the record, by curve" in shown
+    assert "Curve by curve" in Path("curves.html").read_text()
     assert run(f"{line} --groups curve")[0] == 1  # one curve for all: not to be trusted
     header, *rows = Path("numbered.csv").read_text().splitlines()
     named = [f"wire {'abcdef'[int(row[0])]},{row.split(',', 1)[1]}" for row in rows]
@@ -422,3 +430,33 @@ def test_the_choices_and_the_residual_are_in_the_json(answer, run):
     assert found["residual"]["worst_sample"] < 400
     assert "chosen structure: " in run(f"{IDENTIFY} --report chosen.html")[1]
     assert "Chosen structure: " in Path("chosen.html").read_text()
+
+
+def test_a_model_is_made_from_a_data_sheet(run, answer):
+    line = "identify --from-loop 12.8 0.58 1.5 --field 217 --input 'H [A/m]' --output 'B [T]'"
+    status, out, err = run(f"{line} --save sheet.json")
+    assert (status, err) == (0, "")
+    assert "model written to sheet.json\nB [T] against H [A/m]: Preisach" in out
+    assert "! this model was made from a data sheet" in out
+    known = modelfile.read("sheet.json")
+    assert (str(known.input), str(known.output)) == ("H [A/m]", "B [T]")
+    assert known.model.simulate([217.0, 0.0]) == pytest.approx([1.5, 0.58], abs=1e-6)
+    found = answer(line)
+    assert (found["coercivity"], found["field"]) == (12.8, 217)
+    assert found["warnings"] == list(known.warnings)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ("--from-loop 0 0.5 1", "coercivity is 0; give a positive number"),
+        ("--from-loop 1 x 2", "--from-loop is '1 x 2'; give three numbers"),
+        ("--from-loop 1 0.5", "requires 3 arguments"),
+        ("--from-loop 1 0.5 1 --levels 5", "--levels cannot be combined with --from-loop"),
+        ("good.csv --from-loop 1 0.5 1", "a file cannot be combined with --from-loop"),
+        ("good.csv --field 3", "--field is given without --from-loop"),
+        ("", "Missing argument 'file'; see minorloop identify --help, or give --from-loop"),
+    ],
+)
+def test_refuses_what_is_no_data_sheet(options, says, refused):
+    assert says in refused(f"identify {options}")

@@ -91,3 +91,15 @@ def test_of_many_dots_those_that_can_be_told_apart_are_drawn(monkeypatch):
     assert set(drawn) == {point for point in points if np.isfinite(point).all()}
     assert len(drawn) < 50
     assert y[700] in dots.get_ydata()[dots.get_markevery()]
+
+
+def test_curves_are_drawn_with_their_rms_and_largest_errors():
+    labels = np.repeat(np.arange(12), 9)
+    found = identify(
+        np.tile(U, 12), np.tile(TRUTH.simulate(U), 12), levels=4, curves=labels, skip=1
+    )
+    rms, largest, left_out = identification.draw_curves(found).axes[0].lines
+    errors = [one.accuracy for one in found.curve_accuracy]
+    np.testing.assert_allclose(rms.get_ydata(), [100 * one.nrmse for one in errors])
+    np.testing.assert_allclose(largest.get_ydata(), [100 * abs(one.worst) for one in errors])
+    assert np.isfinite(left_out.get_ydata()).all()

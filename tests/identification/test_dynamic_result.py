@@ -39,7 +39,9 @@ def test_errors_are_those_of_the_whole_model():
     off = 0.1 * np.sin(50 * T)
     for rows, value in ((found.fitted, found.nrmse), (found.held_out, found.holdout_nrmse)):
         assert value == pytest.approx(np.sqrt(np.mean(off[rows] ** 2)) / np.ptp(found.y[rows]))
-    assert found.scores == {"nrmse_train": found.nrmse, "nrmse_holdout": found.holdout_nrmse}
+    assert found.scores["nrmse_train"] == found.nrmse
+    assert found.scores["nrmse_holdout"] == found.holdout_nrmse
+    assert found.scores["worst_holdout"] == found.holdout_accuracy.worst
 
 
 def test_advice_is_about_the_time_constants_too():

@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from minorloop.identification import identify
-from minorloop.identification.scores import score_rows
+from minorloop.identification.scores import (
+    CURVE_COLUMNS,
+    MOST_CURVES,
+    curve_rows,
+    curve_title,
+    score_rows,
+)
 
 
 @pytest.fixture(scope="module")
@@ -22,3 +28,20 @@ def test_rows_say_what_the_scores_are(found):
 def test_an_identification_prints_its_scores(found):
     for label, value in score_rows(found):
         assert f"{label:<24} {value}" in str(found)
+
+
+def test_each_curve_has_a_row_and_of_many_those_with_the_largest_errors():
+    u = np.tile([0.0, 1.0, 0.3, 0.7], 12)
+    error = np.repeat(np.arange(12) % 5, 4) * np.tile([0.0, 0.1, 0.1, -0.1], 12)
+    for count in (10, 12):
+        rows, curves = slice(0, 4 * count), np.repeat(np.arange(count), 4)
+        found = identify(u[rows], (u + error)[rows], levels=2, prior="none", curves=curves)
+        table = curve_rows(found)
+        assert len(table) == MOST_CURVES
+        assert {len(row) for row in table} == {len(CURVE_COLUMNS)}
+        errors = [one.accuracy.nrmse for one in found.curve_accuracy]
+        if count > MOST_CURVES:
+            assert int(table[0][0]) == np.argmax(errors)
+            assert "of 12 curves" in curve_title(found)
+        else:
+            assert [row[0] for row in table] == [str(k) for k in range(10)]

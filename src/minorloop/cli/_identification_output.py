@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _RANK_LIMIT = 3000
 _OF_OPERATOR = (
-    *("samples fitted", "samples held out", "rows skipped", "unknowns", "rank"),
+    *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters", "rank"),
     *("cells excited", "optimality (KKT)"),
 )
 """Rows about the operator that are shown beside dynamics."""
@@ -60,11 +60,14 @@ def show(done: Done, rank: bool, as_json: bool) -> None:
 
 
 def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, Any]:
-    held = result.holdout_nrmse is not None
+    from minorloop.identification.accuracy import scores_of
+
+    held = result.holdout_accuracy is not None
     known = rank or result.unknowns <= _RANK_LIMIT
     return {
-        "nrmse_train": result.nrmse,
-        "nrmse_holdout": result.holdout_nrmse,
+        **scores_of(result.accuracy, result.holdout_accuracy),
+        "curves": [asdict(curve) for curve in result.curve_accuracy],
+        "free_parameters": result.free_parameters,
         "baseline_nrmse_holdout": result.baseline_nrmse if held else None,
         "baseline_nrmse": result.baseline_nrmse,
         "rmse_train": result.rmse,
@@ -95,8 +98,7 @@ def _dynamic_figures(found: DynamicIdentification) -> dict[str, Any]:
 
     model = found.model
     return {
-        "nrmse_train": found.nrmse,
-        "nrmse_holdout": found.holdout_nrmse,
+        **found.scores,
         "dynamics": {
             "first": model.first,
             "numerator": model.linear.numerator,
@@ -119,7 +121,12 @@ def _band_sd(result: Identification) -> float | None:
 
 
 def _print(done: Done, figures: dict[str, Any]) -> None:
-    from minorloop.identification.scores import score_rows
+    from minorloop.identification.scores import (
+        CURVE_COLUMNS,
+        curve_rows,
+        curve_title,
+        score_rows,
+    )
 
     rank = figures["rank"]
     rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
@@ -135,6 +142,8 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
     _common.print_table(("", ""), rows, title)
     if done.sd is not None:
         typer.echo(f"each sample counts by its standard deviation, column '{done.sd}'")
+    if done.result.curve_accuracy:
+        _common.print_table(CURVE_COLUMNS, curve_rows(done.result), curve_title(done.result))
     for one in () if done.dynamic is None else done.dynamic.tried:
         typer.echo(f"tried {one}")
     for choice in done.result.choices:

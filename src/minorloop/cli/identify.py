@@ -11,6 +11,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._completion import one_of
+from minorloop.cli._data_sheet import DataSheet, numbers_of, write_model
 from minorloop.cli._identification import DYNAMICS, Columns, identified
 from minorloop.cli._identification_output import save_model, show, write_report
 from minorloop.errors import ParameterError
@@ -24,9 +25,10 @@ _DISTRUSTED = 1
 
 
 _Data = Annotated[
-    Path,
+    Path | None,
     typer.Argument(
-        help="Table with one header line: CSV, .mat or .xlsx; or an experiment store of run.",
+        help="Table with one header line: CSV, .mat or .xlsx; or an experiment store of run. "
+        "None with --from-loop.",
         show_default=False,
     ),
 ]
@@ -133,12 +135,24 @@ _Skip = Annotated[
     int,
     _common.whole_option("First rows of the record and of each curve that are not fitted."),
 ]
+_FromLoop = Annotated[
+    tuple[str, str, str] | None,
+    typer.Option(
+        metavar="HC BR BMAX",
+        help="Make the model from a data sheet instead: coercivity, remanence and saturation.",
+    ),
+]
+_Field = Annotated[
+    float | None,
+    _common.number_option("With --from-loop: input at saturation; 5 HC if not given."),
+]
 _Save = Annotated[Path | None, typer.Option(help="Write the model to this file.")]
 _Report = Annotated[Path | None, typer.Option(help="Write an HTML report to this file.")]
 
 
 def run(
-    file: _Data,
+    context: typer.Context,
+    file: _Data = None,
     input: _Input = None,
     output: _Output = None,
     time: _common.Time = None,
@@ -162,6 +176,8 @@ def run(
     groups: _Groups = None,
     skip: _Skip = 0,
     rank: _Rank = False,
+    from_loop: _FromLoop = None,
+    field: _Field = None,
     save: _Save = None,
     report: _Report = None,
     force: _common.Force = False,
@@ -173,6 +189,17 @@ def run(
     """
     from minorloop.lab.timebase import parse_lag
 
+    if from_loop is not None:
+        loop = numbers_of(from_loop)
+        sheet = DataSheet(loop, field, input or "input", output or "output")
+        write_model(context, sheet, save, force, as_json)
+        return
+    if file is None:
+        raise ParameterError(
+            "Missing argument 'file'; see minorloop identify --help, or give --from-loop HC BR BMAX"
+        )
+    if field is not None:
+        raise ParameterError("--field is given without --from-loop; leave it out")
     _common.check_outputs([save, report], inputs=[file], force=force)
     lag_seconds = None if lag is None else parse_lag(lag)
     options = {

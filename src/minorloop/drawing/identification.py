@@ -11,13 +11,14 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop.drawing.layout import new_figure
 from minorloop.drawing.operators import clip_to_plane, draw_density
 from minorloop.errors import counted
-from minorloop.identification.bands import PER_DEVIATION
+from minorloop.identification.bands import BAND, PER_DEVIATION
 from minorloop.identification.residuals import amplitudes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from minorloop.identification.bands import Prediction
+    from minorloop.identification.data_sheet import DataSheetModel
     from minorloop.identification.excitation import ExcitationReport
     from minorloop.identification.result import Identification
 
@@ -277,6 +278,23 @@ def _shade_held_out(axes: Axes, result: Identification, clock: FloatArray) -> No
         axes.legend(framealpha=0.9, loc="lower right")
 
 
+def draw_curves(result: Identification) -> Any:
+    """Draw the root-mean-square and the largest error of each curve."""
+    figure, axes = new_figure()
+    curves = result.curve_accuracy
+    number = np.arange(len(curves))
+    axes.plot(number, [100 * one.accuracy.nrmse for one in curves], ".-", label="rms")
+    largest = [100 * abs(one.accuracy.worst) for one in curves]
+    axes.plot(number, largest, ".", color="0.6", label="largest")
+    if result.left_out is not None:
+        off = [np.nan if one.left_out is None else 100 * one.left_out for one in curves]
+        axes.plot(number, off, ".-", color="C1", label="rms of a fit without its group")
+    axes.set(xlabel="curve", ylabel="error, % of range")
+    axes.set_ylim(bottom=0)
+    axes.legend(frameon=False)
+    return figure
+
+
 def draw_excitation(report: ExcitationReport) -> Any:
     """Draw the excited cells by their band numbers."""
     from matplotlib.colors import ListedColormap
@@ -294,6 +312,25 @@ def draw_excitation(report: ExcitationReport) -> Any:
         title=f"{report.excited_fraction:.0%} of the cells excited",
         aspect="equal",
     )
+    return figure
+
+
+def draw_data_sheet(
+    result: DataSheetModel, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
+    """Draw symmetric loops up to a quarter, half and all of the largest input, with their bands."""
+    figure, (left, right) = new_figure(1, 2, 4.2, 9.6, grid=False)
+    for colour, share in (("C2", 0.25), ("C1", 0.5), ("C0", 1.0)):
+        found = result.predict(result.loop(share * result.field), bands=BAND)
+        half = found.u.size // 2
+        for rows in (slice(0, half + 1), slice(half, None)):
+            left.fill_between(
+                found.u[rows], found.lower[rows], found.upper[rows], color=colour, alpha=0.2, lw=0
+            )
+        left.plot(found.u, found.y, color=colour, lw=1.0)
+    left.set(xlabel=input_label, ylabel=output_label, title=f"Loops with {BAND:.0%} bands")
+    left.grid(alpha=0.25)
+    draw_density(right, result.model, input_label=input_label)
     return figure
 
 

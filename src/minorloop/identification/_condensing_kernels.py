@@ -1,4 +1,4 @@
-"""Compiled loops over long records: they condense samples and evaluate the rough model."""
+"""Compiled loops over long records: they condense samples, find loops, evaluate the rough model."""
 
 from __future__ import annotations
 
@@ -154,3 +154,39 @@ def chebyshev_sums(x, coefficients, constant):
             total += z * one - two
         out[t] = total
     return out
+
+
+@njit(cache=True, nogil=True)
+def closed_loops(u, first, tolerance, gap, begin, end):
+    """Write the first and the last sample of each closed loop; gives their number.
+
+    A loop begins at a turning point and is closed where the input has come back to it, to within
+    ``tolerance`` of the width of the loop. A loop whose last sample before that is further away
+    than ``gap`` of its width is not written. ``first``: the first sample is a turning point.
+    """
+    turns = np.empty(u.size, dtype=np.int64)
+    top, way, count = 0, 0, 0
+    if first:
+        turns[0] = 0
+        top = 1
+    for k in range(1, u.size):
+        step = u[k] - u[k - 1]
+        if step == 0:
+            continue
+        if (step > 0) != (way > 0) or way == 0:
+            if way != 0:
+                turns[top] = k - 1
+                top += 1
+            way = 1 if step > 0 else -1
+        while top >= 2:
+            value = u[turns[top - 2]]
+            width = abs(value - u[turns[top - 1]])
+            left = (value - u[k]) * way
+            if left > tolerance * width:
+                break
+            last = k if left >= 0 else k - 1
+            if abs(value - u[last]) <= gap * width:
+                begin[count], end[count] = turns[top - 2], last
+                count += 1
+            top -= 2
+    return count

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -29,15 +30,26 @@ class Curves:
         First row of each curve, in increasing order; the first is 0.
     start : {"negative", "positive", "demagnetised"} or Memory
         Memory before each curve.
+    names : tuple of str
+        Labels of the curves; their numbers if empty.
     """
 
     begins: IntArray
     start: Start
+    names: tuple[str, ...] = ()
 
     @classmethod
     def whole(cls, start: Start) -> Curves:
         """Return one curve, which is the whole record."""
         return cls(np.zeros(1, dtype=np.int64), start)
+
+    def name(self, number: int) -> str:
+        """Return the label of a curve."""
+        return self.names[number] if self.names else str(number)
+
+    def parts(self, samples: int) -> list[tuple[int, int]]:
+        """First row of each curve, and that after its last."""
+        return list(pairwise([*self.begins.tolist(), samples]))
 
     def first_rows(self, samples: int) -> IntArray:
         """(T,) for each row, the first row of its curve."""
@@ -125,7 +137,8 @@ def as_curves(
     if start_of_curve == AS_LEFT:
         return Curves.whole(start)
     begins = np.flatnonzero(np.append(True, np.diff(number) != 0))
-    return Curves(begins, start_of_curve)
+    names = tuple(f"{label}" for label in np.asarray(labels)[begins].tolist())
+    return Curves(begins, start_of_curve, names)
 
 
 def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:

@@ -13,9 +13,11 @@ from minorloop.arrays import BoolArray, FloatArray
 from minorloop.dynamics.cascade import Cascade, CascadeInversion, First
 from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
-from minorloop.identification.baseline import nrmse, percent
+from minorloop.identification.accuracy import Accuracy, accuracy, scores_of
+from minorloop.identification.baseline import percent
 from minorloop.identification.residual_advice import WITH_TIMES
 from minorloop.identification.result import Identification
+from minorloop.identification.scores import accuracy_rows
 from minorloop.operators.inversion import Unreachable
 from minorloop.operators.memory import Start
 
@@ -95,17 +97,27 @@ class DynamicIdentification(NotebookView):
         """(T,) outputs of the model along the record."""
         return self.predict(self.t, self.u)
 
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Errors on the fitted samples."""
+        return accuracy(self.u, self.y, self.prediction, self.fitted, self.static.curves)
+
+    @cached_property
+    def holdout_accuracy(self) -> Accuracy | None:
+        """Errors on the samples held out; None if none were."""
+        if not self.held_out.any():
+            return None
+        return accuracy(self.u, self.y, self.prediction, self.held_out, self.static.curves)
+
     @property
     def nrmse(self) -> float:
         """Error on the fitted samples, over their range."""
-        return nrmse((self.prediction - self.y)[self.fitted], self.y[self.fitted])
+        return self.accuracy.nrmse
 
     @property
     def holdout_nrmse(self) -> float | None:
         """Error on the samples held out, over their range; None if none were."""
-        if not self.held_out.any():
-            return None
-        return nrmse((self.prediction - self.y)[self.held_out], self.y[self.held_out])
+        return None if self.holdout_accuracy is None else self.holdout_accuracy.nrmse
 
     @property
     def lag(self) -> int:
@@ -114,8 +126,8 @@ class DynamicIdentification(NotebookView):
 
     @property
     def scores(self) -> dict[str, float | None]:
-        """Scores that a model file keeps; ``nrmse_holdout`` is None if nothing was held out."""
-        return {"nrmse_train": self.nrmse, "nrmse_holdout": self.holdout_nrmse}
+        """Scores that a model file keeps; those on held-out samples are None if there are none."""
+        return scores_of(self.accuracy, self.holdout_accuracy)
 
     @property
     def dynamic(self) -> bool:
@@ -226,6 +238,7 @@ class DynamicIdentification(NotebookView):
         rows = [
             ("error on fitted data", f"{percent(self.nrmse)} of range"),
             ("error on held-out data", "-" if held is None else f"{percent(held)} of range"),
+            *accuracy_rows(self.accuracy, self.holdout_accuracy),
             ("order", "operator, then dynamics" if after else "dynamics, then operator"),
             ("time constants", times),
             ("dead time", f"{linear.delay:.4g} s"),

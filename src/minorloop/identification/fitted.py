@@ -9,6 +9,13 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.identification import diagnosis, residuals
+from minorloop.identification.accuracy import (
+    Accuracy,
+    CurveAccuracy,
+    accuracy,
+    by_curve,
+    scores_of,
+)
 from minorloop.identification.baseline import nrmse, polynomial_nrmse
 from minorloop.identification.choosing import Choice
 from minorloop.identification.curves import Curves
@@ -96,22 +103,39 @@ class Fit:
         return self.curves.simulate(self.model, self.u, self.lag)
 
     @cached_property
+    def accuracy(self) -> Accuracy:
+        """Errors on the fitted samples."""
+        return accuracy(self.u, self.y, self.prediction, self.fitted, self.curves)
+
+    @cached_property
+    def holdout_accuracy(self) -> Accuracy | None:
+        """Errors on the samples held out; None if none were."""
+        if not self.held_out.any():
+            return None
+        return accuracy(self.u, self.y, self.prediction, self.held_out, self.curves)
+
+    @cached_property
+    def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
+        """Errors on each curve whose memory is reset; empty for a record of one curve."""
+        if self.curves.begins.size == 1:
+            return ()
+        scored = self.fitted | self.held_out
+        return by_curve(self.u, self.y, self.prediction, scored, self.curves, self.left_out)
+
+    @property
     def rmse(self) -> float:
         """Root-mean-square error on the fitted samples, in the unit of the output."""
-        residual = (self.prediction - self.y)[self.fitted]
-        return float(np.sqrt(np.mean(residual**2)))
+        return self.accuracy.rmse
 
     @property
     def nrmse(self) -> float:
         """`rmse` over the range of the fitted output."""
-        return self.rmse / (float(np.ptp(self.y[self.fitted])) or 1.0)
+        return self.accuracy.nrmse
 
-    @cached_property
+    @property
     def holdout_nrmse(self) -> float | None:
         """Error on the samples held out, over their range; None if none were."""
-        if not self.held_out.any():
-            return None
-        return nrmse((self.prediction - self.y)[self.held_out], self.y[self.held_out])
+        return None if self.holdout_accuracy is None else self.holdout_accuracy.nrmse
 
     @cached_property
     def groups_nrmse(self) -> float | None:
@@ -129,13 +153,24 @@ class Fit:
 
     @property
     def scores(self) -> dict[str, float | None]:
-        """Scores that a model file keeps; ``nrmse_holdout`` is None if nothing was held out."""
+        """Scores that a model file keeps; those on held-out samples are None if there are none."""
         return {
-            "nrmse_train": self.nrmse,
-            "nrmse_holdout": self.holdout_nrmse,
+            **scores_of(self.accuracy, self.holdout_accuracy),
             "baseline_nrmse": self.baseline_nrmse,
+            "free_parameters": self.free_parameters,
             "kkt": self.kkt,
         }
+
+    @property
+    def free_parameters(self) -> int:
+        """Weights that are not zero, and offset and slope where fitted.
+
+        Without prior and smoothness, they are as many as the data determine (Meyer and Woodroofe,
+        On the degrees of freedom in shape-restricted regression, Annals of Statistics 28, 2000);
+        otherwise the data determine fewer.
+        """
+        spec = self.matrix.spec
+        return int(np.count_nonzero(self.model.weights)) + spec.offset + spec.slope
 
     @property
     def unknowns(self) -> int:

@@ -5,8 +5,14 @@ from __future__ import annotations
 from math import isfinite
 
 from minorloop.errors import counted
+from minorloop.identification.accuracy import Accuracy, CurveAccuracy
 from minorloop.identification.baseline import percent
 from minorloop.identification.fitted import Fit
+
+MOST_CURVES = 10
+"""Curves up to which each has a row; of more, those with the largest errors."""
+CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
+"""Headings of a table of curves."""
 
 
 def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
@@ -26,16 +32,75 @@ def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
         ("error on held-out data", "-" if share is None else f"{percent(share)} of range"),
         *_group_row(found),
         ("best delayed polynomial", f"{percent(found.baseline_nrmse)} of range"),
+        *accuracy_rows(found.accuracy, found.holdout_accuracy),
         ("lag", counted(found.lag, "sample")),
         ("samples fitted", f"{found.samples}"),
         *([("samples held out", f"{held}")] if held else []),
         *([("rows skipped", f"{found.skipped}")] if found.skipped else []),
         ("unknowns", f"{found.unknowns}"),
+        ("free parameters", f"{found.free_parameters}"),
         *([("rank", rank)] if rank else []),
         ("cells excited", f"{found.excited_fraction:.0%}"),
         ("optimality (KKT)", f"{found.kkt:.1e}{'' if found.converged else ', not converged'}"),
         *_residual_rows(found),
     ]
+
+
+def accuracy_rows(fitted: Accuracy, held_out: Accuracy | None) -> list[tuple[str, str]]:
+    """Return the errors other than nrmse as rows of a table.
+
+    Parameters
+    ----------
+    fitted, held_out : Accuracy
+        Errors on fitted and on held-out samples.
+    """
+    errors = {"": fitted, ", held out": held_out}
+    rows = [
+        (f"relative rms{where}", f"{percent(one.relative_rms)} of rms")
+        for where, one in errors.items()
+        if one is not None
+    ]
+    rows += [
+        (f"loop area{where}", f"{percent(one.loop_area)} off, {counted(one.loops, 'loop')}")
+        for where, one in errors.items()
+        if one is not None and one.loop_area is not None
+    ]
+    return rows + [
+        (f"worst error{where}", f"{one.worst:+.1%}, sample {one.worst_sample}")
+        for where, one in errors.items()
+        if one is not None
+    ]
+
+
+def curve_rows(found: Fit) -> list[tuple[str, ...]]:
+    """Return the errors by curve as cells of a table, under `CURVE_COLUMNS`.
+
+    Of more than ten curves, these are the ten with the largest errors, the largest first.
+    """
+    curves = list(found.curve_accuracy)
+    if len(curves) > MOST_CURVES:
+        curves.sort(key=lambda one: -one.accuracy.nrmse)
+    return [_curve_row(one) for one in curves[:MOST_CURVES]]
+
+
+def _curve_row(curve: CurveAccuracy) -> tuple[str, ...]:
+    errors = curve.accuracy
+    return (
+        curve.name,
+        f"{errors.samples}",
+        percent(errors.nrmse),
+        percent(errors.relative_rms),
+        f"{errors.worst:+.1%}",
+        "-" if errors.loop_area is None else percent(errors.loop_area),
+        "-" if curve.left_out is None else percent(curve.left_out),
+    )
+
+
+def curve_title(found: Fit) -> str:
+    """Return the title of the table of curves."""
+    count = len(found.curve_accuracy)
+    which = f"the {MOST_CURVES} largest of {count} curves" if count > MOST_CURVES else "by curve"
+    return f"errors over the range of the record, {which}"
 
 
 def _group_row(found: Fit) -> list[tuple[str, str]]:
@@ -45,8 +110,7 @@ def _group_row(found: Fit) -> list[tuple[str, str]]:
 
 
 def _residual_rows(found: Fit) -> list[tuple[str, str]]:
-    residual = found.residual
-    rows = [("worst error", f"{residual.worst:+.1%}, sample {residual.worst_sample}")]
+    residual, rows = found.residual, []
     if residual.startup is not None:
         rows.append(("start-up", counted(residual.startup.rows, "row")))
     if isfinite(residual.autocorrelation):

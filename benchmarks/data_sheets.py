@@ -1,0 +1,104 @@
+"""Models from three numbers of a major loop, against measured minor loops of the material."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import minorloop as ml
+from benchmarks._plants import Array
+from benchmarks._timing import Row, seconds
+from minorloop.lab.columns import read_columns
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+LOOPS = (("ferrite MnZn", "bh_mnzn_ferrite.csv"), ("steel M130-27S", "bh_m130_27s_steel.csv"))
+"""Symmetric loops at several amplitudes; the largest is the major loop."""
+CURVES = (
+    ("FeCo nanowires", "forc_feco_nanowires.csv", "field_Oe", "moment_emu"),
+    ("rock MSM 33", "forc_msm33.csv", "field_T", "moment_Am2"),
+)
+"""First-order reversal curves; their first points are the descending branch of the major loop."""
+EACH, SHORTEST = 5, 3
+"""Every so many curves are compared, of more samples than that."""
+COVERED = 0.9
+
+
+@dataclass(frozen=True)
+class Material:
+    """Three numbers of the major loop, its largest input, and minor loops (input, output)."""
+
+    coercivity: float
+    remanence: float
+    saturation: float
+    field: float
+    start: str
+    minor: list[tuple[Array, Array]]
+
+
+def rows(quick: bool = False) -> list[Row]:
+    if not DATA.is_dir():
+        return [Row("models from data sheets: no measured records in ../shared/data", 0.0)]
+    named = [(name, of_loops(file)) for name, file in LOOPS]
+    named += [(name, of_curves(*where)) for name, *where in CURVES]
+    found = [_row(name, material) for name, material in (named[:1] if quick else named)]
+    mean = float(np.mean([covered for _, covered in found]))
+    whole = Row(
+        "minor loops in 90 % bands of a data sheet, mean of materials",
+        0.0,
+        required=f">= {COVERED:.0%}",
+        met=mean >= COVERED,
+        accuracy=f"{mean:.1%} of the samples",
+    )
+    return [row for row, _ in found] + [whole]
+
+
+def _row(name: str, material: Material) -> tuple[Row, float]:
+    loop = (material.coercivity, material.remanence, material.saturation, material.field)
+    models: list[ml.DataSheetModel] = []
+    elapsed = seconds(lambda: models.append(ml.from_loop(*loop)))
+    inside, off, width = [], [], []
+    for u, y in material.minor:
+        found = models[0].predict(u, bands=0.9, start=material.start)
+        inside.append(found.covers(y))
+        off.append(np.mean((found.y - y) ** 2))
+        width.append(found.half_width.mean())
+    unit, covered = material.saturation, float(np.mean(inside))
+    accuracy = (
+        f"{covered:.1%} of the samples of {len(inside)} minor loops in 90 % bands, half width "
+        f"{np.mean(width) / unit:.1%}, rms error {np.sqrt(np.mean(off)) / unit:.1%} of saturation"
+    )
+    return Row(f"data sheet of {name}", elapsed, accuracy=accuracy), covered
+
+
+def of_loops(file: str) -> Material:
+    """Return the numbers of the largest loop, and the others."""
+    number, h, b = read_columns(DATA / file, ["loop", "H_A_per_m", "B_T"]).values()
+    loops = [(h[number == k], b[number == k]) for k in np.unique(number)]
+    field, flux = loops[-1]
+    down = slice(int(np.argmin(field)), None, -1)  # from the least input back to the peak
+    return _material(field[down], flux[down], "demagnetised", loops[:-1])
+
+
+def of_curves(file: str, input: str, output: str) -> Material:
+    """Return the numbers of the descending branch, and the curves from it within its inputs."""
+    number, u, y = read_columns(DATA / file, ["curve", input, output]).values()
+    measured = np.append(False, np.diff(number) == 0)  # the first row of each calibrates
+    parts = [(number == k) & measured for k in np.unique(number)[::EACH]]
+    curves = [(u[part], y[part]) for part in parts if np.count_nonzero(part) > SHORTEST]
+    first = np.array([(field[0], moment[0]) for field, moment in curves])
+    first = first[np.argsort(first[:, 0])]
+    highest = float(min(-first[0, 0], u[measured].max()))
+    order = np.argsort(u[measured])
+    top = float(np.interp(highest, u[measured][order], y[measured][order]))
+    inside = [(u[abs(u) <= highest], y[abs(u) <= highest]) for u, y in curves]
+    minor = [curve for curve in inside if curve[0].size > SHORTEST]
+    branch = np.vstack([first, [highest, top]]).T
+    return _material(branch[0], branch[1], "positive", minor)
+
+
+def _material(u: Array, y: Array, start: str, minor: list[tuple[Array, Array]]) -> Material:
+    """Return a material from its descending branch, inputs in increasing order."""
+    remanence, coercivity = float(np.interp(0.0, u, y)), -float(np.interp(0.0, y, u))
+    return Material(coercivity, remanence, float(y[-1]), float(u[-1]), start, minor)

@@ -1,0 +1,345 @@
+"""A model with bands from the coercivity, remanence and saturation of a data sheet.
+
+Three numbers of the major loop do not determine a Preisach plane: many ridges have this loop. They
+differ in what a data sheet does not say: the kind of the ridge, its relative width, how far the
+means of its thresholds scatter, and how far the reversible weight reaches. The model is the mean of
+such ridges, and its bands are their spread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray, Levels, Samples, as_finite, as_levels
+from minorloop.errors import ParameterError
+from minorloop.figures import NotebookView, figure_of
+from minorloop.identification.bands import BAND, Prediction, as_probability
+from minorloop.identification.ridge import KINDS, Kind, Ridge
+from minorloop.operators.inversion import Inversion, Unreachable, as_signal
+from minorloop.operators.memory import Start
+from minorloop.operators.preisach import Preisach
+
+FIELDS: Final = 5.0
+"""Largest input over the coercivity where it is not given."""
+DISCREPANCY: Final = 0.02
+"""Standard deviation, over the saturation, of what no Preisach operator can reproduce."""
+RELATIVE_WIDTHS: Final = (0.1, 3.0)
+"""Range of the spread of half-widths over the coercive field of the ridge."""
+LEAST_SCATTER: Final = 0.1
+"""Least spread of the mean thresholds over that field; the greatest is the field of the loop."""
+REVERSIBLE_WIDTHS: Final = (0.5, 2.0)
+"""Least half-width of the reversible weight over the coercivity, and greatest over the field."""
+_RIDGES = 48
+_DRAWS = 384
+_FEWEST = 8
+"""Ridges of a model, drawings at most until so many have the loop, and fewest ridges."""
+_HALF = 20
+"""Levels above zero."""
+_RATIO = 1.1673039782614187
+"""Root of x^5 = x + 1: its powers give evenly distributed points in four dimensions."""
+_LEAST_FIELD = 0.02
+"""Least coercive field of a ridge over the coercivity."""
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DataSheetModel(NotebookView):
+    """A model of a material of which only the major loop is known.
+
+    Parameters
+    ----------
+    model : Preisach
+        Mean of the ridges; it has the given loop.
+    ridges : (R, L, L) array
+        Weights of ridges that all have this loop.
+    coercivity, remanence, saturation, field : float
+        The given loop: coercive input, output at zero input, and output at the largest input.
+    """
+
+    model: Preisach
+    ridges: FloatArray
+    coercivity: float
+    remanence: float
+    saturation: float
+    field: float
+
+    @property
+    def lag(self) -> int:
+        """0: a data sheet has no times."""
+        return 0
+
+    @property
+    def scores(self) -> dict[str, float | None]:
+        """The given loop and the mean width of the bands, which a model file keeps."""
+        return {
+            "coercivity": self.coercivity,
+            "remanence": self.remanence,
+            "saturation": self.saturation,
+            "field": self.field,
+            "band_half_width": self.half_width,
+        }
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of 90 % bands on loops of half the largest input, on average."""
+        return float(self.predict(self.loop(self.field / 2), bands=BAND).half_width.mean())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a file of this model says: it has no bands."""
+        return (
+            f"this model was made from a data sheet, coercivity {self.coercivity:g}, remanence "
+            f"{self.remanence:g} and saturation {self.saturation:g} at an input of {self.field:g}: "
+            f"minor loops may be off by {self.half_width / self.saturation:.0%} of the saturation; "
+            "measure some of them",
+        )
+
+    def loop(self, amplitude: float, samples: int = 100) -> FloatArray:
+        """Return inputs of a symmetric loop, from its positive peak and back to it.
+
+        Parameters
+        ----------
+        amplitude : float
+            Largest input.
+        samples : int
+            Inputs on each branch.
+        """
+        down = np.linspace(amplitude, -amplitude, samples)
+        return np.concatenate([down, down[-2::-1]])
+
+    @overload
+    def predict(self, u: npt.ArrayLike, bands: None = None, start: Start = ...) -> Samples: ...
+
+    @overload
+    def predict(self, u: npt.ArrayLike, bands: float, start: Start = ...) -> Prediction: ...
+
+    def predict(
+        self, u: npt.ArrayLike, bands: float | None = None, start: Start = "demagnetised"
+    ) -> Samples | Prediction:
+        """Predict the outputs for an input.
+
+        Parameters
+        ----------
+        u : (T,) array_like
+            Inputs.
+        bands : float, optional
+            Probability, such as 0.9, that each output lies within its band.
+        start : {"negative", "positive", "demagnetised"} or Memory
+            Memory before the first input.
+
+        Returns
+        -------
+        (T,) array, or Prediction with bands
+
+        Raises
+        ------
+        ParameterError
+            If ``bands`` is not between 0 and 1.
+        """
+        if bands is None:
+            return self.model.simulate(u, start)
+        probability = as_probability(bands)
+        inputs = as_signal(u, name="u")
+        y = self.model.simulate(inputs, start)
+        return Prediction(inputs, y, self._deviation(inputs, y, start), probability)
+
+    def invert(
+        self,
+        targets: npt.ArrayLike,
+        start: Start = "demagnetised",
+        unreachable: Unreachable = "raise",
+    ) -> Inversion:
+        """Invert targets, and predict the standard deviation of the outputs.
+
+        Parameters
+        ----------
+        targets : (T,) array_like
+            Outputs wanted, in order.
+        start, unreachable
+            As in `Preisach.invert`.
+
+        Returns
+        -------
+        Inversion
+            With ``sd`` and the warnings about this model.
+        """
+        found = self.model.invert(targets, start, unreachable)
+        sd = self._deviation(found.u, found.y, start)
+        return replace(found, sd=sd, warnings=self.warnings)
+
+    def _deviation(self, u: FloatArray, y: FloatArray, start: Start) -> FloatArray:
+        """(T,) spread of the ridges about the model, and the discrepancy of any model."""
+        square = np.zeros(u.size)
+        for weights in self.ridges:
+            square += (replace(self.model, weights=weights).simulate(u, start) - y) ** 2
+        return np.asarray(np.sqrt(square / len(self.ridges) + (DISCREPANCY * self.saturation) ** 2))
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return the rows of a table, label and value."""
+        return [
+            ("coercivity", f"{self.coercivity:.6g}"),
+            ("remanence", f"{self.remanence:.6g}"),
+            ("saturation", f"{self.saturation:.6g} at {self.field:.6g}"),
+            ("ridges with this loop", f"{len(self.ridges)}"),
+            ("90 % band, half width", f"{self.half_width:.3g} on average"),
+        ]
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name:<24} {value}" for name, value in self.summary())
+
+    def plot(self, *, input_label: str = "input", output_label: str = "output") -> Any:
+        """Draw symmetric loops with their 90 % bands.
+
+        Parameters
+        ----------
+        input_label, output_label : str
+            Names and units of input and output.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        return figure_of(self, input_label=input_label, output_label=output_label)
+
+
+def from_loop(
+    coercivity: float, remanence: float, saturation: float, field: float | None = None
+) -> DataSheetModel:
+    """Make a model with bands from three numbers of the major loop of a data sheet.
+
+    The loop is symmetric about zero. All ridges of the model have it exactly; they are drawn from
+    the ranges `RELATIVE_WIDTHS`, `LEAST_SCATTER` and `REVERSIBLE_WIDTHS` of what it does not
+    determine, evenly in the logarithm.
+
+    Parameters
+    ----------
+    coercivity : float
+        Input, without its sign, at which the output of the major loop is zero; positive.
+    remanence : float
+        Output of the descending branch at zero input; positive.
+    saturation : float
+        Output at the largest input; above the remanence.
+    field : float, optional
+        The largest input; five times the coercivity if not given.
+
+    Returns
+    -------
+    DataSheetModel
+
+    Raises
+    ------
+    ParameterError
+        If a number is not positive, the remanence is not below the saturation, the field is not
+        above the coercivity, or no ridge has such a loop.
+
+    References
+    ----------
+    Della Torre, Magnetic Hysteresis, 1999, chapter 2: Preisach functions from the major loop.
+    """
+    hc, br, bm, hm = _checked(coercivity, remanence, saturation, field)
+    levels = _levels(hm / hc)
+    shares = _RATIO ** -np.arange(1.0, 5.0)
+    ridges: list[FloatArray] = []
+    for number in range(1, _DRAWS + 1):
+        weights = _ridge_with_loop(levels, br / bm, number * shares % 1.0)
+        if weights is not None:
+            ridges.append(weights)
+        if len(ridges) == _RIDGES:
+            break
+    if len(ridges) < _FEWEST:
+        raise ParameterError(
+            f"no ridge has a loop of coercivity {hc:g}, remanence {br:g} and saturation {bm:g} at "
+            f"an input of {hm:g}; check the numbers, or give the field at which the saturation was "
+            "measured"
+        )
+    scaled = bm * np.array(ridges)
+    model = Preisach(as_levels(hc * levels), scaled.mean(axis=0), diagonal="reversible")
+    return DataSheetModel(model, scaled, hc, br, bm, hm)
+
+
+def _checked(
+    coercivity: float, remanence: float, saturation: float, field: float | None
+) -> tuple[float, float, float, float]:
+    given = {"coercivity": coercivity, "remanence": remanence, "saturation": saturation}
+    values = {name: as_finite(name, value) for name, value in given.items()}
+    values["field"] = FIELDS * values["coercivity"] if field is None else as_finite("field", field)
+    for name, value in values.items():
+        if value <= 0:
+            raise ParameterError(f"{name} is {value:g}; give a positive number, without its sign")
+    hc, br, bm, hm = values.values()
+    if br >= bm:
+        raise ParameterError(
+            f"remanence is {br:g} and saturation {bm:g}; give a remanence below the saturation"
+        )
+    if hm <= hc:
+        raise ParameterError(
+            f"field is {hm:g} and coercivity {hc:g}; give the largest input of the loop, above the "
+            "coercivity"
+        )
+    return hc, br, bm, hm
+
+
+def _levels(highest: float) -> Levels:
+    """Levels in coercivities, symmetric, denser near zero, with -1, 0 and 1 among them."""
+    even = np.linspace(0.0, 1.0, _HALF + 1)
+    if highest > 2.0:
+        steep = np.arccosh(highest / 2.0)
+        even = np.sinh(steep * even) / np.sinh(steep)
+    above = highest * even
+    above[max(int(np.argmin(np.abs(above[:-1] - 1.0))), 1)] = 1.0
+    return as_levels(np.concatenate([-above[:0:-1], above]))
+
+
+def _ridge_with_loop(levels: Levels, squareness: float, draw: FloatArray) -> FloatArray | None:
+    """(L, L) weights of a ridge of saturation 1 with the given loop; None if there is none.
+
+    The coercive field is searched for which the descending branch is zero at -1; the reversible
+    share follows from the remanence.
+    """
+    from scipy.optimize import brentq
+
+    highest = float(levels[-1])
+    shape = _shape(draw, highest)
+    reversible = shape(1.0).reversible(levels)
+    zero, down = levels.size // 2, int(np.searchsorted(levels, -1.0))
+    reversible_output = 1.0 - 2.0 * float(reversible[down:].sum())
+
+    def parts(logarithm: float) -> tuple[FloatArray, float, float]:
+        """Irreversible weights, reversible share, and the output at -1."""
+        weights = shape(float(np.exp(logarithm))).irreversible(levels)
+        remanent = 1.0 - 2.0 * float(weights[:, zero:].sum())
+        if remanent < squareness:
+            return weights, 0.0, -1.0
+        share = 1.0 - squareness / remanent
+        output = (1 - share) * (1.0 - 2.0 * float(weights[:, down:].sum()))
+        return weights, share, output + share * reversible_output
+
+    def output(logarithm: float) -> float:
+        return parts(logarithm)[2]
+
+    low, high = float(np.log(_LEAST_FIELD)), float(np.log(highest))
+    if not output(low) < 0 <= output(high):
+        return None
+    best = float(brentq(output, low, high, xtol=1e-9))
+    weights, share, off = parts(best)
+    if abs(off) > _ROUNDING:
+        return None
+    return (1 - share) * weights + np.diag(share * reversible)
+
+
+def _shape(draw: FloatArray, highest: float) -> Callable[[float], Ridge]:
+    """Return the ridges of one draw, by their coercive field; all in coercivities."""
+
+    def between(share: float, low: float, high: float) -> float:
+        return float(low * (high / low) ** share)
+
+    kind: Kind = KINDS[int(len(KINDS) * draw[0])]
+    width = between(draw[1], *RELATIVE_WIDTHS)
+    scatter = between(draw[2], LEAST_SCATTER, highest)
+    reach = between(draw[3], REVERSIBLE_WIDTHS[0], REVERSIBLE_WIDTHS[1] * highest)
+    return lambda field: Ridge(kind, field, width * field, scatter * field, 0.0, reach)

@@ -1,0 +1,88 @@
+"""Closed loops of a record, and their areas."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.identification import _condensing_kernels as _kernels
+from minorloop.identification.curves import Curves
+
+_TOLERANCE = 0.01
+"""Distance from its beginning, over the width of the loop, at which a loop counts as closed."""
+_GAP = 0.1
+"""The same for the last sample of an input that passes the beginning between two samples."""
+_NARROWEST = 0.02
+"""Width of a loop over the range of the input below which it is not counted."""
+_FEWEST = 8
+"""Samples below which the area of a loop is not known."""
+
+
+def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
+    """Return the first and last samples of the closed loops of an input.
+
+    A loop begins at a turning point of the input and closes where the input comes back to it.
+    Before a loop closes, smaller ones may close within it. The first sample of a curve is a turning
+    point only at the least or the greatest input of the record. Loops of less than 2 % of the range
+    of the input or of fewer than 8 samples are left out, and so are those with samples that are not
+    scored.
+
+    Parameters
+    ----------
+    u : (T,) array
+        Inputs.
+    scored : (T,) array of bool
+        Samples with an output.
+    curves : Curves
+        Parts of the record, each with its own loops.
+
+    Returns
+    -------
+    (C, 2) array of int
+        In the order in which the loops close.
+    """
+    low, high = float(u.min()), float(u.max())
+    near = _TOLERANCE * (high - low)
+    found = []
+    for first, last in curves.parts(u.size):
+        part = u[first:last]
+        begin, end = np.empty(part.size, dtype=np.int64), np.empty(part.size, dtype=np.int64)
+        extreme = bool(min(part[0] - low, high - part[0]) <= near)
+        count = _kernels.closed_loops(part, extreme, _TOLERANCE, _GAP, begin, end)
+        found.append(first + np.column_stack([begin[:count], end[:count]]))
+    loops = np.concatenate(found)
+    before = np.concatenate([[0], np.cumsum(scored)])
+    samples = loops[:, 1] + 1 - loops[:, 0]
+    whole = before[loops[:, 1] + 1] - before[loops[:, 0]] == samples
+    loops = loops[whole & (samples >= _FEWEST)]
+    wide = [np.ptp(u[begin : end + 1]) >= _NARROWEST * (high - low) for begin, end in loops]
+    return np.asarray(loops[np.array(wide, dtype=np.bool_)])
+
+
+def loop_areas(u: FloatArray, y: FloatArray, loops: IntArray) -> FloatArray:
+    """Return the areas of loops in the plane of input and output.
+
+    Each is that of the polygon through the samples of the loop, smaller loops within it included;
+    it is positive if the output is late.
+
+    Parameters
+    ----------
+    u, y : (T,) arrays
+        Inputs and outputs.
+    loops : (C, 2) array of int
+        First and last sample of each loop.
+
+    Returns
+    -------
+    (C,) array
+        In the unit of the input times that of the output.
+    """
+    if not loops.size:
+        return np.zeros(0)
+    x, z = u - u.mean(), y - np.nanmean(y)
+    z[np.isnan(z)] = 0.0
+    sums = np.zeros(u.size)
+    np.cumsum(x[:-1] * z[1:] - x[1:] * z[:-1], out=sums[1:])
+    begin, end = loops.T
+    closing = x[end] * z[begin] - x[begin] * z[end]
+    return np.asarray((sums[end] - sums[begin] + closing) / 2)

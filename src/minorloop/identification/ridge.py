@@ -1,0 +1,198 @@
+"""Ridges: parametric densities on a Preisach plane, and their fit to a record.
+
+A ridge is a density with one maximum, at a coercive field, plus reversible weight along the
+diagonal. It has five parameters of shape, and describes a plane where a record, such as one major
+loop, does not determine each cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, Levels
+from minorloop.errors import SignalError
+from minorloop.identification.baseline import nrmse
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
+from minorloop.operators.densities import (
+    FactoredGaussianDensity,
+    FactoredLorentzianDensity,
+    GaussianDensity,
+    LorentzianDensity,
+)
+
+Kind: TypeAlias = Literal["gaussian", "lorentzian", "factored gaussian", "factored lorentzian"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+_PLACES = np.array([-0.5, 0.5]) / np.sqrt(3.0)
+"""Points of the quadrature in each direction, from the middle of a cell: exact for cubics."""
+_START = (0.2, 0.2, 0.2, 0.0, 0.3)
+_LEAST, _GREATEST = (1e-3, 0.02, 0.02, -0.5, 0.02), (2.0, 5.0, 5.0, 0.5, 5.0)
+"""Start and bounds of coercive field, spreads, centre and reversible width, over half the range of
+the levels."""
+_EVALUATIONS = 100
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """Shape of a density with one maximum, and of reversible weight on the diagonal.
+
+    Parameters
+    ----------
+    kind : {"gaussian", "lorentzian", "factored gaussian", "factored lorentzian"}
+        Which of `minorloop.operators.densities` it is.
+    coercive : float
+        Half-width of the typical relay, in the unit of the input.
+    spread_width, spread_mean : float
+        Spreads of the half-width of the thresholds, and of their mean. A factored density has one
+        spread of both thresholds, the first.
+    centre : float
+        Mean threshold of the typical relay, and centre of the reversible weight.
+    reversible_width : float
+        Half-width at half-maximum of the reversible weight, a Lorentzian along the diagonal.
+
+    References
+    ----------
+    Bertotti, Hysteresis in Magnetism, 1998, chapter 13; Azzerboni, Cardelli, Finocchio and La
+    Foresta, IEEE Trans. Magn. 39 (2003) 3028.
+    """
+
+    kind: Kind
+    coercive: float
+    spread_width: float
+    spread_mean: float
+    centre: float
+    reversible_width: float
+
+    def irreversible(self, levels: Levels) -> FloatArray:
+        """Return the (L, L) weights of the density, with a sum of one."""
+        heights = np.diff(levels)
+        points = ((levels[:-1] + levels[1:])[:, None] / 2 + heights[:, None] * _PLACES).ravel()
+        length = np.repeat(heights / 2, 2)
+        values = self._density(points[:, None], points[None, :]) * np.outer(length, length)
+        rows = values[::2] + values[1::2]
+        weights = rows[:, ::2] + rows[:, 1::2]
+        total = float(weights.sum())
+        return np.asarray(weights / (total or 1.0))
+
+    def reversible(self, levels: Levels) -> FloatArray:
+        """Return the (L,) weights along the diagonal, with a sum of one."""
+        weights = np.diff(np.arctan((levels - self.centre) / self.reversible_width))
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def _density(self) -> Any:
+        if self.kind == "gaussian":
+            return GaussianDensity(
+                self.coercive, self.spread_mean, self.spread_width, centre=self.centre
+            )
+        if self.kind == "lorentzian":
+            return LorentzianDensity(
+                self.coercive, self.spread_mean, self.spread_width, centre=self.centre
+            )
+        if self.kind == "factored gaussian":
+            return FactoredGaussianDensity(self.coercive, self.spread_width, centre=self.centre)
+        return FactoredLorentzianDensity(self.coercive, self.spread_width, centre=self.centre)
+
+
+@dataclass(frozen=True, eq=False)
+class RidgeFit:
+    """A ridge fitted to a record.
+
+    Parameters
+    ----------
+    ridge : Ridge
+        Its shape.
+    x : (n,) array
+        Unknowns of the plane: packed weights, offset, slope.
+    nrmse : float
+        Root-mean-square error on the fitted samples, over their range.
+    """
+
+    ridge: Ridge
+    x: FloatArray
+    nrmse: float
+
+
+def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KINDS) -> RidgeFit:
+    """Fit a ridge to outputs by least squares.
+
+    The shape is searched; for each shape, the sums of the irreversible and the reversible weights,
+    the offset and the slope are those of least squares.
+
+    Parameters
+    ----------
+    matrix : DesignMatrix
+        Regressors of M samples.
+    y : (M,) array
+        Outputs.
+    kinds : tuple of str
+        Kinds of ridges to compare; the one with the least error is returned.
+
+    Raises
+    ------
+    SignalError
+        If there are fewer than eight samples.
+
+    References
+    ----------
+    Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413: separable least squares.
+    """
+    if y.size < 8:
+        raise SignalError(f"{y.size} samples are too few for a ridge; give 8 or more")
+    return min((_fit_kind(matrix, y, kind) for kind in kinds), key=lambda fit: fit.nrmse)
+
+
+def _fit_kind(matrix: DesignMatrix, y: FloatArray, kind: Kind) -> RidgeFit:
+    from scipy.optimize import least_squares
+
+    levels = matrix.spec.levels
+    middle, half = (levels[-1] + levels[0]) / 2, (levels[-1] - levels[0]) / 2
+    weight = np.ones(y.size) if matrix.counts is None else np.sqrt(matrix.counts)
+    unit = float(np.ptp(y)) or 1.0
+    positive = np.array([True, True, True, False, True])
+
+    def shape(theta: FloatArray) -> Ridge:
+        values = np.where(positive, np.exp(theta), theta) * half
+        coercive, width, mean, centre, reversible = map(float, values)
+        return Ridge(kind, coercive, width, mean, centre + middle, reversible)
+
+    def error(theta: FloatArray) -> FloatArray:
+        columns = _columns(matrix.spec, shape(theta))
+        return _error(matrix, y, weight, columns)[1] / unit
+
+    def as_theta(values: tuple[float, ...]) -> FloatArray:
+        given = np.array(values)
+        return np.where(positive, np.log(np.where(positive, given, 1.0)), given)
+
+    bounds = as_theta(_LEAST), as_theta(_GREATEST)
+    found = least_squares(error, as_theta(_START), bounds=bounds, max_nfev=_EVALUATIONS)
+    ridge = shape(found.x)
+    columns = _columns(matrix.spec, ridge)
+    x = columns @ _error(matrix, y, weight, columns)[0]
+    return RidgeFit(ridge, x, nrmse(matrix.forward(x) - y, y))
+
+
+def _columns(spec: PlaneSpec, ridge: Ridge) -> FloatArray:
+    """(n, k) unknowns of the two parts of a ridge of unit sum, and offset and slope of one."""
+    columns = np.zeros((spec.unknowns, 2 + spec.unknowns - spec.cells))
+    columns[: spec.cells, 0] = pack(ridge.irreversible(spec.levels))
+    columns[: spec.cells, 1] = pack(np.diag(ridge.reversible(spec.levels)))
+    columns[spec.cells :, 2:] = np.eye(spec.unknowns - spec.cells)
+    return columns
+
+
+def _error(
+    matrix: DesignMatrix, y: FloatArray, weight: FloatArray, columns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Least-squares sizes of the columns, none of the first two negative, and weighted errors."""
+    from scipy.optimize import lsq_linear
+
+    seen = np.column_stack([matrix.forward(column) for column in columns.T]) * weight[:, None]
+    least = np.full(columns.shape[1], -np.inf)
+    least[:2] = 0.0
+    scale = np.linalg.norm(seen, axis=0)
+    scale[scale == 0] = 1.0
+    sizes = lsq_linear(seen / scale, y * weight, bounds=(least, np.inf)).x / scale
+    return sizes, seen @ sizes - y * weight
