@@ -68,7 +68,9 @@ def test_a_notebook_shows_a_figure_and_a_table(name):
 
 
 def test_everything_that_can_be_drawn_is_shown():
-    for name in ("dynamics.cascade", "dynamics.creep", "identification.linear_fit"):
+    drawn = ("dynamics.cascade", "dynamics.creep")
+    drawn += ("identification.data_sheet", "identification.linear_fit")
+    for name in drawn:
         import_module(f"minorloop.{name}")
     shown = {each.__name__ for each in NotebookView.__subclasses__()}
     assert shown >= _FUNCTIONS.keys()
