@@ -94,7 +94,7 @@ def test_clutch_does_not_jump_wherever_the_head_went(before, after, ticks):
 
 def test_a_turn_by_the_reach_goes_to_the_edge_less_the_dead_band():
     state = settle(settle(HeadPoseState(), looking(0, 0), 1), looking(HOW.reach, 0.0))
-    assert np.degrees(state.command) == pytest.approx((28.0 * 44 / 45, 0.0), abs=1e-3)
+    assert np.degrees(state.command) == pytest.approx((30.0 * 44 / 45, 0.0), abs=1e-3)
 
 
 @given(st.floats(-0.017, 0.017), st.floats(0, 6.28))

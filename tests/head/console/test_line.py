@@ -92,7 +92,7 @@ def test_a_line_that_is_slow_and_drops_a_tenth_still_steers(latency):
     modes = set()
     remote.run(10.0, lambda session: modes.add(session.state.mode))
     assert modes == {"HEAD"}
-    assert remote.session.state.command[0] == pytest.approx(np.radians(24.0 * 28 / 45), abs=8e-3)
+    assert remote.session.state.command[0] == pytest.approx(np.radians(24.0 * 30 / 45), abs=8e-3)
 
 
 @pytest.mark.parametrize("how", ["cut", "suspended"])

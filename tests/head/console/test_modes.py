@@ -60,7 +60,7 @@ def test_whatever_is_given_nothing_jumps(all_inputs):
         after = advance(CONFIG, state, each, TICK)
         moved = math.dist(after.command, state.command)
         assert moved <= 2 * math.sqrt(2) * CONFIG.gaze.heating * TICK + 1e-9
-        assert math.hypot(*after.command) <= CONFIG.reach * (1 + 1e-12)
+        assert math.hypot(*after.command) <= CONFIG.gaze.cone * (1 + 1e-12)
         if after.mode != state.mode and after.mode not in ("TRACK", "SCAN"):
             assert after.command == state.command
         if after.mode == "HOLD":

@@ -26,7 +26,7 @@ def sent(session, kind):
 
 def test_the_head_goes_where_the_operator_looks():
     pilot = Pilot().steering()
-    pilot.drive(130, pose=right(20.0, -10.0))
+    pilot.drive(150, pose=right(20.0, -10.0))
     pan, tilt, *_ = position(pilot.session)
     assert pilot.session.state.mode == "HEAD"
     assert pan > 8

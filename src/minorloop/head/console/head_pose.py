@@ -15,7 +15,7 @@ from typing import TypeAlias
 from minorloop.arrays import as_finite
 from minorloop.errors import ParameterError
 from minorloop.head.console.messages import Pair
-from minorloop.head.geometry import wrapped
+from minorloop.head.geometry import REACH, wrapped
 
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
@@ -52,7 +52,7 @@ class HeadPoseMap:
         If a number is out of its range.
     """
 
-    cone: float = math.radians(28.0)
+    cone: float = REACH
     reach: float = math.radians(45.0)
     dead_band: float = math.radians(1.0)
     calm: float = 1.5

@@ -23,7 +23,6 @@ from minorloop.head.console.head_pose import (
 )
 from minorloop.head.console.joystick import Rates, StickMap, push
 from minorloop.head.console.messages import Mode, Pair
-from minorloop.head.geometry import REACH
 
 MODES: tuple[Mode, ...] = get_args(Mode)
 
@@ -38,8 +37,6 @@ class TeleopConfig:
     stick : StickMap
     blind : float
         Seconds that a target may be out of sight before TRACK ends.
-    reach : float
-        Half-angle of the cone within which a scan may turn the head, in radians.
     pictures : float
         Seconds that may pass without a picture.
     """
@@ -47,7 +44,6 @@ class TeleopConfig:
     gaze: HeadPoseMap = field(default_factory=HeadPoseMap)
     stick: StickMap = field(default_factory=StickMap)
     blind: float = 0.6
-    reach: float = REACH
     pictures: float = 0.12
 
 
@@ -187,6 +183,6 @@ def _scanned(
     config: TeleopConfig, state: TeleopState, requested: tuple[Pair, Rates] | None, interval: float
 ) -> TeleopState:
     assert requested is not None
-    wider = replace(config.gaze, cone=config.reach)
-    moved = slewed(wider, state.command, into_cone(requested[0], config.reach), interval)
+    wanted = into_cone(requested[0], config.gaze.cone)
+    moved = slewed(config.gaze, state.command, wanted, interval)
     return replace(state, gaze=anchored(state.gaze, moved), rates=requested[1])

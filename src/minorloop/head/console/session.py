@@ -30,7 +30,6 @@ from minorloop.head.control.head import HeadControl
 from minorloop.head.procedures.calibration import STRAIGHT, joint_degrees
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.values import Plant, Reading, passed
-from minorloop.head.vision.servo import Cone
 
 _LOST_TICKS = 3
 """Ticks without a reading after which a sensor counts as lost."""
@@ -78,12 +77,7 @@ class Session:
         self._commands: list[CameraCommand] = []
         self._centred_at: float | None = None
         self.focus: str = ""
-        self._centring = Centring(
-            calibration=self.view,
-            interval=self.interval,
-            cone=Cone(self.config.gaze.cone),
-            rate_limit=self.config.gaze.heating,
-        )
+        self._centring = Centring(calibration=self.view, interval=self.interval)
         self.events: list[bytes] = []
 
     @property
