@@ -17,11 +17,11 @@ PARTS = (
     "prior",
     "advice",
     "twins",
-    "eyes",
+    "camera",
     "startup",
     "firmware",
     "fleet",
-    "seat",
+    "console",
     "console_depth",
     "meter",
     "raw_logs",
@@ -29,7 +29,7 @@ PARTS = (
     "group_bands",
     "data_sheets",
     "faults",
-    "strangers",
+    "connections",
 )
 COLUMNS = ("what", "ours", "the other way", "ratio", "required", "verdict", "accuracy")
 

@@ -107,7 +107,7 @@ class Page:
                     self.ages.append(now - struct.unpack_from("<d", message, 8)[0])
                 continue
             content = json.loads(message)
-            if content["type"] == "seats":
+            if content["type"] == "controls":
                 self.grant = content["grant"]
             elif content["type"] == "failed":
                 self.failed.append(content["text"])

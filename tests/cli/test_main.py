@@ -70,10 +70,18 @@ def test_several_lines_become_one(monkeypatch, refused):
     assert said == "error: first second third\n"
 
 
+def compiler_stopped():
+    """The error that numba raises when it is interrupted."""
+    error = RuntimeError("no compiled object yet")
+    error.__context__ = KeyboardInterrupt()
+    return error
+
+
 @pytest.mark.parametrize(
     ("error", "status", "says"),
     [
         (KeyboardInterrupt(), 130, "interrupted\n"),
+        (compiler_stopped(), 130, "interrupted\n"),
         (MemoryError(), 2, "error: there is not enough memory"),
         (OSError(5, "Input/output error"), 2, "error: something could not be read or written"),
         (BrokenPipeError(), 1, ""),

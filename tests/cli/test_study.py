@@ -1,12 +1,10 @@
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from minorloop.cli import study
-from minorloop.report import Report
 from minorloop.studies import fibre
 
 
@@ -47,13 +45,9 @@ def test_every_study_can_be_imported():
 
 
 def test_without_trimesh_the_surfaces_that_are_not_written_are_named(monkeypatch, capsys):
-    page = SimpleNamespace(
-        study_report=lambda *_: Report("title", "summary"),
-        save_beside=lambda *_: [Path("findings.csv")],
-    )
-    monkeypatch.setitem(sys.modules, "a_study_report", page)
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    study._report("a_study", None, {}, [], Path(), as_json=True)
+    for name in ("head", "inspection"):
+        study._check_surfaces(name)
     said = capsys.readouterr().err
     assert said == (
         "surfaces are not written: trimesh is not installed; pip install 'minorloop[head]' "

@@ -182,7 +182,7 @@ export interface LoopState {
   wire: [number, number];
   trouble: string;
   clutch: boolean;
-  heard: DriveReceipt | null;
+  received: DriveReceipt | null;
   late: number;
   safe_at: number;
   target: [number, number, number, number] | null;
@@ -194,7 +194,7 @@ export interface LoopState {
 
 /** Who has the controls; ``grant`` is 0 for everybody but the pilot. */
 export interface Controls {
-  type: "seats";
+  type: "controls";
   you: number;
   pilot: number | null;
   viewers: number;

@@ -114,7 +114,7 @@ const connection = new Connection(
           stateReceived = now();
           showState(message);
           break;
-        case "seats":
+        case "controls":
           controls = message;
           showControls();
           break;
@@ -188,7 +188,7 @@ function showState(s: LoopState): void {
   text("pan", angle(s.angle[0]));
   text("tilt", angle(s.angle[1]));
   byId<HTMLButtonElement>("depth").disabled = !controls?.grant || findings.length === 0 || s.mode === "SCAN";
-  if (s.heard && controls?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.heard.t)).toFixed(0)} ms`);
+  if (s.received && controls?.grant) text("latency", `${Math.max(0, 1000 * (now() - s.received.t)).toFixed(0)} ms`);
   if (s.trouble) notice(s.trouble);
   else if (s.mode === "HOLD" && s.reason && controls?.grant) {
     if (shownReason !== s.reason || performance.now() - noticedAt > NOTICE || byId("notice").hidden) notice((shownReason = s.reason));

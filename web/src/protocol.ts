@@ -10,7 +10,7 @@ export type Content<T extends FromPage["type"]> = Omit<Extract<FromPage, { type:
 export type OrderContent<T extends FromPage["type"]> = Omit<Content<T>, "grant">;
 
 /** Whether the echoes of a finding were evaluated, even if they gave no depth. */
-export const hasEchoes = (finding: ReportedFinding): boolean => finding.verdict !== "not heard";
+export const hasEchoes = (finding: ReportedFinding): boolean => finding.verdict !== "no echoes yet";
 
 export interface Picture {
   kind: number;

@@ -128,10 +128,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _REFUSED
     except (typer.Abort, KeyboardInterrupt):
         status = _INTERRUPTED
+    except Exception as error:
+        if not _interrupted(error):
+            raise
+        status = _INTERRUPTED
     if status == _INTERRUPTED:
         print("interrupted", file=sys.stderr)
         _print_error("Interrupted", "interrupted")
     return status
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether an error followed from an interruption, as in a compiler that was stopped."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _usage(error: Exception) -> str:

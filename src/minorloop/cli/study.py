@@ -63,7 +63,7 @@ def run(
             "each specimen if not given."
         ),
     ] = None,
-    soundings: Annotated[
+    scans: Annotated[
         int | None,
         _common.whole_option(
             "For inspection: pits with a flat floor that are measured, over all specimens; 6 for "
@@ -81,12 +81,13 @@ def run(
         raise ParameterError(f"--specimens is {specimens}; give 1 to {_MOST}")
     if seed < 0:
         raise ParameterError(f"--seed is {seed}; give 0 or more")
-    counts = {"scenes": scenes, "soundings": soundings}
+    counts = {"scenes": scenes, "scans": scans}
     options = _shared_out(name, counts, specimens)
     if out is not None:
         from minorloop.files import make_folder
 
         make_folder(out)
+        _check_surfaces(name)
     with _common.working(f"specimen 1 of {specimens}") as now:
         study = import_module(module)
         claims = import_module("minorloop.studies.claims")
@@ -102,6 +103,12 @@ def run(
     _common.do_all(steps)
 
 
+def _check_surfaces(name: str) -> None:
+    """Say before a long study that what writes its surfaces is not installed."""
+    if name == "inspection" and find_spec("trimesh") is None:
+        typer.echo(f"surfaces are not written: {MissingExtraError('trimesh', 'head')}", err=True)
+
+
 def _module_of(name: str) -> str:
     """Return the module of a study; the module of its report has ``_report`` at the end."""
     from minorloop.connect import registered
@@ -113,7 +120,7 @@ def _module_of(name: str) -> str:
 
 
 def _shared_out(name: str, counts: Mapping[str, int | None], specimens: int) -> dict[str, int]:
-    """Return how many scenes and soundings each specimen has."""
+    """Return how many scenes and scans each specimen has."""
     shares = {}
     for option, count in counts.items():
         if count is None:
@@ -159,8 +166,6 @@ def _report(
         beside = page.save_beside(first, folder) if hasattr(page, "save_beside") else []
     if hasattr(page, "save_beside") and not beside:
         typer.echo(page.nothing_found(first.mission), err=True)
-    if beside and find_spec("trimesh") is None:
-        typer.echo(f"surfaces are not written: {MissingExtraError('trimesh', 'head')}", err=True)
     if not as_json:
         typer.echo(f"report written to {path}; open it in a browser")
         for written in beside:

@@ -36,7 +36,6 @@ _LOSSES = 3
 _STINT, _MOST_EACH = 0.5, 64
 """Seconds of work in a batch, and its largest number of specimens."""
 
-_Answer = tuple[str, "Future[list[Found]] | None"]
 """Key of a batch, and its results if there are any."""
 
 _idle: list[Pool] = []

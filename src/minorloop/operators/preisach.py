@@ -33,7 +33,7 @@ from minorloop.operators.inversion import (
     within_reach,
 )
 from minorloop.operators.memory import Memory, Start
-from minorloop.operators.plane import Relay
+from minorloop.operators.plane import RELAYS, Relay
 from minorloop.operators.tracker import Tracker
 
 Diagonal: TypeAlias = Literal["uniform", "reversible"]
@@ -93,7 +93,7 @@ class Preisach(NotebookView):
         store(self, "weights", as_triangle(self.weights, self.bands, name="weights"))
         for name in ("offset", "slope"):
             store(self, name, as_finite(name, getattr(self, name)))
-        check_option("relay", self.relay, ("bipolar", "unipolar"))
+        check_option("relay", self.relay, RELAYS)
         check_option("diagonal", self.diagonal, ("uniform", "reversible"))
         self._check_size()
 

@@ -27,7 +27,7 @@ from minorloop.errors import ParameterError
 from minorloop.figures import NotebookView
 from minorloop.operators import _relay_kernels as _kernels
 from minorloop.operators.inversion import Inversion, as_signal
-from minorloop.operators.plane import off_output, swing
+from minorloop.operators.plane import RELAYS, Relay, off_output, swing
 
 if TYPE_CHECKING:
     from minorloop.operators.preisach import Preisach
@@ -67,14 +67,14 @@ class RelayModel(NotebookView):
     levels: Levels
     weights: FloatArray
     offset: float = 0.0
-    relay: Literal["bipolar", "unipolar"] = "bipolar"
+    relay: Relay = "bipolar"
 
     def __post_init__(self) -> None:
         store = object.__setattr__
         store(self, "levels", as_levels(self.levels))
         store(self, "weights", as_triangle(self.weights, self.levels.size, name="weights"))
         store(self, "offset", as_finite("offset", self.offset))
-        check_option("relay", self.relay, ("bipolar", "unipolar"))
+        check_option("relay", self.relay, RELAYS)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, RelayModel):

@@ -107,7 +107,7 @@ def test_findings_are_decoded_as_they_were_encoded_and_infinite_evidence_is_null
         (messages.ReplayEnded(), b'{"type":"ended"}'),
         (
             messages.Controls(you=2, pilot=None, viewers=3, grant=0),
-            b'{"type":"seats","you":2,"pilot":null,"viewers":3,"grant":0}',
+            b'{"type":"controls","you":2,"pilot":null,"viewers":3,"grant":0}',
         ),
         (
             messages.DepthProgress(finding=1, stage="x", seconds=0.5),

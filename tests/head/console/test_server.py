@@ -72,7 +72,7 @@ class Page:
 
     def take(self):
         self.send("take")
-        while not (seats := self.until("seats"))["grant"]:
+        while not (seats := self.until("controls"))["grant"]:
             pass
         self.grant = seats["grant"]
         return self
@@ -169,7 +169,7 @@ def test_a_pilot_steers(served):
         page.send("drive", grant=page.grant, **DRIVE)
         page.send("mode", grant=page.grant, mode="HEAD")
         page.send("release", grant=page.grant)
-        while page.until("seats")["pilot"]:
+        while page.until("controls")["pilot"]:
             pass
     assert served.link.kinds() == ["ControlsTaken", "Drive", "SetMode", "Release"]
 
@@ -249,7 +249,7 @@ def test_findings_are_exported(served):
     assert told["findings"] == [finding]
     lines = served.client.get("/api/findings.csv").text.splitlines()
     row = dict(zip(lines[0].split(","), lines[1].split(","), strict=True))
-    assert (row["verdict"], row["depth [mm]"]) == ("not heard", "")
+    assert (row["verdict"], row["depth [mm]"]) == ("no echoes yet", "")
     assert float(row["z [mm]"]) == 30.0
     assert float(row["phi [deg]"]) == pytest.approx(2.865)
     missing = served.client.get("/api/findings/1.ply")

@@ -107,11 +107,11 @@ def test_a_pilot_continues_and_another_connects_during_a_flood_of_strangers(runn
     begun = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     with running.page() as pilot:
         pilot.send(json.dumps({"type": "take", "seq": 1, "t": 1.0}))
-        while not told(pilot, "seats")["grant"]:
+        while not told(pilot, "controls")["grant"]:
             pass
         strangers = [running.raw(begun if k % 2 else b"") for k in range(100)]
         with running.page() as other:
-            assert told(other, "seats")["pilot"] == 1
+            assert told(other, "controls")["pilot"] == 1
         pilot.send(json.dumps({"type": "ping", "seq": 2, "t": 2.0}))
         assert told(pilot, "pong")["seq"] == 2
         for each in strangers:  # all of them are closed by the server

@@ -58,7 +58,7 @@ def test_a_pit_is_found_tracked_focused_on_and_measured_through_the_camera():
     assert finding.diameter == pytest.approx(1e3 * PIT[2], abs=2.5 * finding.diameter_sd)
     assert finding.phi == pytest.approx(math.degrees(PIT[0]), abs=2.5 * finding.phi_sd)
     assert finding.z == pytest.approx(1e3 * PIT[1], abs=2.5 * finding.z_sd)
-    assert (finding.depth, finding.verdict) == (None, "not heard")
+    assert (finding.depth, finding.verdict) == (None, "no echoes yet")
     seen = []
     for k in range(60):
         pose = right(30 * math.sin(k / 8), 30 * math.cos(k / 11))
@@ -321,5 +321,5 @@ def test_pages_are_sent_planes_and_memory():
         assert plane["levels"][0] <= memory[-1] <= plane["levels"][-1]
     assert state["mode"] == "HEAD"
     assert state["late"] == 1.0
-    assert state["heard"]["seq"] == pilot.seq
+    assert state["received"]["seq"] == pilot.seq
     assert AHEAD[3] == 1.0

@@ -57,7 +57,7 @@ def test_a_table_that_exists_is_replaced_only_if_asked(tmp_path):
         ("deeper than 1.25 mm", "hole or pit"),
         ("no coupling", "hole or pit"),
         ("too short", "hole or pit"),
-        ("not heard", "hole or pit"),
+        ("no echoes yet", "hole or pit"),
     ],
 )
 def test_only_what_echoes_decide_has_a_kind(verdict, kind):

@@ -97,6 +97,6 @@ def test_a_wire_that_gets_too_hot_is_counted():
     run = run_loop("full", Full(), constant(30.0), 60.0, specimen=None, seed=0, surroundings=hot)
     assert run.truth.hottest.max() > 150.0
     assert run.violations == 2
-    assert run.settle == pytest.approx(60.0)
+    assert run.settle == np.inf
     assert run.overshoot > 50.0
     assert run.steady > 25.0

@@ -39,7 +39,7 @@ def test_a_wide_crack_has_a_depth():
 
 def test_beyond_its_range_no_depth_is_given():
     found = crack_depth(scan(0.2e-3, 1.35e-3), PROBE, COURSE, 0.2e-3)
-    assert found.verdict in ("deeper than 1.25 mm", "no floor heard")
+    assert found.verdict in ("deeper than 1.25 mm", "no floor echo")
     assert np.isnan(found.depth)
 
 
@@ -71,7 +71,7 @@ def test_the_map_is_as_deep_as_was_measured_and_open_where_it_was_not():
     assert (wall.source[on & inner] == BOTH).all()
     assert np.isnan(wall.depth[on & outer & (np.abs(off[..., 0]) < 2.9e-3)]).all()
     assert (wall.depth[np.abs(off[..., 1]) > 0.5e-3] == 0).all()
-    silent = crack_map(COURSE, 0.3e-3, CrackDepth("no floor heard"), CENTRE, patch)
+    silent = crack_map(COURSE, 0.3e-3, CrackDepth("no floor echo"), CENTRE, patch)
     assert np.isnan(silent.depth[on & inner]).all()
     assert (silent.source == CAMERA).all()
 

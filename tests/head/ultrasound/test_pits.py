@@ -78,7 +78,7 @@ def test_a_floor_deeper_than_is_measured_is_no_hole_and_has_no_depth():
 
 def test_without_the_end_of_the_traces_a_hole_is_undecided(through):
     cut = [replace(burst, trace=burst.trace[:1420]) for burst in through]
-    assert measure_pit(cut, PROBE, CENTRE, 1.1e-3).verdict == "no floor heard"
+    assert measure_pit(cut, PROBE, CENTRE, 1.1e-3).verdict == "no floor echo"
 
 
 def test_a_mark_that_is_not_a_pit_has_no_depth():
@@ -214,7 +214,7 @@ def test_a_raster_aims_at_the_wall_about_its_centre():
 )
 def test_an_echo_that_is_not_from_a_floor_makes_no_hole(bores, dents):
     found = measure_pit(scan(bores, 1, dents=dents, noise=0.02), PROBE, CENTRE, 1.1e-3)
-    assert found.verdict == "no floor heard"
+    assert found.verdict == "no floor echo"
     assert np.isnan(found.depth)
 
 

@@ -56,7 +56,7 @@ class _FromPage(
 
 
 class _Order(_FromPage, frozen=True, kw_only=True):
-    """A message that only the pilot may send; ``grant`` is the number of the pilot's turn."""
+    """A message that only the pilot may send; ``grant`` is the number of the taking of controls."""
 
     grant: _Number
 
@@ -164,7 +164,7 @@ class ReportedFinding(msgspec.Struct, frozen=True, kw_only=True):
     kind : str
         ``pit``, ``hole`` or ``mark``; ``hole or pit`` where echoes have not decided.
     verdict : str
-        Of the echoes; ``not heard`` before there are any.
+        Of the echoes; ``no echoes yet`` before there are any.
     phi, z : float
         Place on the wall.
     diameter, depth : float
@@ -261,7 +261,7 @@ class LoopState(_ToPage, frozen=True, kw_only=True, tag="state"):
     wire: Pair
     trouble: str
     clutch: bool
-    heard: DriveReceipt | None
+    received: DriveReceipt | None
     late: float
     safe_at: float
     target: tuple[float, float, float, float] | None
@@ -271,7 +271,7 @@ class LoopState(_ToPage, frozen=True, kw_only=True, tag="state"):
     spots: list[Spot]
 
 
-class Controls(_ToPage, frozen=True, kw_only=True, tag="seats"):
+class Controls(_ToPage, frozen=True, kw_only=True, tag="controls"):
     """Who has the controls; ``grant`` is 0 for everybody but the pilot."""
 
     you: int

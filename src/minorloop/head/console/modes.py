@@ -103,7 +103,7 @@ class TeleopState:
     """
 
     mode: Mode = "HOLD"
-    reason: str = "nobody has taken the controls yet"
+    reason: str = "no mode has been chosen yet; take the controls and press one"
     gaze: HeadPoseState = field(default_factory=HeadPoseState)
     rates: Rates = (0.0, 0.0)
     unseen: float = 0.0
@@ -159,7 +159,10 @@ def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted
             "mode to continue, or start the console with a longer --timeout"
         )
     if not inputs.pictures:
-        return "no picture comes from the camera; press a mode when pictures come again"
+        return (
+            f"no picture came from the camera for {config.pictures:g} s; press a mode when "
+            "pictures come again, or start the console with a longer --timeout"
+        )
     if wanted == "HEAD" and (inputs.pose is None or not inputs.pose_age <= config.gaze.timeout):
         return "the pose of the operator's head was lost; press HEAD to continue"
     entering = inputs.request is not None and state.mode != "TRACK"

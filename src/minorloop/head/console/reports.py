@@ -20,7 +20,7 @@ from minorloop.head.reconstruction.findings import UNDECIDED, kind_of
 
 _PLACE_SD, _SIZE_SD = 0.085e-3, 0.08
 """Standard deviations by an outline: of the place in m, and of the diameter as a share of it."""
-NO_ECHOES = "not heard"
+NO_ECHOES = "no echoes yet"
 """Verdict before a finding was scanned."""
 
 

@@ -187,7 +187,7 @@ class Session:
                 wire=pair((axis.estimate.wire.angle for axis in axes), 2),
                 trouble=self._trouble(),
                 clutch=drive is not None and drive.clutch,
-                heard=None if drive is None else messages.DriveReceipt(seq=drive.seq, t=drive.t),
+                received=None if drive is None else messages.DriveReceipt(seq=drive.seq, t=drive.t),
                 late=round(1e3 * late, 2),
                 safe_at=safe_at,
                 target=self._target(),

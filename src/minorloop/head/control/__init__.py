@@ -1,1 +1,1 @@
-"""From a wish to an input."""
+"""Control of heated wires: feedforward, observers, guards and planned sequences."""

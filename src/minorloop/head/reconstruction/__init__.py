@@ -1,1 +1,1 @@
-"""The wall as it was found: maps, fusion, meshes and findings."""
+"""Reconstruction of the wall: maps, fusion, meshes and findings."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -78,9 +79,11 @@ class HeadRun:
 
     @property
     def settle(self) -> float:
-        """Settling time of the first axis at its last target, in seconds."""
+        """Settling time of the first axis at its last target, in seconds; infinite without."""
         target = float(self.wanted[-1, 0])
         out = np.abs(self.truth.angle[:, 0] - target) > max(BAND * abs(target), LEAST_BAND)
+        if out[-1]:
+            return math.inf
         return float(self.t[np.flatnonzero(out)[-1]]) if out.any() else 0.0
 
     @property

@@ -219,7 +219,7 @@ def _add_circles(report: Report, study: HeadStudy) -> None:
         "Fig 11: circles",
         text="Both axes at once, 10 degrees about (25, 25). Distance from the wanted point, "
         f"degrees rms: {speeds}. A wire is heated as fast as the current allows, but cools only "
-        "as fast as the air takes it: that is what breaks down first.",
+        "as fast as the air takes the heat: this limits the speed of a circle.",
         pictures=[Picture(draw_circles(study), "Fig 11: pan against tilt.")],
     )
 

@@ -31,7 +31,7 @@ from minorloop.studies.claims import Claim, medians
 TITLE = "In-pipe inspection with a catheter head"
 FUSED = Bore(0.0, 0.0, 1e-3, depth=0.5e-3)
 FIRST_SCENE, SCENES, FIRST_PLAIN = 50_000, 4, 2_000_000
-FIRST_SOUNDING, SOUNDINGS = 60_000, 6
+FIRST_SCAN, SCANS = 60_000, 6
 """Seeds of the scored scenes; numbers of scenes with and without a hole, and of flat pits, for each
 specimen."""
 _PLAIN_SHARE = 4
@@ -41,13 +41,13 @@ CLAIMS = (
     Claim("servo with angle sensor: to 2 px [s]", "servo.settle_s_with_sensor", "shown", most=8),
     Claim("servo, camera only: to 2 px [s]", "servo.settle_s_camera_only", "shown", most=12),
     Claim("servo: steady rms [px]", "servo.steady_rms_px", "shown", most=0.5),
-    Claim("sway of 1 degree: held over still", "sway.ratio", "not studied", most=0.65),
-    Claim("the same in pictures shifted by what is tracked", "sway.stabilised_ratio", "-"),
+    Claim("sway of 1 degree: motion held over not held", "sway.ratio", "not studied", most=0.65),
+    Claim("the same in the stabilised pictures", "sway.stabilised_ratio", "-"),
     Claim("holes found", "detection.recall", "one image (Fig 14)", least=0.98, percent=True),
     Claim(
         "false findings an acquisition",
         "detection.false_per_acquisition",
-        "a reflection told apart",
+        "one reflection recognised",
         most=0.05,
     ),
     Claim("single frames: holes found", "detection.single_recall", "-", percent=True),
@@ -157,7 +157,7 @@ class InspectionStudy:
         }
 
 
-def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> InspectionStudy:
+def run_study(seed: int, scenes: int = SCENES, scans: int = SCANS) -> InspectionStudy:
     """Run the study for one specimen.
 
     Parameters
@@ -167,7 +167,7 @@ def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> In
     scenes : int
         Number of scenes with a hole, and without, for the score of detection; plain edges on a
         quarter as many.
-    soundings : int
+    scans : int
         Number of pits with a flat floor for the score of depths and bands; the last has the size
         for the score of fusion.
     """
@@ -186,7 +186,7 @@ def run_study(seed: int, scenes: int = SCENES, soundings: int = SOUNDINGS) -> In
         runs=runs,
         outcomes=tuple(outcomes),
         edges=np.concatenate([plain_edges(FIRST_PLAIN + seed * plain + k) for k in range(plain)]),
-        scored=_scored_scans(FIRST_SOUNDING + (soundings + 4) * seed, soundings),
+        scored=_scored_scans(FIRST_SCAN + (scans + 4) * seed, scans),
         mission=run_mission(seed),
         seconds=time.process_time() - began,
     )

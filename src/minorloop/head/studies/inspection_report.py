@@ -22,11 +22,13 @@ from minorloop.head.studies.mission_report import (
     finding_rows,
     save_mission,
 )
+from minorloop.head.ultrasound.crack_depth import MEASURED
 from minorloop.identification.bands import PER_DEVIATION
 from minorloop.report import Picture, Report, Table
 from minorloop.studies.claims import claim_table, specimens
 from minorloop.studies.drawing import new_figure
 
+_NARROW = "The floor of a narrow crack reflects too little of a beam to be measured."
 _LOOKED = "The camera sees the surface of a defect but gives no depth there."
 
 if TYPE_CHECKING:
@@ -171,8 +173,8 @@ def _add_cracks(report: Report, mission: Mission) -> None:
         report.add(
             "A crack",
             text="Dark under every light, thin, and seen again in a near view. Verdict of the "
-            f"echoes on its depth where it is widest: {crack.finding.verdict}. The floor of a "
-            "narrow crack reflects too little of a beam to be measured.",
+            f"echoes on its depth where it is widest: {crack.finding.verdict}."
+            + ("" if crack.finding.verdict == MEASURED else f" {_NARROW}"),
             table=finding_rows(crack.finding),
             pictures=[
                 Picture(draw_crack(crack), traced),
@@ -209,7 +211,7 @@ def draw_servo(study: InspectionStudy) -> Any:
     left.set(xlabel="time [s]", ylabel="off the middle [px]", yscale="log")
     still, swayed = study.runs["still"], study.runs["swayed"]
     late = swayed.t > SWAY_WAIT
-    right.plot(still.t, still.off, label="angles held, not looking")
+    right.plot(still.t, still.off, label="constant angles, without camera")
     right.plot(swayed.t[late] - SWAY_WAIT, swayed.off[late], label="tracked and held")
     if swayed.left is not None:
         right.plot(swayed.t[late] - SWAY_WAIT, swayed.left[late], label="and the picture shifted")

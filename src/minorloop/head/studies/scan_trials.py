@@ -317,7 +317,7 @@ def depth_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:
 
 def dished_figure(scored: Iterable[ScoredScan]) -> float:
     """Return the largest error in millimetres of the mean depth of unflagged dished floors."""
-    return max((1e3 * abs(_error(run)) for run in scored if run.found.measured), default=0.0)
+    return max((1e3 * abs(_error(run)) for run in scored if run.found.measured), default=math.nan)
 
 
 def fusion_figures(scored: Iterable[ScoredScan]) -> dict[str, float]:

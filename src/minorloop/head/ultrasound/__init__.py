@@ -1,1 +1,1 @@
-"""What echoes say of a wall."""
+"""Depths of pits and cracks from ultrasonic echoes."""

@@ -24,7 +24,7 @@ from minorloop.head.ultrasound.pits import DEEPER, DEEPEST
 from minorloop.head.ultrasound.spectra import FAR, spectra_of
 from minorloop.threads import one_thread
 
-MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor heard"
+MEASURED, NARROW, SILENT = "measured", "too narrow for a depth", "no floor echo"
 _FEWEST, _REACH = 12, 2.4e-3
 """Fewest bursts for a depth, and side of the patch that contains all footprints, in metres."""
 _TEXEL = 0.04e-3
@@ -47,7 +47,7 @@ class CrackDepth:
     Parameters
     ----------
     verdict : str
-        ``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor heard``
+        ``measured``; ``deeper than 1.25 mm``; ``too narrow for a depth``; ``no floor echo``
         (wide enough, but no echo from its floor, or none that fits one depth);
         ``too few echoes``; ``too short`` (traces end before the echo of a floor);
         ``no coupling``.

@@ -37,7 +37,7 @@ FEWEST = 16
 DEEPEST = 1.25e-3
 """Greatest depth that is measured, in metres."""
 MEASURED, HOLE = "measured", "through-hole"
-DEEPER, SILENT = "deeper than 1.25 mm", "no floor heard"
+DEEPER, SILENT = "deeper than 1.25 mm", "no floor echo"
 NO_PIT, FAINT = "no pit", "too faint"
 _NEAR_DEEPEST = 1e-3
 UNEVEN, DISTURBED, AMBIGUOUS = "uneven floor", "disturbed", "ambiguous depth"
@@ -75,7 +75,7 @@ class PitDepth:
     verdict : str
         ``measured``; ``deeper than 1.25 mm`` (there is an echo of a floor beyond the depths that
         are measured); ``through-hole`` (no echo out of the mouth, down to the thickness of the
-        wall); ``no floor heard`` (no floor, but another echo; or noise or the end of the traces
+        wall); ``no floor echo`` (no floor, but another echo; or noise or the end of the traces
         would hide it); ``uneven floor`` (it does not echo as a flat one: the depth is a mean, with
         a wide band); ``disturbed`` (something beside the mouth, such as a bead, echoes too: the
         outline is that of the camera, the band wide); ``ambiguous depth`` (another depth explains

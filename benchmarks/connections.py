@@ -83,7 +83,7 @@ async def _flooded(server: Server, count: int) -> list[Row]:
         results: list[dict] = []
 
         async def flood() -> None:
-            command = [sys.executable, "-m", "benchmarks.strangers", server.host, str(count)]
+            command = [sys.executable, "-m", "benchmarks.connections", server.host, str(count)]
             child = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
             try:
                 await _newcomer(server)
@@ -151,7 +151,7 @@ class _Course:
         )
 
 
-def strangers(host: str, count: int, seconds: float = _FLOOD) -> Counter[str]:
+def flood(host: str, count: int, seconds: float = _FLOOD) -> Counter[str]:
     """Open connections without a key, keep them as long as the server does, and open others.
 
     Half of them come at once and the rest over the time; each kind of ``KINDS`` is a quarter.
@@ -319,4 +319,4 @@ if __name__ == "__main__":
         os.nice(10)
     with contextlib.suppress(ValueError):
         resource.setrlimit(resource.RLIMIT_NOFILE, (8192, 8192))
-    print(json.dumps(strangers(sys.argv[1], int(sys.argv[2]))))
+    print(json.dumps(flood(sys.argv[1], int(sys.argv[2]))))

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks._console import Page, Server, piloted
-from benchmarks._seat_parts import attacked, lab, painted, still
+from benchmarks._console_parts import attacked, lab, painted, still
 from benchmarks._timing import Row
 
 PAGES = 4
