@@ -27,6 +27,16 @@ def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
     assert "name the column" not in found["advice"][0]
 
 
+def test_rows_after_a_clock_was_set_back_are_said_to_be_left_out(answer):
+    t = np.where(np.arange(900) < 450, T, T - 3.0)
+    _log(t, U, MODEL.simulate(U))
+    found = answer(f"{LINE} --lag 0 --time time")
+    assert found["samples"] < 500
+    said = next(advice for advice in found["advice"] if "measured rows" in advice)
+    assert f"{900 - found['samples']} of 900 measured rows are not fitted, because" in said
+    assert "leave --time out" in said
+
+
 def test_curves_whose_memory_is_reset_have_no_gaps(answer):
     t = np.where(np.arange(900) < 450, T, T + 1000)
     y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])

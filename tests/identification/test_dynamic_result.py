@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,19 @@ def test_rows_say_what_the_dynamics_are():
     assert rows["damping ratio"] == "0.1"
     assert rows["creep"] == "30.0% of the output, within 0.1 s to 1 s"
     assert dict(result(Linear.lags(0.2), "linear").rows)["order"] == "dynamics, then operator"
+
+
+@pytest.mark.parametrize(("error", "close"), [(0.0021, True), (0.004, False)])
+def test_the_other_order_is_shown_and_may_be_too_close_to_call(error, close):
+    tried = (CHOSEN, TriedDynamics("operator", 2, 0.0, False, error))
+    found = replace(result(Linear.lags(0.2), "linear"), tried=tried)
+    assert dict(found.rows)["the other order"] == f"{error:.3%} of range, not 0.200%"
+    assert any("too close to call" in text for text in found.advice) == close
+
+
+def test_without_poles_there_is_no_other_order():
+    tried = (replace(CHOSEN, poles=0), TriedDynamics("operator", 2, 0.0, False, 0.002))
+    assert replace(result(Linear.lags(0.2), "linear"), tried=tried).other_order is None
 
 
 def test_errors_are_those_of_the_whole_model():

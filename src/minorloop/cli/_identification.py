@@ -27,7 +27,7 @@ _DEFAULTS: dict[str, Any] = {
     "lag": "auto",
     "prior": "auto",
 }
-DYNAMICS = ("none", "auto")
+DYNAMICS = ("none", "auto", "operator", "linear")
 NOT_USED = "none"
 _NOT_OF_RUNS = ("holdout", "skip", "start_of_curve")
 
@@ -160,7 +160,7 @@ def identified(
         now(f"identifying from {part.stop - part.start} rows")
         if dynamics != "none":
             _shown(now, part)("dynamics")
-            found = _with_dynamics(record, part, columns, settings)
+            found = _with_dynamics(record, part, columns, {**settings, "first": dynamics})
             seconds = time.perf_counter() - began
             static = found.static
             return Done(record, static, provenance, seconds, (), (), part.start, of_time, found)
@@ -231,11 +231,12 @@ def _timed(
             )
         advice = "name the column with --time to take this into account"
         return log.record, tuple(f"{note}; {advice}" for note in log.breaks)
+    notes = log.notes + log.left_out
     if lag_seconds is not None:
-        return log.without_lag(lag_seconds), log.notes
+        return log.without_lag(lag_seconds), notes
     if lag == 0 or not whole:
-        return log.with_known_memory(), log.notes
-    return log.evenly_sampled(), log.notes
+        return log.with_known_memory(), notes
+    return log.evenly_sampled(), notes
 
 
 def _of_run(

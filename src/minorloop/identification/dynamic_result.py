@@ -19,6 +19,8 @@ from minorloop.identification.result import Identification
 from minorloop.operators.inversion import Unreachable
 from minorloop.operators.memory import Start
 
+_CLOSE = 1.1
+"""Error of the other order, over that of the chosen one, up to which the order is not known."""
 _SHORT = 3.0
 """Time constants that a record must be long."""
 
@@ -206,6 +208,14 @@ class DynamicIdentification(NotebookView):
                 f"the slowest time constant is {times[0]:.3g} s and the record {seconds:.3g} s "
                 "long; record three time constants at least"
             )
+        other = self.other_order
+        if other and other.error < _CLOSE * next(one.error for one in self.tried if one.chosen):
+            texts.append(
+                "which of operator and dynamics comes first is too close to call: the errors of "
+                f"both orders differ by less than {_CLOSE - 1:.0%}; record faster or larger "
+                'reversals, or give the order that the physics has, such as first="operator" '
+                "(--dynamics operator)"
+            )
         if not self.dynamic:
             texts.append(
                 "with dead time, poles or creep the model is no better than with the operator alone"
@@ -227,6 +237,7 @@ class DynamicIdentification(NotebookView):
             ("error on fitted data", f"{percent(self.nrmse)} of range"),
             ("error on held-out data", "-" if held is None else f"{percent(held)} of range"),
             ("order", "operator, then dynamics" if after else "dynamics, then operator"),
+            *self._margin(),
             ("time constants", times),
             ("dead time", f"{linear.delay:.4g} s"),
         ]
@@ -240,6 +251,24 @@ class DynamicIdentification(NotebookView):
             within = " to ".join(dict.fromkeys(f"{time:.3g} s" for time in used))
             rows.append(("creep", f"{creep.strengths.sum():.1%} of the output, within {within}"))
         return rows
+
+    def _margin(self) -> list[tuple[str, str]]:
+        """Return a row on the other order; none where it makes no difference or was not tried."""
+        other = self.other_order
+        if other is None:
+            return []
+        chosen = next(one for one in self.tried if one.chosen)
+        errors = f"{percent(other.error)} of range, not {percent(chosen.error)}"
+        return [("the other order", errors)]
+
+    @property
+    def other_order(self) -> TriedDynamics | None:
+        """The best fit that was tried with operator and dynamics the other way round."""
+        chosen = next((one for one in self.tried if one.chosen), None)
+        others = [one for one in self.tried if one.poles and one.first != self.model.first]
+        if chosen is None or not chosen.poles or not others:
+            return None
+        return min(others, key=lambda one: one.error)
 
     def __str__(self) -> str:
         lines = [f"{name:<24} {value}" for name, value in self.rows]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import (
     Labels,
@@ -67,6 +67,20 @@ class Log:
     def breaks(self) -> tuple[str, ...]:
         """What was found about gaps and clock jumps only."""
         return self.check.of_breaks if self.check else ()
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """How many rows `with_known_memory` leaves out and why, in one sentence; empty if none."""
+        measured = np.isfinite(self.record.y)
+        lost = int(np.count_nonzero(measured & ~np.isfinite(self.with_known_memory().y)))
+        if not lost:
+            return ()
+        return (
+            f"{lost} of {counted(int(measured.sum()), 'measured row')} {are(lost)} not "
+            "fitted, because the memory is unknown after a gap or a step back of the clock; if "
+            "no row is missing there, leave --time out; if the input was saturated there, name a "
+            "column of curves (--curves)",
+        )
 
     def with_memory_reset(self) -> Log:
         """Return the log without its breaks, because each curve begins with a known memory."""

@@ -134,7 +134,7 @@ def identify_file(
     record = _part(log.evenly_sampled() if whole else log.with_known_memory(), first, last)
     options |= {option: values[first:last] for option, values in labels.items()}
     cells, measured = count * (count + 1) // 2, int(np.isfinite(record.y).sum())
-    advice = list(log.notes)
+    advice = [*log.notes, *log.left_out]
     fitting = f"fitting {cells} cells to {measured} of {len(record)} rows"
     if measured * _SPARSE < len(record) and measured < _EACH * cells:
         if cells > _MOST_SPARSE_CELLS:
