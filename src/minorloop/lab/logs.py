@@ -19,6 +19,8 @@ from minorloop.lab.columns import (
     with_unit,
 )
 from minorloop.lab.records import SAMPLE, Quantity, Record
+from minorloop.lab.sheets import is_sheet
+from minorloop.lab.text_tables import LATIN, encoding_of
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,
@@ -51,17 +53,20 @@ class Log:
         Columns of labels, by the names they were asked for.
     sd : (T,) array, optional
         Standard deviation of each output, NaN where it is not known; None if none is.
+    of_file : tuple of str
+        What was found in the file itself, one sentence each.
     """
 
     record: Record
     check: TimeCheck | None = None
     labels: Mapping[str, Labels] = field(default_factory=dict)
     sd: FloatArray | None = None
+    of_file: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found in the times, one sentence each."""
-        return self.check.notes if self.check else ()
+        """What was found in the file and its times, one sentence each."""
+        return self.of_file + (self.check.notes if self.check else ())
 
     @property
     def breaks(self) -> tuple[str, ...]:
@@ -191,11 +196,12 @@ def read_log(
     noise = None if sd is None else columns[sd]
     if noise is not None and np.isnan(noise[np.isfinite(y)]).all():
         noise = None
+    said = _of_file(path)
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
-        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise)
+        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
     clock, check = _checked(columns[time], names[2])
-    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise)
+    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise, said)
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
@@ -208,6 +214,12 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
     """
     header = with_unit(time, find_column(time, read_headers(path), source=path))
     return _checked(read_columns(path, [time], dates=[time])[time], header)
+
+
+def _of_file(path: PathLike) -> tuple[str, ...]:
+    if is_sheet(path) or encoding_of(path) != LATIN:
+        return ()
+    return (f"{path} is not UTF-8 and was read as Windows-1252; check units such as µm and °C",)
 
 
 def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:
