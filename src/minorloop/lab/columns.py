@@ -41,10 +41,10 @@ def read_columns(
     """Read columns of numbers from a file.
 
     A text file is UTF-8, UTF-16 or else Windows-1252, with one header line, before it comments
-    after ``#``, ``%`` or ``//``, and after it possibly a row of units. Commas, semicolons or tabs separate the columns;
-    decimals have a point, or a comma where no comma separates. A ``.mat`` file has a vector for
-    each column or a matrix, an ``.xlsx`` file its table on the first sheet. Other columns may
-    hold anything.
+    after ``#``, ``%`` or ``//``, and after it possibly a row of units. Commas, semicolons or tabs
+    separate the columns; decimals have a point, or a comma where no comma separates. A ``.mat``
+    file has a vector for each column or a matrix, an ``.xlsx`` file its table on the first sheet.
+    Other columns may hold anything.
 
     Parameters
     ----------
