@@ -7,6 +7,7 @@ import minorloop as ml
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
+from minorloop.identification.baseline import percent
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 
 T = 0.01 * np.arange(200)
@@ -55,6 +56,20 @@ def test_errors_are_those_of_the_whole_model():
     for rows, value in ((found.fitted, found.nrmse), (found.held_out, found.holdout_nrmse)):
         assert value == pytest.approx(np.sqrt(np.mean(off[rows] ** 2)) / np.ptp(found.y[rows]))
     assert found.scores == {"nrmse_train": found.nrmse, "nrmse_holdout": found.holdout_nrmse}
+
+
+def test_advice_has_the_errors_of_the_whole_model():
+    found = result(Linear.lags(0.3), off=0.5)
+    static = replace(
+        found.static, y=found.static.prediction + found.y - found.prediction,
+        fitted=found.fitted, held_out=found.held_out,
+    )  # fmt: skip
+    found = replace(found, static=static)
+    said = " ".join(found.advice)
+    assert percent(static.holdout_nrmse) in " ".join(static.advice)
+    assert percent(static.holdout_nrmse) not in said
+    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in said
+    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in found.warnings[0]
 
 
 def test_advice_is_about_the_time_constants_too():

@@ -23,7 +23,8 @@ Laser = Annotated[
     typer.Option(
         metavar=_LASER,
         help="Convert laser distance to curvature: distance to the straight strip and height above "
-        "the clamp, and their standard deviations, in the unit of the distance.",
+        "the clamp, and their standard deviations, in the unit of the distance. Curvature is "
+        "positive where the distance is below D0: towards the laser.",
     ),
 ]
 Linear = Annotated[

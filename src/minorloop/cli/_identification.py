@@ -60,8 +60,8 @@ class Done:
     @property
     def warnings(self) -> tuple[str, ...]:
         """The part of the advice that says why the model is not to be trusted."""
-        known = self.result.advice
-        return (*(note for note in self.notes if note not in known), *self.result.warnings)
+        result = self.result if self.dynamic is None else self.dynamic
+        return (*(note for note in self.notes if note not in result.advice), *result.warnings)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -194,8 +196,7 @@ class DynamicIdentification(NotebookView):
     def advice(self) -> tuple[str, ...]:
         """Sentences about what is weak and what to do; empty if nothing is weak."""
         # Levels that were not given follow the filtered input of an earlier round.
-        advice = [text for text in self.static.advice if "beyond the levels" not in text]
-        texts = [text.replace(WITH_TIMES, "") for text in advice]
+        texts = [text for text in self._of_record(self.static.advice) if "beyond the l" not in text]
         times = self.model.linear.time_constants
         interval, seconds = float(self.t[1] - self.t[0]), float(self.t[-1])
         if times.size and times[-1] < interval:
@@ -225,7 +226,23 @@ class DynamicIdentification(NotebookView):
     @property
     def warnings(self) -> tuple[str, ...]:
         """The part of the advice that says why the model is not to be trusted."""
-        return self.static.warnings
+        return tuple(self._of_record(self.static.warnings))
+
+    def _of_record(self, texts: Sequence[str]) -> list[str]:
+        """Return sentences about the operator with the errors of the whole model instead."""
+        # The residual is the same; the range of the record is not that of the operator alone.
+        rows, error = self.held_out, self.static.holdout_nrmse
+        own = np.ptp(self.static.y[self.fitted]) / np.ptp(self.y[self.fitted])
+        others = [(self.static.nrmse, self.nrmse)]
+        if error is not None and self.holdout_nrmse is not None:
+            late = error * np.ptp(self.static.y[rows]) / np.ptp(self.static.y[self.fitted])
+            others += [(error, self.holdout_nrmse), (late, late * own)]
+        replaced = {percent(static): percent(whole) for static, whole in others}
+        pattern = re.compile("|".join(map(re.escape, replaced)))
+        return [
+            pattern.sub(lambda found: replaced[found[0]], text.replace(WITH_TIMES, ""))
+            for text in texts
+        ]
 
     @property
     def rows(self) -> list[tuple[str, str]]:
