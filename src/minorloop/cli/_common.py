@@ -332,8 +332,8 @@ def times_of(
     quantity, check = read_times(file, column)
     if check.jumps.size:
         raise RecordError(
-            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}; give the "
-            "rows in the order of time"
+            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}, "
+            "counted from 0 after the header; give the rows in the order of time"
         )
     return {str(quantity): check.t}, check
 

@@ -23,7 +23,13 @@ if TYPE_CHECKING:
 def run(
     model: _common.ModelFile,
     file: _common.DataFile,
-    input: Annotated[str, typer.Option(help="Column of the input, in the unit of the model.")],
+    input: Annotated[
+        str | None,
+        typer.Option(
+            help="Column of the input, in the unit of the model.",
+            show_default="the name that it has in the model",
+        ),
+    ] = None,
     time: _common.Time = None,
     start: _common.Start = "negative",
     save: _common.Save = None,
@@ -38,7 +44,8 @@ def run(
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
-        u = _common.read_column(file, input, known.input.unit)
+        column = known.input.name if input is None else input
+        u = _common.read_column(file, column, known.input.unit)
         now(f"simulating {u.size} samples")
         times, check = _common.times_of(known, file, time)
         y = _simulated(known, times, u, start)
