@@ -86,7 +86,13 @@ class Columns:
         The latter is named ``sd`` and has the unit of the output. With a noise that is given, or
         with dynamics, it is not used.
         """
-        from minorloop.lab.columns import find_column, read_headers, split_header, with_unit
+        from minorloop.lab.columns import (
+            deviation_column,
+            find_column,
+            read_headers,
+            split_header,
+            with_unit,
+        )
 
         if self.output is None:
             return self
@@ -98,12 +104,10 @@ class Columns:
             raise ParameterError(f"--sd cannot be combined with {other}; leave one of them out")
         headers = read_headers(file)
         output = with_unit(self.output, find_column(self.output, headers, source=file))
-        unit = split_header(output)[1]
         if self.sd is None:
-            found = (header for header in headers if split_header(header) == ("sd", unit))
-            return replace(self, sd=next(found, None))
+            return replace(self, sd=deviation_column(headers, output))
         header = with_unit(self.sd, find_column(self.sd, headers, source=file))
-        if split_header(header)[1] not in ("", unit):
+        if split_header(header)[1] not in ("", split_header(output)[1]):
             raise RecordError(
                 f"column '{header}' of {file} is no standard deviation of '{output}'; give one in "
                 "the unit of the output"

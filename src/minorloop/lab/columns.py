@@ -232,6 +232,20 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
     raise RecordError(f"{source} has no column '{name}', it has {_listed(headers)}{hint}")
 
 
+def deviation_column(headers: Sequence[str], output: str) -> str | None:
+    """Return the column ``sd`` in the unit of an output, as `reduce` writes it; None without one.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Headers of the columns.
+    output : str
+        Name and unit of the output, such as ``curvature [1/m]``.
+    """
+    wanted = ("sd", split_header(output)[1])
+    return next((header for header in headers if split_header(header) == wanted), None)
+
+
 def with_unit(name: str, header: str) -> str:
     """Return a header with its unit; if it has none, with that of the name it was found by."""
     return name.strip() if header == split_header(name)[0] else header
