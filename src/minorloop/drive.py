@@ -48,6 +48,8 @@ _LEAST_ALLOWED = 0.05
 """Share of the model's range up to which an error is never a missed target."""
 _TELLING = 0.1
 """Share of the model's range that the predicted outputs must span for that gain to count."""
+_CLEAR = 10.0
+"""Standard deviations of a measured value that they must span too."""
 
 
 @dataclass(frozen=True)
@@ -339,8 +341,9 @@ class TargetDrive:
         y = np.array([point.value for point in points])[known]
         x = np.array(predicted)[known]
         x, y = x - x.mean(), y - y.mean()
-        noise = max(point.sd for point in points if np.isfinite(point.value))
-        if np.ptp(x) <= max(_TELLING * min(self._width, np.ptp(self.targets)), 10 * noise):
+        noise = max((point.sd for point in points if np.isfinite(point.sd)), default=0.0)
+        whole = self._width if np.isfinite(self._width) else float(np.ptp(self.targets))
+        if np.ptp(x) <= max(_TELLING * whole, _CLEAR * noise):
             return
         gain = float(x @ y / (x @ x))
         if LEAST_GAIN <= gain <= MOST_GAIN:
