@@ -54,7 +54,10 @@ class Done:
         said = list(dict.fromkeys([*self.notes, *self.of_time, *of_model]))
         result = self.result
         if self.first and (result.findings or result.codes or result.suspects):
-            said.append(f"samples are counted from row {self.first} of the file here")
+            said.append(
+                f"samples are counted from row {self.first} of the file here; its first row below "
+                "the header is row 0"
+            )
         return said
 
     @property

@@ -275,9 +275,8 @@ def _of_sheet(
     for name in names:
         header = find_column(name, sheet.headers, source=sheet.file)
         cells = sheet.cells(header)
-        numbers = range(sheet.first, sheet.first + len(cells))
         where = f"column '{header}' of {sheet.file}"
-        column = _Cells(where, numbers, name in gaps, name in dates)
+        column = _Cells(where, sheet.numbers, name in gaps, name in dates)
         if isinstance(cells, np.ndarray):
             columns[name] = column.checked(cells, cells)
         else:
@@ -292,7 +291,7 @@ def _labels_of_sheet(sheet: Sheet, name: str) -> Labels:
     cells = [
         [str(cell)] for cell in sheet.cells(find_column(name, sheet.headers, source=sheet.file))
     ]
-    found.add((cells, range(sheet.first, sheet.first + len(cells))), 0)
+    found.add((cells, sheet.numbers), 0)
     return found.joined()
 
 
