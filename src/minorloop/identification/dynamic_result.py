@@ -238,7 +238,7 @@ class DynamicIdentification(NotebookView):
             late = error * np.ptp(self.static.y[rows]) / np.ptp(self.static.y[self.fitted])
             others += [(error, self.holdout_nrmse), (late, late * own)]
         replaced = {percent(static): percent(whole) for static, whole in others}
-        pattern = re.compile("|".join(map(re.escape, replaced)))
+        pattern = re.compile(rf"(?<![\d.])(?:{'|'.join(map(re.escape, replaced))})")
         return [
             pattern.sub(lambda found: replaced[found[0]], text.replace(WITH_TIMES, ""))
             for text in texts
