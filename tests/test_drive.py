@@ -98,6 +98,14 @@ def test_a_sensor_of_another_gain_ends_the_drive_at_the_first_target(gain, said,
     assert len(inputs) == 2
 
 
+def test_a_small_or_noisy_movement_says_nothing_about_the_gain():
+    low = MODEL.step("negative", -1.2)[0]
+    for target, sd in ((low + 0.5, 0.0), (1.0, 1.0)):
+        chosen = drive([target])
+        points = [point(0, -1.2, low), point(1, MODEL.invert([target]).u[0], low + 0.01, sd)]
+        assert chosen.choose(points) is None
+
+
 def test_targets_that_are_missed_are_counted_and_explained():
     result = driven(drive(), weak)
     assert result.allowed == pytest.approx(0.05 * np.subtract(*MODEL.range[::-1]))

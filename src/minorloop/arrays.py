@@ -86,6 +86,20 @@ def check_magnitude(name: str, values: FloatArray) -> None:
         raise SignalError(f"the {name} reaches {largest:g}; scale it to below {LARGEST:g}")
 
 
+def check_scale(name: str, values: FloatArray) -> None:
+    """Refuse numbers whose squares overflow or all vanish; zeros are allowed.
+
+    Raises
+    ------
+    SignalError
+        If one is beyond 1e150, or all are below 1e-150.
+    """
+    check_magnitude(name, values)
+    largest = float(np.max(np.abs(values), initial=0.0))
+    if 0 < largest < 1 / LARGEST:
+        raise SignalError(f"the {name} reaches {largest:g} only; scale it to above {1 / LARGEST:g}")
+
+
 def as_times(t: npt.ArrayLike, *, fewest: int = 2) -> FloatArray:
     """Return strictly increasing times, (T,).
 

@@ -48,6 +48,8 @@ _LEAST_ALLOWED = 0.05
 """Share of the model's range up to which an error is never a missed target."""
 _TELLING = 0.1
 """Share of the model's range that the predicted outputs must span for that gain to count."""
+_CLEAR = 10.0
+"""Standard deviations of a measured value that they must span too."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,8 @@ class TargetDrive:
         times this, and a twentieth of the range of the model, counts as missed.
     written : callable
         Returns the input that the source really gives for a wanted one.
+    covered : str
+        Readings that the conversion of the sensor covers, for a message; empty without one.
 
     Raises
     ------
@@ -188,6 +192,7 @@ class TargetDrive:
     absolute: bool = False
     nrmse: float = 0.0
     written: Callable[[float], float] = field(default=float)
+    covered: str = ""
 
     def __post_init__(self) -> None:
         if isinstance(self.model, RelayModel):
@@ -207,13 +212,15 @@ class TargetDrive:
             raise ParameterError(f"within is {self.within}; give a finite error of at least 0")
 
     @classmethod
-    def from_json(cls, fields: dict[str, Any], written: Callable[[float], float]) -> TargetDrive:
+    def from_json(
+        cls, fields: dict[str, Any], written: Callable[[float], float], covered: str = ""
+    ) -> TargetDrive:
         """Return the drive that ``to_json`` described."""
         model = build(msgspec.convert(fields["model"], AnyModel))
-        return cls(**{**fields, "model": model}, written=written)
+        return cls(**{**fields, "model": model}, written=written, covered=covered)
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything but ``written``, ready for JSON."""
+        """Return everything but ``written`` and ``covered``, ready for JSON."""
         return {
             "model": {"kind": kind_of(self.model), **plain(self.model)},
             "targets": self.targets.tolist(),
@@ -235,7 +242,14 @@ class TargetDrive:
             Name and unit of the input.
         **settings
             As in `Plan`.
+
+        Raises
+        ------
+        ParameterError
+            If the hold is not a positive number, or as in `Plan`.
         """
+        if not (np.isfinite(hold) and hold > 0):
+            raise ParameterError(f"hold is {hold:g} s (--hold); give a positive number of seconds")
         count = self.targets.size * (1 + self.corrections)
         levels = np.r_[self.saturation, np.full(count, np.nan)]
         holds = np.r_[2 * hold, np.full(count, hold)]
@@ -309,8 +323,10 @@ class TargetDrive:
     def _check_offset(self, offset: float) -> None:
         """Refuse a sensor that cannot belong to the model."""
         if not np.isfinite(offset):
+            covered = f", which covers {self.covered}" if self.covered else ""
             raise InstrumentError(
-                "nothing was measured in saturation; check the sensor, its range and its conversion"
+                "nothing was measured in saturation; check the sensor, its range and its "
+                f"conversion{covered}"
             )
         if abs(offset) > self._width:
             raise InstrumentError(
@@ -325,8 +341,9 @@ class TargetDrive:
         y = np.array([point.value for point in points])[known]
         x = np.array(predicted)[known]
         x, y = x - x.mean(), y - y.mean()
-        noise = max(point.sd for point in points if np.isfinite(point.value))
-        if np.ptp(x) <= max(_TELLING * min(self._width, np.ptp(self.targets)), 10 * noise):
+        noise = max((point.sd for point in points if np.isfinite(point.sd)), default=0.0)
+        whole = self._width if np.isfinite(self._width) else float(np.ptp(self.targets))
+        if np.ptp(x) <= max(_TELLING * whole, _CLEAR * noise):
             return
         gain = float(x @ y / (x @ x))
         if LEAST_GAIN <= gain <= MOST_GAIN:

@@ -87,6 +87,26 @@ def test_a_linear_conversion_gives_the_output_of_the_model(run):
     assert "in curvature [1/m]" in run(linear)[1]
 
 
+def test_a_table_that_ends_too_early_says_what_it_covers(run):
+    Path("table.csv").write_text("distance [mm],curvature [1/m]\n0,1\n5,3\n")
+    line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
+    status, _, err = run(f"{line} --table table.csv")
+    assert status == 2
+    assert "nothing was measured in saturation; check the sensor, its range and its conv" in err
+    assert "which covers the table, 0 to 5" in err
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--linear 0,3", "--linear is '0,3', whose gain is 0"),
+        ("--hold -3", "hold is -3 s (--hold); give a positive number of seconds"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_by_their_names(option, said, refused):
+    assert said in refused(f"{DRIVE.replace('--hold 60', '')} {option}")
+
+
 def test_a_model_of_another_actuator_is_refused(refused):
     assert "identify a model in um" in refused(DRIVE.replace("ipmc", "fibre"))
 

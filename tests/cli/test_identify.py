@@ -169,10 +169,10 @@ def test_files_that_cannot_be_used(content, says, refused):
 
 
 def test_places_that_hold_no_table(refused, tmp_path):
-    Path("latin.csv").write_bytes("voltage,L\u00e4nge\n1,2\n".encode("latin-1"))
+    Path("latin.csv").write_bytes(b"voltage,L\x9dnge\n1,2\n")
     Path("image.csv").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 40)
     for name, says in (
-        ("latin.csv", "not UTF-8"),
+        ("latin.csv", "neither UTF-8 nor Windows-1252"),
         ("image.csv", "image.csv"),
         ("nope.csv", "nope.csv does not exist"),
         (str(tmp_path), "is a folder"),

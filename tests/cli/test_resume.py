@@ -15,15 +15,17 @@ KILLED_RUNS = int(os.environ.get("MINORLOOP_KILLED_RUNS", "5"))
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 TWIN = "--actuator twin:ipmc --noise 0.05 --specimen 3 --seed 4"
 RUN = f"run {TWIN} --plan plan.csv"
-DRIVE = f"drive strip.json wanted.csv --target curvature {TWIN} --corrections 1 --hold 30"
+WITHIN = "--corrections 2 --within 3 --hold 30"
+DRIVE = f"drive strip.json wanted.csv --target curvature {TWIN} {WITHIN}"
+WANTED = [3.0, -4.0, 6.0, 0.5, -7.0]
 
 
 @pytest.fixture(autouse=True)
 def _planned(_somewhere, run):
     assert run(f'{PLAN} --input "voltage [V]" --save plan.csv')[0] == 0
-    model = Preisach(np.linspace(-1.2, 1.2, 5), np.tril(np.full((4, 4), 5.0)))
+    model = Preisach(np.linspace(-1.2, 1.2, 5), np.tril(np.full((4, 4), 0.9)))
     save(model, "strip.json", input="voltage [V]", output="curvature [1/m]")
-    Path("wanted.csv").write_text("curvature [1/m]\n3\n-4\n6\n0.5\n-7\n")
+    Path("wanted.csv").write_text("\n".join(["curvature [1/m]", *map(str, WANTED)]) + "\n")
 
 
 def _exported(name):
@@ -63,7 +65,7 @@ def _killed_until_done(chance, begin):
 
 
 @pytest.mark.parametrize("number", range(KILLED_RUNS))
-def test_a_run_killed_many_times_ends_like_one_that_was_not(number, run):
+def test_a_run_killed_many_times_ends_like_one_that_was_not(number, run, answer):
     """SIGKILL at random instants loses nothing, repeats nothing and changes nothing."""
     chance, begin = random.Random(number), (RUN, DRIVE)[number % 2]
     assert run(f"{begin} --store whole.sqlite")[0] == 0
@@ -77,13 +79,17 @@ def test_a_run_killed_many_times_ends_like_one_that_was_not(number, run):
                 assert status == 0
                 columns = json.loads(out)["columns"]
                 assert columns["index"] == list(range(len(columns["index"])))
-    run("resume --store runs.sqlite")
+    arrived = answer("resume --store runs.sqlite").get("targets", [])
     run("runs export --store runs.sqlite --save points.csv")
     assert Path("points.csv").read_bytes() == Path("whole.csv").read_bytes()
     voltages = [float(row[1]) for row in _exported("points.csv")[1:]]
     if begin == RUN:
         planned = np.loadtxt("plan.csv", delimiter=",", skiprows=1)[:, 0]
         np.testing.assert_array_equal(voltages, planned)
+    else:
+        assert [one["target"] for one in arrived] == WANTED
+        assert sum(one["tries"] for one in arrived) == len(voltages) - 1
+        assert max(abs(one["achieved"] - one["target"]) for one in arrived) <= 3
 
 
 ADAPTIVE = "run --actuator twin:ipmc --plan adaptive --noise 0.05 --specimen 2 --hold 100"

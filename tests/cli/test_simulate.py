@@ -123,3 +123,9 @@ def test_reports_inputs_beyond_the_levels(run):
     assert status == 0
     assert "2 inputs lie beyond the levels of the model [-1, 1]" in err
     assert err.count("\n") == 1
+
+
+def test_the_input_has_the_name_that_it_has_in_the_model(answer):
+    assert answer("simulate model.json good.csv") == answer(
+        "simulate model.json good.csv --input voltage"
+    )

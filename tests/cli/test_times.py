@@ -27,6 +27,16 @@ def test_missing_rows_are_said_and_with_time_not_fitted(run, answer):
     assert "name the column" not in found["advice"][0]
 
 
+def test_rows_after_a_clock_was_set_back_are_said_to_be_left_out(answer):
+    t = np.where(np.arange(900) < 450, T, T - 3.0)
+    _log(t, U, MODEL.simulate(U))
+    found = answer(f"{LINE} --lag 0 --time time")
+    assert found["samples"] < 500
+    said = next(advice for advice in found["advice"] if "measured rows" in advice)
+    assert f"{900 - found['samples']} of 900 measured rows are not fitted, because" in said
+    assert "leave --time out" in said
+
+
 def test_curves_whose_memory_is_reset_have_no_gaps(answer):
     t = np.where(np.arange(900) < 450, T, T + 1000)
     y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])
@@ -90,4 +100,30 @@ def test_invert_keeps_the_times_of_the_targets(run, refused):
     assert [row.split(",")[0] for row in rows[1:]] == ["0.0", "0.5", "1.5"]
     rows = [[k if k < 15 else k - 5, 0.3] for k in range(20)]
     write("wanted.csv", "when [ms],length [um]", rows)
-    assert "runs backwards after sample 14; give the rows" in refused(f"{line} --force")
+    assert (
+        "runs backwards after sample 14, counted from 0 after the header; give the rows"
+        in refused(f"{line} --force")
+    )
+
+
+def test_simulate_leaves_outputs_after_a_gap_empty(run, answer):
+    kept = np.delete(np.arange(900), slice(150, 450))
+    write("in.csv", "time [s],voltage [V]", np.column_stack([T[kept], U[kept]]))
+    line = "simulate model.json in.csv --input voltage --time time"
+    notes = answer(line)["notes"]
+    assert "1 gap in column 'time [s]': about 300 samples are missing" in notes[0]
+    assert run(f"{line} --save out.csv")[0] == 0
+    cells = [row.split(",")[2] for row in Path("out.csv").read_text().splitlines()[1:]]
+    assert f"{cells.count('')} outputs are left empty" in notes[1]
+    assert "" not in cells[:150]
+    assert cells[150:160] == [""] * 10
+    y = MODEL.simulate(U[kept])
+    np.testing.assert_allclose([float(cell) for cell in cells[:150]], y[:150], atol=1e-12)
+
+
+def test_gaps_and_uneven_times_of_targets_are_said(run):
+    t = np.delete(np.cumsum(np.where(np.arange(100) % 2, 0.01, 0.02)), slice(40, 60))
+    write("wanted.csv", "time [s],length [um]", np.column_stack([t, np.sin(t)]))
+    err = run("invert model.json wanted.csv --target length --time time")[2]
+    assert "note: 1 gap in the times of the targets, the longest 0.32 s: the input of" in err
+    assert "note: samples are uneven" in err

@@ -70,6 +70,22 @@ def test_the_residual_is_drawn_by_amplitude_and_rate_and_against_time():
         size = samples.get_ydata()
         assert size.min() <= rms.get_ydata().min() <= rms.get_ydata().max() <= size.max()
     assert samples.get_xdata().size == u.size
+    assert rate.get_xlabel() == "change per second, input"
+    np.testing.assert_allclose(samples.get_xdata(), np.abs(np.diff(u, prepend=u[0])) / 0.1)
+    assert not rate.texts
+
+
+def test_one_rate_is_said_and_shown_from_0():
+    u = np.tile(np.append(np.linspace(-1, 1, 40)[:-1], np.linspace(1, -1, 40)[:-1]), 3)
+    found = identify(u, TRUTH.simulate(u), levels=4, prior="none", smoothness=0.1)
+    rate = found.plot().axes[5]
+    assert rate.texts[0].get_text() == "90% of the samples have the same rate"
+    np.testing.assert_allclose(rate.get_xlim(), [0, 2 * 2 / 39])
+
+
+def test_the_density_has_a_unit():
+    figure = FIT.plot(input_label="voltage [V]", output_label="curvature [1/m]")
+    assert "density [1/m / V²]" in [axes.get_ylabel() for axes in figure.axes]
 
 
 def test_a_notebook_shows_the_last_samples_of_a_long_record(fit, monkeypatch):

@@ -159,8 +159,12 @@ def test_a_sampled_system_is_inverted_by_its_continuous_counterpart():
 def test_targets_out_of_reach_are_refused_or_clipped():
     t, targets = growing_sine(1.5 * PLANE.range[1])
     cascade = Cascade(PLANE, G)
-    with pytest.raises(UnreachableError, match="beyond what the model can reach"):
-        cascade.invert(t, targets, before=0.0)
+    for one in (cascade, Cascade(PLANE, G, "linear"), Cascade(PLANE, Linear([3.0], [1.0, 1.0]))):
+        with pytest.raises(UnreachableError, match="beyond what the model can reach") as caught:
+            one.invert(t, 4 * targets, before=0.0)
+        assert "dynamics" not in str(caught.value)
+    with pytest.raises(UnreachableError, match="because of the dynamics"):
+        cascade.invert(t, 0.66 * targets, before=0.0)
     found = cascade.invert(t, targets, before=0.0, unreachable="clip")
     assert not found.reachable.all()
     assert np.abs(found.u).max() <= 1.0

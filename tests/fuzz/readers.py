@@ -210,7 +210,10 @@ def _table_maker(texts: list[str]) -> Callable[[Random], bytes]:
 
 def cells_of(data: bytes, *, indented: bool = False) -> list[list[str]]:
     """A table, read letter by letter; blank lines are left out, and spaces that indent a cell."""
-    text = data.decode("utf-8").removeprefix("\ufeff")
+    try:
+        text = data.decode("utf-8").removeprefix("\ufeff")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252")
     first = re.split("\r\n|\r|\n", text, maxsplit=1)[0]
     comma = max(",;\t", key=first.count)
     rows, row, cell, quoted, begun, k = [], [], "", False, False, 0

@@ -171,6 +171,16 @@ def test_refuses_what_it_cannot_fit():
         arx(t, u, np.where(t < 301, 0.0, 1.02 ** np.minimum(t - 300, 600)))
 
 
+@pytest.mark.parametrize("scale", [1e307, 1e-307])
+@pytest.mark.parametrize("which", [1, 2])
+@pytest.mark.parametrize("function", [arx, step_response])
+def test_refuses_numbers_whose_squares_are_none(function, which, scale):
+    record = list(step())
+    record[which] = scale * (record[which] / np.abs(record[which]).max())
+    with pytest.raises(SignalError, match=r"put reaches 1e[+-]307.*; scale it to"):
+        function(*record)
+
+
 @pytest.mark.parametrize(
     "options", [{"highest_order": 0}, {"highest_order": 5}, {"longest_dead_time": -1},
                 {"highest_order": True}, {"longest_dead_time": 1.5}],

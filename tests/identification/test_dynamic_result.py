@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,6 +7,7 @@ import minorloop as ml
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
+from minorloop.identification.baseline import percent
 from minorloop.identification.dynamic_result import DynamicIdentification, TriedDynamics
 
 T = 0.01 * np.arange(200)
@@ -34,6 +37,19 @@ def test_rows_say_what_the_dynamics_are():
     assert dict(result(Linear.lags(0.2), "linear").rows)["order"] == "dynamics, then operator"
 
 
+@pytest.mark.parametrize(("error", "close"), [(0.0021, True), (0.004, False)])
+def test_the_other_order_is_shown_and_may_be_too_close_to_call(error, close):
+    tried = (CHOSEN, TriedDynamics("operator", 2, 0.0, False, error))
+    found = replace(result(Linear.lags(0.2), "linear"), tried=tried)
+    assert dict(found.rows)["the other order"] == f"{error:.3%} of range, not 0.200%"
+    assert any("too close to call" in text for text in found.advice) == close
+
+
+def test_without_poles_there_is_no_other_order():
+    tried = (replace(CHOSEN, poles=0), TriedDynamics("operator", 2, 0.0, False, 0.002))
+    assert replace(result(Linear.lags(0.2), "linear"), tried=tried).other_order is None
+
+
 def test_errors_are_those_of_the_whole_model():
     found = result(Linear.lags(0.1), off=0.1)
     off = 0.1 * np.sin(50 * T)
@@ -42,6 +58,20 @@ def test_errors_are_those_of_the_whole_model():
     assert found.scores["nrmse_train"] == found.nrmse
     assert found.scores["nrmse_holdout"] == found.holdout_nrmse
     assert found.scores["worst_holdout"] == found.holdout_accuracy.worst
+
+
+def test_advice_has_the_errors_of_the_whole_model():
+    found = result(Linear.lags(0.3), off=0.5)
+    static = replace(
+        found.static, y=found.static.prediction + found.y - found.prediction,
+        fitted=found.fitted, held_out=found.held_out,
+    )  # fmt: skip
+    found = replace(found, static=static)
+    said = " ".join(found.advice)
+    assert percent(static.holdout_nrmse) in " ".join(static.advice)
+    assert percent(static.holdout_nrmse) not in said
+    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in said
+    assert f"on held-out data is {percent(found.holdout_nrmse)} of range" in found.warnings[0]
 
 
 def test_advice_is_about_the_time_constants_too():

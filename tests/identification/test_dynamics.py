@@ -139,9 +139,11 @@ def test_gaps_are_no_outputs():
     u = sweeps((5.0, 20.0))
     y = measured(u, LAGS)
     y[300:340] = np.nan
+    y[600] = 1e12
     found = ml.identify_dynamics(time_of(u), u, y, first="operator", poles=1, creep=False, **COARSE)
     np.testing.assert_allclose(found.model.linear.time_constants, [6.7e-3], rtol=0.1)
-    assert not found.fitted[300:340].any()
+    assert not found.fitted[[*range(300, 340), 600]].any()
+    assert "a reading is a code of the instrument" in found.advice[0]
 
 
 def test_with_the_prior_it_has_bands():

@@ -135,3 +135,19 @@ def test_noise_is_not_fitted_as_resonances():
         assert fit.model.order <= 3
         assert (fit.model.zeros.real < 0).all()
         assert (-fit.model.poles.real >= 0.1 * np.abs(fit.model.poles)).all()
+
+
+@pytest.mark.parametrize(
+    ("hertz", "gain", "message"),
+    [
+        (1.0, 1e307, "the gain reaches .*; scale it to below"),
+        (1.0, 1e-307, "the gain reaches .* only; scale it to above"),
+        (1e307, 1.0, "a frequency is .*; give positive ones, from 1e-15 to 1e"),
+        (1e-307, 1.0, "a frequency is .*; give positive ones"),
+    ],
+)
+def test_refuses_numbers_whose_powers_are_none(hertz, gain, message):
+    frequencies = np.geomspace(0.1, 1, 8)
+    gains = Linear.lags(0.5).response(frequencies)
+    with pytest.raises(SignalError, match=message):
+        fit_response(hertz * frequencies, gain * gains / np.abs(gains).max())

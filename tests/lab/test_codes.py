@@ -16,3 +16,14 @@ def test_a_code_among_other_readings_is_a_reading():
     y[50] = -9999.0
     assert codes(y) == ()
     assert codes(np.array([np.nan, 1.0, 2.0, 3.0])) == ()
+
+
+def test_readings_absurdly_far_from_all_others_are_codes():
+    y = np.sin(np.arange(3000.0))
+    y[[7, 1500]] = 1e12, -2e4
+    assert [found.sample for found in codes(y)] == [7, 1500]
+    y[1500] = -5e3  # an outlier, which may be a measurement
+    assert [found.sample for found in codes(y)] == [7]
+    y[100:110] = 1e12  # too many
+    assert codes(y) == ()
+    assert codes(np.append(np.zeros(50), 1e12)) == ()

@@ -89,3 +89,14 @@ def test_labels_are_read_with_the_rest(tmp_path):
     np.testing.assert_array_equal(log.record.y, [2, np.nan, 4])
     np.testing.assert_array_equal(log.labels["run"], [1.0, 1.0, 2.0])
     assert log.labels["wire"].tolist() == ["a", "b", "7"]
+
+
+def test_a_file_in_another_encoding_is_read_and_said(tmp_path):
+    file = tmp_path / "log.csv"
+    rows = "".join(f"{k},{k % 7},{k}\n" for k in range(20))
+    text = f"# 20 °C, Öffnung\nt [s],u [V],y [µm]\n{rows}"
+    for encoding in ("cp1252", "utf-8"):
+        file.write_bytes(text.encode(encoding))
+        log = read_log(file, input="u", output="y", time="t")
+        assert str(log.record.output) == "y [µm]"
+        assert ["Windows-1252" in note for note in log.notes] == [True] * (encoding == "cp1252")

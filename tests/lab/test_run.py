@@ -271,6 +271,16 @@ def test_refuses_before_anything_is_applied(store, twin):
     assert len(store) == 0
 
 
+def test_levels_that_the_source_would_round_are_refused_before_anything_is_applied(store):
+    bench = Bench()
+    bench.written = lambda u: round(u, 4)
+    fine = Plan([0.0, 0.25, 0.123456], 40.0, input="voltage [V]")
+    with pytest.raises(ParameterError, match=r"level 3 of the plan is 0.123456 and the source wou"):
+        run(bench, fine, store)
+    assert bench.sent == []
+    assert len(store) == 0
+
+
 OPEN = Plan([-1.2, *[np.nan] * 6, 0.5], 20.0, sample_interval=0.5, input="voltage [V]")
 
 

@@ -80,6 +80,8 @@ class TestExcel:
     def test_text_in_it_is_named(self, workbook):
         with pytest.raises(RecordError, match=r"column 'u' of .* has the text 'x' in row 3"):
             read_columns(workbook([["u"], [1], ["x"]]), ["u"])
+        with pytest.raises(RecordError, match=r"has the text 'x' in row 5"):
+            read_columns(workbook([["u"], [], [1], [], ["x"]]), ["u"])
         with pytest.raises(RecordError, match="begins with numbers"):
             read_headers(workbook([[1, 2], [3, 4]]))
 

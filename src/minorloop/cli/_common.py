@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.lab.actuator import Actuator
     from minorloop.lab.logs import Log
+    from minorloop.lab.timebase import TimeCheck
     from minorloop.modelfile import ModelFile as File
     from minorloop.report import Report
 
@@ -306,8 +307,12 @@ def read_column(file: Path, column: str, unit: str = "") -> FloatArray:
     return read_columns(file, [column])[column]
 
 
-def times_of(known: File, file: Path, column: str | None) -> dict[str, FloatArray]:
-    """Return the column of time by its header, in seconds; empty if none is given or needed.
+def times_of(
+    known: File, file: Path, column: str | None
+) -> tuple[dict[str, FloatArray], TimeCheck | None]:
+    """Return the column of time by its header, in seconds, and what was found in it.
+
+    Both are empty if no column is given and none is needed.
 
     Raises
     ------
@@ -323,14 +328,14 @@ def times_of(known: File, file: Path, column: str | None) -> dict[str, FloatArra
             raise ParameterError(
                 f"the model has dynamics and needs times; name the column of {file} with --time"
             )
-        return {}
+        return {}, None
     quantity, check = read_times(file, column)
     if check.jumps.size:
         raise RecordError(
-            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}; give the "
-            "rows in the order of time"
+            f"column '{column}' of {file} runs backwards after sample {check.jumps[0]}, "
+            "counted from 0 after the header; give the rows in the order of time"
         )
-    return {str(quantity): check.t}
+    return {str(quantity): check.t}, check
 
 
 def as_rows(text: str | None, total: int) -> slice:

@@ -23,7 +23,8 @@ Laser = Annotated[
     typer.Option(
         metavar=_LASER,
         help="Convert laser distance to curvature: distance to the straight strip and height above "
-        "the clamp, and their standard deviations, in the unit of the distance.",
+        "the clamp, and their standard deviations, in the unit of the distance. Curvature is "
+        "positive where the distance is below D0: towards the laser.",
     ),
 ]
 Linear = Annotated[
@@ -85,6 +86,11 @@ class ConversionOptions:
         coefficients: tuple[float, ...] = (0.0, 1.0)
         if self.linear is not None:
             gain, *offset = numbers("linear", self.linear, (1, 2), "GAIN,OFFSET")
+            if gain == 0:
+                raise ParameterError(
+                    f"--linear is {self.linear!r}, whose gain is 0, so that every reading gives "
+                    "the same; give GAIN,OFFSET with another gain"
+                )
             coefficients = (*(offset or [0.0]), gain)
         elif self.polynomial is not None:
             coefficients = tuple(numbers("polynomial", self.polynomial, _POWERS, "C0,C1,..."))

@@ -27,7 +27,7 @@ _DEFAULTS: dict[str, Any] = {
     "lag": "auto",
     "prior": "auto",
 }
-DYNAMICS = ("none", "auto")
+DYNAMICS = ("none", "auto", "operator", "linear")
 NOT_USED = "none"
 _NOT_OF_RUNS = ("holdout", "skip", "start_of_curve")
 
@@ -54,14 +54,17 @@ class Done:
         said = list(dict.fromkeys([*self.notes, *self.of_time, *of_model]))
         result = self.result
         if self.first and (result.findings or result.codes or result.suspects):
-            said.append(f"samples are counted from row {self.first} of the file here")
+            said.append(
+                f"samples are counted from row {self.first} of the file here; its first row below "
+                "the header is row 0"
+            )
         return said
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The part of the advice that says why the model is not to be trusted."""
-        known = self.result.advice
-        return (*(note for note in self.notes if note not in known), *self.result.warnings)
+        result = self.result if self.dynamic is None else self.dynamic
+        return (*(note for note in self.notes if note not in result.advice), *result.warnings)
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,13 @@ class Columns:
         The latter is named ``sd`` and has the unit of the output. With a noise that is given, or
         with dynamics, it is not used.
         """
-        from minorloop.lab.columns import find_column, read_headers, split_header, with_unit
+        from minorloop.lab.columns import (
+            deviation_column,
+            find_column,
+            read_headers,
+            split_header,
+            with_unit,
+        )
 
         if self.output is None:
             return self
@@ -98,12 +107,10 @@ class Columns:
             raise ParameterError(f"--sd cannot be combined with {other}; leave one of them out")
         headers = read_headers(file)
         output = with_unit(self.output, find_column(self.output, headers, source=file))
-        unit = split_header(output)[1]
         if self.sd is None:
-            found = (header for header in headers if split_header(header) == ("sd", unit))
-            return replace(self, sd=next(found, None))
+            return replace(self, sd=deviation_column(headers, output))
         header = with_unit(self.sd, find_column(self.sd, headers, source=file))
-        if split_header(header)[1] not in ("", unit):
+        if split_header(header)[1] not in ("", split_header(output)[1]):
             raise RecordError(
                 f"column '{header}' of {file} is no standard deviation of '{output}'; give one in "
                 "the unit of the output"
@@ -160,7 +167,7 @@ def identified(
         now(f"identifying from {part.stop - part.start} rows")
         if dynamics != "none":
             _shown(now, part)("dynamics")
-            found = _with_dynamics(record, part, columns, settings)
+            found = _with_dynamics(record, part, columns, {**settings, "first": dynamics})
             seconds = time.perf_counter() - began
             static = found.static
             return Done(record, static, provenance, seconds, (), (), part.start, of_time, found)
@@ -230,12 +237,13 @@ def _timed(
                 "--time, or the lag in rows"
             )
         advice = "name the column with --time to take this into account"
-        return log.record, tuple(f"{note}; {advice}" for note in log.breaks)
+        return log.record, (*log.of_file, *(f"{note}; {advice}" for note in log.breaks))
+    notes = log.notes + log.left_out
     if lag_seconds is not None:
-        return log.without_lag(lag_seconds), log.notes
+        return log.without_lag(lag_seconds), notes
     if lag == 0 or not whole:
-        return log.with_known_memory(), log.notes
-    return log.evenly_sampled(), log.notes
+        return log.with_known_memory(), notes
+    return log.evenly_sampled(), notes
 
 
 def _of_run(

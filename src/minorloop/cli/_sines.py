@@ -42,10 +42,15 @@ def begin(plant: Actuator, file: str, store: Path, setup: Setup, as_json: bool) 
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Carry out the rest of the sines of a store, and print how many there are."""
-    from minorloop.lab.sine_run import run_sines
+    from minorloop.lab.sine_run import planned_sines, run_sines
 
+    unit = store.outputs[0].unit
+    what = [
+        f"{sine.frequency:.6g} Hz, {sine.amplitude:.6g} {unit}"
+        for sine in planned_sines(store).sines
+    ]
     try:
-        with watching(store) as watch:
+        with watching(store, what=what) as watch:
             mode = run_sines(plant, store, watch=watch)
     except InstrumentError as error:
         raise type(error)(

@@ -24,15 +24,15 @@ _ENOUGH, _LOOP = 4, 20
 
 @contextmanager
 def watching(
-    store: Store, chooser: Adaptive | None = None
+    store: Store, chooser: Adaptive | None = None, what: Sequence[str] = ()
 ) -> Iterator[Callable[[RunProgress], None]]:
     """Yield a function that shows each `RunProgress` of a run on stderr.
 
     On a terminal it shows a bar, the time left and the loop. Elsewhere it prints one line for each
-    settled point.
+    settled point. ``what`` says what each level of the plan is; its input if not given.
     """
     if sys.stderr.isatty():
-        with _live(store, chooser) as show:
+        with _live(store, chooser, what) as show:
             yield show
         return
     units = [quantity.unit for quantity in store.outputs]
@@ -40,21 +40,24 @@ def watching(
     def log(progress: RunProgress) -> None:
         if progress.point is not None:
             with suppress(OSError):  # the reader of the log may end; the run continues
-                print(_line(progress, *units), file=sys.stderr, flush=True)
+                print(_line(progress, units[0], units[1], what), file=sys.stderr, flush=True)
 
     yield log
 
 
-def _line(progress: RunProgress, input_unit: str, output_unit: str) -> str:
+def _line(progress: RunProgress, input_unit: str, output_unit: str, what: Sequence[str]) -> str:
     verdict = progress.point.verdict if progress.point else ""
+    level = what[progress.index] if what else f"{progress.input:.6g} {input_unit}"
     return (
-        f"{progress.index + 1}/{progress.total}  {progress.input:.6g} {input_unit}  "
+        f"{progress.index + 1}/{progress.total}  {level}  "
         f"{progress.output:.6g} {output_unit}  {verdict} after {progress.held:.6g} s"
     )
 
 
 @contextmanager
-def _live(store: Store, chooser: Adaptive | None) -> Iterator[Callable[[RunProgress], None]]:
+def _live(
+    store: Store, chooser: Adaptive | None, what: Sequence[str]
+) -> Iterator[Callable[[RunProgress], None]]:
     from rich.console import Console, Group
     from rich.live import Live
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -68,7 +71,8 @@ def _live(store: Store, chooser: Adaptive | None) -> Iterator[Callable[[RunProgr
     clock, shown = _Clock(store), [""]
 
     def show(progress: RunProgress) -> None:
-        doing = f"{progress.input:.5g} {store.outputs[0].unit} for {progress.held:.0f} s"
+        level = f"{progress.input:.5g} {store.outputs[0].unit}"
+        doing = f"{what[progress.index] if what else level} for {progress.held:.0f} s"
         if progress.point is not None:
             u.append(progress.point.input)
             y.append(progress.point.value)

@@ -152,7 +152,9 @@ def _carried(
     from minorloop.drive_report import drive_report
 
     chosen = TargetDrive.from_json(
-        (store.setup.design or {})["drive"], getattr(plant, "written", float)
+        (store.setup.design or {})["drive"],
+        getattr(plant, "written", float),
+        getattr(plant, "covered", ""),
     )
     mode = carry_out_levels(plant, store, chosen.choose, None)
     result, figures = chosen.result(store.points()), summary(store)

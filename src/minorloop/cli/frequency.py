@@ -152,15 +152,18 @@ def _operator(known: ModelFile | None) -> Any:
 
 
 def _check_units(known: ModelFile | None, names: tuple[str, str]) -> None:
-    """Refuse a model of another input unit; the unit of its output does not matter."""
+    """Refuse a model of other units than the sines."""
     from minorloop.lab.records import Quantity
 
-    unit = Quantity.parse(names[0]).unit
-    if known is not None and known.input.unit and unit and known.input.unit != unit:
-        raise ParameterError(
-            f"the input of the model is '{known.input}' and that of the sines '{names[0]}'; "
-            f"identify a model in {unit}"
-        )
+    if known is None:
+        return
+    for what, mine, name in (("input", known.input, names[0]), ("output", known.output, names[1])):
+        unit = Quantity.parse(name).unit
+        if mine.unit and unit and mine.unit != unit:
+            raise ParameterError(
+                f"the {what} of the model is '{mine}' and that of the sines '{name}'; identify a "
+                f"model in {unit}"
+            )
 
 
 def _slow(measured: list[MeasuredSine]) -> list[str]:

@@ -68,7 +68,8 @@ _Lag = Annotated[
 _Dynamics = Annotated[
     str,
     typer.Option(
-        help="none, or auto: dead time, poles and creep too, chosen by the error; needs --time.",
+        help="none, or auto: dead time, poles and creep too, chosen by the error; operator or "
+        "linear: the same, and which of both comes first; needs --time.",
         autocompletion=one_of(DYNAMICS),
     ),
 ]

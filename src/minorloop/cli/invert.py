@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError, are
+from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError, are, counted
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
     from minorloop.dynamics.cascade import CascadeInversion
+    from minorloop.lab.timebase import TimeCheck
     from minorloop.modelfile import ModelFile
     from minorloop.operators.inversion import Inversion
 
@@ -57,7 +58,8 @@ def run(
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
         targets = _common.read_column(file, target, known.output.unit)
-        times = {} if time is None else _common.times_of(known, file, time)
+        times, check = ({}, None) if time is None else _common.times_of(known, file, time)
+        notes = [] if check is None else [*_gaps(check), *check.others]
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, times, targets, start, clip)
         if save is not None:
@@ -71,15 +73,29 @@ def run(
             "worst_residual": float(abs(result.residual).max()),
             "unreachable": int((~result.reachable).sum()),
         }
-        warnings = {"warnings": list(known.warnings)} if known.warnings else {}
-        _common.print_json({"targets": targets.size, **worst, **inputs, **warnings})
+        said = {"notes": notes, "warnings": list(known.warnings)}
+        said = {name: texts for name, texts in said.items() if texts}
+        _common.print_json({"targets": targets.size, **worst, **inputs, **said})
         return
+    for note in notes:
+        typer.echo(f"note: {note}", err=True)
     _print(known, targets, result, saved=save is not None)
     if known.operator is not known.model and time is None:
         typer.echo("each output settles at its target; --time follows targets in time")
     if save is not None:
         typer.echo(f"written to {save}")
     _common.print_warnings(known.warnings)
+
+
+def _gaps(check: TimeCheck) -> list[str]:
+    """Say what happens in gaps between targets."""
+    if not check.gaps.size:
+        return []
+    longest = max(check.t[check.gaps + 1] - check.t[check.gaps])
+    return [
+        f"{counted(check.gaps.size, 'gap')} in the times of the targets, the longest {longest:.4g} "
+        "s: the input of the row before is held there, and no target is followed"
+    ]
 
 
 def _as_plan(

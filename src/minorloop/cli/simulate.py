@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import isnan
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from minorloop.cli import _common
-from minorloop.errors import counted
+from minorloop.errors import are, counted
 
 NAME = "simulate"
 EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predicted.csv"
@@ -15,13 +16,20 @@ EXAMPLE = "minorloop simulate model.json inputs.csv --input voltage --save predi
 
 if TYPE_CHECKING:
     from minorloop.arrays import FloatArray
+    from minorloop.lab.timebase import TimeCheck
     from minorloop.modelfile import ModelFile
 
 
 def run(
     model: _common.ModelFile,
     file: _common.DataFile,
-    input: Annotated[str, typer.Option(help="Column of the input, in the unit of the model.")],
+    input: Annotated[
+        str | None,
+        typer.Option(
+            help="Column of the input, in the unit of the model.",
+            show_default="the name that it has in the model",
+        ),
+    ] = None,
     time: _common.Time = None,
     start: _common.Start = "negative",
     save: _common.Save = None,
@@ -30,28 +38,38 @@ def run(
 ) -> None:
     """Predict the output for the inputs in a file, lag and dynamics included."""
     _common.check_outputs([save], inputs=[model, file], force=force)
+    from numpy import nanmax, nanmin
+
     from minorloop import modelfile
 
     with _common.working(f"reading {file.name}") as now:
         known = modelfile.read(model)
-        u = _common.read_column(file, input, known.input.unit)
+        column = known.input.name if input is None else input
+        u = _common.read_column(file, column, known.input.unit)
         now(f"simulating {u.size} samples")
-        times = _common.times_of(known, file, time)
+        times, check = _common.times_of(known, file, time)
         y = _simulated(known, times, u, start)
+        notes = [] if check is None else [*check.notes, *_forget(known, u, y, check)]
         if save is not None:
             now(f"writing {save.name}")
             output = str(known.output)
+            cells = ["" if isnan(value) else value for value in y.tolist()]
             header = output if known.output != known.input else f"predicted {output}"
-            _common.write_csv(save, {**times, str(known.input): u, header: y}, force=force)
+            _common.write_csv(save, {**times, str(known.input): u, header: cells}, force=force)
     _warn_beyond(known, u)
     _common.print_warnings(known.warnings)
+    least, greatest = nanmin(y), nanmax(y)
     if as_json:
         outputs = {} if save is not None else {"y": y}
-        _common.print_json({"samples": y.size, "least": y.min(), "greatest": y.max(), **outputs})
+        found = {"samples": y.size, "least": least, "greatest": greatest}
+        said = {"notes": notes} if notes else {}
+        _common.print_json({**found, **outputs, **said})
         return
+    for note in notes:
+        typer.echo(f"note: {note}", err=True)
     unit = f" {known.output.unit}" if known.output.unit else ""
     typer.echo(
-        f"{counted(y.size, 'sample')} of {known.output.name}, {y.min():.6g} to {y.max():.6g}{unit}"
+        f"{counted(y.size, 'sample')} of {known.output.name}, {least:.6g} to {greatest:.6g}{unit}"
     )
     if save is not None:
         typer.echo(f"written to {save}")
@@ -69,6 +87,19 @@ def _simulated(
     if isinstance(known.model, Cascade):
         return known.model.simulate(next(iter(times.values())), u, start)
     return delayed(known.model.simulate(u, start), known.lag)
+
+
+def _forget(known: ModelFile, u: FloatArray, y: FloatArray, check: TimeCheck) -> list[str]:
+    """Set outputs to NaN where a gap leaves the memory unknown, and say how many."""
+    from minorloop.lab.timebase import known_memory
+    from minorloop.operators.polynomial import Polynomial
+
+    if isinstance(known.operator, Polynomial):
+        return []
+    unknown = ~known_memory(u, check.gaps)
+    y[unknown] = float("nan")
+    count = int(unknown.sum())
+    return [f"{counted(count, 'output')} {are(count)} left empty for this reason"] if count else []
 
 
 def _warn_beyond(known: ModelFile, u: FloatArray) -> None:

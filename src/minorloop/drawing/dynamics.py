@@ -54,7 +54,7 @@ def draw_dynamic_identification(
     loop.set(xlabel=input_label, ylabel=output_label, title="Without the dynamics")
     loop.legend(frameon=False)
     residual.plot(t, result.prediction - y, lw=0.6, color="C3", rasterized=True)
-    residual.set(xlabel="time [s]", ylabel="model - measured", title="Residual")
+    residual.set(xlabel="time [s]", ylabel=f"model less measured, {output_label}", title="Residual")
     for axis in (record, residual):
         if result.held_out.any():
             axis.axvspan(*t[np.flatnonzero(result.held_out)[[0, -1]]], color="0.92", zorder=0)

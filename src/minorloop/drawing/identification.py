@@ -31,6 +31,8 @@ _FEW = 400
 """Number of samples up to which points are large, and the model is drawn between them too."""
 _PARTS, _FEWEST_OF_PART, _FEWEST = 12, 5, 30
 """Parts of equal width for which the residual is averaged, and least samples of one and of all."""
+_SAID, _EQUAL = 0.9, 0.02
+"""Share of the samples, and how little their amplitudes or rates differ, to count as equal."""
 _LEAP, _LEAP_SHARE = 20, 0.05
 """An input leaps if it changes by more than so many usual steps and this share of its range."""
 _DOTS: dict[str, Any] = {"ms": 3.5, "color": "C1"}
@@ -60,11 +62,12 @@ def draw_identification(
     figure.get_layout_engine().set(h_pad=0.1, w_pad=0.1)
     clock = np.arange(result.y.size, dtype=np.float64) if time is None else time
     _draw_loop(axes[0, 0], result, input_label, output_label)
-    draw_density(axes[0, 1], result.model, input_label=input_label)
+    labels = {"input_label": input_label, "output_label": output_label}
+    draw_density(axes[0, 1], result.model, **labels)
     _grey_unexcited(axes[0, 1], result)
     _draw_record(axes[1, 0], result, output_label, clock)
     _draw_residual(axes[1, 1], result, clock)
-    _draw_residual_parts(axes[2], result, input_label)
+    _draw_residual_parts(axes[2], result, input_label, time)
     for axis in axes[1]:
         axis.set_xlabel("sample" if time is None else "time [s]")
     return figure
@@ -188,8 +191,11 @@ def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> Non
     axes.grid(alpha=0.25)
 
 
-def _draw_residual_parts(axes: npt.NDArray[Any], result: Identification, input_label: str) -> None:
+def _draw_residual_parts(
+    axes: npt.NDArray[Any], result: Identification, input_label: str, time: FloatArray | None
+) -> None:
     """Draw the residual by the size of the loop, and by the change of the input."""
+    each = "change from sample to sample" if time is None else "change per second"
     residual, _ = _residual(result)
     u = result.curves.delayed(result.u, result.lag)
     known = np.flatnonzero((result.fitted | result.held_out) & np.isfinite(residual))
@@ -198,12 +204,13 @@ def _draw_residual_parts(axes: npt.NDArray[Any], result: Identification, input_l
     known = known[:: max(known.size // _MOST_DRAWN, 1)]
     for one, feature, label, title in (
         (axes[0], amplitudes(u), "height of the branch", "amplitude"),
-        (axes[1], np.abs(np.diff(u, prepend=u[0])), "change from sample to sample", "rate"),
+        (axes[1], _rates(u, time), each, "rate"),
     ):
         x, size = feature[known], np.abs(residual[known])
         one.plot(x, size, ".", ms=_size(x), color="0.7", rasterized=True, label="samples")
         if known.size >= _FEWEST:
             _draw_rms(one, x, size)
+            _say_if_equal(one, x, title)
         one.set(
             xlabel=f"{label}, {input_label}",
             ylabel="|residual|, % of range",
@@ -215,7 +222,7 @@ def _draw_residual_parts(axes: npt.NDArray[Any], result: Identification, input_l
 
 
 def _draw_rms(axes: Axes, x: FloatArray, size: FloatArray) -> None:
-    """Draw the rms over intervals of equal width, up to the 99th percentile of x."""
+    """Draw the rms over intervals of equal width, at their mean x, up to its 99th percentile."""
     # The few samples beyond it, as between curves, are not shown.
     low, high = np.quantile(x, [0.0, 0.99])
     edges = np.linspace(low, high, _PARTS + 1)
@@ -224,10 +231,28 @@ def _draw_rms(axes: Axes, x: FloatArray, size: FloatArray) -> None:
     count = np.bincount(place, minlength=_PARTS)
     mean = np.bincount(place, size[shown] ** 2, _PARTS) / np.maximum(count, 1)
     enough = count >= _FEWEST_OF_PART
-    middles = ((edges[1:] + edges[:-1]) / 2)[enough]
-    axes.plot(middles, np.sqrt(mean[enough]), "o-", ms=4, color="C0", label="rms")
+    middles = np.bincount(place, x[shown], _PARTS) / np.maximum(count, 1)
+    axes.plot(middles[enough], np.sqrt(mean[enough]), "o-", ms=4, color="C0", label="rms")
     margin = 0.03 * (high - low) or 1.0
     axes.set_xlim(low - margin, high + margin)
+
+
+def _say_if_equal(axes: Axes, x: FloatArray, title: str) -> None:
+    """Say that nearly all samples have one amplitude or rate, and show the axis from 0."""
+    low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
+    if middle > 0 and high - low <= _EQUAL * middle:
+        axes.set_xlim(0, 2 * middle)
+        said = f"{_SAID:.0%} of the samples have the same {title}"
+        axes.text(0.03, 0.95, said, transform=axes.transAxes, va="top", fontsize="small")
+
+
+def _rates(u: FloatArray, time: FloatArray | None) -> FloatArray:
+    """Return the changes of the input (T,), per second where times are known."""
+    changes = np.abs(np.diff(u, prepend=u[0]))
+    if time is None:
+        return changes
+    steps = np.diff(time, prepend=time[0])
+    return np.divide(changes, steps, out=np.zeros_like(changes), where=steps > 0)
 
 
 def _plot_dots(axes: Axes, x: FloatArray, y: FloatArray, ls: str = "", **style: Any) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from minorloop.drawing.layout import new_figure
+from minorloop.lab.columns import split_header
 from minorloop.operators.plane import cell_areas
 
 if TYPE_CHECKING:
@@ -27,13 +28,15 @@ def draw_preisach(
 ) -> Any:
     """Draw the density on the plane beside nested minor loops."""
     figure, (left, right) = new_figure(1, 2, 4.2, 9.6, grid=False)
-    draw_density(left, model, input_label=input_label)
+    draw_density(left, model, input_label=input_label, output_label=output_label)
     draw_loops(right, model)
     right.set(xlabel=input_label, ylabel=output_label, title="Major and minor loops")
     return figure
 
 
-def draw_density(axes: Axes, model: Preisach, *, input_label: str = "input") -> Any:
+def draw_density(
+    axes: Axes, model: Preisach, *, input_label: str = "input", output_label: str = "output"
+) -> Any:
     """Draw the density on the Preisach plane with its colour bar, and return the mesh."""
     density = model.weights / np.where(cell_areas(model.levels) > 0, cell_areas(model.levels), 1.0)
     below = np.tril(np.ones(density.shape, dtype=bool))
@@ -50,7 +53,10 @@ def draw_density(axes: Axes, model: Preisach, *, input_label: str = "input") -> 
     )
     clip_to_plane(axes, mesh, model)
     bar = axes.figure.colorbar(mesh, ax=axes, extend="both" if signed else "max")
-    bar.set_label("density")
+    of_input, of_output = (split_header(label)[1] for label in (input_label, output_label))
+    of_input = of_input if of_input.isalnum() else f"({of_input})"
+    unit = f" [{of_output} / {of_input}²]" if of_output and of_input != "()" else ""
+    bar.set_label(f"density{unit}")
     axes.plot(model.levels[[0, -1]], model.levels[[0, -1]], color="0.3", linewidth=0.8)
     axes.set(
         xlabel=f"threshold down β, {input_label}",

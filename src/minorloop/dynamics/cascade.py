@@ -25,7 +25,12 @@ from minorloop.dynamics.linear import Linear
 from minorloop.dynamics.propagation import Between
 from minorloop.errors import NotInvertibleError, ParameterError, UnreachableError
 from minorloop.figures import NotebookView, figure_of
-from minorloop.operators.inversion import Inversion, Unreachable
+from minorloop.operators.inversion import (
+    Inversion,
+    Unreachable,
+    refuse_unreachable,
+    within_reach,
+)
 from minorloop.operators.operator import Operator
 
 First: TypeAlias = Literal["operator", "linear"]
@@ -328,7 +333,9 @@ class Cascade:
         if self.first == "operator":
             needed = np.interp(times + late, times, needed)
             needed = inverse.simulate(times, needed, before=w * gain, between="straight")
-        found = _inverted(self.operator, needed, memory, unreachable, wanted, w * gain)
+        settled = gain if self.first == "operator" else 1.0
+        settled *= 1.0 if self.creep is None else self.creep.dc_gain
+        found = _inverted(self.operator, needed, memory, unreachable, wanted, (w * gain, settled))
         if self.first == "operator":
             u = found.u
         else:
@@ -345,18 +352,23 @@ def _inverted(
     memory: Any,
     unreachable: Unreachable,
     wanted: FloatArray,
-    rest: float,
+    rest: tuple[float, float],
 ) -> Inversion:
-    """Invert what an operator has to give, and name the targets where that is out of reach."""
+    """Invert what an operator has to give, and name the targets where that is out of reach.
+
+    ``rest`` are the output before, and the output over that of the operator, both at rest.
+    """
     try:
         found: Inversion = operator.invert(needed, memory, unreachable)
         return found
     except UnreachableError as error:
+        low, high = np.sort(rest[1] * np.array(operator.range)).tolist()
+        refuse_unreachable(wanted, low, high, within_reach(wanted, low, high))
         reached = operator.invert(needed, memory, "clip").reachable
         index = int(np.flatnonzero(~reached)[0])
         raise UnreachableError(
             f"target {wanted[index]:g} at index {index} needs {needed[index]:g} from the operator, "
-            f"because of the dynamics; the output rests at {rest:g} before. Begin there, move "
+            f"because of the dynamics; the output rests at {rest[0]:g} before. Begin there, move "
             f'slower, or pass unreachable="clip" ({error})'
         ) from None
 

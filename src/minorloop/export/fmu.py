@@ -54,8 +54,10 @@ def export_fmu(
     """Write a model as an FMI 2.0 co-simulation unit.
 
     The variables of the unit are input, output, and ``error_bound``, a bound of the output error
-    from dropped extrema. The input is held over each communication step. The unit contains the
-    source too, so that it can be compiled for other platforms.
+    from dropped extrema. The input is held over each communication step, and the output is that at
+    its end: the output after the step that begins with ``u[k]`` is ``y[k]`` of ``simulate``, and a
+    simulator shows it in row k + 1. The unit contains the source too, so that it can be compiled
+    for other platforms.
 
     Parameters
     ----------

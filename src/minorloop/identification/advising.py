@@ -32,7 +32,8 @@ WORST = 0.1
 """Error, as a share of the range of the output, above which a model is not to be trusted."""
 _FALLS = (
     "the output falls as the input rises, which weights that are not negative cannot describe: "
-    "reverse the sign of the output, or allow negative weights with signed=True (--signed)"
+    "reverse the sign of the output (reduce --flip), or allow negative weights with signed=True "
+    "(--signed)"
 )
 
 

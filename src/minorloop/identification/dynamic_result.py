@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -21,6 +23,8 @@ from minorloop.identification.scores import accuracy_rows
 from minorloop.operators.inversion import Unreachable
 from minorloop.operators.memory import Start
 
+_CLOSE = 1.1
+"""Error of the other order, over that of the chosen one, up to which the order is not known."""
 _SHORT = 3.0
 """Time constants that a record must be long."""
 
@@ -204,8 +208,7 @@ class DynamicIdentification(NotebookView):
     def advice(self) -> tuple[str, ...]:
         """Sentences about what is weak and what to do; empty if nothing is weak."""
         # Levels that were not given follow the filtered input of an earlier round.
-        advice = [text for text in self.static.advice if "beyond the levels" not in text]
-        texts = [text.replace(WITH_TIMES, "") for text in advice]
+        texts = [text for text in self._of_record(self.static.advice) if "beyond the l" not in text]
         times = self.model.linear.time_constants
         interval, seconds = float(self.t[1] - self.t[0]), float(self.t[-1])
         if times.size and times[-1] < interval:
@@ -218,6 +221,14 @@ class DynamicIdentification(NotebookView):
                 f"the slowest time constant is {times[0]:.3g} s and the record {seconds:.3g} s "
                 "long; record three time constants at least"
             )
+        other = self.other_order
+        if other and other.error < _CLOSE * next(one.error for one in self.tried if one.chosen):
+            texts.append(
+                "which of operator and dynamics comes first is too close to call: the errors of "
+                f"both orders differ by less than {_CLOSE - 1:.0%}; record faster or larger "
+                'reversals, or give the order that the physics has, such as first="operator" '
+                "(--dynamics operator)"
+            )
         if not self.dynamic:
             texts.append(
                 "with dead time, poles or creep the model is no better than with the operator alone"
@@ -227,7 +238,23 @@ class DynamicIdentification(NotebookView):
     @property
     def warnings(self) -> tuple[str, ...]:
         """The part of the advice that says why the model is not to be trusted."""
-        return self.static.warnings
+        return tuple(self._of_record(self.static.warnings))
+
+    def _of_record(self, texts: Sequence[str]) -> list[str]:
+        """Return sentences about the operator with the errors of the whole model instead."""
+        # The residual is the same; the range of the record is not that of the operator alone.
+        rows, error = self.held_out, self.static.holdout_nrmse
+        own = np.ptp(self.static.y[self.fitted]) / np.ptp(self.y[self.fitted])
+        others = [(self.static.nrmse, self.nrmse)]
+        if error is not None and self.holdout_nrmse is not None:
+            late = error * np.ptp(self.static.y[rows]) / np.ptp(self.static.y[self.fitted])
+            others += [(error, self.holdout_nrmse), (late, late * own)]
+        replaced = {percent(static): percent(whole) for static, whole in others}
+        pattern = re.compile(rf"(?<![\d.])(?:{'|'.join(map(re.escape, replaced))})")
+        return [
+            pattern.sub(lambda found: replaced[found[0]], text.replace(WITH_TIMES, ""))
+            for text in texts
+        ]
 
     @property
     def rows(self) -> list[tuple[str, str]]:
@@ -240,6 +267,7 @@ class DynamicIdentification(NotebookView):
             ("error on held-out data", "-" if held is None else f"{percent(held)} of range"),
             *accuracy_rows(self.accuracy, self.holdout_accuracy),
             ("order", "operator, then dynamics" if after else "dynamics, then operator"),
+            *self._margin(),
             ("time constants", times),
             ("dead time", f"{linear.delay:.4g} s"),
         ]
@@ -253,6 +281,24 @@ class DynamicIdentification(NotebookView):
             within = " to ".join(dict.fromkeys(f"{time:.3g} s" for time in used))
             rows.append(("creep", f"{creep.strengths.sum():.1%} of the output, within {within}"))
         return rows
+
+    def _margin(self) -> list[tuple[str, str]]:
+        """Return a row on the other order; none where it makes no difference or was not tried."""
+        other = self.other_order
+        if other is None:
+            return []
+        chosen = next(one for one in self.tried if one.chosen)
+        errors = f"{percent(other.error)} of range, not {percent(chosen.error)}"
+        return [("the other order", errors)]
+
+    @property
+    def other_order(self) -> TriedDynamics | None:
+        """The best fit that was tried with operator and dynamics the other way round."""
+        chosen = next((one for one in self.tried if one.chosen), None)
+        others = [one for one in self.tried if one.poles and one.first != self.model.first]
+        if chosen is None or not chosen.poles or not others:
+            return None
+        return min(others, key=lambda one: one.error)
 
     def __str__(self) -> str:
         lines = [f"{name:<24} {value}" for name, value in self.rows]

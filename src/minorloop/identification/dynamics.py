@@ -28,6 +28,7 @@ from minorloop.identification.dynamic_result import DynamicIdentification, Tried
 from minorloop.identification.fit import identify
 from minorloop.identification.result import Identification
 from minorloop.identification.steps import as_sampled
+from minorloop.lab.codes import Code
 from minorloop.operators.preisach import Preisach
 from minorloop.threads import one_thread
 
@@ -178,7 +179,7 @@ class _Record:
     """A checked record; y is NaN where nothing was measured.
 
     ``fitted`` and ``held_out`` (T,) are the samples that are fitted and scored; ``start`` is the
-    memory before the first.
+    memory before the first; ``codes`` are readings that are no measurements.
     """
 
     t: FloatArray
@@ -188,6 +189,7 @@ class _Record:
     fitted: BoolArray
     held_out: BoolArray
     start: Any
+    codes: tuple[Code, ...]
 
     @classmethod
     def of(
@@ -205,7 +207,7 @@ class _Record:
             )
         even = interval * np.arange(inputs.size, dtype=np.float64)
         start = options.get("start", "negative")
-        return cls(even, inputs, outputs, interval, fitted, held_out, start)
+        return cls(even, inputs, outputs, interval, fitted, held_out, start, coded)
 
     def part(self, rows: int) -> _Record:
         """Return the rows up to so many fitted ones."""
@@ -587,6 +589,7 @@ def _refined(
         held_out=record.held_out,
         skipped=int(np.count_nonzero(measured & ~record.fitted & ~record.held_out)),
         choices=chosen.choices,
+        codes=record.codes,
         searched=True,
     )
     return found, operator

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_samples
+from minorloop.arrays import FloatArray, as_samples, check_scale
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
 from minorloop.figures import NotebookView, figure_of
@@ -29,6 +29,8 @@ _LEAST_DAMPING = 0.1
 """Damping ratio below which a pole is unusual."""
 _EXACT = 1e-9
 """Relative error that counts as rounding."""
+_LOWEST, _HIGHEST = 1e-15, 1e15
+"""Frequencies whose powers fit into a number."""
 _LEAST_ITERATED_DAMPING = 1e-3
 _REFINED = 3
 """Best results of the iteration that are refined."""
@@ -291,10 +293,15 @@ def _as_response(
             f"frequencies have shape {hertz.shape} and gains {np.shape(measured)}; give (F,) "
             "frequencies and (F,) or (A, F) gains"
         )
-    if not (hertz > 0).all():
-        raise SignalError(f"a frequency is {hertz.min():g} Hz; give positive ones")
+    low, high = float(hertz.min()), float(hertz.max())
+    if not (low > 0 and _LOWEST <= low <= high <= _HIGHEST):
+        found = low if low < _LOWEST else high
+        raise SignalError(
+            f"a frequency is {found:g} Hz; give positive ones, from {_LOWEST:g} to {_HIGHEST:g} Hz"
+        )
     if not np.isfinite(gains).all() or (gains == 0).any():
         raise SignalError("a gain is zero or not finite; leave its frequency out")
+    check_scale("gain", np.abs(gains))
     return np.tile(hertz, gains.shape[0]), gains.ravel()
 
 

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, as_waveform, check_option
+from minorloop.arrays import FloatArray, as_waveform, check_option, check_scale
 from minorloop.errors import SignalError
 from minorloop.identification.output_error import Stretch
 
@@ -61,11 +61,14 @@ def as_sampled(record: Arrays, reading: Reading) -> Sampled:
     Raises
     ------
     SignalError
-        If the shapes differ, the samples are not evenly spaced, or the input never changes.
+        If the shapes differ, the samples are not evenly spaced, the input never changes, or a
+        number is beyond 1e150.
     """
     check_option("reading", reading, ("end", "begin"))
     t, u = as_waveform(record[0], record[1])
     _, y = as_waveform(record[0], record[2], name="y")
+    for name, values in (("input", u), ("output", y)):
+        check_scale(name, values)
     steps = np.diff(t)
     interval = float(np.median(steps))
     if np.abs(steps - interval).max() > _UNEVEN * interval:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import BoolArray, FloatArray
 
 __all__ = ["OVERLOAD", "SENTINELS", "Code", "codes"]
 
@@ -21,6 +21,9 @@ SENTINELS = (
 """Values that loggers and file formats use for a missing reading."""
 _CODE_DISTANCE = 0.25
 """Distance of a sentinel from the range of all other readings, over that range."""
+_ABSURD, _ABSURD_SHARE, _FEWEST = 1e4, 0.001, 12
+"""Distance from the median of a reading that is none, over the greatest of all other distances; the
+share of readings that may be so far away; and readings from which this is checked."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Code:
 
 
 def codes(y: FloatArray) -> tuple[Code, ...]:
-    """Find the readings that are overload codes or sentinels, far from all others.
+    """Find the readings that are overload codes or sentinels, or absurdly far from all others.
 
     Parameters
     ----------
@@ -54,6 +57,7 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
     above = np.searchsorted(known, y[place])
     for near in (np.maximum(above - 1, 0), np.minimum(above, known.size - 1)):
         suspect[place[np.abs(y[place] - known[near]) <= tolerance[near]]] = True
+    suspect |= _absurd(np.where(suspect, np.nan, y))
     if not suspect.any():
         return ()
     rest = y[np.isfinite(y) & ~suspect]
@@ -64,3 +68,17 @@ def codes(y: FloatArray) -> tuple[Code, ...]:
     apart = _CODE_DISTANCE * (high - low)
     suspect &= (y < low - apart) | (y > high + apart)
     return tuple(Code(int(k), float(y[k])) for k in np.flatnonzero(suspect))
+
+
+def _absurd(y: FloatArray) -> BoolArray:
+    """Return the readings (T,) that are ten thousand times further away than all others."""
+    known = np.isfinite(y)
+    values = y[known]
+    if values.size < _FEWEST:
+        return np.zeros(y.size, dtype=np.bool_)
+    with np.errstate(over="ignore", invalid="ignore"):
+        distance = np.abs(y - np.median(values))
+        last = values.size - 1 - max(int(_ABSURD_SHARE * values.size), 1)
+        others = np.partition(distance[known], last)[last]
+        found: BoolArray = known & (others > 0) & (distance > _ABSURD * others)
+    return found

@@ -40,11 +40,11 @@ def read_columns(
 ) -> dict[str, FloatArray]:
     """Read columns of numbers from a file.
 
-    A text file is UTF-8 or UTF-16, with one header line, before it comments after ``#``, ``%`` or
-    ``//``, and after it possibly a row of units. Commas, semicolons or tabs separate the columns;
-    decimals have a point, or a comma where no comma separates. A ``.mat`` file has a vector for
-    each column or a matrix, an ``.xlsx`` file its table on the first sheet. Other columns may
-    hold anything.
+    A text file is UTF-8, UTF-16 or else Windows-1252, with one header line, before it comments
+    after ``#``, ``%`` or ``//``, and after it possibly a row of units. Commas, semicolons or tabs
+    separate the columns; decimals have a point, or a comma where no comma separates. A ``.mat``
+    file has a vector for each column or a matrix, an ``.xlsx`` file its table on the first sheet.
+    Other columns may hold anything.
 
     Parameters
     ----------
@@ -232,6 +232,20 @@ def find_column(name: str, headers: Sequence[str], *, source: object) -> str:
     raise RecordError(f"{source} has no column '{name}', it has {_listed(headers)}{hint}")
 
 
+def deviation_column(headers: Sequence[str], output: str) -> str | None:
+    """Return the column ``sd`` in the unit of an output, as `reduce` writes it; None without one.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Headers of the columns.
+    output : str
+        Name and unit of the output, such as ``curvature [1/m]``.
+    """
+    wanted = ("sd", split_header(output)[1])
+    return next((header for header in headers if split_header(header) == wanted), None)
+
+
 def with_unit(name: str, header: str) -> str:
     """Return a header with its unit; if it has none, with that of the name it was found by."""
     return name.strip() if header == split_header(name)[0] else header
@@ -261,9 +275,8 @@ def _of_sheet(
     for name in names:
         header = find_column(name, sheet.headers, source=sheet.file)
         cells = sheet.cells(header)
-        numbers = range(sheet.first, sheet.first + len(cells))
         where = f"column '{header}' of {sheet.file}"
-        column = _Cells(where, numbers, name in gaps, name in dates)
+        column = _Cells(where, sheet.numbers, name in gaps, name in dates)
         if isinstance(cells, np.ndarray):
             columns[name] = column.checked(cells, cells)
         else:
@@ -278,7 +291,7 @@ def _labels_of_sheet(sheet: Sheet, name: str) -> Labels:
     cells = [
         [str(cell)] for cell in sheet.cells(find_column(name, sheet.headers, source=sheet.file))
     ]
-    found.add((cells, range(sheet.first, sheet.first + len(cells))), 0)
+    found.add((cells, sheet.numbers), 0)
     return found.joined()
 
 

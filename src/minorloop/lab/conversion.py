@@ -194,6 +194,8 @@ class CalibrationTable(_Calibration):
 class LaserCurvature:
     """Distance that a laser measures to the curvature of a strip, in 1/m.
 
+    It is positive where the strip bends towards the laser, below ``d0``.
+
     Parameters
     ----------
     d0, h0 : float

@@ -48,6 +48,11 @@ class ConvertedActuator:
         return self._actuator.inputs
 
     @property
+    def covered(self) -> str:
+        """Which readings are covered by the conversion, for a message."""
+        return self._conversion.covered
+
+    @property
     def tick(self) -> float:
         """How long one ``exchange`` takes, in seconds."""
         return self._actuator.tick

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError, RecordError
+from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import (
     Labels,
@@ -19,6 +19,8 @@ from minorloop.lab.columns import (
     with_unit,
 )
 from minorloop.lab.records import SAMPLE, Quantity, Record
+from minorloop.lab.sheets import is_sheet
+from minorloop.lab.text_tables import LATIN, encoding_of
 from minorloop.lab.timebase import (
     GAP,
     SECONDS,
@@ -51,22 +53,39 @@ class Log:
         Columns of labels, by the names they were asked for.
     sd : (T,) array, optional
         Standard deviation of each output, NaN where it is not known; None if none is.
+    of_file : tuple of str
+        What was found in the file itself, one sentence each.
     """
 
     record: Record
     check: TimeCheck | None = None
     labels: Mapping[str, Labels] = field(default_factory=dict)
     sd: FloatArray | None = None
+    of_file: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found in the times, one sentence each."""
-        return self.check.notes if self.check else ()
+        """What was found in the file and its times, one sentence each."""
+        return self.of_file + (self.check.notes if self.check else ())
 
     @property
     def breaks(self) -> tuple[str, ...]:
         """What was found about gaps and clock jumps only."""
         return self.check.of_breaks if self.check else ()
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """How many rows `with_known_memory` leaves out and why, in one sentence; empty if none."""
+        measured = np.isfinite(self.record.y)
+        lost = int(np.count_nonzero(measured & ~np.isfinite(self.with_known_memory().y)))
+        if not lost:
+            return ()
+        return (
+            f"{lost} of {counted(int(measured.sum()), 'measured row')} {are(lost)} not "
+            "fitted, because the memory is unknown after a gap or a step back of the clock; if "
+            "no row is missing there, leave --time out; if the input was saturated there, name a "
+            "column of curves (--curves)",
+        )
 
     def with_memory_reset(self) -> Log:
         """Return the log without its breaks, because each curve begins with a known memory."""
@@ -177,11 +196,12 @@ def read_log(
     noise = None if sd is None else columns[sd]
     if noise is not None and np.isnan(noise[np.isfinite(y)]).all():
         noise = None
+    said = _of_file(path)
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
-        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise)
+        return Log(Record(t, u, y, names[0], names[1], time=SAMPLE), None, texts, noise, said)
     clock, check = _checked(columns[time], names[2])
-    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise)
+    return Log(Record(check.t, u, y, names[0], names[1], time=clock), check, texts, noise, said)
 
 
 def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
@@ -194,6 +214,12 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
     """
     header = with_unit(time, find_column(time, read_headers(path), source=path))
     return _checked(read_columns(path, [time], dates=[time])[time], header)
+
+
+def _of_file(path: PathLike) -> tuple[str, ...]:
+    if is_sheet(path) or encoding_of(path) != LATIN:
+        return ()
+    return (f"{path} is not UTF-8 and was read as Windows-1252; check units such as µm and °C",)
 
 
 def _checked(values: FloatArray, header: str) -> tuple[Quantity, TimeCheck]:

@@ -268,7 +268,7 @@ def reduce(
             f"{record.input}, "
             f"with {share:.0%} of the samples; at least {_FEWEST} holds with {_LEAST_HELD:.0%} are "
             "needed: where the input never rests, identify the record as it is, and where it is "
-            "noisier than its steps, give the input tolerance"
+            "noisier than its steps, give the size of the noise (--input-tolerance)"
         )
     readings, notes = usable(record, limits)
     check_magnitude("output", readings)
@@ -397,7 +397,7 @@ def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
         notes.append(
             f"{len(unsettled)} of {len(holds)} holds did not settle (hold {shown}): an "
             "output that has not settled is left out, and its input drives the memory only; hold "
-            "longer"
+            "longer, or keep them all the same (--keep-unsettled)"
         )
     unknown = sum(not point.known for point in holds)
     if unknown:
@@ -414,6 +414,7 @@ def _advice(log: Record, points: list[ReducedPoint]) -> list[str]:
         )
     if not log.timed:
         notes.append(
-            "no time column was given: durations are counted in samples, and slopes are per sample"
+            "no time column was given (--time): durations are counted in samples, and slopes are "
+            "per sample"
         )
     return notes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -30,14 +31,14 @@ class Sheet:
         Headers, with units.
     columns : tuple of list or array
         Cells of each column; an array where all are numbers.
-    first : int
-        Number of the first row of data.
+    numbers : sequence of int
+        Numbers of the rows of data in the file; blank rows are left out.
     """
 
     file: Path
     headers: tuple[str, ...]
     columns: tuple[list[Any] | FloatArray, ...]
-    first: int
+    numbers: Sequence[int]
 
     def cells(self, header: str) -> list[str] | FloatArray:
         """Return the cells of a column as numbers, or as text."""
@@ -103,7 +104,8 @@ def _mat(file: Path) -> Sheet:
             f"{file} has no variable that is a vector or a matrix of real numbers, its variables "
             f"are {shown}; save each column as a variable, such as voltage"
         )
-    return Sheet(file, tuple(columns), tuple(columns.values()), 1)
+    longest = max(column.size for column in columns.values())
+    return Sheet(file, tuple(columns), tuple(columns.values()), range(1, longest + 1))
 
 
 def _kind(value: Any) -> str:
@@ -129,19 +131,20 @@ def _workbook(file: Path) -> Sheet:
             book.close()
     except Exception as error:
         raise RecordError(f"{file} is not an Excel workbook: {error}") from None
-    rows = [row for row in rows if any(cell is not None for cell in row)]
+    numbers = [k for k, row in enumerate(rows, 1) if any(cell is not None for cell in row)]
+    rows = [rows[k - 1] for k in numbers]
     if not rows:
-        return Sheet(file, (), (), 2)
+        return Sheet(file, (), (), ())
     headers = [_as_text(cell).strip() for cell in rows[0]]
     while headers and not headers[-1]:
         headers.pop()
     if all(isinstance(cell, int | float) for cell in rows[0][: len(headers)]):
         raise RecordError(f"{file} begins with numbers; it needs a row of headers")
-    body, first = rows[1:], 2
+    body, numbers = rows[1:], numbers[1:]
     if body and (units := with_units(headers, list(map(_as_text, body[0][: len(headers)])))):
-        headers, body, first = units, body[1:], 3
+        headers, body, numbers = units, body[1:], numbers[1:]
     columns = tuple([row[k] for row in body] for k in range(len(headers)))
-    return Sheet(file, tuple(headers), columns, first)
+    return Sheet(file, tuple(headers), columns, numbers)
 
 
 def _as_text(cell: Any) -> str:

@@ -39,6 +39,7 @@ __all__ = [
     "check_sines",
     "is_sine_store",
     "measured_sines",
+    "planned_sines",
     "run_sines",
     "sine_design",
 ]
@@ -178,7 +179,7 @@ def run_sines(
     SafetyError
         If the actuator does not confirm at the end that it is safe; the sines are kept.
     """
-    plan = _plan_of(store)
+    plan = planned_sines(store)
     if store.setup.design != sine_design(plan, actuator):
         raise StoreError(
             f"{store.path} was measured with another kind of actuator; give the same actuator, or "
@@ -213,7 +214,7 @@ def measured_sines(store: Store) -> Iterator[MeasuredSine]:
     StoreError
         If it has no sines.
     """
-    plan, held = _plan_of(store), bool((store.setup.design or {}).get("held"))
+    plan, held = planned_sines(store), bool((store.setup.design or {}).get("held"))
     for point, sine in zip(store.points(), plan.sines, strict=False):
         yield MeasuredSine(
             sine,
@@ -224,7 +225,14 @@ def measured_sines(store: Store) -> Iterator[MeasuredSine]:
         )
 
 
-def _plan_of(store: Store) -> SinePlan:
+def planned_sines(store: Store) -> SinePlan:
+    """Return the plan of a store of sines.
+
+    Raises
+    ------
+    StoreError
+        If the store has settled points.
+    """
     if not is_sine_store(store):
         raise StoreError(f"{store.path} has settled points and no sines; give a store of sines")
     return SinePlan.from_dict((store.setup.design or {})[_DESIGN])

@@ -1,12 +1,13 @@
 """Open a table that is text: its encoding, comments, headers, units, decimals, and its rows.
 
-Files of spreadsheets and instruments differ: UTF-8 or UTF-16; commas, semicolons or tabs between
-the columns; a point or a comma in decimals; lines of comments before the header; a row of units
-after it. Blocks of plain numbers are converted at once, the rest cell by cell.
+Files of spreadsheets and instruments differ: UTF-8, UTF-16 or Windows-1252; commas, semicolons or
+tabs between the columns; a point or a comma in decimals; lines of comments before the header; a row
+of units after it. Blocks of plain numbers are converted at once, the rest cell by cell.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import itertools
@@ -39,6 +40,8 @@ CHUNK = 50_000
 """Rows that are converted to numbers at a time, if they are short."""
 BLOCK = 8 * 1024**2
 """Characters that are converted to numbers at once."""
+LATIN = "cp1252"
+"""Encoding of a file that is not UTF-8: that of Windows, which contains Latin-1."""
 DELIMITERS = ",;\t"
 COMMENTS = ("#", "%", "//")
 _UNITS = """
@@ -168,10 +171,12 @@ def opened(path: PathLike, progress: Callable[[str], None] | None = None) -> Ite
     check_file(file)
     try:
         _check_no_store(file)
-        with file.open(encoding=_encoding(file), newline="") as text:
+        with file.open(encoding=encoding_of(file), newline="") as text:
             yield _begin(text, file, progress or (lambda share: None))
     except UnicodeError:
-        raise RecordError(f"{file} is not UTF-8 text; save it as CSV in UTF-8") from None
+        raise RecordError(
+            f"{file} is neither UTF-8 nor Windows-1252 text; save it as CSV in UTF-8"
+        ) from None
     except csv.Error as error:
         raise RecordError(f"{file} is not a table: {error}") from None
     except OSError as error:
@@ -241,10 +246,26 @@ def is_number(text: str) -> bool:
     return True
 
 
-def _encoding(file: Path) -> str:
-    with file.open("rb") as raw:
-        begin = raw.read(4)
-    return "utf-16" if begin[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+def encoding_of(path: PathLike) -> str:
+    """Return the encoding of a text file: UTF-16 with its mark, UTF-8, otherwise Windows-1252.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with Path(path).open("rb") as raw:
+        if raw.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            return "utf-16"
+        raw.seek(0)
+        try:
+            while chunk := raw.read(BLOCK):
+                decoder.decode(chunk)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return LATIN
+    return "utf-8-sig"
 
 
 def _begin(text: TextIO, file: Path, progress: Callable[[str], None]) -> TextTable:

@@ -36,6 +36,20 @@ def test_advice_names_a_startup(folder):
     assert "a start-up that the model does not follow" in advice
 
 
+def test_the_standard_deviations_of_reduced_points_are_used(folder):
+    u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T
+    sd = np.where(np.arange(u.size) % 2, 1e-3, 0.3)
+    table = np.column_stack([u, y + sd * np.random.default_rng(1000).normal(size=u.size), sd])
+    errors = []
+    for header in ("u [V],y [um],sd [um]", "u [V],y [um],sd [nm]"):
+        np.savetxt("run.csv", table, delimiter=",", header=header, comments="")
+        found = result(folder, levels=5, prior="none")
+        said = "each sample counts by its standard deviation" in " ".join(found["advice"])
+        assert said == ("sd [um]" in header)
+        errors.append(found["scores"]["fit"])
+    assert errors[0] > errors[1]  # of all samples alike
+
+
 def test_columns_are_described_with_few_points(folder):
     (reply,) = lab_work.look(folder, "run.csv")
     assert [column["unit"] for column in reply["columns"]] == ["V", "um"]

@@ -25,7 +25,13 @@ from minorloop.head.console.uploads import INPUTS, MODEL, REPORT
 from minorloop.identification import Identification, identify
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
 from minorloop.identification.scores import score_rows
-from minorloop.lab.columns import read_each, read_headers, split_header
+from minorloop.lab.columns import (
+    deviation_column,
+    find_column,
+    read_each,
+    read_headers,
+    split_header,
+)
 from minorloop.lab.logs import read_log
 from minorloop.lab.records import Record
 from minorloop.lab.timebase import time_column
@@ -126,15 +132,27 @@ def identify_file(
         raise ParameterError(f"levels is {levels!r}; give 1 to {_MOST_LEVELS} here")
     columns = {"curves": curves, "groups": groups}
     named = {option: column for option, column in columns.items() if column is not None}
-    log = read_log(name, input=input, output=output, time=time, labels=list(named.values()))
-    labels = {option: log.labels[column] for option, column in named.items()}
+    headers = read_headers(name)
+    log = read_log(
+        name,
+        input=input,
+        output=output,
+        time=time,
+        labels=list(named.values()),
+        sd=deviation_column(headers, find_column(output, headers, source=name)),
+    )
+    beside: dict[str, Any] = {option: log.labels[column] for option, column in named.items()}
+    if log.sd is not None:
+        beside["noise"] = log.sd
     if curves is not None:
         log = log.with_memory_reset()
-    whole = not labels and not first and last is None and options.get("lag") != 0
+    whole = not beside and not first and last is None and options.get("lag") != 0
     record = _part(log.evenly_sampled() if whole else log.with_known_memory(), first, last)
-    options |= {option: values[first:last] for option, values in labels.items()}
+    options |= {option: values[first:last] for option, values in beside.items()}
     cells, measured = count * (count + 1) // 2, int(np.isfinite(record.y).sum())
-    advice = list(log.notes)
+    advice = [*log.notes, *log.left_out]
+    if log.sd is not None:
+        advice.append("each sample counts by its standard deviation, in the column sd")
     fitting = f"fitting {cells} cells to {measured} of {len(record)} rows"
     if measured * _SPARSE < len(record) and measured < _EACH * cells:
         if cells > _MOST_SPARSE_CELLS:
