@@ -75,6 +75,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         "samples": result.samples,
         "skipped": result.skipped,
         "choices": [asdict(choice) for choice in result.choices],
+        "jumps": [asdict(jump) for jump in result.jumps],
         "residual": asdict(result.residual),
         "levels": result.model.bands,
         "unknowns": result.unknowns,

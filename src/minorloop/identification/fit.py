@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import Any, Literal
 
@@ -14,12 +15,13 @@ from minorloop.errors import counted
 from minorloop.identification import record_checks as checks
 from minorloop.identification.choosing import LEVELS, Chosen, choose, choose_prior
 from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, check_group_sizes
-from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import (
     FitRecord,
     Regularisation,
     fit_plane,
 )
+from minorloop.identification.jumps import Jump, find_jumps, with_jumps
 from minorloop.identification.leave_out import validate
 from minorloop.identification.result import Identification
 from minorloop.operators.memory import Start
@@ -65,7 +67,8 @@ def identify(
         are listed in ``codes`` and in the advice.
     levels : int, (L + 1,) array_like or "auto"
         Number of bands, over the range of ``u``, or the thresholds themselves. ``"auto"`` compares
-        25 and 50 bands, where there are samples for so many.
+        25 and 50 bands, where there are samples for so many. Unless thresholds are given, or the
+        prior, a threshold at which the output jumps gets a narrow band of its own.
     spacing : {"uniform", "adaptive"}
         Even thresholds, or thresholds that are denser where the output is steep.
     relay, diagonal
@@ -83,8 +86,8 @@ def identify(
     prior : {"auto", "gaussian", "none"}
         Whether to fit with the prior of `minorloop.identification.prior`, which also gives
         predictive bands. ``"auto"`` uses it for fewer than three samples per unknown, except
-        where a smoothness is given, where the samples determine a plane that reproduces them to
-        rounding, or where there are more than 2,100 cells.
+        where a smoothness is given, where the output jumps, where the samples determine a plane
+        that reproduces them to rounding, or where there are more than 2,100 cells.
     noise : float, optional
         Standard deviation of a measured output, in its unit, where it is known; used by the
         prior only.
@@ -150,6 +153,11 @@ def identify(
     if automatic or delay is None:
         chosen = choose(specs, record, delay, group, grids[1] if len(grids) > 1 else None, say)
     spec, delay, choices = chosen.spec, chosen.lag, chosen.choices
+    jumps: tuple[Jump, ...] = ()
+    if (isinstance(levels, str) or np.isscalar(levels)) and prior != "gaussian":
+        jumps = find_jumps(parts.delayed(inputs, delay), outputs, fitted, parts, spec.levels)
+    if jumps and spec.bands + 2 * len(jumps) <= MOST_DENSE:
+        spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
     found = fit_plane(spec, record, delay, smoothness, prior, sensor, group)
     if automatic and prior == "auto":
@@ -180,6 +188,7 @@ def identify(
         scatter=scatter,
         skipped=int(np.count_nonzero(skipped)),
         choices=choices,
+        jumps=jumps,
     )
 
 

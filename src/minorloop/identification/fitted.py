@@ -20,6 +20,7 @@ from minorloop.identification.baseline import nrmse, polynomial_nrmse
 from minorloop.identification.choosing import Choice
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.jumps import Jump
 from minorloop.identification.leave_out import GroupScatter
 from minorloop.identification.prior import Posterior
 from minorloop.identification.residuals import ResidualSummary
@@ -68,6 +69,8 @@ class Fit:
         Rows that set the memory and were not fitted.
     choices : tuple of Choice
         Options that were compared by the error on left-out parts.
+    jumps : tuple of Jump
+        Thresholds at which the output jumps, which have narrow bands.
     converged : bool
         Whether the solver reached the optimum; `advice` says so where it did not.
     """
@@ -91,6 +94,7 @@ class Fit:
     scatter: GroupScatter | None = None
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
+    jumps: tuple[Jump, ...] = ()
 
     @property
     def start(self) -> Start:
