@@ -209,8 +209,10 @@ class Fit:
     @cached_property
     def findings(self) -> tuple[RecordFault, ...]:
         """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
-        y = self.y.copy()
-        y[list(self.suspects)] = np.nan
+        y = self.y
+        if self.suspects:
+            y = y.copy()
+            y[list(self.suspects)] = np.nan
         return record_faults(self.u, y, self.curves, self.lag, searched=self.searched)
 
     @cached_property
