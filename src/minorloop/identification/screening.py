@@ -119,8 +119,7 @@ def _outside(values: FloatArray) -> FloatArray:
     outside = low - values
     np.maximum(outside, values - high, out=outside)
     np.maximum(outside, 0, out=outside)
-    outside /= width
-    return outside
+    return np.asarray(outside / width)
 
 
 def _listed(y: FloatArray, places: IntArray) -> str:
