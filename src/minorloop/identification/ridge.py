@@ -84,7 +84,8 @@ class Ridge:
         heights = np.diff(levels)
         points = ((levels[:-1] + levels[1:])[:, None] / 2 + heights[:, None] * _PLACES).ravel()
         length = np.repeat(heights / 2, 2)
-        values = self._density(points[:, None], points[None, :]) * np.outer(length, length)
+        density = np.asarray(self._density(points[:, None], points[None, :]))
+        values = density.astype(np.float64) * np.outer(length, length)
         rows = values[::2] + values[1::2]
         weights = rows[:, ::2] + rows[:, 1::2]
         total = float(weights.sum())
