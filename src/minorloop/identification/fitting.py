@@ -9,20 +9,20 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_levels
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.identification.active_set import ACCEPTABLE
 from minorloop.identification.condensing import LONG, Condensed, condense
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
-from minorloop.identification.prior import (
-    MOST_CORRELATED,
-    Posterior,
+from minorloop.identification.likelihood import regressors
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior_fit import (
     PriorFit,
     coarse_rows,
-    fit_dense,
+    fit_few,
     fit_prior,
-    regressors,
+    is_few,
 )
 from minorloop.identification.record_checks import FEWEST
 
@@ -34,8 +34,6 @@ LONGEST_LAG = 20
 _LAG_BANDS = 15
 _SAMPLES_EACH = 3
 """Samples for each unknown above which the data need no prior."""
-_MOST_CELLS = 2100
-"""Cells up to which the prior is used, 64 levels: its covariance is dense."""
 _SUSPICIOUS, _OUTLIER = 2.2, 6.0
 """Standard deviations from which a sample is fitted without, and from which it is left out."""
 _STEEP = 2.0
@@ -158,7 +156,7 @@ class Regression:
     @cached_property
     def dense(self) -> tuple[FloatArray, FloatArray] | None:
         """Regressors and features for the prior; None for many samples."""
-        if self.rows.size > MOST_CORRELATED:
+        if not is_few(self.matrix.spec, self.rows.size):
             return None
         return regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
 
@@ -194,11 +192,6 @@ def fit_plane(
     labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with the prior, or with smoothness."""
-    if prior == "gaussian" and spec.cells > _MOST_CELLS:
-        raise ParameterError(
-            f'prior is "gaussian" and the plane has {spec.cells} cells; give at most 64 levels, '
-            'or leave it "auto", which smooths such planes'
-        )
     samples = record.rows(lag).size
     few = needs_prior(spec, samples)
     if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
@@ -211,8 +204,8 @@ def fit_plane(
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:
-    """Whether the samples are few for the unknowns, and the plane is not too fine for the prior."""
-    return samples < _SAMPLES_EACH * spec.unknowns and spec.cells <= _MOST_CELLS
+    """Whether the samples are few for the unknowns."""
+    return samples < _SAMPLES_EACH * spec.unknowns
 
 
 def fit_smooth(
@@ -246,6 +239,7 @@ def _fit_with_prior(
             noise=noise,
             guess=guess,
             coarse=regression.coarse,
+            within=regression.within,
         )
         guess = found.learnt
         plausible = on_steep_branch(record)[regression.rows]
@@ -281,7 +275,7 @@ def _suspect(
     if off[worst] < _SUSPICIOUS:
         return None
     others = np.arange(y.size) != worst
-    without = fit_dense(
+    without = fit_few(
         found.posterior.spec,
         y[others],
         (dense[0][others], dense[1][others]),

@@ -1,0 +1,229 @@
+"""Normal equations of the unknowns of a plane with the prior, dense or sparse."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification import active_set, interior_point
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.everett_system import EverettSystem
+from minorloop.identification.field_prior import FieldPrior
+from minorloop.identification.likelihood import (
+    Evidence,
+    cholesky,
+    cholesky_inverse,
+    likelihood,
+    triangular_solve,
+)
+from minorloop.identification.posterior import DensePosterior, Posterior, SparsePosterior
+from minorloop.identification.prior import Hyperparameters, PlanePrior
+
+MOST_DENSE_CELLS = 2100
+"""Cells up to which dense matrices are quick."""
+_LEAST_SPARSE, _SHARE = 300, 0.5
+"""Cells from which the sparse system is used, and reversals for each cell up to which it is."""
+_FILL = 0.02
+"""Multiplications of its factorisation, over the cube of the cells, up to which it is quicker."""
+_ACCURATE, _STEPS = 1e-10, 50
+"""Relative residual of the posterior mean, and most steps to reach it."""
+_STEP = 0.02
+"""Relative change of a variance for a derivative."""
+
+
+class PriorSystem(ABC):
+    """Normal equations of the unknowns with a prior."""
+
+    @property
+    @abstractmethod
+    def mean(self) -> FloatArray:
+        """(n,) posterior mean without sign constraints."""
+
+    @property
+    @abstractmethod
+    def determined(self) -> float:
+        """Number of unknowns that the samples determine."""
+
+    @property
+    @abstractmethod
+    def likelihood(self) -> float:
+        """Logarithm of the marginal likelihood, up to a constant."""
+
+    @abstractmethod
+    def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
+        """(n,) unknowns under the sign constraints, and their KKT violation."""
+
+    @abstractmethod
+    def posterior(self, unit: float, samples: int) -> Posterior:
+        """Posterior of outputs of range ``unit``."""
+
+
+class _DenseSystem(PriorSystem):
+    def __init__(
+        self, plane: PlanePrior, evidence: Evidence, h: Hyperparameters, signed: bool
+    ) -> None:
+        self._evidence = evidence
+        gram, self._slope, square, _ = evidence.information(h)
+        self._plane, self._h, self._size = plane, h, float(np.sqrt(square)) or 1.0
+        scale = plane.scale(h)
+        quadratic = cholesky_inverse(cholesky(plane.covariance(h)))
+        quadratic += scale[:, None] * gram * scale
+        unit = 1 / np.sqrt(quadratic.diagonal())
+        self._gram, self._scale = gram, scale * unit
+        self._quadratic = unit[:, None] * quadratic * unit
+        self._bounded = bounded_unknowns(plane.spec, signed)
+
+    @property
+    def mean(self) -> FloatArray:
+        return self.factor @ (self.factor.T @ self._slope)
+
+    @property
+    def determined(self) -> float:
+        return float(np.sum((self._gram @ self.factor) * self.factor))
+
+    @property
+    def likelihood(self) -> float:
+        return likelihood(self._plane, self._evidence, self._h)[0]
+
+    @cached_property
+    def factor(self) -> FloatArray:
+        """F, where F F' is the covariance of the unknowns."""
+        inner = cholesky(self._quadratic)
+        return self._scale[:, None] * triangular_solve(inner, np.eye(self._scale.size)).T
+
+    def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
+        linear = self._scale * self._slope
+        solution = active_set.solve(
+            np.tril(self._quadratic),
+            lambda z: self._quadratic @ z - linear,
+            lambda z: self._quadratic @ z,
+            self._bounded,
+            self._size,
+            guess=None if guess is None else guess / self._scale,
+        )
+        return solution.z * self._scale, solution.kkt
+
+    def posterior(self, unit: float, samples: int) -> DensePosterior:
+        return DensePosterior(self._plane.spec, self._h, unit, samples, self.factor * unit)
+
+
+class _SparseSystem(PriorSystem):
+    """Conditions and factorises ``system``, which all of the same samples share."""
+
+    def __init__(
+        self,
+        system: EverettSystem,
+        field: FieldPrior,
+        y: FloatArray,
+        h: Hyperparameters,
+        signed: bool,
+    ) -> None:
+        self._system, self._field, self._y, self._h = system, field, y, h
+        self._signed, self._variance = signed, h.noise**2 + h.discrepancy**2
+        self._condition(self._variance)
+
+    def _condition(self, variance: float) -> None:
+        system = self._system
+        precision = self._field.precision(self._h, variance)
+        squares, _ = system.matrix.column_squares(system.weight)
+        system.condition(precision, 1 / np.sqrt(squares + precision.own))
+        system.factorise(0.0)
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        system = self._system
+        z = system.solve(-self._gradient(np.zeros(system.scale.size)), True, _ACCURATE, _STEPS)
+        return system.scale * z
+
+    @cached_property
+    def determined(self) -> float:
+        """Number of unknowns less the derivative of the logarithm of the determinant."""
+        here, step = self._system.logarithm(), 1 + _STEP
+        self._condition(self._variance * step)
+        change = self._system.logarithm() - here
+        self._condition(self._variance)
+        return float(self._system.scale.size + self._field.unknowns - change / np.log(step))
+
+    @property
+    def likelihood(self) -> float:
+        system, v = self._system, self._variance
+        assert system.precision is not None
+        left = system.weight @ (self._y * (self._y - system.matrix.forward(self.mean)))
+        spent = system.logarithm() - system.precision.logarithm
+        count = float(system.weight.sum())
+        return -0.5 * (float(left) / v + spent + count * float(np.log(v)))
+
+    def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
+        system, spec = self._system, self._system.matrix.spec
+        size = float(np.linalg.norm(np.sqrt(system.weight) * self._y)) or 1.0
+        bounded = bounded_unknowns(spec, self._signed)
+        guess = self.mean if self._signed else guess
+        if guess is None:
+            found = interior_point.solve(system, self._gradient, bounded, bounded, size)
+        else:
+            found = interior_point.polish(
+                system, self._gradient, bounded, guess / system.scale, size
+            )
+        return system.scale * found.z, found.kkt
+
+    def posterior(self, unit: float, samples: int) -> SparsePosterior:
+        self._condition(self._variance)
+        return SparsePosterior(self._system.matrix.spec, self._h, unit, samples, self._system)
+
+    def _gradient(self, z: FloatArray) -> FloatArray:
+        system, x = self._system, self._system.scale * z
+        assert system.precision is not None
+        left = system.matrix.forward(x) - self._y
+        downhill = system.matrix.adjoint(system.weight * left) + system.precision.product(x)
+        return np.asarray(system.scale * downhill)
+
+
+def dense_system(
+    plane: PlanePrior, evidence: Evidence, h: Hyperparameters, signed: bool
+) -> PriorSystem:
+    """Normal equations on dense matrices.
+
+    Parameters
+    ----------
+    plane : PlanePrior
+        Prior.
+    evidence : Evidence
+        Measurements.
+    h : Hyperparameters
+        Hyperparameters of the prior.
+    signed : bool
+        Let weights and slope be negative.
+    """
+    return _DenseSystem(plane, evidence, h, signed)
+
+
+def systems(
+    matrix: DesignMatrix, y: FloatArray, weight: FloatArray, signed: bool
+) -> Callable[[Hyperparameters], PriorSystem]:
+    """Normal equations of many samples for any hyperparameters: sparse where that is quicker."""
+    plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
+    if suits_sparse(matrix):
+        field = FieldPrior(plane)
+        system = EverettSystem(matrix, weight, np.ones(matrix.spec.unknowns), field)
+        if cells > MOST_DENSE_CELLS or system.operations <= _FILL * float(cells) ** 3:
+            return lambda h: _SparseSystem(system, field, y, h, signed)
+    evidence = Evidence.of_many(matrix, y, weight)
+    return lambda h: _DenseSystem(plane, evidence, h, signed)
+
+
+def suits_sparse(matrix: DesignMatrix) -> bool:
+    """Whether the branches of the record are long, so that the sparse system has little fill."""
+    cells = matrix.spec.cells
+    return cells >= _LEAST_SPARSE and matrix.reversals <= _SHARE * cells
+
+
+def bounded_unknowns(spec: PlaneSpec, signed: bool) -> BoolArray:
+    """(n,) unknowns that must not be negative."""
+    bounded = np.full(spec.unknowns, not signed)
+    if spec.offset:
+        bounded[spec.cells] = False
+    return bounded
