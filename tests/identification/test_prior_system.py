@@ -6,6 +6,7 @@ from long_branches import a_record_with_long_branches
 from minorloop.identification import prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.field_prior import FieldPrior
+from minorloop.identification.likelihood import Evidence, likelihood
 from minorloop.identification.prior import Hyperparameters, PlanePrior
 
 
@@ -53,3 +54,13 @@ def test_the_sparse_likelihood_is_that_of_the_outputs(sparse):
         total += (h.noise**2 + h.discrepancy**2) * np.eye(u.size)
         wanted.append(-0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1]))
     assert np.diff(found) == pytest.approx(np.diff(wanted), rel=1e-4)
+
+
+def test_the_dense_likelihood_is_that_of_the_search():
+    model, u, y = a_record_with_long_branches(each=3)
+    spec = PlaneSpec(model.levels, slope=True)
+    matrix = DesignMatrix(spec, u, np.ones(u.size, dtype=bool), "negative")
+    evidence, plane = Evidence.of_many(matrix, y, np.ones(u.size)), PlanePrior(spec)
+    for h in (Hyperparameters(), Hyperparameters(nugget=2.0, noise=0.1)):
+        found = prior_system.dense_system(plane, evidence, h, False).likelihood
+        assert found == pytest.approx(likelihood(plane, evidence, h)[0], rel=1e-10)

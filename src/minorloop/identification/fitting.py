@@ -17,10 +17,10 @@ from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
 from minorloop.identification.likelihood import regressors
 from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior import Hyperparameters
 from minorloop.identification.prior_fit import (
     PriorFit,
     coarse_rows,
-    fit_few,
     fit_prior,
     is_few,
 )
@@ -34,8 +34,11 @@ LONGEST_LAG = 20
 _LAG_BANDS = 15
 _SAMPLES_EACH = 3
 """Samples for each unknown above which the data need no prior."""
-_SUSPICIOUS, _OUTLIER = 2.2, 6.0
-"""Standard deviations from which a sample is fitted without, and from which it is left out."""
+_OUTLIER = 6.0
+"""Standard deviations from which a sample is left out."""
+_SUSPICIOUS, _LEAST_SUSPICIOUS = 0.6, 2.2
+"""Share of the residual that such a sample has at least, and standard deviations, from which it is
+fitted without."""
 _STEEP = 2.0
 """Slope of a steep branch, in ranges of the output over ranges of the input."""
 _FEWEST_EACH_SUSPECT = 8
@@ -228,26 +231,18 @@ def _fit_with_prior(
 ) -> FittedPlane:
     """Fit, and leave out one outlier after the other."""
     suspects: list[int] = []
-    guess = None
-    while True:
-        regression = record.regression(spec, lag)
-        found = fit_prior(
-            regression.matrix,
-            regression.y,
-            regression.dense,
-            signed=record.signed,
-            noise=noise,
-            guess=guess,
-            coarse=regression.coarse,
-            within=regression.within,
-        )
-        guess = found.learnt
-        plausible = on_steep_branch(record)[regression.rows]
-        suspect = _suspect(found, regression, plausible, record.signed, noise)
-        if suspect is None or len(suspects) >= regression.rows.size // _FEWEST_EACH_SUSPECT:
+    regression, found = _with_prior(spec, record, lag, noise)
+    while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
+        worst = _suspect(found, on_steep_branch(record)[regression.rows])
+        if worst is None:
             break
-        suspects.append(int(regression.rows[suspect]))
-        record = record.without(suspects[-1])
+        sample = int(regression.rows[worst])
+        others = record.without(sample)
+        reduced, without = _with_prior(spec, others, lag, noise, found.learnt)
+        if not _is_outlier(without, regression, worst):
+            break
+        suspects.append(sample)
+        record, regression, found = others, reduced, without
     return FittedPlane(
         found.x,
         found.kkt,
@@ -259,35 +254,47 @@ def _fit_with_prior(
     )
 
 
-def _suspect(
-    found: PriorFit,
-    regression: Regression,
-    plausible: BoolArray,
-    signed: bool,
+def _with_prior(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
     noise: float | None,
-) -> int | None:
-    """Sample that lies far outside the band of a fit without it; None if there is none."""
-    dense, coarse, y = regression.dense, regression.coarse, regression.y
-    if found.leave_one_out is None or dense is None or y.size < _FEWEST_EACH_SUSPECT:
+    guess: Hyperparameters | None = None,
+) -> tuple[Regression, PriorFit]:
+    regression = record.regression(spec, lag)
+    found = fit_prior(
+        regression.matrix,
+        regression.y,
+        regression.dense,
+        signed=record.signed,
+        noise=noise,
+        guess=guess,
+        coarse=regression.coarse,
+        within=regression.within,
+    )
+    return regression, found
+
+
+def _suspect(found: PriorFit, plausible: BoolArray) -> int | None:
+    """Number of the sample farthest from a fit without it; None if all are near."""
+    if found.leave_one_out is None:
         return None
     off = np.where(plausible, 0.0, np.abs(found.leave_one_out))
     worst = int(np.argmax(off))
-    if off[worst] < _SUSPICIOUS:
-        return None
-    others = np.arange(y.size) != worst
-    without = fit_few(
-        found.posterior.spec,
-        y[others],
-        (dense[0][others], dense[1][others]),
-        signed=signed,
-        noise=noise,
-        guess=found.learnt,
-        coarse=None if coarse is None else (coarse[0], coarse[1][others]),
-    )
-    row = dense[0][worst : worst + 1]
+    # An outlier increases the standard deviation that is estimated with it.
+    least = _OUTLIER / np.sqrt(1 + _OUTLIER**2 / off.size)
+    return worst if off[worst] >= max(_SUSPICIOUS * least, _LEAST_SUSPICIOUS) else None
+
+
+def _is_outlier(without: PriorFit, regression: Regression, sample: int) -> bool:
+    """Whether a sample lies far outside the band of a fit without it."""
     h, unit = without.posterior.hyperparameters, without.posterior.unit
-    allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * unit)
-    return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
+    wanted = np.zeros(regression.inputs.size, dtype=np.bool_)
+    wanted[np.flatnonzero(regression.measured)[sample]] = True
+    start = regression.matrix.start
+    deviation = without.posterior.deviation(regression.inputs, start, wanted)[0]
+    off = float(regression.matrix.forward(without.x)[sample] - regression.y[sample])
+    return abs(off) > _OUTLIER * float(np.hypot(deviation, h.noise * unit))
 
 
 def on_steep_branch(record: FitRecord) -> BoolArray:

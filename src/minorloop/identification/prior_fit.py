@@ -36,9 +36,11 @@ from minorloop.identification.prior_system import (
 from minorloop.operators.memory import Start
 from minorloop.threads import one_thread
 
-MOST_CORRELATED = 400
-"""Samples up to which the discrepancy is correlated. For more it is independent, because the
-covariance would not fit into memory."""
+MOST_CORRELATED = 100
+"""Samples up to which the discrepancy is correlated. Along the branches of a longer record, a
+correlated discrepancy would explain what the weights can."""
+MOST_SCREENED = 400
+"""Samples up to which leave-one-out residuals are computed."""
 MANY = 10**9
 """Number of samples that stands for hyperparameters that are given, not learnt."""
 _LEAST_NOISE = 1e-6
@@ -55,10 +57,9 @@ class PriorFit:
     kkt: float
     posterior: Posterior
     leave_one_out: FloatArray | None
-    """(M,) standardised leave-one-out residuals; None for many samples."""
+    """(M,) standardised leave-one-out residuals; None for more than `MOST_SCREENED` samples."""
     learnt: Hyperparameters
-    """Result of the search. Those of the posterior may have a greater discrepancy, because weights
-    that are not negative leave greater residuals."""
+    """Result of the search, on a coarse plane."""
 
 
 def fit_prior(
@@ -161,8 +162,8 @@ def _fit_many(
     small = matrix
     while small.spec.bands > MOST_SEARCH_BANDS:
         small = small.coarser()
-    h = search(Evidence.of_many(small, scaled, weight, within), known, guess)
-    h = _on_finer_plane(h, small.spec, spec)
+    learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
+    h = _on_finer_plane(learnt, small.spec, spec)
     system_at = systems(matrix, scaled, weight, signed)
 
     def mean_square(x: FloatArray) -> float:
@@ -174,10 +175,10 @@ def _fit_many(
             system = system_at(h)
             left = mean_square(system.mean) * float(weight.sum())
             h = _with_residual_variance(h, left, weight.sum() - system.determined, known)
-    learnt = h
+    leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system = _solve(system_at, h, mean_square)
     posterior = system.posterior(unit, round(weight.sum()))
-    return PriorFit(_unscaled(spec, x, unit, shift), kkt, posterior, None, learnt)
+    return PriorFit(_unscaled(spec, x, unit, shift), kkt, posterior, leave_one_out, learnt)
 
 
 def fit_given(
@@ -277,6 +278,22 @@ def _leave_one_out(
     covariance = rows @ plane.covariance(h) @ rows.T + disturbance(dense[1], h)
     inverse = cholesky_inverse(cholesky(covariance))
     return np.asarray((inverse @ y) / np.sqrt(inverse.diagonal()))
+
+
+def _leave_one_out_of_many(
+    system: PriorSystem, h: Hyperparameters, matrix: DesignMatrix, y: FloatArray
+) -> FloatArray | None:
+    """(M,) leave-one-out residuals over their standard deviations; None for many samples.
+
+    The inverse of the covariance of the outputs is R^-1 - R^-1 A P A' R^-1 with the covariance P of
+    the posterior.
+    """
+    if y.size > MOST_SCREENED or matrix.counts is not None:
+        return None
+    own = h.noise**2 + h.discrepancy**2
+    left = y - matrix.forward(system.mean)
+    free = np.maximum(own - system.variances(matrix), _LEAST_NOISE**2)
+    return np.asarray(left / np.sqrt(free))
 
 
 def _with_best_nugget(

@@ -17,7 +17,6 @@ from minorloop.identification.likelihood import (
     Evidence,
     cholesky,
     cholesky_inverse,
-    likelihood,
     triangular_solve,
 )
 from minorloop.identification.posterior import DensePosterior, Posterior, SparsePosterior
@@ -58,6 +57,10 @@ class PriorSystem(ABC):
         """(n,) unknowns under the sign constraints, and their KKT violation."""
 
     @abstractmethod
+    def variances(self, matrix: DesignMatrix) -> FloatArray:
+        """(M,) variances of outputs, from the uncertainty of the unknowns alone."""
+
+    @abstractmethod
     def posterior(self, unit: float, samples: int) -> Posterior:
         """Posterior of outputs of range ``unit``."""
 
@@ -66,20 +69,20 @@ class _DenseSystem(PriorSystem):
     def __init__(
         self, plane: PlanePrior, evidence: Evidence, h: Hyperparameters, signed: bool
     ) -> None:
-        self._evidence = evidence
-        gram, self._slope, square, _ = evidence.information(h)
-        self._plane, self._h, self._size = plane, h, float(np.sqrt(square)) or 1.0
-        scale = plane.scale(h)
-        quadratic = cholesky_inverse(cholesky(plane.covariance(h)))
-        quadratic += scale[:, None] * gram * scale
+        self._gram, self._slope, self._square, self._logarithm = evidence.information(h)
+        self._plane, self._h = plane, h
+        scale, root = plane.scale(h), cholesky(plane.covariance(h))
+        quadratic = scale[:, None] * self._gram * scale
+        quadratic += cholesky_inverse(root)
         unit = 1 / np.sqrt(quadratic.diagonal())
-        self._gram, self._scale = gram, scale * unit
-        self._quadratic = unit[:, None] * quadratic * unit
+        self._logarithm += 2 * float(np.log(root.diagonal() / unit).sum())
+        self._scale, self._quadratic = scale * unit, unit[:, None] * quadratic * unit
         self._bounded = bounded_unknowns(plane.spec, signed)
 
-    @property
+    @cached_property
     def mean(self) -> FloatArray:
-        return self.factor @ (self.factor.T @ self._slope)
+        half = triangular_solve(self._root, self._scale * self._slope)
+        return self._scale * triangular_solve(self._root, half, transposed=True)
 
     @property
     def determined(self) -> float:
@@ -87,13 +90,18 @@ class _DenseSystem(PriorSystem):
 
     @property
     def likelihood(self) -> float:
-        return likelihood(self._plane, self._evidence, self._h)[0]
+        spent = self._logarithm + 2 * float(np.log(self._root.diagonal()).sum())
+        return -0.5 * (self._square - float(self._slope @ self.mean) + spent)
 
     @cached_property
     def factor(self) -> FloatArray:
         """F, where F F' is the covariance of the unknowns."""
-        inner = cholesky(self._quadratic)
-        return self._scale[:, None] * triangular_solve(inner, np.eye(self._scale.size)).T
+        inverse = triangular_solve(self._root, np.eye(self._scale.size))
+        return self._scale[:, None] * inverse.T
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return cholesky(self._quadratic)
 
     def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
         linear = self._scale * self._slope
@@ -102,10 +110,14 @@ class _DenseSystem(PriorSystem):
             lambda z: self._quadratic @ z - linear,
             lambda z: self._quadratic @ z,
             self._bounded,
-            self._size,
+            float(np.sqrt(self._square)) or 1.0,
             guess=None if guess is None else guess / self._scale,
         )
         return solution.z * self._scale, solution.kkt
+
+    def variances(self, matrix: DesignMatrix) -> FloatArray:
+        half = matrix.dense() @ self.factor
+        return np.asarray(np.einsum("mn,mn->m", half, half))
 
     def posterior(self, unit: float, samples: int) -> DensePosterior:
         return DensePosterior(self._plane.spec, self._h, unit, samples, self.factor * unit)
@@ -169,6 +181,9 @@ class _SparseSystem(PriorSystem):
                 system, self._gradient, bounded, guess / system.scale, size
             )
         return system.scale * found.z, found.kkt
+
+    def variances(self, matrix: DesignMatrix) -> FloatArray:
+        return self._variance * self._system.variances(matrix)
 
     def posterior(self, unit: float, samples: int) -> SparsePosterior:
         self._condition(self._variance)
