@@ -223,3 +223,16 @@ def test_the_prior_does_not_depend_on_the_unit_of_the_input():
         for k in (1.0, 1e-4)
     ]
     np.testing.assert_allclose(found[1], found[0], atol=1e-4 * np.ptp(y))
+
+
+def test_planes_too_fine_for_dense_matrices_are_smoothed_where_the_input_reverses_often(
+    monkeypatch,
+):
+    monkeypatch.setattr(prior_system, "MOST_DENSE_CELLS", 10)
+    monkeypatch.setattr(prior_fit, "MOST_DENSE_CELLS", 10)
+    monkeypatch.setattr(prior_system, "_MOST_CELLS", 20)
+    rng = np.random.default_rng(0)
+    u = rng.uniform(0, 1, 60)
+    assert identify(u, u**2, levels=8).posterior is None
+    with pytest.raises(ParameterError, match=r"reverses \d+ times and the plane has 8 bands"):
+        identify(u, u**2, levels=8, prior="gaussian")

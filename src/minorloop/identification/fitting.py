@@ -24,6 +24,7 @@ from minorloop.identification.prior_fit import (
     fit_prior,
     is_few,
 )
+from minorloop.identification.prior_system import is_quick
 from minorloop.identification.record_checks import FEWEST
 
 Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
@@ -195,15 +196,18 @@ def fit_plane(
     labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with the prior, or with smoothness."""
-    samples = record.rows(lag).size
-    few = needs_prior(spec, samples)
-    if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
-        if prior == "auto" and samples >= spec.unknowns:
-            found = fit_smooth(spec, record, lag, 0.0)
-            if reproduces(found.regression.matrix, found.x, found.regression.y):
-                return found
+    if prior == "gaussian":
         return _fit_with_prior(spec, record, lag, noise)
-    return fit_smooth(spec, record, lag, smoothness, labels)
+    samples = record.rows(lag).size
+    if prior == "none" or smoothness != "auto" or not needs_prior(spec, samples):
+        return fit_smooth(spec, record, lag, smoothness, labels)
+    if not is_quick(record.regression(spec, lag).matrix):
+        return fit_smooth(spec, record, lag, smoothness, labels)
+    if samples >= spec.unknowns:
+        found = fit_smooth(spec, record, lag, 0.0)
+        if reproduces(found.regression.matrix, found.x, found.regression.y):
+            return found
+    return _fit_with_prior(spec, record, lag, noise)
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:

@@ -98,8 +98,8 @@ class Evidence:
 
         ``within`` is the mean square of the samples about those that stand for them.
         """
-        lower, count = matrix.gram(weight), float(weight.sum())
-        gram = np.tril(lower) + np.tril(lower, -1).T
+        gram, count = matrix.gram(weight), float(weight.sum())
+        _kernels.mirror(gram)
         square = float(weight @ y**2) + within * count
         return cls(matrix.spec, count, square, gram=gram, slope=matrix.adjoint(weight * y))
 
@@ -295,9 +295,9 @@ def cholesky_inverse(root: FloatArray) -> FloatArray:
     from scipy.linalg import lapack
 
     # The lower triangle in C order is the upper one in Fortran order.
-    inverse, _ = lapack.dpotri(root.T, lower=0)
-    upper = np.triu(inverse)
-    return np.asarray(upper + np.triu(inverse, 1).T)
+    inverse = np.asarray(lapack.dpotri(root.T, lower=0)[0].T)
+    _kernels.mirror(inverse)
+    return inverse
 
 
 def _as_hyper(theta: FloatArray, noise: float | None) -> Hyperparameters:

@@ -107,14 +107,11 @@ class PlanePrior:
         scale = self.scale(h)
         bulk, reversible = self.deviations(h)
         covariance = np.zeros((n, n))
+        correlation = self._correlation(h.along, h.across)
         size = bulk / scale[:cells]
-        correlation = self._correlation(h.along, h.across) + 1.0
-        correlation[np.diag_indices(cells)] += h.nugget
-        covariance[:cells, :cells] = size[:, None] * correlation * size
-        size = reversible / scale[self.diagonal]
-        correlation = self._reversible_correlation(h) + 1.0
-        correlation[np.diag_indices(self.spec.bands)] += h.nugget
-        covariance[np.ix_(self.diagonal, self.diagonal)] += size[:, None] * correlation * size
+        _kernels.add_covariance(correlation, size, h.nugget, np.arange(cells), covariance)
+        correlation, size = self._reversible_correlation(h), reversible / scale[self.diagonal]
+        _kernels.add_covariance(correlation, size, h.nugget, self.diagonal, covariance)
         covariance[np.arange(cells, n), np.arange(cells, n)] = 1.0
         return covariance
 

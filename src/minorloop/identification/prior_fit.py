@@ -45,7 +45,7 @@ MANY = 10**9
 """Number of samples that stands for hyperparameters that are given, not learnt."""
 _LEAST_NOISE = 1e-6
 _REFINEMENTS = 2
-_LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 8, 0.3
+_LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 6, 0.5
 """Least nugget, most steps of the search for it, and tolerance of its logarithm."""
 
 

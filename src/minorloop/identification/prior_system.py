@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
+from minorloop.errors import ParameterError
 from minorloop.identification import active_set, interior_point
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.everett_system import EverettSystem
@@ -24,8 +25,11 @@ from minorloop.identification.prior import Hyperparameters, PlanePrior
 
 MOST_DENSE_CELLS = 2100
 """Cells up to which dense matrices are quick."""
-_LEAST_SPARSE, _SHARE = 300, 0.5
-"""Cells from which the sparse system is used, and reversals for each cell up to which it is."""
+_MOST_CELLS = 5050
+"""Cells up to which they are used where the sparse system has too much fill."""
+_LEAST_SPARSE, _SHARE, _MOST_REVERSALS = 300, 0.5, 1500
+"""Cells from which the sparse system is used; reversals for each cell, and in all, up to which it
+is used."""
 _FILL = 0.02
 """Multiplications of its factorisation, over the cube of the cells, up to which it is quicker."""
 _ACCURATE, _STEPS = 1e-10, 50
@@ -86,7 +90,8 @@ class _DenseSystem(PriorSystem):
 
     @property
     def determined(self) -> float:
-        return float(np.sum((self._gram @ self.factor) * self.factor))
+        scaled = self._scale[:, None] * self._gram * self._scale
+        return float(np.sum(scaled * cholesky_inverse(self._root)))
 
     @property
     def likelihood(self) -> float:
@@ -219,21 +224,47 @@ def dense_system(
 def systems(
     matrix: DesignMatrix, y: FloatArray, weight: FloatArray, signed: bool
 ) -> Callable[[Hyperparameters], PriorSystem]:
-    """Normal equations of many samples for any hyperparameters: sparse where that is quicker."""
+    """Normal equations of many samples for any hyperparameters, sparse where that is quicker.
+
+    Those of other hyperparameters become invalid with each call.
+
+    Parameters
+    ----------
+    matrix : DesignMatrix
+        Regressors of M samples.
+    y, weight : (M,) arrays
+        Scaled outputs, and how many samples each stands for.
+    signed : bool
+        Let weights and slope be negative.
+
+    Raises
+    ------
+    ParameterError
+        If the plane is too fine for dense matrices and the record does not suit sparse ones.
+    """
     plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
-    if suits_sparse(matrix):
+    if cells >= _LEAST_SPARSE and _few_reversals(matrix):
         field = FieldPrior(plane)
         system = EverettSystem(matrix, weight, np.ones(matrix.spec.unknowns), field)
         if cells > MOST_DENSE_CELLS or system.operations <= _FILL * float(cells) ** 3:
             return lambda h: _SparseSystem(system, field, y, h, signed)
+    if cells > _MOST_CELLS:
+        raise ParameterError(
+            f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "
+            'bands, so that the prior needs too large matrices; give at most 100 levels, or "auto" '
+            "for smoothness instead"
+        )
     evidence = Evidence.of_many(matrix, y, weight)
     return lambda h: _DenseSystem(plane, evidence, h, signed)
 
 
-def suits_sparse(matrix: DesignMatrix) -> bool:
-    """Whether the branches of the record are long, so that the sparse system has little fill."""
-    cells = matrix.spec.cells
-    return cells >= _LEAST_SPARSE and matrix.reversals <= _SHARE * cells
+def is_quick(matrix: DesignMatrix) -> bool:
+    """Whether a fit with the prior takes seconds."""
+    return matrix.spec.cells <= MOST_DENSE_CELLS or _few_reversals(matrix)
+
+
+def _few_reversals(matrix: DesignMatrix) -> bool:
+    return matrix.reversals <= min(_SHARE * matrix.spec.cells, _MOST_REVERSALS)
 
 
 def bounded_unknowns(spec: PlaneSpec, signed: bool) -> BoolArray:
