@@ -169,12 +169,14 @@ def _fit_many(
     def mean_square(x: FloatArray) -> float:
         return float(weight @ (scaled - matrix.forward(x)) ** 2 / weight.sum()) + within
 
+    def with_residual_variance(h: Hyperparameters) -> Hyperparameters:
+        system, count = system_at(h), float(weight.sum())
+        left = mean_square(system.mean) * count
+        return _with_residual_variance(h, left, count - system.determined, known)
+
     if small is not matrix:
-        h = _with_best_nugget(h, system_at)
-        for _ in range(_REFINEMENTS):
-            system = system_at(h)
-            left = mean_square(system.mean) * float(weight.sum())
-            h = _with_residual_variance(h, left, weight.sum() - system.determined, known)
+        h = _with_best_nugget(with_residual_variance(h), system_at)
+        h = with_residual_variance(h)
     leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system = _solve(system_at, h, mean_square)
     posterior = system.posterior(unit, round(weight.sum()))

@@ -129,7 +129,7 @@ class _DenseSystem(PriorSystem):
 
 
 class _SparseSystem(PriorSystem):
-    """Conditions and factorises ``system``, which all of the same samples share."""
+    """Uses ``system``, which the systems for other hyperparameters use too."""
 
     def __init__(
         self,
@@ -141,44 +141,51 @@ class _SparseSystem(PriorSystem):
     ) -> None:
         self._system, self._field, self._y, self._h = system, field, y, h
         self._signed, self._variance = signed, h.noise**2 + h.discrepancy**2
-        self._condition(self._variance)
 
-    def _condition(self, variance: float) -> None:
+    def _condition(self, variance: float) -> EverettSystem:
+        """Return the system with the prior for this variance of a measured output."""
         system = self._system
         precision = self._field.precision(self._h, variance)
         squares, _ = system.matrix.column_squares(system.weight)
         system.condition(precision, 1 / np.sqrt(squares + precision.own))
+        return system
+
+    def _factorise(self, variance: float) -> EverettSystem:
+        system = self._condition(variance)
         system.factorise(0.0)
+        return system
 
     @cached_property
-    def mean(self) -> FloatArray:
-        system = self._system
+    def _mean_and_logarithm(self) -> tuple[FloatArray, float]:
+        """Posterior mean, and the logarithm of the determinant over that of the prior."""
+        system = self._factorise(self._variance)
         z = system.solve(-self._gradient(np.zeros(system.scale.size)), True, _ACCURATE, _STEPS)
-        return system.scale * z
+        assert system.precision is not None
+        return system.scale * z, system.logarithm() - system.precision.logarithm
 
-    @cached_property
+    @property
+    def mean(self) -> FloatArray:
+        return self._mean_and_logarithm[0]
+
+    @property
     def determined(self) -> float:
-        """Number of unknowns less the derivative of the logarithm of the determinant."""
-        here, step = self._system.logarithm(), 1 + _STEP
-        self._condition(self._variance * step)
-        change = self._system.logarithm() - here
-        self._condition(self._variance)
-        return float(self._system.scale.size + self._field.unknowns - change / np.log(step))
+        """Derivative of the logarithm of that ratio by that of the variance, negative."""
+        here, step = self._mean_and_logarithm[1], 1 + _STEP
+        system = self._factorise(self._variance * step)
+        assert system.precision is not None
+        return (here - system.logarithm() + system.precision.logarithm) / float(np.log(step))
 
     @property
     def likelihood(self) -> float:
-        system, v = self._system, self._variance
-        assert system.precision is not None
-        left = system.weight @ (self._y * (self._y - system.matrix.forward(self.mean)))
-        spent = system.logarithm() - system.precision.logarithm
-        count = float(system.weight.sum())
-        return -0.5 * (float(left) / v + spent + count * float(np.log(v)))
+        (mean, spent), v, weight = self._mean_and_logarithm, self._variance, self._system.weight
+        left = float(weight @ (self._y * (self._y - self._system.matrix.forward(mean))))
+        return -0.5 * (left / v + spent + float(weight.sum() * np.log(v)))
 
     def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
-        system, spec = self._system, self._system.matrix.spec
+        guess = self.mean if self._signed else guess
+        system, spec = self._condition(self._variance), self._system.matrix.spec
         size = float(np.linalg.norm(np.sqrt(system.weight) * self._y)) or 1.0
         bounded = bounded_unknowns(spec, self._signed)
-        guess = self.mean if self._signed else guess
         if guess is None:
             found = interior_point.solve(system, self._gradient, bounded, bounded, size)
         else:
@@ -188,11 +195,11 @@ class _SparseSystem(PriorSystem):
         return system.scale * found.z, found.kkt
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
-        return self._variance * self._system.variances(matrix)
+        return self._variance * self._factorise(self._variance).variances(matrix)
 
     def posterior(self, unit: float, samples: int) -> SparsePosterior:
-        self._condition(self._variance)
-        return SparsePosterior(self._system.matrix.spec, self._h, unit, samples, self._system)
+        system = self._factorise(self._variance)
+        return SparsePosterior(system.matrix.spec, self._h, unit, samples, system)
 
     def _gradient(self, z: FloatArray) -> FloatArray:
         system, x = self._system, self._system.scale * z
