@@ -182,16 +182,12 @@ class _SparseSystem(PriorSystem):
         return -0.5 * (left / v + spent + float(weight.sum() * np.log(v)))
 
     def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
-        guess = self.mean if self._signed else guess
+        start = self.mean if guess is None else guess
         system, spec = self._condition(self._variance), self._system.matrix.spec
         size = float(np.linalg.norm(np.sqrt(system.weight) * self._y)) or 1.0
         bounded = bounded_unknowns(spec, self._signed)
-        if guess is None:
-            found = interior_point.solve(system, self._gradient, bounded, bounded, size)
-        else:
-            found = interior_point.polish(
-                system, self._gradient, bounded, guess / system.scale, size
-            )
+        start = np.where(bounded, np.maximum(start, 0.0), start) / system.scale
+        found = interior_point.polish(system, self._gradient, bounded, start, size)
         return system.scale * found.z, found.kkt
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
