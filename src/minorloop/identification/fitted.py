@@ -22,7 +22,7 @@ from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.identification.jumps import Jump
 from minorloop.identification.leave_out import GroupScatter
-from minorloop.identification.prior import Posterior
+from minorloop.identification.posterior import Posterior
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.rough_model import RecordFault
 from minorloop.identification.screening import record_faults

@@ -9,21 +9,22 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_levels
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.identification.active_set import ACCEPTABLE
 from minorloop.identification.condensing import LONG, Condensed, condense
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
-from minorloop.identification.prior import (
-    MOST_CORRELATED,
-    Posterior,
+from minorloop.identification.likelihood import regressors
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior import Hyperparameters
+from minorloop.identification.prior_fit import (
     PriorFit,
     coarse_rows,
-    fit_dense,
     fit_prior,
-    regressors,
+    is_few,
 )
+from minorloop.identification.prior_system import is_quick
 from minorloop.identification.record_checks import FEWEST
 
 Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
@@ -34,10 +35,11 @@ LONGEST_LAG = 20
 _LAG_BANDS = 15
 _SAMPLES_EACH = 3
 """Samples for each unknown above which the data need no prior."""
-_MOST_CELLS = 2100
-"""Cells up to which the prior is used, 64 levels: its covariance is dense."""
-_SUSPICIOUS, _OUTLIER = 2.2, 6.0
-"""Standard deviations from which a sample is fitted without, and from which it is left out."""
+_OUTLIER = 6.0
+"""Standard deviations from which a sample is left out."""
+_SUSPICIOUS, _LEAST_SUSPICIOUS = 0.6, 2.2
+"""Share of the residual that such a sample has at least, and standard deviations, from which it is
+fitted without."""
 _STEEP = 2.0
 """Slope of a steep branch, in ranges of the output over ranges of the input."""
 _FEWEST_EACH_SUSPECT = 8
@@ -158,7 +160,7 @@ class Regression:
     @cached_property
     def dense(self) -> tuple[FloatArray, FloatArray] | None:
         """Regressors and features for the prior; None for many samples."""
-        if self.rows.size > MOST_CORRELATED:
+        if not is_few(self.matrix.spec, self.rows.size):
             return None
         return regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
 
@@ -194,25 +196,23 @@ def fit_plane(
     labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with the prior, or with smoothness."""
-    if prior == "gaussian" and spec.cells > _MOST_CELLS:
-        raise ParameterError(
-            f'prior is "gaussian" and the plane has {spec.cells} cells; give at most 64 levels, '
-            'or leave it "auto", which smooths such planes'
-        )
-    samples = record.rows(lag).size
-    few = needs_prior(spec, samples)
-    if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
-        if prior == "auto" and samples >= spec.unknowns:
-            found = fit_smooth(spec, record, lag, 0.0)
-            if reproduces(found.regression.matrix, found.x, found.regression.y):
-                return found
+    if prior == "gaussian":
         return _fit_with_prior(spec, record, lag, noise)
-    return fit_smooth(spec, record, lag, smoothness, labels)
+    samples = record.rows(lag).size
+    if prior == "none" or smoothness != "auto" or not needs_prior(spec, samples):
+        return fit_smooth(spec, record, lag, smoothness, labels)
+    if not is_quick(record.regression(spec, lag).matrix):
+        return fit_smooth(spec, record, lag, smoothness, labels)
+    if samples >= spec.unknowns:
+        found = fit_smooth(spec, record, lag, 0.0)
+        if reproduces(found.regression.matrix, found.x, found.regression.y):
+            return found
+    return _fit_with_prior(spec, record, lag, noise)
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:
-    """Whether the samples are few for the unknowns, and the plane is not too fine for the prior."""
-    return samples < _SAMPLES_EACH * spec.unknowns and spec.cells <= _MOST_CELLS
+    """Whether the samples are few for the unknowns."""
+    return samples < _SAMPLES_EACH * spec.unknowns
 
 
 def fit_smooth(
@@ -235,25 +235,18 @@ def _fit_with_prior(
 ) -> FittedPlane:
     """Fit, and leave out one outlier after the other."""
     suspects: list[int] = []
-    guess = None
-    while True:
-        regression = record.regression(spec, lag)
-        found = fit_prior(
-            regression.matrix,
-            regression.y,
-            regression.dense,
-            signed=record.signed,
-            noise=noise,
-            guess=guess,
-            coarse=regression.coarse,
-        )
-        guess = found.learnt
-        plausible = on_steep_branch(record)[regression.rows]
-        suspect = _suspect(found, regression, plausible, record.signed, noise)
-        if suspect is None or len(suspects) >= regression.rows.size // _FEWEST_EACH_SUSPECT:
+    regression, found = _with_prior(spec, record, lag, noise)
+    while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
+        worst = _suspect(found, on_steep_branch(record)[regression.rows])
+        if worst is None:
             break
-        suspects.append(int(regression.rows[suspect]))
-        record = record.without(suspects[-1])
+        sample = int(regression.rows[worst])
+        others = record.without(sample)
+        reduced, without = _with_prior(spec, others, lag, noise, found.learnt)
+        if not _is_outlier(without, regression, worst):
+            break
+        suspects.append(sample)
+        record, regression, found = others, reduced, without
     return FittedPlane(
         found.x,
         found.kkt,
@@ -265,35 +258,47 @@ def _fit_with_prior(
     )
 
 
-def _suspect(
-    found: PriorFit,
-    regression: Regression,
-    plausible: BoolArray,
-    signed: bool,
+def _with_prior(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
     noise: float | None,
-) -> int | None:
-    """Sample that lies far outside the band of a fit without it; None if there is none."""
-    dense, coarse, y = regression.dense, regression.coarse, regression.y
-    if found.leave_one_out is None or dense is None or y.size < _FEWEST_EACH_SUSPECT:
+    guess: Hyperparameters | None = None,
+) -> tuple[Regression, PriorFit]:
+    regression = record.regression(spec, lag)
+    found = fit_prior(
+        regression.matrix,
+        regression.y,
+        regression.dense,
+        signed=record.signed,
+        noise=noise,
+        guess=guess,
+        coarse=regression.coarse,
+        within=regression.within,
+    )
+    return regression, found
+
+
+def _suspect(found: PriorFit, plausible: BoolArray) -> int | None:
+    """Number of the sample farthest from a fit without it; None if all are near."""
+    if found.leave_one_out is None:
         return None
     off = np.where(plausible, 0.0, np.abs(found.leave_one_out))
     worst = int(np.argmax(off))
-    if off[worst] < _SUSPICIOUS:
-        return None
-    others = np.arange(y.size) != worst
-    without = fit_dense(
-        found.posterior.spec,
-        y[others],
-        (dense[0][others], dense[1][others]),
-        signed=signed,
-        noise=noise,
-        guess=found.learnt,
-        coarse=None if coarse is None else (coarse[0], coarse[1][others]),
-    )
-    row = dense[0][worst : worst + 1]
+    # An outlier increases the standard deviation that is estimated with it.
+    least = _OUTLIER / np.sqrt(1 + _OUTLIER**2 / off.size)
+    return worst if off[worst] >= max(_SUSPICIOUS * least, _LEAST_SUSPICIOUS) else None
+
+
+def _is_outlier(without: PriorFit, regression: Regression, sample: int) -> bool:
+    """Whether a sample lies far outside the band of a fit without it."""
     h, unit = without.posterior.hyperparameters, without.posterior.unit
-    allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * unit)
-    return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
+    wanted = np.zeros(regression.inputs.size, dtype=np.bool_)
+    wanted[np.flatnonzero(regression.measured)[sample]] = True
+    start = regression.matrix.start
+    deviation = without.posterior.deviation(regression.inputs, start, wanted)[0]
+    off = float(regression.matrix.forward(without.x)[sample] - regression.y[sample])
+    return abs(off) > _OUTLIER * float(np.hypot(deviation, h.noise * unit))
 
 
 def on_steep_branch(record: FitRecord) -> BoolArray:
