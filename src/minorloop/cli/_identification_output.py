@@ -84,6 +84,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         "excited_fraction": result.excited_fraction,
         "smoothness": result.smoothness,
         "prior": "none" if result.posterior is None else "gaussian",
+        "ridge": None if result.ridge is None else asdict(result.ridge),
         "band_sd": _band_sd(result),
         "suspects": list(result.suspects),
         "kkt": result.kkt,

@@ -93,6 +93,9 @@ _Noise = Annotated[
     float | None,
     _common.number_option("Standard deviation of a measured output, where known; for the prior."),
 ]
+_Mean = Annotated[
+    str, typer.Option(help="Mean of the prior: zero, or ridge (fitted to the record).")
+]
 _Rows = Annotated[
     str | None,
     typer.Option(
@@ -160,6 +163,7 @@ def run(
     smoothness: _Smoothness = "auto",
     prior: _Prior = None,
     noise: _Noise = None,
+    mean: _Mean = "zero",
     start: _common.Start = "negative",
     rows: _Rows = None,
     holdout: _Holdout = 0.0,
@@ -204,6 +208,7 @@ def run(
         "smoothness": _number_or_auto("smoothness", smoothness, float),
         "prior": prior,
         "noise": noise,
+        "mean": mean,
         "lag": _rows_of_lag(lag, lag_seconds),
         "start": start,
         "holdout": holdout,

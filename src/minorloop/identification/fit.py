@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, 
 from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import (
     FitRecord,
+    Mean,
     Regularisation,
     fit_plane,
 )
@@ -42,6 +43,7 @@ def identify(
     smoothness: float | Literal["auto"] = "auto",
     prior: Regularisation = "auto",
     noise: float | None = None,
+    mean: Mean = "zero",
     lag: int | Literal["auto"] = 0,
     start: Start = "negative",
     offset: bool = True,
@@ -91,6 +93,10 @@ def identify(
     noise : float, optional
         Standard deviation of a measured output, in its unit, where it is known; used by the
         prior only.
+    mean : {"zero", "ridge"}
+        Mean of the prior. ``"ridge"``: a parametric ridge fitted to the record, of the kind of
+        greatest marginal likelihood, or zero if none is more likely; about it the weights vary. It
+        helps where the record leaves much of the plane open, such as one major loop.
     lag : int or "auto"
         Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples, and
         keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise.
@@ -138,6 +144,7 @@ def identify(
     check_option("diagonal", diagonal, ("uniform", "reversible", "auto"))
     checks.check_flags(slope=False if slope == "auto" else slope, signed=signed, offset=offset)
     checks.check_prior(prior, smoothness)
+    check_option("mean", mean, get_args(Mean))
     sensor = checks.as_noise(noise)
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     group = _as_groups(curves, groups, inputs.size)
@@ -159,7 +166,7 @@ def identify(
     if jumps and spec.bands + 2 * len(jumps) <= MOST_DENSE:
         spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
-    found = fit_plane(spec, record, delay, smoothness, prior, sensor, group)
+    found = fit_plane(spec, record, delay, smoothness, prior, sensor, group, mean)
     if automatic and prior == "auto":
         if found.posterior is not None:
             say("comparing the prior with smoothing")
@@ -189,6 +196,7 @@ def identify(
         skipped=int(np.count_nonzero(skipped)),
         choices=choices,
         jumps=jumps,
+        ridge=found.ridge,
     )
 
 

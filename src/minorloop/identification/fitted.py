@@ -24,6 +24,7 @@ from minorloop.identification.jumps import Jump
 from minorloop.identification.leave_out import GroupScatter
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.residuals import ResidualSummary
+from minorloop.identification.ridge import Ridge
 from minorloop.identification.rough_model import RecordFault
 from minorloop.identification.screening import record_faults
 from minorloop.lab.codes import Code
@@ -71,6 +72,8 @@ class Fit:
         Options that were compared by the error on left-out parts.
     jumps : tuple of Jump
         Thresholds at which the output jumps, which have narrow bands.
+    ridge : Ridge, optional
+        Mean of the prior; None if it is zero.
     converged : bool
         Whether the solver reached the optimum; `advice` says so where it did not.
     """
@@ -95,6 +98,7 @@ class Fit:
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
+    ridge: Ridge | None = None
 
     @property
     def start(self) -> Start:

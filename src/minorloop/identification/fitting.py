@@ -26,8 +26,10 @@ from minorloop.identification.prior_fit import (
 )
 from minorloop.identification.prior_system import is_quick
 from minorloop.identification.record_checks import FEWEST
+from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, Ridge, fit_ridge
 
 Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
+Mean: TypeAlias = Literal["zero", "ridge"]
 Smoothness: TypeAlias = float | Literal["auto"]
 
 LONGEST_LAG = 20
@@ -184,6 +186,7 @@ class FittedPlane:
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     converged: bool = True
+    ridge: Ridge | None = None
 
 
 def fit_plane(
@@ -194,10 +197,11 @@ def fit_plane(
     prior: Regularisation,
     noise: float | None,
     labels: IntArray | None = None,
+    mean: Mean = "zero",
 ) -> FittedPlane:
     """Fit with the prior, or with smoothness."""
     if prior == "gaussian":
-        return _fit_with_prior(spec, record, lag, noise)
+        return _fit_with_prior(spec, record, lag, noise, mean)
     samples = record.rows(lag).size
     if prior == "none" or smoothness != "auto" or not needs_prior(spec, samples):
         return fit_smooth(spec, record, lag, smoothness, labels)
@@ -207,7 +211,7 @@ def fit_plane(
         found = fit_smooth(spec, record, lag, 0.0)
         if reproduces(found.regression.matrix, found.x, found.regression.y):
             return found
-    return _fit_with_prior(spec, record, lag, noise)
+    return _fit_with_prior(spec, record, lag, noise, mean)
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:
@@ -231,18 +235,22 @@ def fit_smooth(
 
 
 def _fit_with_prior(
-    spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None
+    spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None, mean: Mean
 ) -> FittedPlane:
     """Fit, and leave out one outlier after the other."""
     suspects: list[int] = []
     regression, found = _with_prior(spec, record, lag, noise)
+    ridge: Ridge | None = None
+    if mean == "ridge":
+        found, ridge = _with_ridge(found, spec, record, lag, noise)
+    centre = found.posterior.centre
     while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
         worst = _suspect(found, on_steep_branch(record)[regression.rows])
         if worst is None:
             break
         sample = int(regression.rows[worst])
         others = record.without(sample)
-        reduced, without = _with_prior(spec, others, lag, noise, found.learnt)
+        reduced, without = _with_prior(spec, others, lag, noise, found.learnt, centre)
         if not _is_outlier(without, regression, worst):
             break
         suspects.append(sample)
@@ -255,7 +263,29 @@ def _fit_with_prior(
         posterior=found.posterior,
         suspects=tuple(suspects),
         converged=found.kkt <= ACCEPTABLE,
+        ridge=ridge,
     )
+
+
+def _with_ridge(
+    plain: PriorFit, spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None
+) -> tuple[PriorFit, Ridge | None]:
+    """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
+
+    Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978: each parameter of a
+    ridge must raise the logarithm of the likelihood by half that of the number of samples.
+    """
+    best, chosen, least = plain, None, plain.likelihood
+    regression = record.regression(spec, lag)
+    if regression.rows.size < FEWEST_FOR_RIDGE:
+        return plain, None
+    penalty = PARAMETERS * np.log(regression.rows.size) / 2
+    for kind in KINDS:
+        fitted = fit_ridge(regression.matrix, regression.y, (kind,))
+        _, found = _with_prior(spec, record, lag, noise, plain.learnt, fitted.x)
+        if found.likelihood - penalty > least:
+            best, chosen, least = found, fitted.ridge, found.likelihood - penalty
+    return best, chosen
 
 
 def _with_prior(
@@ -264,6 +294,7 @@ def _with_prior(
     lag: int,
     noise: float | None,
     guess: Hyperparameters | None = None,
+    centre: FloatArray | None = None,
 ) -> tuple[Regression, PriorFit]:
     regression = record.regression(spec, lag)
     found = fit_prior(
@@ -275,6 +306,7 @@ def _with_prior(
         guess=guess,
         coarse=regression.coarse,
         within=regression.within,
+        centre=centre,
     )
     return regression, found
 

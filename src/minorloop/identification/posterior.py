@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -31,12 +31,15 @@ class Posterior(ABC):
     samples : int
         Measurements that the hyperparameters were learnt from. Variances are multiplied by
         samples / (samples - 7), at most by 2, because seven hyperparameters were learnt.
+    centre : (n,) array, optional
+        Mean of the prior; zero if None.
     """
 
     spec: PlaneSpec
     hyperparameters: Hyperparameters
     unit: float
     samples: int
+    centre: FloatArray | None = field(default=None, kw_only=True)
 
     @property
     @abstractmethod

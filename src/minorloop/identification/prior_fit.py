@@ -1,7 +1,8 @@
 """Fit the unknowns of a plane with the prior.
 
-The cost is (y - A x)' R^-1 (y - A x) + x' S^-1 x, with weights x that are not negative, regressors
-A, prior covariance S, and covariance R of discrepancy plus noise. Few samples are fitted on dense
+The cost is (y - A x)' R^-1 (y - A x) + (x - m)' S^-1 (x - m), with weights x that are not negative,
+regressors A, prior mean m (zero, or a ridge) and covariance S, and covariance R of discrepancy plus
+noise. Few samples are fitted on dense
 matrices, with a correlated discrepancy; many on the sparse system of `everett_system` where the
 branches of the record are long, and on dense normal equations otherwise.
 """
@@ -60,6 +61,8 @@ class PriorFit:
     """(M,) standardised leave-one-out residuals; None for more than `MOST_SCREENED` samples."""
     learnt: Hyperparameters
     """Result of the search, on a coarse plane."""
+    likelihood: float
+    """Logarithm of the marginal likelihood of the scaled outputs, up to a constant."""
 
 
 def fit_prior(
@@ -72,6 +75,7 @@ def fit_prior(
     guess: Hyperparameters | None = None,
     coarse: tuple[PlaneSpec, FloatArray] | None = None,
     within: float = 0.0,
+    centre: FloatArray | None = None,
 ) -> PriorFit:
     """Fit the unknowns with the prior.
 
@@ -93,13 +97,22 @@ def fit_prior(
         What `coarse_rows` gives; with ``dense`` only.
     within : float
         Mean square of the outputs about the condensed ones, in squared units.
+    centre : (n,) array, optional
+        Mean of the prior; zero if not given.
     """
     if dense is not None:
         return fit_few(
-            matrix.spec, y, dense, signed=signed, noise=noise, guess=guess, coarse=coarse
+            matrix.spec,
+            y,
+            dense,
+            signed=signed,
+            noise=noise,
+            guess=guess,
+            coarse=coarse,
+            centre=centre,
         )
     with one_thread(matrix.spec.unknowns):
-        return _fit_many(matrix, y, signed, noise, guess, within)
+        return _fit_many(matrix, y, signed, noise, guess, within, centre)
 
 
 def is_few(spec: PlaneSpec, samples: int) -> bool:
@@ -116,12 +129,15 @@ def fit_few(
     noise: float | None = None,
     guess: Hyperparameters | None = None,
     coarse: tuple[PlaneSpec, FloatArray] | None = None,
+    centre: FloatArray | None = None,
 ) -> PriorFit:
     """Fit few samples, with correlated discrepancy; parameters as of `fit_prior`.
 
     Where ``coarse`` is given, the hyperparameters are searched on that plane.
     """
     scaled, unit, shift = _scaled(spec, y)
+    mean = _scaled_centre(spec, centre, unit, shift)
+    scaled = scaled - dense[0] @ mean
     with one_thread(spec.unknowns):
         found = Evidence.of_few(spec, scaled, dense)
         small = found
@@ -131,13 +147,14 @@ def fit_few(
         h = _on_finer_plane(learnt, small.spec, spec)
         plane = PlanePrior(spec)
         leave_one_out = _leave_one_out(plane, dense, scaled, h)
-        h, x, kkt, system = _solve(
-            lambda h: dense_system(plane, found, h, signed),
+        h, x, kkt, system, likelihood = _solve(
+            lambda h: dense_system(plane, found, h, signed, mean),
             h,
             lambda x: float(np.mean((scaled - dense[0] @ x) ** 2)),
         )
-        posterior = system.posterior(unit, y.size)
-    return PriorFit(_unscaled(spec, x, unit, shift), kkt, posterior, leave_one_out, learnt)
+        posterior = replace(system.posterior(unit, y.size), centre=centre)
+    x = _unscaled(spec, x + mean, unit, shift)
+    return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
 
 
 def _on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hyperparameters:
@@ -155,16 +172,20 @@ def _fit_many(
     noise: float | None,
     guess: Hyperparameters | None,
     within: float,
+    centre: FloatArray | None,
 ) -> PriorFit:
     spec, (scaled, unit, shift) = matrix.spec, _scaled(matrix.spec, y)
     known, within = _scaled_noise(noise, unit), within / unit**2
+    mean = _scaled_centre(spec, centre, unit, shift)
+    if centre is not None:
+        scaled = scaled - matrix.forward(mean)
     weight = np.ones(y.size) if matrix.counts is None else matrix.counts
     small = matrix
     while small.spec.bands > MOST_SEARCH_BANDS:
         small = small.coarser()
     learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
     h = _on_finer_plane(learnt, small.spec, spec)
-    system_at = systems(matrix, scaled, weight, signed)
+    system_at = systems(matrix, scaled, weight, signed, mean)
 
     def mean_square(x: FloatArray) -> float:
         return float(weight @ (scaled - matrix.forward(x)) ** 2 / weight.sum()) + within
@@ -178,9 +199,10 @@ def _fit_many(
         h = _with_best_nugget(with_residual_variance(h), system_at)
         h = with_residual_variance(h)
     leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
-    h, x, kkt, system = _solve(system_at, h, mean_square)
-    posterior = system.posterior(unit, round(weight.sum()))
-    return PriorFit(_unscaled(spec, x, unit, shift), kkt, posterior, leave_one_out, learnt)
+    h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
+    posterior = replace(system.posterior(unit, round(weight.sum())), centre=centre)
+    x = _unscaled(spec, x + mean, unit, shift)
+    return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
 
 
 def fit_given(
@@ -212,15 +234,16 @@ def fit_given(
     spec, unit = matrix.spec, posterior.unit
     weight = kept.astype(np.float64) if matrix.counts is None else kept * matrix.counts
     shift = float(weight @ y / weight.sum()) if spec.offset else 0.0
-    scaled, h = (y - shift) / unit, posterior.hyperparameters
+    mean = _scaled_centre(spec, posterior.centre, unit, shift)
+    scaled, h = (y - shift) / unit - matrix.forward(mean), posterior.hyperparameters
     with one_thread(spec.unknowns):
         if dense is None:
-            system = systems(matrix, scaled, weight, signed)(h)
+            system = systems(matrix, scaled, weight, signed, mean)(h)
         else:
             found = Evidence.of_few(spec, scaled[kept], (dense[0][kept], dense[1][kept]))
-            system = dense_system(PlanePrior(spec), found, h, signed)
+            system = dense_system(PlanePrior(spec), found, h, signed, mean)
         x, _ = system.bounded()
-    return _unscaled(spec, x, unit, shift)
+    return _unscaled(spec, x + mean, unit, shift)
 
 
 def posterior_after(
@@ -251,9 +274,13 @@ def _solve(
     system_at: Callable[[Hyperparameters], PriorSystem],
     h: Hyperparameters,
     mean_square: Callable[[FloatArray], float],
-) -> tuple[Hyperparameters, FloatArray, float, PriorSystem]:
-    """Fit under the sign constraints, and raise the discrepancy to the residuals that are left."""
+) -> tuple[Hyperparameters, FloatArray, float, PriorSystem, float]:
+    """Fit under the sign constraints, and raise the discrepancy to the residuals that are left.
+
+    The likelihood is that of the hyperparameters that are given.
+    """
     system = system_at(h)
+    likelihood = system.likelihood
     x, kkt = system.bounded()
     for _ in range(_REFINEMENTS):
         raised = _with_residual_discrepancy(h, mean_square(x))
@@ -262,7 +289,7 @@ def _solve(
         h = raised
         system = system_at(h)
         x, kkt = system.bounded(x)
-    return h, x, kkt, system
+    return h, x, kkt, system, likelihood
 
 
 def _leave_one_out(
@@ -352,6 +379,18 @@ def _unscaled(spec: PlaneSpec, x: FloatArray, unit: float, shift: float) -> Floa
     if spec.offset:
         x[spec.cells] += shift
     return x
+
+
+def _scaled_centre(
+    spec: PlaneSpec, centre: FloatArray | None, unit: float, shift: float
+) -> FloatArray:
+    """(n,) mean of the prior for scaled outputs."""
+    if centre is None:
+        return np.zeros(spec.unknowns)
+    mean = centre / unit
+    if spec.offset:
+        mean[spec.cells] -= shift / unit
+    return mean
 
 
 def _scaled_noise(noise: float | None, unit: float) -> float | None:

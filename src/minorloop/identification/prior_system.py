@@ -39,7 +39,7 @@ _STEP = 0.02
 
 
 class PriorSystem(ABC):
-    """Normal equations of the unknowns with a prior."""
+    """Normal equations of the unknowns, as deviations from the mean of the prior."""
 
     @property
     @abstractmethod
@@ -58,7 +58,7 @@ class PriorSystem(ABC):
 
     @abstractmethod
     def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
-        """(n,) unknowns under the sign constraints, and their KKT violation."""
+        """(n,) deviations for which the unknowns keep their signs, and their KKT violation."""
 
     @abstractmethod
     def variances(self, matrix: DesignMatrix) -> FloatArray:
@@ -71,10 +71,15 @@ class PriorSystem(ABC):
 
 class _DenseSystem(PriorSystem):
     def __init__(
-        self, plane: PlanePrior, evidence: Evidence, h: Hyperparameters, signed: bool
+        self,
+        plane: PlanePrior,
+        evidence: Evidence,
+        h: Hyperparameters,
+        signed: bool,
+        centre: FloatArray,
     ) -> None:
         self._gram, self._slope, self._square, self._logarithm = evidence.information(h)
-        self._plane, self._h = plane, h
+        self._plane, self._h, self._centre = plane, h, centre
         scale, root = plane.scale(h), cholesky(plane.covariance(h))
         quadratic = scale[:, None] * self._gram * scale
         quadratic += cholesky_inverse(root)
@@ -109,16 +114,17 @@ class _DenseSystem(PriorSystem):
         return cholesky(self._quadratic)
 
     def bounded(self, guess: FloatArray | None = None) -> tuple[FloatArray, float]:
-        linear = self._scale * self._slope
+        centre = self._centre / self._scale
+        linear = self._scale * self._slope + self._quadratic @ centre
         solution = active_set.solve(
             np.tril(self._quadratic),
             lambda z: self._quadratic @ z - linear,
             lambda z: self._quadratic @ z,
             self._bounded,
             float(np.sqrt(self._square)) or 1.0,
-            guess=None if guess is None else guess / self._scale,
+            guess=None if guess is None else guess / self._scale + centre,
         )
-        return solution.z * self._scale, solution.kkt
+        return solution.z * self._scale - self._centre, solution.kkt
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         half = matrix.dense() @ self.factor
@@ -138,7 +144,9 @@ class _SparseSystem(PriorSystem):
         y: FloatArray,
         h: Hyperparameters,
         signed: bool,
+        centre: FloatArray,
     ) -> None:
+        self._centre = centre
         self._system, self._field, self._y, self._h = system, field, y, h
         self._signed, self._variance = signed, h.noise**2 + h.discrepancy**2
 
@@ -159,7 +167,8 @@ class _SparseSystem(PriorSystem):
     def _mean_and_logarithm(self) -> tuple[FloatArray, float]:
         """Posterior mean, and the logarithm of the determinant over that of the prior."""
         system = self._factorise(self._variance)
-        z = system.solve(-self._gradient(np.zeros(system.scale.size)), True, _ACCURATE, _STEPS)
+        begin = self._gradient(np.zeros(system.scale.size))
+        z = system.solve(-begin, True, _ACCURATE, _STEPS)
         assert system.precision is not None
         return system.scale * z, system.logarithm() - system.precision.logarithm
 
@@ -186,9 +195,12 @@ class _SparseSystem(PriorSystem):
         system, spec = self._condition(self._variance), self._system.matrix.spec
         size = float(np.linalg.norm(np.sqrt(system.weight) * self._y)) or 1.0
         bounded = bounded_unknowns(spec, self._signed)
+        start = start + self._centre
         start = np.where(bounded, np.maximum(start, 0.0), start) / system.scale
-        found = interior_point.polish(system, self._gradient, bounded, start, size)
-        return system.scale * found.z, found.kkt
+        found = interior_point.polish(
+            system, lambda z: self._gradient(system.scale * z - self._centre), bounded, start, size
+        )
+        return system.scale * found.z - self._centre, found.kkt
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         return self._variance * self._factorise(self._variance).variances(matrix)
@@ -197,8 +209,9 @@ class _SparseSystem(PriorSystem):
         system = self._factorise(self._variance)
         return SparsePosterior(system.matrix.spec, self._h, unit, samples, system)
 
-    def _gradient(self, z: FloatArray) -> FloatArray:
-        system, x = self._system, self._system.scale * z
+    def _gradient(self, x: FloatArray) -> FloatArray:
+        """Scaled gradient of the cost at deviations (n,)."""
+        system = self._system
         assert system.precision is not None
         left = system.matrix.forward(x) - self._y
         downhill = system.matrix.adjoint(system.weight * left) + system.precision.product(x)
@@ -206,7 +219,11 @@ class _SparseSystem(PriorSystem):
 
 
 def dense_system(
-    plane: PlanePrior, evidence: Evidence, h: Hyperparameters, signed: bool
+    plane: PlanePrior,
+    evidence: Evidence,
+    h: Hyperparameters,
+    signed: bool,
+    centre: FloatArray | None = None,
 ) -> PriorSystem:
     """Normal equations on dense matrices.
 
@@ -215,17 +232,24 @@ def dense_system(
     plane : PlanePrior
         Prior.
     evidence : Evidence
-        Measurements.
+        Measurements, less the outputs of the mean of the prior.
     h : Hyperparameters
         Hyperparameters of the prior.
     signed : bool
         Let weights and slope be negative.
+    centre : (n,) array, optional
+        Mean of the prior; zero if not given.
     """
-    return _DenseSystem(plane, evidence, h, signed)
+    centre = np.zeros(plane.spec.unknowns) if centre is None else centre
+    return _DenseSystem(plane, evidence, h, signed, centre)
 
 
 def systems(
-    matrix: DesignMatrix, y: FloatArray, weight: FloatArray, signed: bool
+    matrix: DesignMatrix,
+    y: FloatArray,
+    weight: FloatArray,
+    signed: bool,
+    centre: FloatArray | None = None,
 ) -> Callable[[Hyperparameters], PriorSystem]:
     """Normal equations of many samples for any hyperparameters, sparse where that is quicker.
 
@@ -236,9 +260,11 @@ def systems(
     matrix : DesignMatrix
         Regressors of M samples.
     y, weight : (M,) arrays
-        Scaled outputs, and how many samples each stands for.
+        Scaled outputs, less those of the mean of the prior, and how many samples each stands for.
     signed : bool
         Let weights and slope be negative.
+    centre : (n,) array, optional
+        Mean of the prior; zero if not given.
 
     Raises
     ------
@@ -246,11 +272,12 @@ def systems(
         If the plane is too fine for dense matrices and the record does not suit sparse ones.
     """
     plane, cells = PlanePrior(matrix.spec), matrix.spec.cells
+    centre = np.zeros(matrix.spec.unknowns) if centre is None else centre
     if cells >= _LEAST_SPARSE and _few_reversals(matrix):
         field = FieldPrior(plane)
         system = EverettSystem(matrix, weight, np.ones(matrix.spec.unknowns), field)
         if cells > MOST_DENSE_CELLS or system.operations <= _FILL * float(cells) ** 3:
-            return lambda h: _SparseSystem(system, field, y, h, signed)
+            return lambda h: _SparseSystem(system, field, y, h, signed, centre)
     if cells > _MOST_CELLS:
         raise ParameterError(
             f"the input reverses {matrix.reversals} times and the plane has {matrix.spec.bands} "
@@ -258,7 +285,7 @@ def systems(
             "for smoothness instead"
         )
     evidence = Evidence.of_many(matrix, y, weight)
-    return lambda h: _DenseSystem(plane, evidence, h, signed)
+    return lambda h: _DenseSystem(plane, evidence, h, signed, centre)
 
 
 def is_quick(matrix: DesignMatrix) -> bool:

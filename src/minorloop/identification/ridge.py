@@ -29,6 +29,8 @@ Kind: TypeAlias = Literal["gaussian", "lorentzian", "factored gaussian", "factor
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _PLACES = np.array([-0.5, 0.5]) / np.sqrt(3.0)
 """Points of the quadrature in each direction, from the middle of a cell: exact for cubics."""
+PARAMETERS = 7
+"""Numbers that a fit of a ridge has at most: five of its shape, and two sums of weights."""
 _START = (0.2, 0.2, 0.2, 0.0, 0.3)
 _LEAST, _GREATEST = (1e-3, 0.02, 0.02, -0.5, 0.02), (2.0, 5.0, 5.0, 0.5, 5.0)
 """Start and bounds of coercive field, spreads, centre and reversible width, over half the range of
@@ -36,7 +38,7 @@ the levels."""
 _POSITIVE = np.array([True, True, True, False, True])
 """Which of these are searched by their logarithms."""
 _EVALUATIONS = 100
-_FEWEST = 8
+FEWEST_FOR_RIDGE = 8
 """Samples below which a ridge is not fitted."""
 _PRODUCTS: dict[str, Callable[..., Density]] = {
     "gaussian": GaussianDensity,
@@ -147,8 +149,10 @@ def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KIN
     ----------
     Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413: separable least squares.
     """
-    if y.size < _FEWEST:
-        raise SignalError(f"{y.size} samples are too few for a ridge; give {_FEWEST} or more")
+    if y.size < FEWEST_FOR_RIDGE:
+        raise SignalError(
+            f"{y.size} samples are too few for a ridge; give {FEWEST_FOR_RIDGE} or more"
+        )
     return min((_fit_kind(matrix, y, kind) for kind in kinds), key=lambda fit: fit.nrmse)
 
 
