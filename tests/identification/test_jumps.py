@@ -59,6 +59,16 @@ def test_smooth_outputs_have_no_jumps():
     assert jumps_of(u, steep) == ()
 
 
+def test_held_inputs_of_a_smooth_plant_have_no_jumps_and_those_of_relays_have_theirs():
+    up = np.concatenate([np.linspace(-1, 1, 61), np.linspace(1, -1, 61)])
+    steep = np.tile(np.tanh(2 * up), 4)
+    held, each = np.repeat(np.tile(up, 4), 10), np.repeat(steep, 10)
+    assert jumps_of(held, each) == ()
+    jumping = each + np.repeat(RELAYS.simulate(np.tile(up, 4)), 10)
+    found = jumps_of(held, jumping)
+    assert [jump.rising for jump in found] == [True, True, False, False]
+
+
 def test_jumps_that_are_rare_or_between_coarse_inputs_or_curves_do_not_count():
     up = np.linspace(-1, 1, 101)
     y = np.where(up > 0.1, 1.0, 0.0) + up

@@ -64,8 +64,9 @@ def find_jumps(
     """Find thresholds at which the output jumps.
 
     An output jumps between two samples if it changes by at least 2 % of its range, and four times
-    more than the slope around leaves unexplained in the neighbouring steps. A threshold is where
-    it jumped at least three times. More than eight thresholds count as none.
+    more than the slope around leaves unexplained in the neighbouring steps. Of each constant input,
+    the last sample counts. A threshold is where it jumped at least three times. More than eight
+    thresholds count as none.
 
     Parameters
     ----------
@@ -79,12 +80,13 @@ def find_jumps(
         Thresholds without jumps; inputs that change by more than half of their mean distance do
         not show where the output jumps.
     """
-    inputs, measured = u[:_ROWS], fitted[:_ROWS]
-    outputs = np.where(measured, y[:_ROWS], np.nan)
-    moved, changed = np.diff(inputs), np.diff(outputs)
-    changed[curves.begins[(curves.begins > 0) & (curves.begins < inputs.size)] - 1] = np.nan
     span = float(np.ptp(y[fitted]))
-    narrow = (moved != 0) & (np.abs(moved) <= _WIDEST * _mean_band(levels))
+    rows = min(u.size, _ROWS)
+    last = np.flatnonzero(np.append(np.diff(u[:rows]) != 0, True))  # of each constant input
+    inputs, outputs = u[last], np.where(fitted[last], y[last], np.nan)
+    moved, changed = np.diff(inputs), np.diff(outputs)
+    changed[np.diff(curves.first_rows(rows)[last]) != 0] = np.nan
+    narrow = np.abs(moved) <= _WIDEST * _mean_band(levels)
     steps = np.flatnonzero(narrow & (np.abs(changed) >= _HEIGHT * span))
     steps = steps[_stand_out(moved, changed, steps)]
     found = []
@@ -128,8 +130,7 @@ def _stand_out(moved: FloatArray, changed: FloatArray, steps: IntArray) -> BoolA
     places = np.clip(places, 0, max(moved.size - 1, 0))
     du, dy = moved[places], np.where(inside, changed[places], np.nan)
     known = np.isfinite(dy)
-    rate = np.where(known & (du != 0), dy / np.where(du == 0, 1.0, du), np.nan)
-    slope = _median(rate)
+    slope = _median(dy / du)
     usual = np.max(np.abs(np.where(known, dy - slope[:, None] * du, 0.0)), axis=1, initial=0.0)
     excess = np.abs(changed[steps] - slope * moved[steps])
     return np.asarray((known.sum(axis=1) >= _NEAR) & (excess >= _STEEP * usual))
