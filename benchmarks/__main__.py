@@ -12,6 +12,7 @@ PARTS = (
     "operators",
     "identification",
     "real_records",
+    "kinds_of_records",
     "staircases",
     "optima",
     "prior",

@@ -1,4 +1,4 @@
-"""Models from three numbers of a major loop, against measured minor loops of the material."""
+"""Models from three numbers of a major loop, or from all of it, against measured minor loops."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import minorloop as ml
 from benchmarks._plants import Array
 from benchmarks._timing import Row, seconds
+from minorloop.identification.bands import PER_DEVIATION
 from minorloop.lab.columns import read_columns
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -23,11 +24,16 @@ CURVES = (
 EACH, SHORTEST = 5, 3
 """Every so many curves are compared, of more samples than that."""
 COVERED = 0.9
+BANDS, MOST = 25, 150
+"""Of fits to the major loop: bands, and samples of a branch at most."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """Three numbers of the major loop, its largest input, and minor loops (input, output)."""
+    """Three numbers of the major loop, its largest input, minor loops, and the loop itself.
+
+    ``major`` is the descending branch, with inputs in increasing order.
+    """
 
     coercivity: float
     remanence: float
@@ -35,6 +41,7 @@ class Material:
     field: float
     start: str
     minor: list[tuple[Array, Array]]
+    major: tuple[Array, Array]
 
 
 def rows(quick: bool = False) -> list[Row]:
@@ -51,7 +58,8 @@ def rows(quick: bool = False) -> list[Row]:
         met=mean >= COVERED,
         accuracy=f"{mean:.1%} of the samples",
     )
-    return [row for row, _ in found] + [whole]
+    fitted = [_fitted(name, material) for name, material in (named[:1] if quick else named)]
+    return [row for row, _ in found] + [whole] + fitted
 
 
 def _row(name: str, material: Material) -> tuple[Row, float]:
@@ -70,6 +78,35 @@ def _row(name: str, material: Material) -> tuple[Row, float]:
         f"{np.mean(width) / unit:.1%}, rms error {np.sqrt(np.mean(off)) / unit:.1%} of saturation"
     )
     return Row(f"data sheet of {name}", elapsed, accuracy=accuracy), covered
+
+
+def _fitted(name: str, material: Material) -> Row:
+    """Fits with the prior to the major loop alone, with mean zero and with a ridge."""
+    u, y = material.major
+    some = np.linspace(0, u.size - 1, min(u.size, MOST)).astype(int)
+    down, branch = u[some][::-1], y[some][::-1]
+    loop, seen = np.concatenate([down, -down]), np.concatenate([branch, -branch])
+    results, times = [], []
+    for mean in ("zero", "ridge"):
+        fits: list[ml.Identification] = []
+        times.append(seconds(lambda mean=mean, fits=fits: fits.append(_fit(loop, seen, mean))))
+        off, whole, inside = 0.0, 0.0, []
+        for inputs, outputs in material.minor:
+            errors = fits[0].model.simulate(inputs, material.start) - outputs
+            assert fits[0].posterior is not None
+            sd = fits[0].posterior.deviation(inputs, material.start)
+            inside.append(np.mean(np.abs(errors) <= PER_DEVIATION * sd))
+            off, whole = off + float(errors @ errors), whole + float(outputs @ outputs)
+        ridge = fits[0].ridge
+        named = "zero" if ridge is None else f"{ridge.kind} ridge"
+        results.append(f"{named}: {off / whole:.2%}, {np.mean(inside):.0%} in 90 % bands")
+    accuracy = f"relative square error on minor loops with mean {'; '.join(results)}"
+    return Row(f"prior on the major loop of {name}", times[1], accuracy=accuracy)
+
+
+def _fit(u: Array, y: Array, mean: str) -> ml.Identification:
+    options = {"levels": BANDS, "spacing": "adaptive", "diagonal": "reversible"}
+    return ml.identify(u, y, prior="gaussian", mean=mean, start="positive", **options)
 
 
 def of_loops(file: str) -> Material:
@@ -101,4 +138,4 @@ def of_curves(file: str, input: str, output: str) -> Material:
 def _material(u: Array, y: Array, start: str, minor: list[tuple[Array, Array]]) -> Material:
     """Return a material from its descending branch, inputs in increasing order."""
     remanence, coercivity = float(np.interp(0.0, u, y)), -float(np.interp(0.0, y, u))
-    return Material(coercivity, remanence, float(y[-1]), float(u[-1]), start, minor)
+    return Material(coercivity, remanence, float(y[-1]), float(u[-1]), start, minor, (u, y))

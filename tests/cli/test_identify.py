@@ -14,6 +14,8 @@ from minorloop.cli import identify as verb
 from minorloop.errors import OutputError
 from minorloop.identification import design_matrix, identify
 from minorloop.lab import text_tables
+from minorloop.operators.densities import LorentzianDensity
+from minorloop.operators.preisach import Preisach
 
 IDENTIFY = "identify good.csv --input voltage --output length --levels 8"
 KEYS = (
@@ -393,7 +395,7 @@ def test_curves_of_a_column_are_reset_and_left_out(model, run, answer):
     assert found["skipped"] == 12
     assert found["samples"] == 6 * 38
     assert found["nrmse_groups"] < 0.02
-    assert [curve["name"] for curve in found["curves"]] == [f"{k:.1f}" for k in range(6)]
+    assert [curve["name"] for curve in found["curves"]] == [f"{k}" for k in range(6)]
     assert found["curves"][5]["accuracy"]["samples"] == 38
     assert found["band_sd"] > 0
     shown = run(f"{line} --curves curve --start-of-curve positive --report curves.html")[1]
@@ -460,3 +462,15 @@ def test_a_model_is_made_from_a_data_sheet(run, answer):
 )
 def test_refuses_what_is_no_data_sheet(options, says, refused):
     assert says in refused(f"identify {options}")
+
+
+def test_a_ridge_is_the_mean_of_the_prior(run, refused):
+    u = np.concatenate([np.linspace(-1, 1, 30), np.linspace(1, -1, 30)])
+    ridge = LorentzianDensity(0.3, 0.2, 0.15)
+    y = Preisach.from_density(np.linspace(-1, 1, 9), ridge).simulate(u)
+    rows = np.column_stack([u, y + 1e-3 * np.random.default_rng(1000).normal(size=60)])
+    np.savetxt("loop.csv", rows, delimiter=",", header="u,y", comments="")
+    line = "identify loop.csv --input u --output y --levels 8 --lag 0 --prior gaussian"
+    assert json.loads(run(f"{line} --mean ridge --json")[1])["ridge"]["coercive"] > 0
+    assert json.loads(run(f"{line} --json")[1])["ridge"] is None
+    assert "mean is 'odd'; give one of 'zero', 'ridge'" in refused(f"{line} --mean odd")

@@ -83,8 +83,8 @@ def test_one_rate_is_said_and_shown_from_0():
     np.testing.assert_allclose(rate.get_xlim(), [0, 2 * 2 / 39])
 
 
-def test_the_density_has_a_unit():
-    figure = FIT.plot(input_label="voltage [V]", output_label="curvature [1/m]")
+def test_the_density_has_a_unit(fit):
+    figure = fit.plot(input_label="voltage [V]", output_label="curvature [1/m]")
     assert "density [1/m / V²]" in [axes.get_ylabel() for axes in figure.axes]
 
 

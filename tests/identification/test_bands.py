@@ -45,7 +45,6 @@ def test_no_outputs_are_printed_as_none(fit):
     [
         ({"noise": 1e300}, "noise is 1e"),
         ({"noise": True}, "noise is True"),
-        ({"levels": 65, "prior": "gaussian"}, "2145 cells; give at most 64 levels"),
     ],
 )
 def test_refuses_what_the_prior_cannot_use(options, says):

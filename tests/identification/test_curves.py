@@ -79,4 +79,12 @@ def test_refuses(options, error, says):
 
 def test_labels_may_be_text():
     labels = np.where(LABELS < 2, "up", "down")
-    assert as_curves(labels, 480, "negative", None).begins.tolist() == [0, 240]
+    curves = as_curves(labels, 480, "negative", None)
+    assert curves.begins.tolist() == [0, 240]
+    assert (curves.name(0), curves.name(1)) == ("up", "down")
+    assert curves.parts(480) == [(0, 240), (240, 480)]
+
+
+def test_whole_numbers_as_labels_have_no_decimal_point():
+    assert as_curves([1.0, 1.0, 2.5], 3, "negative", None).names == ("1", "2.5")
+    assert Curves.whole("negative").name(0) == "0"

@@ -2,9 +2,12 @@ import numpy as np
 import pytest
 
 from minorloop.errors import ParameterError
-from minorloop.identification import identify, prior
+from minorloop.identification import identify
 from minorloop.identification.design import budget, design, next_input
 from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.likelihood import regressors
+from minorloop.identification.prior import Hyperparameters
+from minorloop.identification.prior_fit import posterior_after
 from minorloop.operators.memory import Memory
 from minorloop.operators.preisach import Preisach
 
@@ -29,13 +32,13 @@ def test_a_design_goes_everywhere_and_never_repeats_itself_at_once():
 
 
 def test_a_design_leaves_less_uncertainty_than_random_inputs():
-    spec, h = PlaneSpec(LEVELS, diagonal="reversible"), prior.Hyperparameters()
+    spec, h = PlaneSpec(LEVELS, diagonal="reversible"), Hyperparameters()
     rng = np.random.default_rng(0)
     aims = rng.uniform(0, 1, 60)
 
     def left(u):
-        dense = prior.regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
-        return np.mean(prior.posterior_after(spec, h, dense).deviation(aims, "negative") ** 2)
+        dense = regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
+        return np.mean(posterior_after(spec, h, dense).deviation(aims, "negative") ** 2)
 
     random = [left(np.append(0.0, rng.uniform(0, 1, 9))) for _ in range(10)]
     assert left(design(LEVELS, 10)) < np.quantile(random, 0.2)
@@ -49,8 +52,8 @@ def test_what_is_expected_of_a_hold_comes_true(fit):
     aims = rng.uniform(0, 1, 200)
     spread = []
     for u in (U, np.append(U, found.u)):
-        dense = prior.regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
-        posterior = prior.posterior_after(spec, h, dense)
+        dense = regressors(spec, u, np.ones(u.size, dtype=bool), "negative")
+        posterior = posterior_after(spec, h, dense)
         spread.append(np.sqrt(np.mean(posterior.deviation(aims, "negative") ** 2)))
     assert spread[1] / spread[0] == pytest.approx(1 - found.gain, abs=0.15)
 

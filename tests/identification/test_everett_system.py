@@ -3,6 +3,8 @@ import pytest
 
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.everett_system import EverettSystem
+from minorloop.identification.field_prior import FieldPrior
+from minorloop.identification.prior import Hyperparameters, PlanePrior
 
 SPECS = (
     {},
@@ -22,8 +24,6 @@ def test_it_solves_the_normal_equations_with_a_ridge(spec, start):
     matrix = DesignMatrix(plane, u, rng.random(u.size) < 0.8, start)
     weight, scale = rng.uniform(0, 2, matrix.samples), rng.uniform(0.05, 0.2, plane.unknowns)
     ridge = rng.uniform(0.1, 10, plane.unknowns)
-    if plane.offset:
-        ridge[plane.cells] = 0.0
     system = EverettSystem(matrix, weight, scale)
     system.factorise(ridge)
     columns = scale * matrix.dense()
@@ -37,3 +37,34 @@ def test_it_solves_the_normal_equations_with_a_ridge(spec, start):
     some[free] = np.linalg.solve(normal[np.ix_(free, free)], r[free])
     np.testing.assert_allclose(system.solve(r, free, 1e-12, 50), some, atol=1e-9)
     assert system.operations > 0
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_with_a_prior_it_is_the_precision_of_the_unknowns(spec):
+    rng = np.random.default_rng(1)
+    plane = PlaneSpec(np.sort(rng.uniform(-1, 1, 9)), **spec)
+    u = np.interp(np.arange(0, 20, 0.3), np.arange(21), rng.uniform(-1, 1, 21))
+    matrix = DesignMatrix(plane, u, rng.random(u.size) < 0.8, "negative")
+    weight, scale = rng.uniform(0, 2, matrix.samples), rng.uniform(0.05, 0.2, plane.unknowns)
+    field = FieldPrior(PlanePrior(plane), 5)
+    precision = field.precision(Hyperparameters(), 0.01)
+    system = EverettSystem(matrix, weight, scale, field)
+    system.condition(precision, scale)
+    ridge = rng.uniform(0, 1, plane.unknowns)
+    system.factorise(ridge)
+    prior = np.stack([precision.product(unit) for unit in np.eye(plane.unknowns)], axis=1)
+    columns = matrix.dense()
+    whole = scale[:, None] * (columns.T * weight @ columns + prior) * scale + np.diag(ridge)
+    r = rng.normal(size=plane.unknowns)
+    np.testing.assert_allclose(system.product(r) + ridge * r, whole @ r, rtol=1e-8)
+    found = system.solve(r, tolerance=1e-12, most=20)
+    np.testing.assert_allclose(found, np.linalg.solve(whole, r), atol=1e-9)
+    later = rng.uniform(-1.2, 1.2, 90)
+    future = DesignMatrix(plane, later, rng.random(90) < 0.8, "positive")
+    rows = future.dense() * scale
+    variances = np.einsum("tk,kt->t", rows, np.linalg.solve(whole, rows.T))
+    np.testing.assert_allclose(system.variances(future), variances, rtol=1e-5)
+    before = system.logarithm()
+    system.factorise(0.0)
+    change = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole - np.diag(ridge))[1]
+    assert before - system.logarithm() == pytest.approx(change, rel=1e-5)

@@ -15,11 +15,15 @@ def test_a_quasi_definite_system_is_solved(unknowns, blocks):
     same = np.equal.outer(sign, sign)
     dense = np.where(same, sign * dense, dense) + np.diag(sign)
     rows, columns = np.nonzero(np.tril(dense))
-    factor = SparseFactor(rows, columns, sign)
+    factor = SparseFactor(rows, columns, sign, unknowns // 10)
     for scale in (1.0, 1e-3):
         factor.factorise(scale * dense[rows, columns])
         b = rng.normal(size=unknowns)
         np.testing.assert_allclose(scale * dense @ factor.solve(b), b, rtol=1e-8, atol=1e-8)
+        assert factor.logarithm() == pytest.approx(np.linalg.slogdet(scale * dense)[1], rel=1e-9)
+        several = rng.normal(size=(unknowns, 3)) * (rng.random((unknowns, 1)) < 0.2)
+        squares = np.einsum("nr,nr->r", several, np.linalg.solve(scale * dense, several))
+        np.testing.assert_allclose(factor.squares(several), squares, rtol=1e-7, atol=1e-9)
 
 
 def test_entries_in_one_place_are_added():

@@ -101,6 +101,9 @@ _Sd = Annotated[
         show_default="sd, as reduce writes it",
     ),
 ]
+_Mean = Annotated[
+    str, typer.Option(help="Mean of the prior: zero, or ridge (fitted to the record).")
+]
 _Rows = Annotated[
     str | None,
     typer.Option(
@@ -169,6 +172,7 @@ def run(
     prior: _Prior = None,
     noise: _Noise = None,
     sd: _Sd = None,
+    mean: _Mean = "zero",
     start: _common.Start = "negative",
     rows: _Rows = None,
     holdout: _Holdout = 0.0,
@@ -213,6 +217,7 @@ def run(
         "smoothness": _number_or_auto("smoothness", smoothness, float),
         "prior": prior,
         "noise": noise,
+        "mean": mean,
         "lag": _rows_of_lag(lag, lag_seconds),
         "start": start,
         "holdout": holdout,

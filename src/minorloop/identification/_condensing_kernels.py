@@ -157,12 +157,13 @@ def chebyshev_sums(x, coefficients, constant):
 
 
 @njit(cache=True, nogil=True)
-def closed_loops(u, first, tolerance, gap, begin, end):
+def closed_loops(u, first, tolerance, gap, narrowest, begin, end):
     """Write the first and the last sample of each closed loop; gives their number.
 
     A loop begins at a turning point and is closed where the input has come back to it, to within
     ``tolerance`` of the width of the loop. A loop whose last sample before that is further away
-    than ``gap`` of its width is not written. ``first``: the first sample is a turning point.
+    than ``gap`` of its width is not written, and neither is one below the ``narrowest`` width.
+    ``first``: the first sample is a turning point.
     """
     turns = np.empty(u.size, dtype=np.int64)
     top, way, count = 0, 0, 0
@@ -185,7 +186,7 @@ def closed_loops(u, first, tolerance, gap, begin, end):
             if left > tolerance * width:
                 break
             last = k if left >= 0 else k - 1
-            if abs(value - u[last]) <= gap * width:
+            if width >= narrowest and abs(value - u[last]) <= gap * width:
                 begin[count], end[count] = turns[top - 2], last
                 count += 1
             top -= 2

@@ -62,6 +62,30 @@ def matern_slopes(x, y, at_x, at_y, correlation, weight):
 
 
 @njit(cache=True, nogil=True)
+def add_covariance(correlation, size, nugget, at, out):
+    """Add a covariance to rows and columns ``at`` (K,) of ``out``.
+
+    It is the sum of the correlation (K, K), a constant part and an independent part, times sizes.
+    """
+    for i in range(size.size):
+        line = out[at[i]]
+        for j in range(size.size):
+            line[at[j]] += size[i] * (correlation[i, j] + 1.0) * size[j]
+        line[at[i]] += size[i] * nugget * size[i]
+
+
+@njit(cache=True, nogil=True)
+def mirror(matrix):
+    """Copy the lower triangle to the upper one, in tiles that fit into the cache."""
+    n, tile = matrix.shape[0], 32
+    for top in range(0, n, tile):
+        for left in range(0, top + 1, tile):
+            for i in range(top, min(top + tile, n)):
+                for j in range(left, min(left + tile, i)):
+                    matrix[j, i] = matrix[i, j]
+
+
+@njit(cache=True, nogil=True)
 def look_ahead(levels, spread, past, candidates, rows):
     """Fractions switched on after each candidate (m,) is applied to the extrema ``past`` (d,)."""
     low, high = levels[0], levels[-1]

@@ -254,6 +254,47 @@ def solve(start, at, rows, offset, sign, data, x):
 
 
 @njit(cache=True, nogil=True)
+def pivots(start, offset, data):
+    """Diagonal of the factor."""
+    out = np.empty(start[-1])
+    for s in range(start.size - 1):
+        width = start[s + 1] - start[s]
+        for k in range(width):
+            out[start[s] + k] = data[offset[s] + k * width + k]
+    return out
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def solve_half(start, at, rows, offset, data, x):
+    """Solve L X = B in place, for some columns at once; rows that are zero cost nothing."""
+    filled = np.zeros(start[-1], dtype=np.bool_)
+    for i in range(x.shape[0]):
+        for c in range(x.shape[1]):
+            if x[i, c] != 0.0:
+                filled[i] = True
+                break
+    for s in range(start.size - 1):
+        if not filled[start[s] : start[s + 1]].any():
+            continue
+        width, height = start[s + 1] - start[s], at[s + 1] - at[s]
+        panel = data[offset[s] : offset[s + 1]].reshape(height, width)
+        own = x[start[s] : start[s + 1]]
+        for i in range(width):
+            line = own[i]
+            for k in range(i):
+                factor = panel[i, k]
+                for c in range(line.size):
+                    line[c] -= factor * own[k, c]
+            line /= panel[i, i]
+        product = np.dot(panel[width:], own)
+        for i in range(width, height):
+            row = rows[at[s] + i]
+            filled[row] = True
+            for c in range(x.shape[1]):
+                x[row, c] -= product[i - width, c]
+
+
+@njit(cache=True, nogil=True)
 def weights_of_nodes(bands, nodes, out):
     """Cell weights from Everett values: inverse of `cells_to_nodes` of `_kernels`."""
     for i in range(bands):
@@ -281,3 +322,14 @@ def weights_to_nodes(bands, weights, out):
                 out[above + j] -= x
             if j + 1 < i:
                 out[above + j + 1] += x
+
+
+@njit(cache=True, nogil=True)
+def add_paths(index, coefficient, parent, times, out):
+    """Add the row of each of some samples (m,) to a column of ``out`` (n, m): factors of nodes."""
+    for m in range(times.size):
+        t = times[m]
+        while t >= 0:
+            for c in range(index.shape[1]):
+                out[index[t, c], m] += coefficient[t, c]
+            t = parent[t]

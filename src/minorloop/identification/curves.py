@@ -137,8 +137,14 @@ def as_curves(
     if start_of_curve == AS_LEFT:
         return Curves.whole(start)
     begins = np.flatnonzero(np.append(True, np.diff(number) != 0))
-    names = tuple(f"{label}" for label in np.asarray(labels)[begins].tolist())
+    names = tuple(map(_as_text, np.asarray(labels)[begins].tolist()))
     return Curves(begins, start_of_curve, names)
+
+
+def _as_text(label: object) -> str:
+    """Return a label as text; whole numbers without a decimal point."""
+    whole = isinstance(label, float) and label.is_integer()
+    return f"{label:.0f}" if whole else f"{label}"
 
 
 def as_groups(name: str, labels: npt.ArrayLike, samples: int) -> IntArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, overload
 
 import numpy as np
@@ -37,7 +38,7 @@ REVERSIBLE_WIDTHS: Final = (0.5, 2.0)
 _RIDGES = 48
 _DRAWS = 384
 _FEWEST = 8
-"""Ridges of a model, drawings at most until so many have the loop, and fewest ridges."""
+"""Ridges of a model; shapes that are tried until so many have the loop; fewest ridges."""
 _HALF = 20
 """Levels above zero."""
 _RATIO = 1.1673039782614187
@@ -84,7 +85,7 @@ class DataSheetModel(NotebookView):
             "band_half_width": self.half_width,
         }
 
-    @property
+    @cached_property
     def half_width(self) -> float:
         """Half the width of 90 % bands on loops of half the largest input, on average."""
         return float(self.predict(self.loop(self.field / 2), bands=BAND).half_width.mean())

@@ -23,7 +23,11 @@ from minorloop.arrays import FloatArray, as_finite, as_levels
 from minorloop.errors import ParameterError
 from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification.design_matrix import PlaneSpec
-from minorloop.identification.prior import Hyperparameters, Posterior, posterior_after, regressors
+from minorloop.identification.likelihood import regressors
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior import Hyperparameters
+from minorloop.identification.prior_fit import posterior_after
+from minorloop.identification.prior_system import MOST_DENSE_CELLS
 from minorloop.operators.memory import Memory
 from minorloop.operators.plane import relay_outputs
 from minorloop.operators.preisach import Diagonal
@@ -94,7 +98,8 @@ def next_input(
     Raises
     ------
     ParameterError
-        If the model was identified without the prior, or no input is allowed.
+        If the model was identified without the prior or has more than 64 levels, or no input is
+        allowed.
     """
     if not hasattr(identification, "posterior"):
         raise ParameterError(
@@ -107,6 +112,11 @@ def next_input(
         )
     if identification.posterior is None:
         raise ParameterError('next_input needs the prior; identify with prior="gaussian"')
+    if identification.posterior.spec.cells > MOST_DENSE_CELLS:
+        raise ParameterError(
+            f"next_input needs dense matrices, and the plane has {identification.unknowns} "
+            "unknowns; give at most 64 levels"
+        )
     candidates = _allowed(identification, memory, low, high, step)
     with one_thread(identification.unknowns):
         return _best(identification.posterior, memory, candidates)

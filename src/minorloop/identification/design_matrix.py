@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import BoolArray, FloatArray, Levels, frozen
+from minorloop.arrays import BoolArray, FloatArray, IntArray, Levels, frozen
 from minorloop.errors import ParameterError
 from minorloop.identification import _kernels
 from minorloop.operators.memory import Start
@@ -273,6 +273,23 @@ def check_bands(bands: int) -> None:
         raise ParameterError(
             f"levels are {bands} bands, too many to be identified; give at most {MOST_BANDS}"
         )
+
+
+def corners(bands: int) -> tuple[tuple[IntArray, float, BoolArray], ...]:
+    """Everett nodes whose values, with these signs, sum to the weight of each cell.
+
+    Returns
+    -------
+    tuple
+        Four corners: (K,) nodes, their sign, and the (K,) cells that have this corner.
+    """
+    i, j = np.tril_indices(bands)
+    cell = np.arange(i.size)
+    above = cell - i  # the node (i - 1, j)
+    return (
+        (cell, 1.0, j <= i), (above, -1.0, j < i), (cell + 1, -1.0, j < i),
+        (above + 1, 1.0, j + 1 < i),
+    )  # fmt: skip
 
 
 def unpack(x: Packed) -> FloatArray:

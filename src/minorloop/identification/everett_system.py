@@ -13,17 +13,23 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import _sparse_kernels as _kernels
-from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.design_matrix import DesignMatrix, corners
+from minorloop.identification.field_prior import FieldPrecision, FieldPrior
 from minorloop.identification.sparse_factor import SparseFactor
 
 _SOFT = 1e-8
 """Negative diagonal of the multipliers, over the mean weight of a sample."""
 _TINY = 1e-14
 """Diagonal of unknowns that no sample determines, likewise."""
+_TOGETHER = 64
+"""Outputs whose variances are computed at once."""
 
 
 class EverettSystem:
-    """The system (G + diag(ridge)) z = r, with G the weighted Gram matrix of scaled columns.
+    """The system (G + S + diag(ridge)) z = r, with G the weighted Gram matrix of scaled columns.
+
+    S is the scaled precision of a prior, if there is one. The values of its field are further
+    unknowns of the sparse system, and are eliminated last.
 
     Parameters
     ----------
@@ -33,11 +39,20 @@ class EverettSystem:
         Weight of each sample.
     scale : (n,) array
         Factor of each column.
+    field : FieldPrior, optional
+        Prior; `condition` then gives its precision.
     """
 
-    def __init__(self, matrix: DesignMatrix, weight: FloatArray, scale: FloatArray) -> None:
+    def __init__(
+        self,
+        matrix: DesignMatrix,
+        weight: FloatArray,
+        scale: FloatArray,
+        field: FieldPrior | None = None,
+    ) -> None:
         spec = matrix.spec
         self.matrix, self.weight, self.scale = matrix, weight, scale
+        self.precision: FieldPrecision | None = None
         self.cells = spec.cells
         parent, everywhere = matrix.parent, np.zeros(matrix.parent.size)
         everywhere[matrix.measured] = weight
@@ -45,7 +60,9 @@ class EverettSystem:
         inner[parent[parent >= 0]] = True
         inner_count = int(np.count_nonzero(inner))
         self._root = spec.cells + 2 * inner_count
-        self._size = self._root + 2 + spec.slope
+        self._steep = self._root + 2
+        self._values_of_field = 0 if field is None else field.unknowns
+        self._size = self._steep + spec.slope + self._values_of_field
         entries = _Entries(float(weight.mean()))
         number = np.full(parent.size + 1, self._root)  # the last one is that of parent -1
         number[:-1][inner] = spec.cells + np.arange(inner_count)
@@ -53,7 +70,7 @@ class EverettSystem:
         before, own = number[parent][:, None], number[:-1][:, None]
         ones, input_ = np.ones((parent.size, 1)), np.zeros((parent.size, 1))
         input_[matrix.measured, 0] = matrix.u
-        slope = np.full((parent.size, 1), self._size - 1)
+        slope = np.full((parent.size, 1), self._steep)
         index, coefficient = matrix.index, matrix.swing * matrix.coefficient
         links = np.hstack([index, before] + [slope] * spec.slope)
         factors = np.hstack([coefficient, ones] + [input_] * spec.slope)
@@ -76,11 +93,18 @@ class EverettSystem:
         entries.add(np.flatnonzero(sign > 0), np.flatnonzero(sign > 0), _TINY * weight.mean())
         rows, columns, self._values = entries.all()
         ridge_rows, ridge_columns, self._ridge_cells, self._ridge_signs = _ridges(spec.bands)
-        last = np.full(int(spec.slope), self._size - 1)
+        self._level_factors = np.array([1.0, self.matrix.shift**2, self.matrix.shift])
+        root = self._root
+        level = np.array([[root, total, root], [root, total, total]])[:, : 3 * spec.offset]
+        last = np.full(int(spec.slope), self._steep)
+        first = self._size - self._values_of_field - spec.cells
+        linked = np.zeros((2, 0), dtype=np.int64) if field is None else field.places
+        linked = np.where(linked < spec.cells, linked, linked + first)
         self._factor = SparseFactor(
-            np.concatenate([rows, ridge_rows, last]),
-            np.concatenate([columns, ridge_columns, last]),
+            np.concatenate([rows, ridge_rows, level[0], last, linked[0]]),
+            np.concatenate([columns, ridge_columns, level[1], last, linked[1]]),
             sign,
+            self._values_of_field,
         )
         self._ridge = np.zeros(spec.unknowns)
 
@@ -94,18 +118,34 @@ class EverettSystem:
         """Multiplications of a factorisation."""
         return float(np.sum(self._factor.counts.astype(np.float64) ** 2))
 
-    def product(self, z: FloatArray) -> FloatArray:
-        """(n,) product with G."""
-        outputs = self.matrix.forward(self.scale * z)
-        return np.asarray(self.scale * self.matrix.adjoint(self.weight * outputs))
+    def condition(self, precision: FieldPrecision, scale: FloatArray) -> None:
+        """Set the precision of the prior and the factor of each column."""
+        self.precision, self.scale = precision, scale
 
-    def factorise(self, ridge: FloatArray) -> None:
-        """Factorise the system with this (n,) ridge; that of the offset is left out."""
-        self._ridge = ridge
-        steep = ridge / self.scale**2
-        slope = steep[steep.size - self.matrix.spec.slope :]
-        ridges = self._ridge_signs * steep[self._ridge_cells]
-        self._factor.factorise(np.concatenate([self._values, ridges, slope]))
+    def product(self, z: FloatArray) -> FloatArray:
+        """(n,) product with G + S."""
+        x = self.scale * z
+        out = self.matrix.adjoint(self.weight * self.matrix.forward(x))
+        if self.precision is not None:
+            out += self.precision.product(x)
+        return np.asarray(self.scale * out)
+
+    def factorise(self, ridge: FloatArray | float) -> None:
+        """Factorise the system with this (n,) ridge."""
+        spec, precision = self.matrix.spec, self.precision
+        self._ridge = np.broadcast_to(ridge, self.scale.shape)
+        steep = self._ridge / self.scale**2
+        if precision is not None:
+            steep = steep + precision.own
+        parts = [
+            self._values,
+            self._ridge_signs * steep[self._ridge_cells],
+            np.outer(steep[self.cells : self.cells + spec.offset], self._level_factors).ravel(),
+            steep[steep.size - spec.slope :],
+        ]
+        if precision is not None:
+            parts += [precision.links, precision.field[np.tril_indices(self._values_of_field)]]
+        self._factor.factorise(np.concatenate(parts))
 
     def solve(
         self, r: FloatArray, free: BoolArray | bool = True, tolerance: float = 1.0, most: int = 1
@@ -141,21 +181,49 @@ class EverettSystem:
 
     def _rough(self, r: FloatArray) -> FloatArray:
         """(n,) solution, to the accuracy of the factor."""
-        spec, cells = self.matrix.spec, self.cells
-        b, out, r = np.zeros(self._size), np.empty_like(r), r / self.scale
+        spec, cells, out = self.matrix.spec, self.cells, np.empty_like(r)
+        x = self._factor.solve(self._right(r / self.scale))
+        _kernels.weights_of_nodes(spec.bands, x[:cells], out[:cells])
+        if spec.offset:
+            out[cells] = x[self._root] + self.matrix.shift * x[self._total]
+        if spec.slope:
+            out[-1] = x[self._steep]
+        return out / self.scale
+
+    def _right(self, r: FloatArray) -> FloatArray:
+        """Right-hand side of the sparse system from that of the unknowns (n,)."""
+        spec, cells, b = self.matrix.spec, self.cells, np.zeros(self._size)
         _kernels.weights_to_nodes(spec.bands, r[:cells], b[:cells])
         if spec.offset:
             b[self._root] = r[cells]
             b[self._total] += self.matrix.shift * r[cells]
         if spec.slope:
-            b[-1] = r[-1]
-        x = self._factor.solve(b)
-        _kernels.weights_of_nodes(spec.bands, x[:cells], out[:cells])
-        if spec.offset:
-            out[cells] = x[self._root] + self.matrix.shift * x[self._total]
-        if spec.slope:
-            out[-1] = x[-1]
-        return out / self.scale
+            b[self._steep] = r[-1]
+        return b
+
+    def inverse(self) -> FloatArray:
+        """(n, n) inverse of the factorised system for columns that are not scaled."""
+        rows = np.stack([self._right(unit) for unit in np.eye(self.scale.size)], axis=1)
+        return self._factor.products(rows)
+
+    def logarithm(self) -> float:
+        """Logarithm of the determinant of the factorised system, up to a constant."""
+        return self._factor.logarithm()
+
+    def variances(self, future: DesignMatrix) -> FloatArray:
+        """(T,) variances of the outputs of other samples, if the system is a precision."""
+        times = np.flatnonzero(future.measured)
+        out = np.empty(times.size)
+        for begin in range(0, times.size, _TOGETHER):
+            some = times[begin : begin + _TOGETHER]
+            rows = np.zeros((self._size, some.size))
+            _kernels.add_paths(future.index, future.coefficient, future.parent, some, rows)
+            rows[: self.cells] *= future.swing
+            rows[self._root] = 1.0
+            if self.matrix.spec.slope:
+                rows[self._steep] = future.u[begin : begin + _TOGETHER]
+            out[begin : begin + _TOGETHER] = self._factor.squares(rows)
+        return out
 
 
 class _Entries:
@@ -205,16 +273,10 @@ class _Entries:
 
 def _ridges(bands: int) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Where a ridge of each weight acts on the nodes: rows, columns, cells, signs."""
-    i, j = np.tril_indices(bands)
-    cell = np.arange(i.size)
-    above = cell - i  # the node (i - 1, j)
-    corners = (
-        (cell, 1.0, j <= i), (above, -1.0, j < i), (cell + 1, -1.0, j < i),
-        (above + 1, 1.0, j + 1 < i),
-    )  # fmt: skip
-    parts = []
-    for a, (row, one, there) in enumerate(corners):
-        for column, other, too in corners[: a + 1]:
+    cell = np.arange(bands * (bands + 1) // 2)
+    found, parts = corners(bands), []
+    for a, (row, one, there) in enumerate(found):
+        for column, other, too in found[: a + 1]:
             both = there & too
             parts.append((row[both], column[both], cell[both], np.full(both.sum(), one * other)))
     rows, columns, cells, signs = (np.concatenate(part) for part in zip(*parts, strict=True))

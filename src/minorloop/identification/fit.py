@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +15,14 @@ from minorloop.errors import counted
 from minorloop.identification import record_checks as checks
 from minorloop.identification.choosing import LEVELS, Chosen, choose, choose_prior
 from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, check_group_sizes
-from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import (
     FitRecord,
+    Mean,
     Regularisation,
     fit_plane,
 )
+from minorloop.identification.jumps import Jump, find_jumps, with_jumps
 from minorloop.identification.leave_out import validate
 from minorloop.identification.result import Identification
 from minorloop.operators.memory import Start
@@ -40,6 +43,7 @@ def identify(
     smoothness: float | Literal["auto"] = "auto",
     prior: Regularisation = "auto",
     noise: float | npt.ArrayLike | None = None,
+    mean: Mean = "zero",
     lag: int | Literal["auto"] = 0,
     start: Start = "negative",
     offset: bool = True,
@@ -65,7 +69,8 @@ def identify(
         are listed in ``codes`` and in the advice.
     levels : int, (L + 1,) array_like or "auto"
         Number of bands, over the range of ``u``, or the thresholds themselves. ``"auto"`` compares
-        25 and 50 bands, where there are samples for so many.
+        25 and 50 bands, where there are samples for so many. Unless thresholds are given, or the
+        prior, a threshold at which the output jumps gets a narrow band of its own.
     spacing : {"uniform", "adaptive"}
         Even thresholds, or thresholds that are denser where the output is steep.
     relay, diagonal
@@ -83,14 +88,17 @@ def identify(
     prior : {"auto", "gaussian", "none"}
         Whether to fit with the prior of `minorloop.identification.prior`, which also gives
         predictive bands. ``"auto"`` uses it for fewer than three samples per unknown, except
-        where a smoothness is given, where the samples determine a plane that reproduces them to
-        rounding, or where there are more than 2,100 cells.
+        where a smoothness is given, where the output jumps, where the samples determine a plane
+        that reproduces them to rounding, or where it would take long.
     noise : float or (T,) array_like, optional
         Standard deviation of the measured outputs, in their unit, where it is known. One number is
         used by the prior only. Of an array, one for each output, NaN where it is not known and
-        then the greatest, the fit without the prior weights each output with 1 / (sd^2 + m^2),
-        where m is the error of the model itself, from its residual. The prior takes them as the
-        noise of up to 400 outputs; of more outputs, their rms.
+        then the greatest, each output has the weight 1 / (sd^2 + m^2), where m is the error of the
+        model itself, from its residual.
+    mean : {"zero", "ridge"}
+        Mean of the prior. ``"ridge"``: a parametric ridge fitted to the record, of the kind of
+        greatest marginal likelihood, or zero if none is more likely; about it the weights vary. It
+        helps where the record leaves much of the plane open, such as one major loop.
     lag : int or "auto"
         Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples, and
         keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise.
@@ -138,6 +146,7 @@ def identify(
     check_option("diagonal", diagonal, ("uniform", "reversible", "auto"))
     checks.check_flags(slope=False if slope == "auto" else slope, signed=signed, offset=offset)
     checks.check_prior(prior, smoothness)
+    check_option("mean", mean, get_args(Mean))
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     group = _as_groups(curves, groups, inputs.size)
     skipped = checks.as_skip(skip, parts.positions(inputs.size))
@@ -153,8 +162,13 @@ def identify(
     if automatic or delay is None:
         chosen = choose(specs, record, delay, group, grids[1] if len(grids) > 1 else None, say)
     spec, delay, choices = chosen.spec, chosen.lag, chosen.choices
+    jumps: tuple[Jump, ...] = ()
+    if (isinstance(levels, str) or np.isscalar(levels)) and prior != "gaussian":
+        jumps = find_jumps(parts.delayed(inputs, delay), outputs, fitted, parts, spec.levels)
+    if jumps and spec.bands + 2 * len(jumps) <= MOST_DENSE:
+        spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
-    found = fit_plane(spec, record, delay, smoothness, prior, sensor, group)
+    found = fit_plane(spec, record, delay, smoothness, prior, sensor, group, mean)
     if automatic and prior == "auto":
         if found.posterior is not None:
             say("comparing the prior with smoothing")
@@ -183,6 +197,8 @@ def identify(
         scatter=scatter,
         skipped=int(np.count_nonzero(skipped)),
         choices=choices,
+        jumps=jumps,
+        ridge=found.ridge,
     )
 
 

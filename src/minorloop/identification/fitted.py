@@ -20,9 +20,11 @@ from minorloop.identification.baseline import nrmse, polynomial_nrmse
 from minorloop.identification.choosing import Choice
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.jumps import Jump
 from minorloop.identification.leave_out import GroupScatter
-from minorloop.identification.prior import Posterior
+from minorloop.identification.posterior import Posterior
 from minorloop.identification.residuals import ResidualSummary
+from minorloop.identification.ridge import Ridge
 from minorloop.identification.rough_model import RecordFault
 from minorloop.identification.screening import record_faults
 from minorloop.lab.codes import Code
@@ -68,6 +70,10 @@ class Fit:
         Rows that set the memory and were not fitted.
     choices : tuple of Choice
         Options that were compared by the error on left-out parts.
+    jumps : tuple of Jump
+        Thresholds at which the output jumps, which have narrow bands.
+    ridge : Ridge, optional
+        Mean of the prior; None if it is zero.
     converged : bool
         Whether the solver reached the optimum; `advice` says so where it did not.
     """
@@ -91,6 +97,8 @@ class Fit:
     scatter: GroupScatter | None = None
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
+    jumps: tuple[Jump, ...] = ()
+    ridge: Ridge | None = None
 
     @property
     def start(self) -> Start:
@@ -205,8 +213,10 @@ class Fit:
     @cached_property
     def findings(self) -> tuple[RecordFault, ...]:
         """Faults of the fitted record: outliers, stuck and clipped stretches, and a lag."""
-        y = self.y.copy()
-        y[list(self.suspects)] = np.nan
+        y = self.y
+        if self.suspects:
+            y = y.copy()
+            y[list(self.suspects)] = np.nan
         return record_faults(self.u, y, self.curves, self.lag, searched=self.searched)
 
     @cached_property

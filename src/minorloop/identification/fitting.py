@@ -9,24 +9,27 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray, as_levels
-from minorloop.errors import ParameterError, SignalError
+from minorloop.errors import SignalError
 from minorloop.identification.active_set import ACCEPTABLE
 from minorloop.identification.condensing import LONG, Condensed, condense
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
-from minorloop.identification.prior import (
-    MOST_CORRELATED,
-    Posterior,
+from minorloop.identification.likelihood import regressors
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior import Hyperparameters
+from minorloop.identification.prior_fit import (
     PriorFit,
     coarse_rows,
-    fit_dense,
     fit_prior,
-    regressors,
+    is_few,
 )
+from minorloop.identification.prior_system import is_quick
 from minorloop.identification.record_checks import FEWEST
+from minorloop.identification.ridge import FEWEST_FOR_RIDGE, KINDS, PARAMETERS, Ridge, fit_ridge
 
 Regularisation: TypeAlias = Literal["auto", "gaussian", "none"]
+Mean: TypeAlias = Literal["zero", "ridge"]
 Smoothness: TypeAlias = float | Literal["auto"]
 
 LONGEST_LAG = 20
@@ -34,10 +37,11 @@ LONGEST_LAG = 20
 _LAG_BANDS = 15
 _SAMPLES_EACH = 3
 """Samples for each unknown above which the data need no prior."""
-_MOST_CELLS = 2100
-"""Cells up to which the prior is used, 64 levels: its covariance is dense."""
-_SUSPICIOUS, _OUTLIER = 2.2, 6.0
-"""Standard deviations from which a sample is fitted without, and from which it is left out."""
+_OUTLIER = 6.0
+"""Standard deviations from which a sample is left out."""
+_SUSPICIOUS, _LEAST_SUSPICIOUS = 0.6, 2.2
+"""Share of the residual that such a sample has at least, and standard deviations, from which it is
+fitted without."""
 _STEEP = 2.0
 """Slope of a steep branch, in ranges of the output over ranges of the input."""
 _FEWEST_EACH_SUSPECT = 8
@@ -132,8 +136,7 @@ class FitRecord:
             row = np.searchsorted(places, short.rows)
             return Regression(matrix, short.y, row, short.u, short.measured, short.within)
         matrix = DesignMatrix(spec, inputs, measured, self.curves.start, self.weight(rows))
-        relative = None if self.sd is None else self.sd[rows] ** 2 / np.mean(self.sd[rows] ** 2)
-        return Regression(matrix, self.y[rows], rows, inputs, measured, relative=relative)
+        return Regression(matrix, self.y[rows], rows, inputs, measured)
 
     def _condensed(
         self,
@@ -163,8 +166,7 @@ class Regression:
     In a condensed record, each output stands for several samples, one of which is in ``rows``.
 
     ``inputs`` and ``measured`` are what the matrix was made from; ``within`` is the mean square of
-    the outputs about the condensed ones; ``relative`` the variance of the noise of each output, of
-    mean 1.
+    the outputs about the condensed ones.
     """
 
     matrix: DesignMatrix
@@ -173,7 +175,6 @@ class Regression:
     inputs: FloatArray
     measured: BoolArray
     within: float = 0.0
-    relative: FloatArray | None = None
 
     def squared_error(self, x: FloatArray) -> float:
         """Sum of squared errors, without that within condensed samples."""
@@ -181,12 +182,11 @@ class Regression:
         return float(off @ off if self.matrix.counts is None else self.matrix.counts @ off**2)
 
     @cached_property
-    def dense(self) -> tuple[FloatArray, ...] | None:
-        """Regressors, features and relative noise for the prior; None for many samples."""
-        if self.rows.size > MOST_CORRELATED:
+    def dense(self) -> tuple[FloatArray, FloatArray] | None:
+        """Regressors and features for the prior; None for many samples, and for weighted ones."""
+        if self.matrix.counts is not None or not is_few(self.matrix.spec, self.rows.size):
             return None
-        found = regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
-        return found if self.relative is None else (*found, self.relative)
+        return regressors(self.matrix.spec, self.inputs, self.measured, self.matrix.start)
 
     @cached_property
     def coarse(self) -> tuple[PlaneSpec, FloatArray] | None:
@@ -208,6 +208,7 @@ class FittedPlane:
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     converged: bool = True
+    ridge: Ridge | None = None
 
 
 def fit_plane(
@@ -218,29 +219,43 @@ def fit_plane(
     prior: Regularisation,
     noise: float | None,
     labels: IntArray | None = None,
+    mean: Mean = "zero",
 ) -> FittedPlane:
-    """Fit with the prior, or with smoothness."""
-    if prior == "gaussian" and spec.cells > _MOST_CELLS:
-        raise ParameterError(
-            f'prior is "gaussian" and the plane has {spec.cells} cells; give at most 64 levels, '
-            'or leave it "auto", which smooths such planes'
-        )
-    samples = record.rows(lag).size
-    few = needs_prior(spec, samples)
-    if prior == "gaussian" or (prior == "auto" and smoothness == "auto" and few):
-        if prior == "auto" and samples >= spec.unknowns:
-            found = fit_smooth(spec, record, lag, 0.0)
-            if reproduces(found.regression.matrix, found.x, found.regression.y):
-                return found
-        return _fit_with_prior(spec, record, lag, noise)
-    found = fit_smooth(spec, record, lag, smoothness, labels)
+    """Fit with the prior or with smoothness, again where a model error adds to the noise."""
+    found = _fit_once(spec, record, lag, smoothness, prior, noise, labels, mean)
     better = record.with_model_error(found)
-    return found if better is record else fit_smooth(spec, better, lag, smoothness, labels)
+    if better is record:
+        return found
+    return _fit_once(spec, better, lag, smoothness, prior, noise, labels, mean)
+
+
+def _fit_once(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
+    smoothness: Smoothness,
+    prior: Regularisation,
+    noise: float | None,
+    labels: IntArray | None,
+    mean: Mean,
+) -> FittedPlane:
+    if prior == "gaussian":
+        return _fit_with_prior(spec, record, lag, noise, mean)
+    samples = record.rows(lag).size
+    if prior == "none" or smoothness != "auto" or not needs_prior(spec, samples):
+        return fit_smooth(spec, record, lag, smoothness, labels)
+    if not is_quick(record.regression(spec, lag).matrix):
+        return fit_smooth(spec, record, lag, smoothness, labels)
+    if samples >= spec.unknowns:
+        found = fit_smooth(spec, record, lag, 0.0)
+        if reproduces(found.regression.matrix, found.x, found.regression.y):
+            return found
+    return _fit_with_prior(spec, record, lag, noise, mean)
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:
-    """Whether the samples are few for the unknowns, and the plane is not too fine for the prior."""
-    return samples < _SAMPLES_EACH * spec.unknowns and spec.cells <= _MOST_CELLS
+    """Whether the samples are few for the unknowns."""
+    return samples < _SAMPLES_EACH * spec.unknowns
 
 
 def fit_smooth(
@@ -259,29 +274,26 @@ def fit_smooth(
 
 
 def _fit_with_prior(
-    spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None
+    spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None, mean: Mean
 ) -> FittedPlane:
     """Fit, and leave out one outlier after the other."""
     suspects: list[int] = []
-    guess = None
-    while True:
-        regression = record.regression(spec, lag)
-        found = fit_prior(
-            regression.matrix,
-            regression.y,
-            regression.dense,
-            signed=record.signed,
-            noise=noise,
-            guess=guess,
-            coarse=regression.coarse,
-        )
-        guess = found.learnt
-        plausible = on_steep_branch(record)[regression.rows]
-        suspect = _suspect(found, regression, plausible, record.signed, noise)
-        if suspect is None or len(suspects) >= regression.rows.size // _FEWEST_EACH_SUSPECT:
+    regression, found = _with_prior(spec, record, lag, noise)
+    ridge: Ridge | None = None
+    if mean == "ridge":
+        found, ridge = _with_ridge(found, spec, record, lag, noise)
+    centre = found.posterior.centre
+    while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
+        worst = _suspect(found, on_steep_branch(record)[regression.rows])
+        if worst is None:
             break
-        suspects.append(int(regression.rows[suspect]))
-        record = record.without(suspects[-1])
+        sample = int(regression.rows[worst])
+        others = record.without(sample)
+        reduced, without = _with_prior(spec, others, lag, noise, found.learnt, centre)
+        if not _is_outlier(without, regression, worst):
+            break
+        suspects.append(sample)
+        record, regression, found = others, reduced, without
     return FittedPlane(
         found.x,
         found.kkt,
@@ -290,39 +302,76 @@ def _fit_with_prior(
         posterior=found.posterior,
         suspects=tuple(suspects),
         converged=found.kkt <= ACCEPTABLE,
+        ridge=ridge,
     )
 
 
-def _suspect(
-    found: PriorFit,
-    regression: Regression,
-    plausible: BoolArray,
-    signed: bool,
+def _with_ridge(
+    plain: PriorFit, spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None
+) -> tuple[PriorFit, Ridge | None]:
+    """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
+
+    Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978: each parameter of a
+    ridge must raise the logarithm of the likelihood by half that of the number of samples.
+    """
+    best, chosen, least = plain, None, plain.likelihood
+    regression = record.regression(spec, lag)
+    if regression.rows.size < FEWEST_FOR_RIDGE:
+        return plain, None
+    penalty = PARAMETERS * np.log(regression.rows.size) / 2
+    for kind in KINDS:
+        fitted = fit_ridge(regression.matrix, regression.y, (kind,))
+        _, found = _with_prior(spec, record, lag, noise, plain.learnt, fitted.x)
+        if found.likelihood - penalty > least:
+            best, chosen, least = found, fitted.ridge, found.likelihood - penalty
+    return best, chosen
+
+
+def _with_prior(
+    spec: PlaneSpec,
+    record: FitRecord,
+    lag: int,
     noise: float | None,
-) -> int | None:
-    """Sample that lies far outside the band of a fit without it; None if there is none."""
-    dense, coarse, y = regression.dense, regression.coarse, regression.y
-    if found.leave_one_out is None or dense is None or y.size < _FEWEST_EACH_SUSPECT:
+    guess: Hyperparameters | None = None,
+    centre: FloatArray | None = None,
+) -> tuple[Regression, PriorFit]:
+    regression = record.regression(spec, lag)
+    found = fit_prior(
+        regression.matrix,
+        regression.y,
+        regression.dense,
+        signed=record.signed,
+        noise=noise,
+        guess=guess,
+        coarse=regression.coarse,
+        within=regression.within,
+        centre=centre,
+    )
+    return regression, found
+
+
+def _suspect(found: PriorFit, plausible: BoolArray) -> int | None:
+    """Number of the sample farthest from a fit without it; None if all are near."""
+    if found.leave_one_out is None:
         return None
     off = np.where(plausible, 0.0, np.abs(found.leave_one_out))
     worst = int(np.argmax(off))
-    if off[worst] < _SUSPICIOUS:
-        return None
-    others = np.arange(y.size) != worst
-    without = fit_dense(
-        found.posterior.spec,
-        y[others],
-        tuple(part[others] for part in dense),
-        signed=signed,
-        noise=noise,
-        guess=found.learnt,
-        coarse=None if coarse is None else (coarse[0], coarse[1][others]),
-    )
-    row = dense[0][worst : worst + 1]
-    own = 1.0 if regression.relative is None else float(np.sqrt(regression.relative[worst]))
+    # An outlier increases the standard deviation that is estimated with it.
+    least = _OUTLIER / np.sqrt(1 + _OUTLIER**2 / off.size)
+    return worst if off[worst] >= max(_SUSPICIOUS * least, _LEAST_SUSPICIOUS) else None
+
+
+def _is_outlier(without: PriorFit, regression: Regression, sample: int) -> bool:
+    """Whether a sample lies far outside the band of a fit without it."""
     h, unit = without.posterior.hyperparameters, without.posterior.unit
-    allowed = np.hypot(without.posterior.row_deviation(row)[0], h.noise * own * unit)
-    return worst if abs(float((row @ without.x)[0]) - y[worst]) > _OUTLIER * allowed else None
+    wanted = np.zeros(regression.inputs.size, dtype=np.bool_)
+    wanted[np.flatnonzero(regression.measured)[sample]] = True
+    start = regression.matrix.start
+    deviation = without.posterior.deviation(regression.inputs, start, wanted)[0]
+    off = float(regression.matrix.forward(without.x)[sample] - regression.y[sample])
+    counts = regression.matrix.counts
+    own = h.noise * unit / (1.0 if counts is None else np.sqrt(counts[sample]))
+    return abs(off) > _OUTLIER * float(np.hypot(deviation, own))
 
 
 def on_steep_branch(record: FitRecord) -> BoolArray:

@@ -51,7 +51,18 @@ def solve(
         Norm of y, to which violations are relative.
     """
     z = _interior_point(system, gradient, bounded, searched, scale)
-    return _SparsePivoting(system, gradient, bounded, scale).run(z, _FIRST_RIDGE)
+    return polish(system, gradient, bounded, z, scale)
+
+
+def polish(
+    system: EverettSystem,
+    gradient: Callable[[FloatArray], FloatArray],
+    bounded: BoolArray,
+    guess: FloatArray,
+    scale: float,
+) -> BoundedSolution:
+    """Find them by block pivoting alone, from unknowns (n,) near the optimum."""
+    return _SparsePivoting(system, gradient, bounded, scale).run(guess, _FIRST_RIDGE)
 
 
 class _SparsePivoting(Pivoting):

@@ -17,7 +17,8 @@ from minorloop.errors import ParameterError
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.fitting import FitRecord, FittedPlane, Regression
 from minorloop.identification.least_squares import Problem
-from minorloop.identification.prior import Posterior, fit_given
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior_fit import fit_given
 
 FOLDS = 10
 """Fits without a part of the groups, at most."""
@@ -186,10 +187,4 @@ def _known(posterior: Posterior | None, regression: Regression) -> FloatArray:
     """(M,) standard deviation of the posterior; zero, (1,), without a prior."""
     if posterior is None:
         return np.zeros(1)
-    if regression.dense is not None:
-        return posterior.row_deviation(regression.dense[0])
-    from minorloop.identification.prior import regressors
-
-    matrix = regression.matrix
-    rows, _ = regressors(matrix.spec, regression.inputs, regression.measured, matrix.start)
-    return posterior.row_deviation(rows)
+    return posterior.deviation(regression.inputs, regression.matrix.start, regression.measured)

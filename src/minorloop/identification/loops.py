@@ -42,21 +42,19 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
         In the order in which the loops close.
     """
     low, high = float(u.min()), float(u.max())
-    near = _TOLERANCE * (high - low)
+    near, narrowest = _TOLERANCE * (high - low), _NARROWEST * (high - low)
     found = []
     for first, last in curves.parts(u.size):
         part = u[first:last]
         begin, end = np.empty(part.size, dtype=np.int64), np.empty(part.size, dtype=np.int64)
         extreme = bool(min(part[0] - low, high - part[0]) <= near)
-        count = _kernels.closed_loops(part, extreme, _TOLERANCE, _GAP, begin, end)
+        count = _kernels.closed_loops(part, extreme, _TOLERANCE, _GAP, narrowest, begin, end)
         found.append(first + np.column_stack([begin[:count], end[:count]]))
     loops = np.concatenate(found)
     before = np.concatenate([[0], np.cumsum(scored)])
     samples = loops[:, 1] + 1 - loops[:, 0]
     whole = before[loops[:, 1] + 1] - before[loops[:, 0]] == samples
-    loops = loops[whole & (samples >= _FEWEST)]
-    wide = [np.ptp(u[begin : end + 1]) >= _NARROWEST * (high - low) for begin, end in loops]
-    return np.asarray(loops[np.array(wide, dtype=np.bool_)])
+    return np.asarray(loops[whole & (samples >= _FEWEST)])
 
 
 def loop_areas(u: FloatArray, y: FloatArray, loops: IntArray) -> FloatArray:

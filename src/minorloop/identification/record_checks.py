@@ -148,12 +148,12 @@ def as_lag(lag: int | str, samples: int) -> int:
 def as_noise(
     noise: float | npt.ArrayLike | None, fitted: BoolArray
 ) -> tuple[float | None, FloatArray | None]:
-    """Check the standard deviations of measured outputs; return their rms, and each if given."""
+    """Check standard deviations of measured outputs; return the one of all, or that of each."""
     if noise is None:
         return None, None
     if np.ndim(noise):
         sd = _each(np.asarray(noise, dtype=np.float64), fitted)
-        return (0.0, None) if sd is None else (float(np.sqrt(np.mean(sd[fitted] ** 2))), sd)
+        return (0.0, None) if sd is None else (None, sd)
     if isinstance(noise, bool | np.bool_):
         raise ParameterError(f"noise is {noise}; give a standard deviation in the output's unit")
     number = as_finite("noise", noise)  # type: ignore[arg-type]

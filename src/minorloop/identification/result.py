@@ -17,7 +17,6 @@ from minorloop.identification.bands import BAND, Prediction, as_probability
 from minorloop.identification.baseline import delayed
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.fitted import Fit
-from minorloop.identification.prior import regressors
 from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
@@ -138,8 +137,7 @@ class Identification(Fit, NotebookView):
         if self.posterior is not None:
             wanted = np.zeros(inputs.size, dtype=np.bool_)
             wanted[places[samples]] = True
-            rows, _ = regressors(self.posterior.spec, inputs, wanted, curves.start)
-            known = self.posterior.row_deviation(rows)
+            known = self.posterior.deviation(inputs, curves.start, wanted)
         if self.scatter is not None:
             return self.scatter.deviation(inputs[places[samples]], known, probability)
         if self.posterior is None:

@@ -7,8 +7,9 @@ loop, does not determine each cell.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -22,16 +23,31 @@ from minorloop.operators.densities import (
     GaussianDensity,
     LorentzianDensity,
 )
+from minorloop.operators.plane import Density
 
 Kind: TypeAlias = Literal["gaussian", "lorentzian", "factored gaussian", "factored lorentzian"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _PLACES = np.array([-0.5, 0.5]) / np.sqrt(3.0)
 """Points of the quadrature in each direction, from the middle of a cell: exact for cubics."""
+PARAMETERS = 7
+"""Numbers that a fit of a ridge has at most: five of its shape, and two sums of weights."""
 _START = (0.2, 0.2, 0.2, 0.0, 0.3)
 _LEAST, _GREATEST = (1e-3, 0.02, 0.02, -0.5, 0.02), (2.0, 5.0, 5.0, 0.5, 5.0)
 """Start and bounds of coercive field, spreads, centre and reversible width, over half the range of
 the levels."""
+_POSITIVE = np.array([True, True, True, False, True])
+"""Which of these are searched by their logarithms."""
 _EVALUATIONS = 100
+FEWEST_FOR_RIDGE = 8
+"""Samples below which a ridge is not fitted."""
+_PRODUCTS: dict[str, Callable[..., Density]] = {
+    "gaussian": GaussianDensity,
+    "lorentzian": LorentzianDensity,
+}
+_FACTORED: dict[str, Callable[..., Density]] = {
+    "factored gaussian": FactoredGaussianDensity,
+    "factored lorentzian": FactoredLorentzianDensity,
+}
 
 
 @dataclass(frozen=True)
@@ -70,7 +86,8 @@ class Ridge:
         heights = np.diff(levels)
         points = ((levels[:-1] + levels[1:])[:, None] / 2 + heights[:, None] * _PLACES).ravel()
         length = np.repeat(heights / 2, 2)
-        values = self._density(points[:, None], points[None, :]) * np.outer(length, length)
+        density = np.asarray(self._density(points[:, None], points[None, :]))
+        values = density.astype(np.float64) * np.outer(length, length)
         rows = values[::2] + values[1::2]
         weights = rows[:, ::2] + rows[:, 1::2]
         total = float(weights.sum())
@@ -82,18 +99,11 @@ class Ridge:
         return np.asarray(weights / weights.sum())
 
     @property
-    def _density(self) -> Any:
-        if self.kind == "gaussian":
-            return GaussianDensity(
-                self.coercive, self.spread_mean, self.spread_width, centre=self.centre
-            )
-        if self.kind == "lorentzian":
-            return LorentzianDensity(
-                self.coercive, self.spread_mean, self.spread_width, centre=self.centre
-            )
-        if self.kind == "factored gaussian":
-            return FactoredGaussianDensity(self.coercive, self.spread_width, centre=self.centre)
-        return FactoredLorentzianDensity(self.coercive, self.spread_width, centre=self.centre)
+    def _density(self) -> Density:
+        if self.kind in _FACTORED:
+            return _FACTORED[self.kind](self.coercive, self.spread_width, centre=self.centre)
+        spreads = self.spread_mean, self.spread_width
+        return _PRODUCTS[self.kind](self.coercive, *spreads, centre=self.centre)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,39 +149,47 @@ def fit_ridge(matrix: DesignMatrix, y: FloatArray, kinds: tuple[Kind, ...] = KIN
     ----------
     Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413: separable least squares.
     """
-    if y.size < 8:
-        raise SignalError(f"{y.size} samples are too few for a ridge; give 8 or more")
+    if y.size < FEWEST_FOR_RIDGE:
+        raise SignalError(
+            f"{y.size} samples are too few for a ridge; give {FEWEST_FOR_RIDGE} or more"
+        )
     return min((_fit_kind(matrix, y, kind) for kind in kinds), key=lambda fit: fit.nrmse)
 
 
 def _fit_kind(matrix: DesignMatrix, y: FloatArray, kind: Kind) -> RidgeFit:
     from scipy.optimize import least_squares
 
-    levels = matrix.spec.levels
-    middle, half = (levels[-1] + levels[0]) / 2, (levels[-1] - levels[0]) / 2
     weight = np.ones(y.size) if matrix.counts is None else np.sqrt(matrix.counts)
     unit = float(np.ptp(y)) or 1.0
-    positive = np.array([True, True, True, False, True])
 
-    def shape(theta: FloatArray) -> Ridge:
-        values = np.where(positive, np.exp(theta), theta) * half
-        coercive, width, mean, centre, reversible = map(float, values)
-        return Ridge(kind, coercive, width, mean, centre + middle, reversible)
+    def columns(theta: FloatArray) -> FloatArray:
+        return _columns(matrix.spec, _shape(matrix.spec, kind, theta))
 
     def error(theta: FloatArray) -> FloatArray:
-        columns = _columns(matrix.spec, shape(theta))
-        return _error(matrix, y, weight, columns)[1] / unit
+        return _error(matrix, y, weight, columns(theta))[1] / unit
 
-    def as_theta(values: tuple[float, ...]) -> FloatArray:
-        given = np.array(values)
-        return np.where(positive, np.log(np.where(positive, given, 1.0)), given)
-
-    bounds = as_theta(_LEAST), as_theta(_GREATEST)
-    found = least_squares(error, as_theta(_START), bounds=bounds, max_nfev=_EVALUATIONS)
-    ridge = shape(found.x)
-    columns = _columns(matrix.spec, ridge)
-    x = columns @ _error(matrix, y, weight, columns)[0]
+    bounds = _searched(_LEAST), _searched(_GREATEST)
+    found = least_squares(error, _searched(_START), bounds=bounds, max_nfev=_EVALUATIONS)
+    best = columns(found.x)
+    x = best @ _error(matrix, y, weight, best)[0]
+    ridge = _shape(matrix.spec, kind, found.x)
     return RidgeFit(ridge, x, nrmse(matrix.forward(x) - y, y))
+
+
+def _searched(values: tuple[float, ...]) -> FloatArray:
+    """Return shape parameters as they are searched, over half the range of the levels."""
+    given = np.array(values)
+    given[_POSITIVE] = np.log(given[_POSITIVE])
+    return given
+
+
+def _shape(spec: PlaneSpec, kind: Kind, theta: FloatArray) -> Ridge:
+    """Return the ridge of searched parameters."""
+    low, high = float(spec.levels[0]), float(spec.levels[-1])
+    shares = theta.copy()
+    shares[_POSITIVE] = np.exp(theta[_POSITIVE])
+    coercive, width, mean, centre, reversible = map(float, shares * (high - low) / 2)
+    return Ridge(kind, coercive, width, mean, centre + (low + high) / 2, reversible)
 
 
 def _columns(spec: PlaneSpec, ridge: Ridge) -> FloatArray:

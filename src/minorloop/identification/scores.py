@@ -37,6 +37,8 @@ def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
         ("samples fitted", f"{found.samples}"),
         *([("samples held out", f"{held}")] if held else []),
         *([("rows skipped", f"{found.skipped}")] if found.skipped else []),
+        *([("jumps at", ", ".join(map(str, found.jumps)))] if found.jumps else []),
+        *([("mean of the prior", f"{found.ridge.kind} ridge")] if found.ridge else []),
         ("unknowns", f"{found.unknowns}"),
         ("free parameters", f"{found.free_parameters}"),
         *([("rank", rank)] if rank else []),

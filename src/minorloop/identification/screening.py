@@ -84,8 +84,10 @@ def _off_rough_model(record: RoughRecord) -> IntArray:
     """Readings with an error against the rough model that their neighbours do not have."""
     off = record.values - record.rough[record.places]
     alone = np.zeros(off.size)  # the first and the last have a neighbour on one side only
-    steps = np.abs(np.diff(off))
-    alone[1:-1] = np.min([np.abs(off[1:-1]), steps[:-1], steps[1:]], axis=0)
+    steps, middle = np.abs(np.diff(off)), alone[1:-1]
+    np.minimum(steps[:-1], steps[1:], out=middle)
+    del steps  # long records: one array of their length less
+    np.minimum(middle, np.abs(off[1:-1]), out=middle)
     limit = max(_OFF_SD * spread(off), _OFF * float(np.ptp(record.values)))
     usual = _outside(record.u[record.places]) < _UNUSUAL
     return _if_few(record.places[(alone > limit) & usual], record)
@@ -114,7 +116,10 @@ def _outside(values: FloatArray) -> FloatArray:
     """Distance from the middle 90 % of the values, over its width."""
     low, high = np.percentile(values, [5, 95])
     width = float(high - low) or float(np.ptp(values)) or 1.0
-    return np.asarray(np.maximum(np.maximum(low - values, values - high), 0) / width)
+    outside = low - values
+    np.maximum(outside, values - high, out=outside)
+    np.maximum(outside, 0, out=outside)
+    return np.asarray(outside / width)
 
 
 def _listed(y: FloatArray, places: IntArray) -> str:

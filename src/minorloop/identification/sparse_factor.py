@@ -32,16 +32,18 @@ class SparseFactor:
         Places of the entries, in one triangle. Entries in the same place are added.
     sign : (n,) array
         1 or -1 for each unknown.
+    last : int
+        Unknowns at the end that are eliminated last, because they are linked to most others.
     """
 
-    def __init__(self, rows: IntArray, columns: IntArray, sign: FloatArray) -> None:
+    def __init__(self, rows: IntArray, columns: IntArray, sign: FloatArray, last: int = 0) -> None:
         from scipy.sparse import coo_array
 
         n = sign.size
         ends = np.concatenate([rows, columns, np.arange(n)])
         others = np.concatenate([columns, rows, np.arange(n)])
         pattern = coo_array((np.ones(ends.size), (ends, others)), shape=(n, n)).tocsc()
-        order = _least_degree(pattern)
+        order = np.append(_least_degree(pattern[: n - last, : n - last]), np.arange(n - last, n))
         parent, _ = _kernels.elimination_tree(*_permuted(pattern, order))
         order = order[_kernels.postorder(parent)]
         first, below = _permuted(pattern, order)
@@ -86,6 +88,26 @@ class SparseFactor:
         out = np.empty_like(b)
         out[self._order] = x
         return out
+
+    def logarithm(self) -> float:
+        """Logarithm of the magnitude of the determinant."""
+        return 2 * float(np.log(_kernels.pivots(self._start, self._offset, self._data)).sum())
+
+    def products(self, b: FloatArray) -> FloatArray:
+        """(r, r) products b' M^-1 b with the inverse of the matrix, for columns ``b`` (n, r)."""
+        x = self._half(b)
+        return np.asarray((x.T * self._sign) @ x)
+
+    def squares(self, b: FloatArray) -> FloatArray:
+        """(r,) diagonal of `products`."""
+        x = self._half(b)
+        return np.asarray(np.einsum("n,nr,nr->r", self._sign, x, x))
+
+    def _half(self, b: FloatArray) -> FloatArray:
+        """Solution of half the system, L X = B."""
+        x = np.ascontiguousarray(b[self._order])
+        _kernels.solve_half(self._start, self._at, self._rows, self._offset, self._data, x)
+        return x
 
 
 def _least_degree(pattern: csc_array[Any]) -> IntArray:

@@ -1,0 +1,111 @@
+"""Posterior distribution of the unknowns of a plane, and of its outputs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.everett_system import EverettSystem
+from minorloop.identification.likelihood import LEARNT, cholesky, regressors
+from minorloop.identification.prior import Hyperparameters
+from minorloop.operators.memory import Start
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior(ABC):
+    """Posterior distribution of the unknowns given the measurements, in the unit of the output.
+
+    Parameters
+    ----------
+    spec : PlaneSpec
+        The unknowns, (n,): packed weights, offset, slope.
+    hyperparameters : Hyperparameters
+        Hyperparameters of the prior, in ranges.
+    unit : float
+        Range of the measured outputs.
+    samples : int
+        Measurements that the hyperparameters were learnt from. Variances are multiplied by
+        samples / (samples - 7), at most by 2, because seven hyperparameters were learnt.
+    centre : (n,) array, optional
+        Mean of the prior; zero if None.
+    """
+
+    spec: PlaneSpec
+    hyperparameters: Hyperparameters
+    unit: float
+    samples: int
+    centre: FloatArray | None = field(default=None, kw_only=True)
+
+    @property
+    @abstractmethod
+    def factor(self) -> FloatArray:
+        """F (n, n), where F F' is the covariance of the unknowns, without sign constraints."""
+
+    @abstractmethod
+    def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
+        """(M,) variances of outputs from the uncertainty of the unknowns alone."""
+
+    def deviation(
+        self, u: FloatArray, start: Start, measured: BoolArray | None = None
+    ) -> FloatArray:
+        """Standard deviation of the true outputs for inputs (T,), or after some of them.
+
+        It includes the uncertainty of the weights and the model discrepancy, but no sensor noise.
+        """
+        every = np.ones(u.size, dtype=np.bool_)
+        return self._whole(self.variances(u, every if measured is None else measured, start))
+
+    def row_deviation(self, rows: FloatArray) -> FloatArray:
+        """Standard deviation of the true outputs for regressors (T, n)."""
+        return self._whole(np.einsum("tk,tk->t", *[rows @ self.factor] * 2))
+
+    def _whole(self, variances: FloatArray) -> FloatArray:
+        total = variances + (self.hyperparameters.discrepancy * self.unit) ** 2
+        return np.sqrt(min(self.samples / max(self.samples - LEARNT, 1), 2.0) * total)
+
+
+@dataclass(frozen=True, eq=False)
+class DensePosterior(Posterior):
+    """Posterior with a dense factor of the covariance."""
+
+    dense: FloatArray
+
+    @property
+    def factor(self) -> FloatArray:
+        """F (n, n), where F F' is the covariance of the unknowns, without sign constraints."""
+        return self.dense
+
+    def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
+        """(M,) variances of outputs, from dense regressors."""
+        rows, _ = regressors(self.spec, u, measured, start)
+        return np.asarray(np.einsum("tk,tk->t", *[rows @ self.dense] * 2))
+
+
+@dataclass(frozen=True, eq=False)
+class SparsePosterior(Posterior):
+    """Posterior with the factorised precision of the unknowns, times the variance of an output."""
+
+    system: EverettSystem
+
+    @cached_property
+    def factor(self) -> FloatArray:
+        """F (n, n), where F F' is the covariance of the unknowns; for small planes only."""
+        return self._deviation * cholesky(self.system.inverse())
+
+    def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
+        """(M,) variances of outputs, from the sparse factor."""
+        future = DesignMatrix(self.spec, u, measured, start)
+        return self._deviation**2 * self.system.variances(future)
+
+    @property
+    def _deviation(self) -> float:
+        """Standard deviation of a measured output."""
+        return (
+            float(np.hypot(self.hyperparameters.noise, self.hyperparameters.discrepancy))
+            * self.unit
+        )

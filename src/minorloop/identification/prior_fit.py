@@ -1,0 +1,398 @@
+"""Fit the unknowns of a plane with the prior.
+
+The cost is (y - A x)' R^-1 (y - A x) + (x - m)' S^-1 (x - m), with weights x that are not negative,
+regressors A, prior mean m (zero, or a ridge) and covariance S, and covariance R of discrepancy plus
+noise. Few samples are fitted on dense
+matrices, with a correlated discrepancy; many on the sparse system of `everett_system` where the
+branches of the record are long, and on dense normal equations otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import BoolArray, FloatArray
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.likelihood import (
+    MOST_SEARCH_BANDS,
+    Evidence,
+    cholesky,
+    cholesky_inverse,
+    disturbance,
+    regressors,
+    search,
+)
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior import Hyperparameters, PlanePrior
+from minorloop.identification.prior_system import (
+    MOST_DENSE_CELLS,
+    PriorSystem,
+    dense_system,
+    systems,
+)
+from minorloop.operators.memory import Start
+from minorloop.threads import one_thread
+
+MOST_CORRELATED = 100
+"""Samples up to which the discrepancy is correlated. Along the branches of a longer record, a
+correlated discrepancy would explain what the weights can."""
+MOST_SCREENED = 400
+"""Samples up to which leave-one-out residuals are computed."""
+MANY = 10**9
+"""Number of samples that stands for hyperparameters that are given, not learnt."""
+_LEAST_NOISE = 1e-6
+_REFINEMENTS = 2
+_LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 6, 0.5
+"""Least nugget, most steps of the search for it, and tolerance of its logarithm."""
+
+
+@dataclass(frozen=True, eq=False)
+class PriorFit:
+    """Fitted unknowns, the violation of the optimality conditions, and the posterior."""
+
+    x: FloatArray
+    kkt: float
+    posterior: Posterior
+    leave_one_out: FloatArray | None
+    """(M,) standardised leave-one-out residuals; None for more than `MOST_SCREENED` samples."""
+    learnt: Hyperparameters
+    """Result of the search, on a coarse plane."""
+    likelihood: float
+    """Logarithm of the marginal likelihood of the scaled outputs, up to a constant."""
+
+
+def fit_prior(
+    matrix: DesignMatrix,
+    y: FloatArray,
+    dense: tuple[FloatArray, FloatArray] | None,
+    *,
+    signed: bool = False,
+    noise: float | None = None,
+    guess: Hyperparameters | None = None,
+    coarse: tuple[PlaneSpec, FloatArray] | None = None,
+    within: float = 0.0,
+    centre: FloatArray | None = None,
+) -> PriorFit:
+    """Fit the unknowns with the prior.
+
+    Parameters
+    ----------
+    matrix : DesignMatrix
+        Regressors of M measurements.
+    y : (M,) array
+        Outputs.
+    dense : tuple, optional
+        What `regressors` gives, for few samples.
+    signed : bool
+        Let weights and slope be negative.
+    noise : float, optional
+        Standard deviation of a measured output, in its unit; learnt if not given.
+    guess : Hyperparameters, optional
+        Start of the search.
+    coarse : tuple, optional
+        What `coarse_rows` gives; with ``dense`` only.
+    within : float
+        Mean square of the outputs about the condensed ones, in squared units.
+    centre : (n,) array, optional
+        Mean of the prior; zero if not given.
+    """
+    if dense is not None:
+        return fit_few(
+            matrix.spec,
+            y,
+            dense,
+            signed=signed,
+            noise=noise,
+            guess=guess,
+            coarse=coarse,
+            centre=centre,
+        )
+    with one_thread(matrix.spec.unknowns):
+        return _fit_many(matrix, y, signed, noise, guess, within, centre)
+
+
+def is_few(spec: PlaneSpec, samples: int) -> bool:
+    """Whether samples are so few that their discrepancy is correlated."""
+    return samples <= MOST_CORRELATED and spec.cells <= MOST_DENSE_CELLS
+
+
+def fit_few(
+    spec: PlaneSpec,
+    y: FloatArray,
+    dense: tuple[FloatArray, FloatArray],
+    *,
+    signed: bool = False,
+    noise: float | None = None,
+    guess: Hyperparameters | None = None,
+    coarse: tuple[PlaneSpec, FloatArray] | None = None,
+    centre: FloatArray | None = None,
+) -> PriorFit:
+    """Fit few samples, with correlated discrepancy; parameters as of `fit_prior`.
+
+    Where ``coarse`` is given, the hyperparameters are searched on that plane.
+    """
+    scaled, unit, shift = _scaled(spec, y)
+    mean = _scaled_centre(spec, centre, unit, shift)
+    scaled = scaled - dense[0] @ mean
+    with one_thread(spec.unknowns):
+        found = Evidence.of_few(spec, scaled, dense)
+        small = found
+        if coarse is not None:
+            small = Evidence.of_few(coarse[0], scaled, (coarse[1], dense[1]))
+        learnt = search(small, _scaled_noise(noise, unit), guess)
+        h = _on_finer_plane(learnt, small.spec, spec)
+        plane = PlanePrior(spec)
+        leave_one_out = _leave_one_out(plane, dense, scaled, h)
+        h, x, kkt, system, likelihood = _solve(
+            lambda h: dense_system(plane, found, h, signed, mean),
+            h,
+            lambda x: float(np.mean((scaled - dense[0] @ x) ** 2)),
+        )
+        posterior = replace(system.posterior(unit, y.size), centre=centre)
+    x = _unscaled(spec, x + mean, unit, shift)
+    return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
+
+
+def _on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hyperparameters:
+    """Hyperparameters of a plane from those of a coarser one.
+
+    The independent part of a coarse cell is the mean of those of its fine cells.
+    """
+    return replace(h, nugget=h.nugget * fine.cells / coarse.cells)
+
+
+def _fit_many(
+    matrix: DesignMatrix,
+    y: FloatArray,
+    signed: bool,
+    noise: float | None,
+    guess: Hyperparameters | None,
+    within: float,
+    centre: FloatArray | None,
+) -> PriorFit:
+    spec, (scaled, unit, shift) = matrix.spec, _scaled(matrix.spec, y)
+    known, within = _scaled_noise(noise, unit), within / unit**2
+    mean = _scaled_centre(spec, centre, unit, shift)
+    if centre is not None:
+        scaled = scaled - matrix.forward(mean)
+    weight = np.ones(y.size) if matrix.counts is None else matrix.counts
+    small = matrix
+    while small.spec.bands > MOST_SEARCH_BANDS:
+        small = small.coarser()
+    learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
+    h = _on_finer_plane(learnt, small.spec, spec)
+    system_at = systems(matrix, scaled, weight, signed, mean)
+
+    def mean_square(x: FloatArray) -> float:
+        return float(weight @ (scaled - matrix.forward(x)) ** 2 / weight.sum()) + within
+
+    def with_residual_variance(h: Hyperparameters) -> Hyperparameters:
+        system, count = system_at(h), float(weight.sum())
+        left = mean_square(system.mean) * count
+        return _with_residual_variance(h, left, count - system.determined, known)
+
+    if small is not matrix:
+        h = _with_best_nugget(with_residual_variance(h), system_at)
+        h = with_residual_variance(h)
+    leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
+    h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
+    posterior = replace(system.posterior(unit, round(weight.sum())), centre=centre)
+    x = _unscaled(spec, x + mean, unit, shift)
+    return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
+
+
+def fit_given(
+    posterior: Posterior,
+    matrix: DesignMatrix,
+    y: FloatArray,
+    dense: tuple[FloatArray, FloatArray] | None,
+    kept: BoolArray,
+    *,
+    signed: bool,
+) -> FloatArray:
+    """Fit the unknowns to some of the samples, with the hyperparameters of a posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Its hyperparameters are used.
+    matrix : DesignMatrix
+        Regressors of M samples.
+    y : (M,) array
+        Outputs.
+    dense : tuple, optional
+        What `regressors` gives; None for many samples.
+    kept : (M,) array of bool
+        The samples to be fitted.
+    signed : bool
+        Let weights and slope be negative.
+    """
+    spec, unit = matrix.spec, posterior.unit
+    weight = kept.astype(np.float64) if matrix.counts is None else kept * matrix.counts
+    shift = float(weight @ y / weight.sum()) if spec.offset else 0.0
+    mean = _scaled_centre(spec, posterior.centre, unit, shift)
+    scaled, h = (y - shift) / unit - matrix.forward(mean), posterior.hyperparameters
+    with one_thread(spec.unknowns):
+        if dense is None:
+            system = systems(matrix, scaled, weight, signed, mean)(h)
+        else:
+            found = Evidence.of_few(spec, scaled[kept], (dense[0][kept], dense[1][kept]))
+            system = dense_system(PlanePrior(spec), found, h, signed, mean)
+        x, _ = system.bounded()
+    return _unscaled(spec, x + mean, unit, shift)
+
+
+def posterior_after(
+    spec: PlaneSpec, h: Hyperparameters, dense: tuple[FloatArray, FloatArray]
+) -> Posterior:
+    """Posterior after measurements with these regressors and features; output range 1.
+
+    Its mean is not used: the covariance does not depend on the outputs.
+    """
+    found = Evidence.of_few(spec, np.zeros(dense[0].shape[0]), dense)
+    return dense_system(PlanePrior(spec), found, h, signed=True).posterior(1.0, MANY)
+
+
+def coarse_rows(
+    matrix: DesignMatrix, u: FloatArray, measured: BoolArray, start: Start
+) -> tuple[PlaneSpec, FloatArray] | None:
+    """Plane that is coarse enough to search hyperparameters on, and its regressors.
+
+    None if the plane of ``matrix`` is coarse enough.
+    """
+    small = matrix
+    while small.spec.bands > MOST_SEARCH_BANDS:
+        small = small.coarser()
+    return None if small is matrix else (small.spec, regressors(small.spec, u, measured, start)[0])
+
+
+def _solve(
+    system_at: Callable[[Hyperparameters], PriorSystem],
+    h: Hyperparameters,
+    mean_square: Callable[[FloatArray], float],
+) -> tuple[Hyperparameters, FloatArray, float, PriorSystem, float]:
+    """Fit under the sign constraints, and raise the discrepancy to the residuals that are left.
+
+    The likelihood is that of the hyperparameters that are given.
+    """
+    system = system_at(h)
+    likelihood = system.likelihood
+    x, kkt = system.bounded()
+    for _ in range(_REFINEMENTS):
+        raised = _with_residual_discrepancy(h, mean_square(x))
+        if raised is h:
+            break
+        h = raised
+        system = system_at(h)
+        x, kkt = system.bounded(x)
+    return h, x, kkt, system, likelihood
+
+
+def _leave_one_out(
+    plane: PlanePrior,
+    dense: tuple[FloatArray, FloatArray],
+    y: FloatArray,
+    h: Hyperparameters,
+) -> FloatArray:
+    """(M,) leave-one-out residuals over their standard deviations.
+
+    Sundararajan and Keerthi, Predictive approaches for choosing hyperparameters in Gaussian
+    processes, Neural Computation 13, 2001.
+    """
+    rows = dense[0] * plane.scale(h)
+    covariance = rows @ plane.covariance(h) @ rows.T + disturbance(dense[1], h)
+    inverse = cholesky_inverse(cholesky(covariance))
+    return np.asarray((inverse @ y) / np.sqrt(inverse.diagonal()))
+
+
+def _leave_one_out_of_many(
+    system: PriorSystem, h: Hyperparameters, matrix: DesignMatrix, y: FloatArray
+) -> FloatArray | None:
+    """(M,) leave-one-out residuals over their standard deviations; None for many samples.
+
+    The inverse of the covariance of the outputs is R^-1 - R^-1 A P A' R^-1 with the covariance P of
+    the posterior.
+    """
+    if y.size > MOST_SCREENED:
+        return None
+    counts = 1.0 if matrix.counts is None else matrix.counts
+    own = (h.noise**2 + h.discrepancy**2) / counts
+    left = y - matrix.forward(system.mean)
+    free = np.maximum(own - system.variances(matrix), _LEAST_NOISE**2)
+    return np.asarray(left / np.sqrt(free))
+
+
+def _with_best_nugget(
+    h: Hyperparameters, system_at: Callable[[Hyperparameters], PriorSystem]
+) -> Hyperparameters:
+    """Nugget of greatest marginal likelihood on the fine plane.
+
+    A coarse plane cannot tell independent weights from what it does not resolve.
+    """
+    from scipy.optimize import minimize_scalar
+
+    def cost(logarithm: float) -> float:
+        return -system_at(replace(h, nugget=float(np.exp(logarithm)))).likelihood
+
+    options: Any = {"maxiter": _NUGGET_STEPS, "xatol": _NUGGET_TOLERANCE}
+    bounds = float(np.log(_LEAST_NUGGET)), float(np.log(max(h.nugget, 2 * _LEAST_NUGGET)))
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options=options)
+    return replace(h, nugget=float(np.exp(found.x)))
+
+
+def _with_residual_variance(
+    h: Hyperparameters, left: float, freedom: float, noise: float | None
+) -> Hyperparameters:
+    """Replace discrepancy and noise by the residual variance on the fine plane.
+
+    MacKay, Bayesian interpolation, Neural Computation 4, 1992, section 4: sum of squared residuals
+    over the number of samples less the number of well-determined unknowns.
+    """
+    own = 0.0 if noise is None else noise
+    rest = max(left / max(freedom, 1.0) - own**2, _LEAST_NOISE**2)
+    return replace(h, discrepancy=float(np.sqrt(rest)), noise=own)
+
+
+def _with_residual_discrepancy(h: Hyperparameters, mean_square: float) -> Hyperparameters:
+    """Raise the discrepancy to the mean square of the residuals, if it is less.
+
+    The likelihood ignores the sign constraints: it explains a falling output by negative weights,
+    and then underestimates the discrepancy.
+    """
+    rest = mean_square - h.noise**2
+    if rest <= h.discrepancy**2:
+        return h
+    return replace(h, discrepancy=float(np.sqrt(rest)))
+
+
+def _scaled(spec: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
+    unit = float(np.ptp(y)) or 1.0
+    shift = float(y.mean()) if spec.offset else 0.0
+    return (y - shift) / unit, unit, shift
+
+
+def _unscaled(spec: PlaneSpec, x: FloatArray, unit: float, shift: float) -> FloatArray:
+    x = x * unit
+    if spec.offset:
+        x[spec.cells] += shift
+    return x
+
+
+def _scaled_centre(
+    spec: PlaneSpec, centre: FloatArray | None, unit: float, shift: float
+) -> FloatArray:
+    """(n,) mean of the prior for scaled outputs."""
+    if centre is None:
+        return np.zeros(spec.unknowns)
+    mean = centre / unit
+    if spec.offset:
+        mean[spec.cells] -= shift / unit
+    return mean
+
+
+def _scaled_noise(noise: float | None, unit: float) -> float | None:
+    return None if noise is None else max(noise / unit, _LEAST_NOISE)

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from minorloop.identification import likelihood
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.likelihood import Evidence, regressors
+from minorloop.identification.prior import Hyperparameters, PlanePrior
+from minorloop.operators.memory import Memory
+
+
+@given(st.integers(0, 10_000), st.sampled_from(["uniform", "reversible"]))
+def test_rows_are_those_of_the_tree(seed, diagonal):
+    rng = np.random.default_rng(seed)
+    relay = ["bipolar", "unipolar"][seed % 2]
+    spec = PlaneSpec(np.sort(rng.uniform(-1, 1, 7)), relay, diagonal, slope=bool(seed % 3))
+    u = rng.choice([rng.uniform(-1.3, 1.3, 30), rng.choice(spec.levels, 30)])
+    seen = rng.random(30) < 0.6
+    start = ["negative", "positive", Memory([spec.levels[0], spec.levels[4], spec.levels[2]])]
+    begin = start[seed % 3]
+    rows, _ = regressors(spec, u, seen, begin)
+    np.testing.assert_allclose(rows, DesignMatrix(spec, u, seen, begin).dense(), atol=1e-12)
+
+
+def test_features_are_the_input_and_the_last_extrema():
+    spec = PlaneSpec(np.linspace(0, 1, 5))
+    u = np.array([0.2, 0.9, 0.4, 0.6])
+    _, features = regressors(spec, u, np.ones(4, dtype=bool), "negative")
+    np.testing.assert_allclose(features, [[0.2, 0, 0], [0.9, 0, 0], [0.4, 0.9, 0], [0.6, 0.4, 0.9]])
+
+
+def evidence_of(kind, spec, u, y):
+    """Evidence, regressors, and the covariance of the disturbance at some hyperparameters."""
+    every = np.ones(u.size, dtype=bool)
+    dense = regressors(spec, u, every, "negative")
+    if kind == "few":
+        evidence = Evidence.of_few(spec, y, dense)
+        return evidence, dense[0], lambda h: likelihood.disturbance(dense[1], h)
+    evidence = Evidence.of_many(DesignMatrix(spec, u, every, "negative"), y, np.ones(u.size))
+    return evidence, dense[0], lambda h: (h.noise**2 + h.discrepancy**2) * np.eye(u.size)
+
+
+@pytest.mark.parametrize("kind", ["few", "many"])
+@pytest.mark.parametrize("samples", [5, 30])
+def test_likelihood_is_that_of_the_outputs(kind, samples):
+    """Both with fewer and with more samples than unknowns."""
+    spec = PlaneSpec(np.linspace(0, 1, 4), diagonal="reversible")
+    rng = np.random.default_rng(1)
+    u, y = rng.uniform(0, 1, samples), rng.normal(size=samples)
+    evidence, rows, disturbance = evidence_of(kind, spec, u, y)
+    h = Hyperparameters(noise=0.02)
+    plane = PlanePrior(spec)
+    whole = plane.scale(h)[:, None] * plane.covariance(h) * plane.scale(h)
+    total = rows @ whole @ rows.T + disturbance(h)
+    expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
+    assert likelihood.likelihood(plane, evidence, h)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("slope", [False, True])
+@pytest.mark.parametrize(("kind", "samples"), [("few", 12), ("few", 30), ("many", 20)])
+def test_slopes_of_the_likelihood_are_those_of_finite_differences(slope, kind, samples):
+    spec = PlaneSpec(np.linspace(0, 1, 6), diagonal="reversible", slope=slope)
+    rng = np.random.default_rng(3)
+    u, y = rng.uniform(0, 1, samples), rng.normal(size=samples)
+    evidence, _, _ = evidence_of(kind, spec, u, y)
+    plane = PlanePrior(spec)
+    logs = rng.normal(-1.5, 0.5, 8)
+
+    def at(theta):
+        return likelihood.likelihood(plane, evidence, Hyperparameters(*np.exp(theta)))
+
+    steps = 1e-5 * np.eye(8)
+    wanted = [(at(logs + step)[0] - at(logs - step)[0]) / 2e-5 for step in steps]
+    np.testing.assert_allclose(at(logs)[1], wanted, rtol=1e-5, atol=1e-6)
+
+
+def test_weights_count_samples_that_one_stands_for():
+    spec, rng = PlaneSpec(np.linspace(0, 1, 4)), np.random.default_rng(4)
+    u, y = np.repeat(rng.uniform(0, 1, 9), 2), rng.normal(size=18)
+    kept = np.arange(18) % 2 == 1
+    means = (y[kept] + y[~kept]) / 2
+    whole = Evidence.of_many(
+        DesignMatrix(spec, u, np.ones(18, dtype=bool), "negative"), y, np.ones(18)
+    )
+    within = np.mean((y - np.repeat(means, 2)) ** 2)
+    short = Evidence.of_many(
+        DesignMatrix(spec, u, kept, "negative"), means, np.full(9, 2.0), within
+    )
+    found = [
+        likelihood.likelihood(PlanePrior(spec), one, Hyperparameters()) for one in (whole, short)
+    ]
+    assert found[1][0] == pytest.approx(found[0][0], rel=1e-12)
+    np.testing.assert_allclose(found[1][1], found[0][1], rtol=1e-8)

@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from long_branches import a_record_with_long_branches
+from minorloop.identification import identify, likelihood, prior_system
+from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.posterior import SparsePosterior
+from minorloop.identification.prior import Hyperparameters, PlanePrior
+from minorloop.identification.prior_fit import posterior_after
+
+
+def test_the_posterior_is_that_of_a_gaussian_process():
+    """Against the textbook formula, on dense matrices: Rasmussen and Williams, eq. 2.26."""
+    spec = PlaneSpec(np.linspace(0, 1, 5), diagonal="reversible")
+    rng = np.random.default_rng(0)
+    u, new = rng.uniform(0, 1, 9), rng.uniform(0, 1, 6)
+    rows, features = likelihood.regressors(spec, u, np.ones(9, dtype=bool), "negative")
+    h = Hyperparameters()
+    found = posterior_after(spec, h, (rows, features))
+    plane = PlanePrior(spec)
+    scale = plane.scale(h)
+    whole = scale[:, None] * plane.covariance(h) * scale
+    gain = (
+        whole @ rows.T @ np.linalg.inv(rows @ whole @ rows.T + likelihood.disturbance(features, h))
+    )
+    covariance = whole - gain @ rows @ whole
+    np.testing.assert_allclose(found.factor @ found.factor.T, covariance, atol=1e-10)
+    at, _ = likelihood.regressors(spec, new, np.ones(6, dtype=bool), "negative")
+    expected = np.sqrt(np.einsum("ij,jk,ik->i", at, covariance, at) + h.discrepancy**2)
+    np.testing.assert_allclose(found.deviation(new, "negative"), expected, rtol=1e-6)
+
+
+def test_a_sparse_posterior_has_the_factor_of_its_variances(monkeypatch):
+    for name, value in (("_LEAST_SPARSE", 0), ("_SHARE", np.inf), ("_FILL", np.inf)):
+        monkeypatch.setattr(prior_system, name, value)
+    model, u, y = a_record_with_long_branches(each=40)
+    found = identify(u, y, levels=model.levels, prior="gaussian", slope=True).posterior
+    assert isinstance(found, SparsePosterior)
+    new, every = np.random.default_rng(0).uniform(-1, 1, 20), np.ones(20, dtype=bool)
+    rows = DesignMatrix(found.spec, new, every, "negative").dense()
+    np.testing.assert_allclose(
+        found.row_deviation(rows), found.deviation(new, "negative"), rtol=1e-6
+    )
+    assert found.deviation(new, "negative", every & (new > 0)) == pytest.approx(
+        found.deviation(new, "negative")[new > 0]
+    )
