@@ -196,7 +196,8 @@ class _SparseSystem(PriorSystem):
 
     def posterior(self, unit: float, samples: int) -> SparsePosterior:
         system = self._factorise(self._variance)
-        return SparsePosterior(system.matrix.spec, self._h, unit, samples, system)
+        variance = self._variance * unit**2
+        return SparsePosterior(system.matrix.spec, self._h, unit, samples, system, variance)
 
     def _gradient(self, z: FloatArray) -> FloatArray:
         system, x = self._system, self._system.scale * z
