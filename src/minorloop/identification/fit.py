@@ -89,7 +89,8 @@ def identify(
         Whether to fit with the prior of `minorloop.identification.prior`, which also gives
         predictive bands. ``"auto"`` uses it for fewer than three samples per unknown, except
         where a smoothness is given, where the output jumps, where the samples determine a plane
-        that reproduces them to rounding, or where it would take long.
+        that reproduces them to rounding, or where the input reverses so often that a plane of more
+        than 64 levels would need large dense matrices.
     noise : float or (T,) array_like, optional
         Standard deviation of the measured outputs, in their unit, where it is known. One number is
         used by the prior only. Of an array, one for each output, NaN where it is not known and
