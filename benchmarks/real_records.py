@@ -190,8 +190,7 @@ def _large(bands: int, samples: int, most: float, gigabytes: float) -> Row:
 
 def _defaults() -> list[Row]:
     """Default fits of records of few samples."""
-    model, u, y = a_record(50, 2_000)
-    cases = [(u, y, 50, 0.5)]
+    cases = [(*a_record(50, 2_000)[1:], 50, 0.5)]
     cases += [
         (*a_wire(samples), bands, most) for samples, bands, most in ((358, 25, 0.3), (62, 40, 0.5))
     ]

@@ -55,6 +55,8 @@ def test_likelihood_is_that_of_the_outputs(kind, samples):
     total = rows @ whole @ rows.T + disturbance(h)
     expected = -0.5 * (y @ np.linalg.solve(total, y) + np.linalg.slogdet(total)[1])
     assert likelihood.likelihood(plane, evidence, h)[0] == pytest.approx(expected, rel=1e-9)
+    if kind == "few":
+        assert likelihood.likelihood_of_few(plane, evidence, h) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("slope", [False, True])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,11 @@ def test_a_sparse_posterior_has_the_factor_of_its_variances(monkeypatch):
     rows = DesignMatrix(found.spec, new, every, "negative").dense()
     np.testing.assert_allclose(
         found.row_deviation(rows), found.deviation(new, "negative"), rtol=1e-6
+    )
+    wide = replace(found.hyperparameters, discrepancy=2 * found.hyperparameters.discrepancy)
+    wider = replace(found, hyperparameters=wide)
+    np.testing.assert_allclose(
+        wider.variances(new, every, "negative"), found.variances(new, every, "negative")
     )
     assert found.deviation(new, "negative", every & (new > 0)) == pytest.approx(
         found.deviation(new, "negative")[new > 0]

@@ -45,7 +45,7 @@ def test_what_is_held_out_of_a_record_of_codes_says_how_many_were_left_out():
         {"levels": True},
         {"levels": [1, 0]},
         {"levels": [0, np.nan]},
-        {"levels": 251},
+        {"levels": 501},
         {"spacing": "odd"},
         {"relay": "odd"},
         {"diagonal": "odd"},

@@ -54,8 +54,7 @@ def run(
         str,
         typer.Option(
             help="gaussian, none, or auto: gaussian where a record has fewer than three samples "
-            "for each cell and at most 64 bands. gaussian takes seconds for each specimen, none "
-            "tenths of a second."
+            "for each cell. gaussian also gives bands, and takes up to twice as long."
         ),
     ] = "auto",
     start: _common.Start = "negative",

@@ -40,8 +40,6 @@ LIMIT = 3600.0
 """Default time limit for a specimen in seconds; the slowest valid fits take minutes."""
 _AT_ONCE, _MOST_WRITTEN = 16, 64
 """Results that are written in parallel, and results that may wait."""
-_FINE = 64
-"""Bands above which ``prior="gaussian"`` is refused; checked before anything is fitted."""
 
 
 def identify_fleet(
@@ -259,11 +257,10 @@ def try_options(options: Mapping[str, Any]) -> None:
 
     levels, lag = options.get("levels", 1), options.get("lag", 0)
     if np.isscalar(levels):
-        bands = as_whole("levels", levels, 1, MOST_BANDS)  # type: ignore[arg-type]
+        as_whole("levels", levels, 1, MOST_BANDS)  # type: ignore[arg-type]
     else:
-        bands = as_levels(levels).size - 1
+        as_levels(levels)
     if lag != "auto":
         as_whole("lag", lag, 0, 10**9)
-    coarse = 2 if options.get("prior") != "gaussian" or bands <= _FINE else bands
     u = np.resize([0.0, 1.0, 0.25, 0.75, 0.5], 60)
-    identify(u, u + 0.1 * (np.arange(60) % 2), **{**options, "levels": coarse, "lag": 0})
+    identify(u, u + 0.1 * (np.arange(60) % 2), **{**options, "levels": 2, "lag": 0})

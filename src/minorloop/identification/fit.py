@@ -89,7 +89,8 @@ def identify(
         Whether to fit with the prior of `minorloop.identification.prior`, which also gives
         predictive bands. ``"auto"`` uses it for fewer than three samples per unknown, except
         where a smoothness is given, where the output jumps, where the samples determine a plane
-        that reproduces them to rounding, or where there are more than 2,100 cells.
+        that reproduces them to rounding, or where the input reverses so often that a plane of more
+        than 64 levels would need large dense matrices.
     noise : float, optional
         Standard deviation of a measured output, in its unit, where it is known; used by the
         prior only.

@@ -216,6 +216,23 @@ def likelihood(
     return _by_unknowns(plane, evidence, h)
 
 
+def likelihood_of_few(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> float:
+    """Logarithm of the marginal likelihood of few measurements, without derivatives."""
+    outer = _outputs_factor(plane, evidence, h)
+    assert evidence.y is not None
+    half = triangular_solve(outer, evidence.y)
+    return -0.5 * float(half @ half) - float(np.log(outer.diagonal()).sum())
+
+
+def _outputs_factor(plane: PlanePrior, evidence: Evidence, h: Hyperparameters) -> FloatArray:
+    """(M, M) Cholesky factor of the covariance of few outputs."""
+    assert evidence.rows is not None
+    rows = evidence.rows * plane.scale(h)
+    covariance = rows @ plane.covariance(h) @ rows.T
+    covariance[np.diag_indices(len(rows))] += evidence.variances(h)
+    return cholesky(covariance)
+
+
 def _by_outputs(
     plane: PlanePrior, evidence: Evidence, h: Hyperparameters
 ) -> tuple[float, FloatArray]:
@@ -223,10 +240,7 @@ def _by_outputs(
     assert evidence.rows is not None
     assert evidence.y is not None
     assert evidence.shares is not None
-    rows, y = evidence.rows * plane.scale(h), evidence.y
-    covariance = rows @ plane.covariance(h) @ rows.T
-    covariance[np.diag_indices(y.size)] += evidence.variances(h)
-    outer = cholesky(covariance)
+    y, outer = evidence.y, _outputs_factor(plane, evidence, h)
     inverse = cholesky_inverse(outer)
     solved = inverse @ y
     value = -0.5 * float(y @ solved) - float(np.log(outer.diagonal()).sum())

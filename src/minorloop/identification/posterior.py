@@ -88,24 +88,25 @@ class DensePosterior(Posterior):
 
 @dataclass(frozen=True, eq=False)
 class SparsePosterior(Posterior):
-    """Posterior with the factorised precision of the unknowns, times the variance of an output."""
+    """Posterior with a sparse factor of the precision.
+
+    Parameters
+    ----------
+    system : EverettSystem
+        Factorised precision of the unknowns, times ``variance``.
+    variance : float
+        Variance of a measured output, in squared units.
+    """
 
     system: EverettSystem
+    variance: float
 
     @cached_property
     def factor(self) -> FloatArray:
         """F (n, n), where F F' is the covariance of the unknowns; for small planes only."""
-        return self._deviation * cholesky(self.system.inverse())
+        return cholesky(self.variance * self.system.inverse())
 
     def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M,) variances of outputs, from the sparse factor."""
         future = DesignMatrix(self.spec, u, measured, start)
-        return self._deviation**2 * self.system.variances(future)
-
-    @property
-    def _deviation(self) -> float:
-        """Standard deviation of a measured output."""
-        return (
-            float(np.hypot(self.hyperparameters.noise, self.hyperparameters.discrepancy))
-            * self.unit
-        )
+        return self.variance * self.system.variances(future)

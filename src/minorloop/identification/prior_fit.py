@@ -23,6 +23,7 @@ from minorloop.identification.likelihood import (
     cholesky,
     cholesky_inverse,
     disturbance,
+    likelihood_of_few,
     regressors,
     search,
 )
@@ -144,8 +145,9 @@ def fit_few(
         if coarse is not None:
             small = Evidence.of_few(coarse[0], scaled, (coarse[1], dense[1]))
         learnt = search(small, _scaled_noise(noise, unit), guess)
-        h = _on_finer_plane(learnt, small.spec, spec)
-        plane = PlanePrior(spec)
+        h, plane = _on_finer_plane(learnt, small.spec, spec), PlanePrior(spec)
+        if small is not found:
+            h = _with_best_nugget(h, lambda h: likelihood_of_few(plane, found, h))
         leave_one_out = _leave_one_out(plane, dense, scaled, h)
         h, x, kkt, system, likelihood = _solve(
             lambda h: dense_system(plane, found, h, signed, mean),
@@ -196,9 +198,12 @@ def _fit_many(
         return _with_residual_variance(h, left, count - system.determined, known)
 
     if small is not matrix:
-        h = _with_best_nugget(with_residual_variance(h), system_at)
         h = with_residual_variance(h)
-    leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
+        h = _with_best_nugget(h, lambda h: system_at(h).likelihood)
+        h = with_residual_variance(h)
+    leave_one_out = None
+    if y.size <= MOST_SCREENED and matrix.counts is None:
+        leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
     posterior = replace(system.posterior(unit, round(weight.sum())), centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
@@ -311,14 +316,12 @@ def _leave_one_out(
 
 def _leave_one_out_of_many(
     system: PriorSystem, h: Hyperparameters, matrix: DesignMatrix, y: FloatArray
-) -> FloatArray | None:
-    """(M,) leave-one-out residuals over their standard deviations; None for many samples.
+) -> FloatArray:
+    """(M,) leave-one-out residuals over their standard deviations.
 
     The inverse of the covariance of the outputs is R^-1 - R^-1 A P A' R^-1 with the covariance P of
     the posterior.
     """
-    if y.size > MOST_SCREENED or matrix.counts is not None:
-        return None
     own = h.noise**2 + h.discrepancy**2
     left = y - matrix.forward(system.mean)
     free = np.maximum(own - system.variances(matrix), _LEAST_NOISE**2)
@@ -326,7 +329,7 @@ def _leave_one_out_of_many(
 
 
 def _with_best_nugget(
-    h: Hyperparameters, system_at: Callable[[Hyperparameters], PriorSystem]
+    h: Hyperparameters, likelihood_at: Callable[[Hyperparameters], float]
 ) -> Hyperparameters:
     """Nugget of greatest marginal likelihood on the fine plane.
 
@@ -335,7 +338,7 @@ def _with_best_nugget(
     from scipy.optimize import minimize_scalar
 
     def cost(logarithm: float) -> float:
-        return -system_at(replace(h, nugget=float(np.exp(logarithm)))).likelihood
+        return -likelihood_at(replace(h, nugget=float(np.exp(logarithm))))
 
     options: Any = {"maxiter": _NUGGET_STEPS, "xatol": _NUGGET_TOLERANCE}
     bounds = float(np.log(_LEAST_NUGGET)), float(np.log(max(h.nugget, 2 * _LEAST_NUGGET)))

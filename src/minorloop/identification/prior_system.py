@@ -27,9 +27,10 @@ MOST_DENSE_CELLS = 2100
 """Cells up to which dense matrices are quick."""
 _MOST_CELLS = 5050
 """Cells up to which they are used where the sparse system has too much fill."""
-_LEAST_SPARSE, _SHARE, _MOST_REVERSALS = 300, 0.5, 1500
-"""Cells from which the sparse system is used; reversals for each cell, and in all, up to which it
-is used."""
+_LEAST_SPARSE, _SHARE = 300, 0.5
+"""Cells from which the sparse system is used, and reversals for each cell up to which it is."""
+_MOST_REVERSALS, _BRANCH = 1500, 5
+"""Reversals up to which it is used; more if there are so many samples for each."""
 _FILL = 0.02
 """Multiplications of its factorisation, over the cube of the cells, up to which it is quicker."""
 _ACCURATE, _STEPS = 1e-10, 50
@@ -207,7 +208,8 @@ class _SparseSystem(PriorSystem):
 
     def posterior(self, unit: float, samples: int) -> SparsePosterior:
         system = self._factorise(self._variance)
-        return SparsePosterior(system.matrix.spec, self._h, unit, samples, system)
+        variance = self._variance * unit**2
+        return SparsePosterior(system.matrix.spec, self._h, unit, samples, system, variance)
 
     def _gradient(self, x: FloatArray) -> FloatArray:
         """Scaled gradient of the cost at deviations (n,)."""
@@ -294,7 +296,8 @@ def is_quick(matrix: DesignMatrix) -> bool:
 
 
 def _few_reversals(matrix: DesignMatrix) -> bool:
-    return matrix.reversals <= min(_SHARE * matrix.spec.cells, _MOST_REVERSALS)
+    most = max(_MOST_REVERSALS, matrix.samples / _BRANCH)
+    return matrix.reversals <= min(_SHARE * matrix.spec.cells, most)
 
 
 def bounded_unknowns(spec: PlaneSpec, signed: bool) -> BoolArray:
