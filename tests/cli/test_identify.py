@@ -195,7 +195,7 @@ def test_a_file_too_large_is_not_begun(refused, monkeypatch):
     [
         ("--levels 0", "levels is 0; give a whole number"),
         ("--levels -5", "levels is -5"),
-        ("--levels 251", "at most 250"),
+        ("--levels 501", "levels are 501 bands, .* give at most 500"),
         ("--levels 100000", "levels are 100000 bands, .* give at most 500"),
         (f"--levels {10**30}", "at most 500"),
         ("--levels many", "'--levels': 'many' is not a whole number"),

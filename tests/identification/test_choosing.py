@@ -3,7 +3,7 @@ import pytest
 
 from fault_records import record
 from minorloop.errors import ParameterError
-from minorloop.identification import identify
+from minorloop.identification import choosing, identify
 from minorloop.lab.columns import read_columns
 from plane_records import LEVELS, a_plane, a_record
 
@@ -59,6 +59,14 @@ def test_the_prior_is_compared_where_samples_are_few():
     u, y = record("levels")
     found = identify(u[:120], y[:120], levels=10, diagonal="auto")
     assert [one.name for one in found.choices] == ["structure", "prior"]
+
+
+def test_planes_too_fine_for_smoothing_keep_the_prior(monkeypatch):
+    monkeypatch.setattr(choosing, "MOST_DENSE", 9)
+    u, y = record("levels")
+    found = identify(u[:120], y[:120], levels=10, diagonal="auto")
+    assert found.posterior is not None
+    assert [one.name for one in found.choices] == ["structure"]
 
 
 def test_each_step_is_announced():

@@ -117,3 +117,10 @@ def test_next_input_refuses_what_it_cannot_use(change, says):
     given = {"identification": fit, "memory": Memory.after(u, low=0.0, high=1.0), **change}
     with pytest.raises(ParameterError, match=says):
         next_input(**given)
+
+
+def test_a_plane_too_fine_for_dense_matrices_is_refused():
+    u = U[:4]
+    fit = identify(u, u, levels=65, prior="gaussian")
+    with pytest.raises(ParameterError, match="2146 unknowns; give at most 64 levels"):
+        next_input(fit, NOW)

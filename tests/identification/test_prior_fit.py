@@ -180,9 +180,9 @@ def test_hyperparameters_of_few_samples_on_a_fine_plane_are_searched_on_a_coarse
 
     monkeypatch.setattr(prior_fit, "search", seen)
     u = np.linspace(0, 1, 7) ** 2 * np.array([1, 0, 1, 0, 1, 0, 1])
-    fit = identify(u, u, levels=48, prior="gaussian")
+    fit = identify(u, u, levels=24, prior="gaussian")
     assert set(searched) == {12}
-    assert fit.posterior.spec.bands == 48
+    assert fit.posterior.spec.bands == 24
 
 
 @pytest.mark.parametrize("options", [{}, {"slope": True}, {"offset": False}, {"signed": True}])

@@ -17,7 +17,7 @@ from minorloop.errors import counted
 from minorloop.identification import fitting
 from minorloop.identification.baseline import nrmse, percent
 from minorloop.identification.curves import Curves
-from minorloop.identification.design_matrix import PlaneSpec
+from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import FitRecord, FittedPlane, coarser_spec, needs_prior
 from minorloop.identification.least_squares import Problem
 from minorloop.identification.leave_out import left_out
@@ -181,10 +181,14 @@ def structure(spec: PlaneSpec) -> str:
 def choose_prior(
     fit: FittedPlane, record: FitRecord, lag: int, fold: IntArray
 ) -> tuple[FittedPlane, tuple[Choice, ...]]:
-    """Compare a fit with the prior with a smooth one, and return the better one."""
-    if fit.posterior is None or fit.regression.y.size < _FEWEST:
+    """Compare a fit with the prior with a smooth one, and return the better one.
+
+    Few samples are not compared, and neither are planes too fine for smoothing.
+    """
+    spec = fit.regression.matrix.spec
+    if fit.posterior is None or fit.regression.y.size < _FEWEST or spec.bands > MOST_DENSE:
         return fit, ()
-    smooth = fitting.fit_smooth(fit.regression.matrix.spec, record, lag, "auto")
+    smooth = fitting.fit_smooth(spec, record, lag, "auto")
     errors = {
         name: _left_out_error(one, record, lag, fold)
         for name, one in (("gaussian", fit), ("none", smooth))
