@@ -97,9 +97,9 @@ class Columns:
             with_unit,
         )
 
-        if self.output is None:
-            return self
         used = noise is None and dynamics == "none"
+        if self.output is None:  # of a store, which has them
+            return self if used else replace(self, sd=NOT_USED)
         if self.sd == NOT_USED or (self.sd is None and not used):
             return replace(self, sd=None)
         if not used:
@@ -145,7 +145,7 @@ def identified(
     with _common.working(f"reading {file.name}") as now:
         columns = columns.with_deviation(file, options["noise"], dynamics)
         record, run_by, log = _record(file, columns, now)
-        beside = {} if log is None else columns.beside(log)
+        beside = columns.beside(log)
         provenance = Provenance.of(file)
         began = time.perf_counter()
         if run_by is not None:
@@ -153,12 +153,10 @@ def identified(
             _refuse_dynamics(dynamics, f"{file.name} is an adaptive run of settled points")
             return _of_run(record, run_by, rows, options, provenance)
         logged = record
-        of_time: tuple[str, ...] = ()
-        if log is not None and columns.curves is not None:
+        if columns.curves is not None:
             log = log.with_memory_reset()
-        if log is not None:
-            whole = not beside and rows is None
-            record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
+        whole = not beside and rows is None
+        record, of_time = _timed(log, columns, options["lag"], lag_seconds, whole)
         part = _common.as_rows(rows, len(record))
         settings: dict[str, Any] = {
             name: _DEFAULTS.get(name) if v is None else v for name, v in options.items()
@@ -182,7 +180,7 @@ def identified(
             raw,
             first=part.start,
             of_time=of_time,
-            sd=columns.sd if "noise" in beside else None,
+            sd=(columns.sd or "sd") if "noise" in beside else None,
         )
 
 
@@ -273,22 +271,24 @@ def _of_run(
 
 def _record(
     file: Path, columns: Columns, now: Callable[[str], None]
-) -> tuple[Record, Adaptive | None, Log | None]:
+) -> tuple[Record, Adaptive | None, Log]:
     """Return the points of a store and what chose them, or columns of a file with their times."""
     from minorloop.cli._adaptive import chooser_of, is_adaptive
+    from minorloop.lab.logs import Log
     from minorloop.lab.store import Store, is_store
 
     input, output = columns.input, columns.output
     if is_store(file):
-        if columns != Columns(None, None):
+        if replace(columns, sd=None) != Columns(None, None) or columns.sd not in (None, NOT_USED):
             raise ParameterError(
                 f"{file} is an experiment store, which has one input and one output; "
-                "leave --input, --output, --time, --curves and --groups out"
+                "leave --input, --output, --time, --sd, --curves and --groups out"
             )
         with Store.open(file) as store:
             chose = is_adaptive(store.setup)
             chooser = chooser_of(store.setup, store.points()) if chose else None
-            return store.record(), chooser, None
+            sd = [point.sd for point in store.points()] if columns.sd is None else None
+            return store.record(), chooser, Log.of_points(store.record(), sd)
     if input is None or output is None:
         if not os.path.exists(file):
             raise RecordError(f"{file} does not exist; give a CSV file or an experiment store")

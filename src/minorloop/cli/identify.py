@@ -98,7 +98,7 @@ _Sd = Annotated[
     str | None,
     typer.Option(
         help="Column of the standard deviation of each output, by which it counts; or none.",
-        show_default="sd, as reduce writes it",
+        show_default="sd, as reduce writes it, or that of a store",
     ),
 ]
 _Mean = Annotated[

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from minorloop.arrays import FloatArray
+from minorloop.arrays import FloatArray, Samples
 from minorloop.errors import ParameterError, RecordError, are, counted
 from minorloop.files import PathLike
 from minorloop.lab.columns import (
@@ -62,6 +62,11 @@ class Log:
     labels: Mapping[str, Labels] = field(default_factory=dict)
     sd: FloatArray | None = None
     of_file: tuple[str, ...] = ()
+
+    @classmethod
+    def of_points(cls, record: Record, sd: Sequence[float] | None) -> Log:
+        """Return settled points, with the standard deviation of each if they are given."""
+        return cls(record, sd=None if sd is None else _known(np.array(sd), record.y))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -193,9 +198,7 @@ def read_log(
         progress=progress,
     )
     u, y = columns[input], columns[output]
-    noise = None if sd is None else columns[sd]
-    if noise is not None and np.isnan(noise[np.isfinite(y)]).all():
-        noise = None
+    noise = None if sd is None else _known(columns[sd], y)
     said = _of_file(path)
     if time is None:
         t = np.arange(u.size, dtype=np.float64)
@@ -214,6 +217,11 @@ def read_times(path: PathLike, time: str) -> tuple[Quantity, TimeCheck]:
     """
     header = with_unit(time, find_column(time, read_headers(path), source=path))
     return _checked(read_columns(path, [time], dates=[time])[time], header)
+
+
+def _known(sd: FloatArray, y: Samples) -> FloatArray | None:
+    """Return the standard deviations, or None where no measured output has one."""
+    return sd if np.isfinite(sd[np.isfinite(y)]).any() else None
 
 
 def _of_file(path: PathLike) -> tuple[str, ...]:
