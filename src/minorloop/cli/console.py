@@ -44,6 +44,13 @@ _Name = Annotated[
     str | None,
     typer.Option(help="Host name of an https proxy in front of the console."),
 ]
+_Tracker = Annotated[
+    str | None,
+    typer.Option(
+        help="Where a tracker of your head sends its poses, by the UDP protocol of OpenTrack: "
+        "udp:4242, or udp:0.0.0.0:4242 for one on another machine; the browser's pose without it."
+    ),
+]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
 
@@ -58,6 +65,7 @@ def run(
     certificate: _Certificate = None,
     private_key: _Key = None,
     name: _Name = None,
+    tracker: _Tracker = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
     from minorloop.head.console.settings import STATIC, LoopSettings, check_address
@@ -83,10 +91,12 @@ def run(
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
     from minorloop.head.console.auth import Authentication
     from minorloop.head.console.processes import Serving, supervised
+    from minorloop.head.console.tracker import listening_for
 
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
     )
+    tracking = None if tracker is None else listening_for(tracker)
     listening = _listen(host, port)
     port = listening.getsockname()[1]
     authentication = Authentication(host, port=port, name=name)
@@ -102,7 +112,7 @@ def run(
         certificate=certificate,
         private_key=private_key,
     )
-    supervised(settings, serving, lambda sentence: typer.echo(f"note: {sentence}", err=True))
+    supervised(settings, serving, lambda said: typer.echo(f"note: {said}", err=True), tracking)
 
 
 def _check_pair(certificate: Path, key: Path) -> None:

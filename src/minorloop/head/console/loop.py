@@ -12,6 +12,7 @@ import contextlib
 import gc
 import os
 import queue
+import socket
 import sys
 import threading
 import time
@@ -33,6 +34,7 @@ from minorloop.head.console.recording import PICTURE, TEXT, Recorder
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle, raise_priority
+from minorloop.head.console.tracker import UdpTracker
 from minorloop.head.console.watchdog import RemotePlant
 from minorloop.head.control.head import HeadControl
 
@@ -45,7 +47,9 @@ _MOST_UNWRITTEN = 20_000
 """Entries of a recording that may wait for the disk: some ten minutes of them."""
 
 
-def run(handle: ProcessHandle, settings: LoopSettings) -> None:
+def run(
+    handle: ProcessHandle, settings: LoopSettings, tracking: socket.socket | None = None
+) -> None:
     """Run the loop until the supervisor ends; for a process of its own.
 
     Parameters
@@ -54,6 +58,8 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
         Gives pipes to the server, to the plant, and to the camera, whose first message is its
         calibration.
     settings : LoopSettings
+    tracking : socket, optional
+        Receives the packets of a tracker of the operator's head.
     """
     server, pictures, wires = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, camera=pictures, plant=wires)
@@ -71,7 +77,8 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     while not plant.meet(_POLL):
         if stop.is_set():
             return
-    session = Session(plant, view, control, camera, settings.teleop_config())
+    tracker = None if tracking is None else UdpTracker(tracking)
+    session = Session(plant, view, control, camera, settings.teleop_config(), tracker)
     loop = _Loop(session, plant, camera, server, settings)
     gc.collect()
     gc.freeze()

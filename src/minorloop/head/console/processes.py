@@ -48,7 +48,12 @@ class Serving:
     private_key: Path | None = None
 
 
-def supervised(settings: LoopSettings, how: Serving, notify: Callable[[str], None]) -> None:
+def supervised(
+    settings: LoopSettings,
+    how: Serving,
+    notify: Callable[[str], None],
+    tracking: socket.socket | None = None,
+) -> None:
     """Run the console until a signal ends it.
 
     Parameters
@@ -57,10 +62,12 @@ def supervised(settings: LoopSettings, how: Serving, notify: Callable[[str], Non
     how : Serving
     notify : callable
         Shows a sentence on a restarted process to the user.
+    tracking : socket, optional
+        Receives the packets of a tracker of the operator's head; a restarted loop uses the same.
     """
     parts = [
         Part(name="plant", target=run_plant, args=(settings,)),
-        Part(name="loop", target=run_loop, args=(settings,)),
+        Part(name="loop", target=run_loop, args=(settings, tracking)),
         Part(name="camera", target=run_camera, args=(settings,), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
@@ -80,11 +87,13 @@ def run_plant(handle: ProcessHandle, settings: LoopSettings) -> None:
     run(handle, settings)
 
 
-def run_loop(handle: ProcessHandle, settings: LoopSettings) -> None:
+def run_loop(
+    handle: ProcessHandle, settings: LoopSettings, tracking: socket.socket | None = None
+) -> None:
     """Run the control loop; for a process of its own."""
     from minorloop.head.console.loop import run
 
-    run(handle, settings)
+    run(handle, settings, tracking)
 
 
 def run_camera(handle: ProcessHandle, settings: LoopSettings) -> None:
