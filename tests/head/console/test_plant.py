@@ -5,8 +5,8 @@ import pytest
 from console_rig import tip
 from minorloop.errors import ParameterError
 from minorloop.head.console.identified_head import head_of
-from minorloop.head.console.plant import PlantView, open_plant, open_tip
-from minorloop.head.procedures.calibration import STRAIGHT, joint_degrees
+from minorloop.head.console.plant import open_plant, open_tip
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
 from minorloop.head.procedures.values import Plant, Tip
 
 
@@ -22,7 +22,7 @@ def test_plant_and_tip_are_what_the_console_needs_with_the_camera_that_the_view_
 
 def test_a_view_comes_through_a_message_unchanged():
     _, view = open_tip("twin:pipe", specimen=3)
-    again = PlantView.from_dict(msgspec.json.decode(msgspec.json.encode(view.to_dict())))
+    again = HeadCalibration.from_dict(msgspec.json.decode(msgspec.json.encode(view.to_dict())))
     assert (again.lens, again.probe, again.offset) == (view.lens, view.probe, view.offset)
     known = (view.radius, view.thickness, view.temperature)
     assert (again.radius, again.thickness, again.temperature) == known

@@ -29,7 +29,6 @@ from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest, RemoteCamera
 from minorloop.head.console.channel import NewestPipe, Outbox
 from minorloop.head.console.identified_head import head_of
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.recording import PICTURE, TEXT, Recorder
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
@@ -37,6 +36,7 @@ from minorloop.head.console.supervisor import ProcessHandle, raise_priority
 from minorloop.head.console.tracker import UdpTracker
 from minorloop.head.console.watchdog import RemotePlant
 from minorloop.head.control.head import HeadControl
+from minorloop.head.procedures.calibration import HeadCalibration
 
 _STOOD_STILL = 0.2
 """Seconds that a tick may be late; a later one means that the process was stopped."""
@@ -90,14 +90,14 @@ def run(
         loop.close()
 
 
-def _introduced(camera: RemoteCamera, stop: threading.Event) -> PlantView:
+def _introduced(camera: RemoteCamera, stop: threading.Event) -> HeadCalibration:
     """Wait for the calibration of camera and probe, and return it."""
     while not stop.is_set():
         values = camera.introduction(_POLL)
         if values is not None and "failed" in values:
             raise ParameterError(values["failed"])
         if values is not None:
-            return PlantView.from_dict(values)
+            return HeadCalibration.from_dict(values)
     raise ParameterError("the camera did not start")
 
 
@@ -133,7 +133,7 @@ class _Stub:
         return [CameraReport(number=0)]
 
 
-def _warm_up(view: PlantView, control: HeadControl, settings: LoopSettings) -> None:
+def _warm_up(view: HeadCalibration, control: HeadControl, settings: LoopSettings) -> None:
     stub = _Stub()
     session = Session(stub, view, control, stub, settings.teleop_config())
     for _ in range(25):

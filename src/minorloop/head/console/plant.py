@@ -8,15 +8,14 @@ and the ultrasonic probe. The wires are known as identified, camera and probe as
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from minorloop.head.console.settings import check_address
 from minorloop.head.console.units import Position
-from minorloop.head.geometry import Mount, Pinhole, Probe
+from minorloop.head.geometry import Mount
 from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
 
@@ -25,31 +24,6 @@ _LENGTH = 0.1024
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
 # the thickness, of a thermometer in K.
 _MOUNT, _RADIUS, _THICKNESS, _TEMPERATURE = 0.05e-3, 20e-6, 0.03, 0.3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlantView(HeadCalibration):
-    """Camera and probe as calibrated, as plain values in messages."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for messages."""
-        names = ("offset", "roll", "lever", "radius", "thickness", "temperature")
-        plain = {name: getattr(self, name) for name in names}
-        lens, probe = (
-            msgspec.to_builtins(part, enc_hook=float) for part in (self.lens, self.probe)
-        )
-        return {"lens": lens, "probe": probe, "leds": self.leds.tolist(), **plain}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> PlantView:
-        """Return the view that `to_dict` gave these values."""
-        converted = {
-            "lens": msgspec.convert(values["lens"], Pinhole),
-            "probe": msgspec.convert(values["probe"], Probe),
-            "leds": np.array(values["leds"]),
-            "offset": tuple(values["offset"]),
-        }
-        return cls(**{**values, **converted})
 
 
 def reading_at(position: Position, **known: Any) -> Reading:
@@ -76,7 +50,7 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> P
 
 def open_tip(
     address: str, *, specimen: int | None = None, seed: int = 0, scale: float = 1.0
-) -> tuple[Tip, PlantView]:
+) -> tuple[Tip, HeadCalibration]:
     """Return camera and probe of the plant at an address, and their calibration.
 
     Parameters
@@ -102,7 +76,7 @@ def open_tip(
     pipe = _pipe(seed)
     mount = Mount(offset=offset)
     tip = SimulatedTip(pipe, mount=mount, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
-    view = PlantView(
+    view = HeadCalibration(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=(float(known[0]), float(known[1])),

@@ -23,12 +23,12 @@ from minorloop.head.console.camera_protocol import (
 from minorloop.head.console.head_pose import Quaternion
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
-from minorloop.head.console.plant import PlantView, reading_at
+from minorloop.head.console.plant import reading_at
 from minorloop.head.console.reports import camera_finding, in_si, introduction, pair, with_depth
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
-from minorloop.head.procedures.calibration import STRAIGHT, joint_degrees
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.values import Plant, Reading, passed
 from minorloop.head.vision.servo import Cone
@@ -55,7 +55,7 @@ class Session:
     Parameters
     ----------
     plant : Plant
-    view : PlantView
+    view : HeadCalibration
         Of its camera and probe.
     control : HeadControl
         Of its head.
@@ -66,7 +66,7 @@ class Session:
     """
 
     plant: Plant
-    view: PlantView
+    view: HeadCalibration
     control: HeadControl
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)

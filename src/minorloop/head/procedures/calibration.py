@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -56,6 +58,22 @@ class HeadCalibration:
     radius: float = 10e-3
     thickness: float = 2e-3
     temperature: float = ROOM_TEMPERATURE
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for messages and files."""
+        plain: dict[str, Any] = msgspec.to_builtins(self, enc_hook=lambda value: value.tolist())
+        return plain
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> HeadCalibration:
+        """Return the calibration that `to_dict` gave these values.
+
+        Raises
+        ------
+        ValueError
+            If a value is missing, unknown, or of another type.
+        """
+        return msgspec.convert(values, cls, dec_hook=lambda kind, value: np.array(value, float))
 
     def mount_at(self, place: npt.ArrayLike) -> Mount:
         """Return the mount of the head at an advance and a roll (2,) of the catheter."""
