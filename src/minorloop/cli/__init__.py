@@ -19,6 +19,7 @@ from minorloop.cli import (
     export,
     fleet,
     frequency,
+    head,
     identify,
     invert,
     plan,
@@ -57,6 +58,7 @@ _VERBS = (
 for _verb in _VERBS:
     _kind = getattr(_verb, "COMMAND", None)
     app.command(_verb.NAME, cls=_kind, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
+app.add_typer(head.app, name=head.NAME)
 
 
 def _print_version(wanted: bool) -> None:

@@ -51,6 +51,13 @@ _Tracker = Annotated[
         "udp:4242, or udp:0.0.0.0:4242 for one on another machine; the browser's pose without it."
     ),
 ]
+_Head = Annotated[
+    Path | None,
+    typer.Option(
+        help="File of the head, as head identify writes it; a simulated head is identified at the "
+        "start without it."
+    ),
+]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
 
@@ -66,6 +73,7 @@ def run(
     private_key: _Key = None,
     name: _Name = None,
     tracker: _Tracker = None,
+    head: _Head = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
     from minorloop.head.console.settings import STATIC, LoopSettings, check_address
@@ -93,6 +101,11 @@ def run(
     from minorloop.head.console.processes import Serving, supervised
     from minorloop.head.console.tracker import listening_for
 
+    known = None
+    if head is not None:
+        from minorloop.head.console.plant import head_at
+
+        known = head_at(plant, specimen, head)
     settings = LoopSettings(
         address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
     )
@@ -112,7 +125,9 @@ def run(
         certificate=certificate,
         private_key=private_key,
     )
-    supervised(settings, serving, lambda said: typer.echo(f"note: {said}", err=True), tracking)
+    supervised(
+        settings, serving, lambda said: typer.echo(f"note: {said}", err=True), tracking, known
+    )
 
 
 def _check_pair(certificate: Path, key: Path) -> None:

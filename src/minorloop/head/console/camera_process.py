@@ -28,6 +28,7 @@ from minorloop.head.console.plant import open_tip
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
 from minorloop.head.console.units import to_shown
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.candidates import compile_outlines
 
@@ -38,7 +39,9 @@ _RECORD_EVERY = 5
 _POLL = 0.1
 
 
-def run(handle: ProcessHandle, settings: LoopSettings) -> None:
+def run(
+    handle: ProcessHandle, settings: LoopSettings, calibration: HeadCalibration | None = None
+) -> None:
     """Run the camera until the control loop or the supervisor ends; for a process of its own.
 
     Parameters
@@ -46,6 +49,8 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     handle : ProcessHandle
         Gives pipes to the control loop, and to the server for pictures and jobs.
     settings : LoopSettings
+    calibration : HeadCalibration, optional
+        Of camera and probe; that of the tip without it.
     """
     server, loop = NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, loop=loop)
@@ -53,11 +58,13 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
         os.nice(-5)  # few systems allow it; it helps where other programs use the same cores
     try:
         tip, view = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed)
+        view = calibration or view
         opencv()
     except (MinorloopError, ImportError) as error:
         _serve(None, {"failed": str(error)}, loop, server, handle, stop)
         return
     pool = ThreadPoolExecutor(1)
+    pool.submit(getattr(tip, "prepare", lambda: None))
     perception = Perception(tip, view, _in(pool))
     _warm_up(perception)
     gc.collect()

@@ -48,7 +48,10 @@ _MOST_UNWRITTEN = 20_000
 
 
 def run(
-    handle: ProcessHandle, settings: LoopSettings, tracking: socket.socket | None = None
+    handle: ProcessHandle,
+    settings: LoopSettings,
+    tracking: socket.socket | None = None,
+    control: HeadControl | None = None,
 ) -> None:
     """Run the loop until the supervisor ends; for a process of its own.
 
@@ -60,6 +63,8 @@ def run(
     settings : LoopSettings
     tracking : socket, optional
         Receives the packets of a tracker of the operator's head.
+    control : HeadControl, optional
+        Of the head, which is identified without it.
     """
     server, pictures, wires = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, camera=pictures, plant=wires)
@@ -68,7 +73,7 @@ def run(
         os.nice(-10)  # few systems allow it; it helps where other programs use the same cores
     camera, plant = RemoteCamera(pictures), RemotePlant(wires, settings.patience / 2)
     try:
-        control = head_of(settings.address, settings.specimen)
+        control = control or head_of(settings.address, settings.specimen)
         view = _introduced(camera, stop)
         _warm_up(view, control, settings)
     except (MinorloopError, ImportError) as error:

@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.files import PathLike
 from minorloop.head.console.settings import check_address
 from minorloop.head.console.units import Position
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
+
+if TYPE_CHECKING:
+    from minorloop.head.procedures.head_file import HeadFile
 
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
@@ -30,6 +34,25 @@ def reading_at(position: Position, **known: Any) -> Reading:
     """Return the `Reading` of a procedure at a position, with other values."""
     angles, place = np.array(position[:2]), np.array(position[2:])
     return Reading(**{"t": 0.0, **known}, angles=angles, place=place)
+
+
+def head_at(address: str, specimen: int | None, file: PathLike) -> HeadFile:
+    """Return the content of a file, which has to be of the head at an address.
+
+    Raises
+    ------
+    ParameterError
+        If nothing can be steered at the address.
+    ModelFileError
+        If the file is not valid, is of another head, or is older than its calibration.
+    """
+    check_address(address)
+    from minorloop.head.procedures.head_file import read_head
+    from minorloop.head.twins.head import Head
+
+    found = read_head(file)
+    found.check_fits(Head(specimen).serial, file)
+    return found
 
 
 def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:

@@ -57,8 +57,12 @@ class HeatedIdentification:
     @property
     def advice(self) -> tuple[str, ...]:
         """Weaknesses of the identification and their remedies; empty if there are none."""
-        width = float(np.ptp(self.model.operator.range))
-        return (*self.steady.advice, *advice(self.step_rms, width))
+        return (*self.steady.advice, *self.step_advice)
+
+    @property
+    def step_advice(self) -> tuple[str, ...]:
+        """Weaknesses of the fit of the step, and their remedies."""
+        return tuple(advice(self.step_rms, float(np.ptp(self.model.operator.range))))
 
     def __str__(self) -> str:
         low, high = self.model.operator.range

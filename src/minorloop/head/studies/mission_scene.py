@@ -11,6 +11,7 @@ import numpy.typing as npt
 from minorloop.head.control.head import head_control
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.studies.inspection_servo import wires_of
 from minorloop.head.twins.catheter import Catheter
@@ -54,8 +55,15 @@ class MissionTruth:
     offset: tuple[float, float]
 
 
-def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
-    """Draw a rig in a pipe with a pit and a crack, and return it with the truth."""
+def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig, MissionTruth]:
+    """Draw a rig in a pipe with a pit and a crack, and return it with the truth.
+
+    Parameters
+    ----------
+    seed : int
+    head : HeadFile, optional
+        Of the head of this seed, which is identified without it.
+    """
     rng = np.random.default_rng([seed, 31])
     bore = Bore(
         float(rng.uniform(-np.pi, np.pi)),
@@ -90,8 +98,12 @@ def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
         thickness=flooded.thickness * float(1 + OFF_THICKNESS * about.normal()),
         temperature=warm + OFF_TEMPERATURE * float(about.normal()),
     )
-    wires, coupling = wires_of(seed)
-    control = head_control("observer", wires, coupling=coupling)
+    if head is None:
+        wires, coupling = wires_of(seed)
+        control = head_control("observer", wires, coupling=coupling)
+    else:
+        head.check_fits(plant.head.serial, "the file")
+        control = head.control()
     rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
     return rig, MissionTruth(bore, crack, flooded, warm, plant, (x, y))
 
