@@ -58,6 +58,13 @@ _Head = Annotated[
         "start without it."
     ),
 ]
+_Camera = Annotated[
+    str | None,
+    typer.Option(
+        help="The camera: camera:0, camera:/dev/video0, camera:rtsp://..., camera:http://... "
+        "(MJPEG), a video, or a folder of images; that of the plant without it."
+    ),
+]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
 
@@ -74,6 +81,7 @@ def run(
     name: _Name = None,
     tracker: _Tracker = None,
     head: _Head = None,
+    camera: _Camera = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
     from minorloop.head.console.settings import STATIC, LoopSettings, check_address
@@ -106,8 +114,17 @@ def run(
         from minorloop.head.console.plant import head_at
 
         known = head_at(plant, specimen, head)
+    if camera is not None:
+        from minorloop.head.vision.video import check_camera
+
+        check_camera(camera)
     settings = LoopSettings(
-        address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
+        address=plant,
+        specimen=specimen,
+        seed=seed,
+        folder=str(folder),
+        timeout=timeout,
+        camera=camera,
     )
     tracking = None if tracker is None else listening_for(tracker)
     listening = _listen(host, port)

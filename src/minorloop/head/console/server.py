@@ -23,7 +23,6 @@ from minorloop.head.console.admission import Admission, plain
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.clients import SILENCE, Clients, HostileMessageError, Viewer
 from minorloop.head.console.connections import admitted
-from minorloop.head.console.imaging import opencv
 from minorloop.head.console.link import ConsoleLink
 from minorloop.head.console.reports import table_of
 from minorloop.head.console.settings import STATIC, LoopSettings
@@ -32,6 +31,7 @@ from minorloop.head.console.wall_image import WallImage
 from minorloop.head.console.workers import Workers
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.vision.imaging import opencv
 
 try:
     from starlette.applications import Starlette
