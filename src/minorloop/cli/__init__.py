@@ -21,6 +21,7 @@ from minorloop.cli import (
     frequency,
     head,
     identify,
+    inspect,
     invert,
     plan,
     reduce,
@@ -53,7 +54,7 @@ app = typer.Typer(
 )
 _VERBS = (
     *(reduce, identify, simulate, invert, plan, run_verb, drive, resume, runs, frequency),
-    *(export, fleet, study, console, demo),
+    *(export, fleet, study, inspect, console, demo),
 )
 for _verb in _VERBS:
     _kind = getattr(_verb, "COMMAND", None)
