@@ -15,7 +15,7 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     assert printed["serial"] == "twin-head-1000"
     assert set(printed["check"]) == {"pan", "tilt"}
     Path("angles.csv").write_text("pan [deg],tilt [deg]\n30,25\n")
-    drive = "head drive angles.csv --pan 'pan [deg]' --tilt 'tilt [deg]' --head head.json"
+    drive = "head drive angles.csv --head head.json"
     status, out, _ = run(
         f"{drive} --actuator twin:head --specimen 1000 --save reached.csv --hold 6 --json"
     )

@@ -27,6 +27,10 @@ _SHOWN = 20
 _POSE = {"pan": "deg", "tilt": "deg", "advance": "mm", "roll": "deg"}
 _LEFT_OUT = ("time [s]", "u [px]", "v [px]")
 """Columns that a terminal has no room for."""
+_OBLIQUE = (
+    "pictures without wall in view show it too obliquely or from too far away; check that --pan, "
+    "--tilt, --lens and --radius are right"
+)
 _MM = 1e-3
 
 
@@ -248,6 +252,7 @@ def _summary(content: dict[str, Any]) -> str:
 
 def _show(content: dict[str, Any], out: Path | None, as_json: bool) -> None:
     from minorloop.head.procedures.pictures import COLUMNS
+    from minorloop.head.vision.defects import NOT_IN_VIEW
 
     if as_json:
         _common.print_json(content)
@@ -258,6 +263,8 @@ def _show(content: dict[str, Any], out: Path | None, as_json: bool) -> None:
     if first:
         _common.print_table(columns, first)
     typer.echo(_summary(content))
+    if content["unusable"].get(NOT_IN_VIEW):
+        _common.print_advice([_OBLIQUE])
     if len(rows) > len(first):
         typer.echo(f"the first {len(first)} are shown; --out writes all of them")
     if out is not None:

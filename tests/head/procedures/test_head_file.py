@@ -114,6 +114,8 @@ def test_a_head_that_was_only_calibrated_cannot_be_controlled(path):
         (["identified", "coupling"], [[1, "x"]], "coupling"),
         (["calibrated", "calibration", "lens", "focal"], -1.0, "focal length -1"),
         (["calibrated", "calibration", "leds"], "x", "leds"),
+        (["calibrated", "calibration", "leds"], [[1.0, 2.0]], "leds have shape"),
+        (["calibrated", "calibration", "radius"], 0.0, "radius is 0"),
     ],
 )
 def test_a_spoilt_file_is_refused_in_one_sentence(keys, value, message, content, path):

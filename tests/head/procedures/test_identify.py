@@ -1,4 +1,5 @@
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,8 +84,11 @@ def test_a_stopped_identification_continues_to_the_same_head(found, tmp_path):
     assert found.check == again.check
 
 
-def test_a_finished_identification_measures_nothing(found, folder):
-    again = measurement(folder, stop_after=1).identified()
+def test_a_finished_identification_needs_no_head(found, folder):
+    def absent(seed):
+        raise AssertionError("it was connected")
+
+    again = replace(measurement(folder), connect=absent).identified()
     assert again.check == found.check
 
 

@@ -30,7 +30,7 @@ from minorloop.head.control.heating import (
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
 from minorloop.identification import excitation
-from minorloop.lab.actuator import Actuator, Channel, Value
+from minorloop.lab.actuator import Actuator, Value
 from minorloop.lab.plan import Plan
 from minorloop.lab.records import Record
 from minorloop.lab.run import Described, Restorable, ResumeMode, answer_time
@@ -41,8 +41,8 @@ RUNS = ("loop", "coupling", "curves", "check")
 """Runs of an axis."""
 _STEP_HOLDS = 3
 """Holds at the beginning of the loop that are the step: cold, hot, cold."""
-_SAMPLES = 500
-"""Samples of a hold: 50 in the lag of a wire, where the hold is ten times as long."""
+_SAMPLES = 250
+"""Samples of a hold: 25 in the lag of a wire, where the hold is ten times as long."""
 
 Connect = Callable[[int], AbstractContextManager[Actuator]]
 """Opens the actuator for a run with the seed of its noise."""
@@ -90,10 +90,9 @@ class HeadExcitation:
         powers = np.random.default_rng(19).uniform(0.0, 1.0, 2 * self.bands)
         return self.highest * np.concatenate([[0.0], np.sqrt(powers)])
 
-    def plan(self, levels: FloatArray, channel: Channel) -> Plan:
-        """Return the plan that holds levels of an input one after the other."""
-        interval = self.hold / _SAMPLES
-        return Plan(levels, self.hold, sample_interval=interval, input=str(channel))
+    def plan(self, levels: FloatArray, name: str) -> Plan:
+        """Return the plan that holds levels of an input, by its name, one after the other."""
+        return Plan(levels, self.hold, sample_interval=self.hold / _SAMPLES, input=name)
 
 
 class SingleAxis:
@@ -240,23 +239,35 @@ class HeadMeasurement:
         self, axis: int, run: str, levels: FloatArray, sensor: int | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Return inputs and settled outputs of a run, which is carried out as far as it is not."""
-        path, number = self._path(axis, run), len(RUNS) * axis + RUNS.index(run)
-        seed = self.setup["seed"] + number  # runs of a twin have different noise
+        path, seed = self._path(axis, run), self._seed(axis, run)
+        if path.exists():
+            with Store.open(path) as store:
+                if store.finished:
+                    names = store.setup.input, store.setup.output
+                    store.check_same(
+                        self.excitation.plan(levels, names[0]), self._setup(seed, names)
+                    )
+                    return _settled(store)
         with self.connect(seed) as head:
             check_head(head)
             kind = SingleTwinAxis if isinstance(head, Restorable) else SingleAxis
             plant = kind(head, axis, axis if sensor is None else sensor)
-            plan = self.excitation.plan(levels, plant.inputs[0])
             names = str(plant.inputs[0]), str(plant.outputs[0])
-            setup = Setup(**{**self.setup, "seed": seed}, input=names[0], output=names[1])
-            exists = path.exists()
-            with (
-                Store.open(path, write=True) if exists else Store.create(path, plan, setup)
-            ) as store:
+            plan, setup = self.excitation.plan(levels, names[0]), self._setup(seed, names)
+            with self._opened(path, plan, setup) as store:
                 store.check_same(plan, setup)
                 self.carry_out(plant, store)
-                points = store.points()
-        return np.array([p.input for p in points]), np.array([p.value for p in points])
+                return _settled(store)
+
+    def _opened(self, path: Path, plan: Plan, setup: Setup) -> Store:
+        return Store.open(path, write=True) if path.exists() else Store.create(path, plan, setup)
+
+    def _setup(self, seed: int, names: tuple[str, str]) -> Setup:
+        return Setup(**{**self.setup, "seed": seed}, input=names[0], output=names[1])
+
+    def _seed(self, axis: int, run: str) -> int:
+        """Return the seed of a run of a twin: each has different noise."""
+        return int(self.setup["seed"]) + len(RUNS) * axis + RUNS.index(run)
 
     def _path(self, axis: int, run: str) -> Path:
         return self.folder / f"{AXES[axis]}-{run}.sqlite"
@@ -264,6 +275,12 @@ class HeadMeasurement:
     def _digests(self) -> dict[str, str]:
         paths = [self._path(axis, run) for axis in range(len(AXES)) for run in RUNS]
         return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _settled(store: Store) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and settled outputs (T,) of a store."""
+    points = store.points()
+    return np.array([p.input for p in points]), np.array([p.value for p in points])
 
 
 def check_head(plant: Actuator) -> None:
