@@ -89,7 +89,7 @@ def test_a_finished_identification_needs_no_head(found, folder):
         raise AssertionError("it was connected")
 
     again = replace(measurement(folder), connect=absent).identified()
-    assert again.check == found.check
+    assert (again.check, again.on) == (found.check, found.on)
 
 
 def test_a_folder_of_another_identification_is_refused(found, folder):

@@ -65,7 +65,7 @@ class IdentifiedWires:
     Parameters
     ----------
     on : datetime
-        When they were identified.
+        When their measurement began.
     wires : tuple of HeatedWire
         Of pan and tilt.
     coupling : (2, 2) array
@@ -139,7 +139,7 @@ class HeadFile:
         known = self.identified
         if known is not None and self.calibrated is not None and known.on < self.calibrated:
             raise ModelFileError(
-                f"the wires in {name} were identified on {known.on:%Y-%m-%d %H:%M} UTC, before its "
+                f"the wires in {name} were measured on {known.on:%Y-%m-%d %H:%M} UTC, before its "
                 f"calibration on {self.calibrated:%Y-%m-%d %H:%M} UTC; identify them again with "
                 "minorloop head identify"
             )

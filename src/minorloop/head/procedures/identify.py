@@ -12,7 +12,7 @@ import hashlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -190,7 +190,7 @@ class HeadMeasurement:
         axes = [self._axis(axis) for axis in range(len(AXES))]
         found, moves = zip(*axes, strict=True)
         return IdentifiedWires(
-            on=datetime.now(UTC).replace(microsecond=0),
+            on=self._began(),
             wires=tuple(each.model for each in found),
             coupling=identify_coupling(moves),
             limits=WireLimits(),
@@ -271,6 +271,11 @@ class HeadMeasurement:
 
     def _path(self, axis: int, run: str) -> Path:
         return self.folder / f"{AXES[axis]}-{run}.sqlite"
+
+    def _began(self) -> datetime:
+        """Return when the first of the runs began."""
+        with Store.open(self._path(0, RUNS[0])) as store:
+            return datetime.fromisoformat(store.sessions()[0].began)
 
     def _digests(self) -> dict[str, str]:
         paths = [self._path(axis, run) for axis in range(len(AXES)) for run in RUNS]

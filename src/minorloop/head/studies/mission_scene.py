@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.head.control.head import head_control
+from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile
@@ -63,7 +63,13 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
     seed : int
     head : HeadFile, optional
         Of the head of this seed, which is identified without it.
+
+    Raises
+    ------
+    ModelFileError
+        If the file is of another head.
     """
+    control = _control(seed, head)
     rng = np.random.default_rng([seed, 31])
     bore = Bore(
         float(rng.uniform(-np.pi, np.pi)),
@@ -98,14 +104,17 @@ def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig
         thickness=flooded.thickness * float(1 + OFF_THICKNESS * about.normal()),
         temperature=warm + OFF_TEMPERATURE * float(about.normal()),
     )
-    if head is None:
-        wires, coupling = wires_of(seed)
-        control = head_control("observer", wires, coupling=coupling)
-    else:
-        head.check_fits(plant.head.serial, "the file")
-        control = head.control()
     rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
     return rig, MissionTruth(bore, crack, flooded, warm, plant, (x, y))
+
+
+def _control(seed: int, head: HeadFile | None) -> HeadControl:
+    """Return the control of the head of a seed, by its file or as identified now."""
+    if head is None:
+        wires, coupling = wires_of(seed)
+        return head_control("observer", wires, coupling=coupling)
+    head.check_fits(Head(seed).serial, "the file given")
+    return head.control()
 
 
 def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:
