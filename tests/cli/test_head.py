@@ -1,10 +1,17 @@
 import json
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
 
+VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
+LATER = datetime(2226, 1, 1, tzinfo=UTC)
 IDENTIFY = "head identify --actuator twin:head --noise 0.05 --bands 2 --hold 12 --store runs"
 
 
@@ -28,6 +35,11 @@ def test_a_head_is_identified_once_and_driven_by_its_file(run):
     status, _, error = run(f"{IDENTIFY} --head head.json --specimen 1000")
     assert status == 2
     assert "--force" in error
+    later = replace(read_head("head.json"), calibration=VIEW, calibrated=LATER)
+    save_head(later, "head.json", force=True)
+    status, _, error = run(f"{IDENTIFY} --head head.json --specimen 1000 --force")
+    assert status == 2
+    assert "before its calibration on 2226-01-01 00:00 UTC; identify them again" in error
     pytest.importorskip("starlette", reason="needs starlette and uvicorn: minorloop[head]")
     status, _, error = run("console --port 0 --head head.json")
     assert status == 2

@@ -21,6 +21,7 @@ NAME = "head"
 HELP = "Identify the two wires of a catheter head once, and drive it by the file of it."
 app = typer.Typer(help=HELP)
 
+_AGAIN = "continue with the same command"
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
 ]
@@ -78,11 +79,9 @@ def identify(
         lambda plant, opened: carry_out_levels(plant, opened, None, None, again=_AGAIN),
     )
     found = replace(before or HeadFile(serial=serial), identified=measurement.identified())
+    found.check_fits(serial, head)  # old runs may be older than the calibration
     save_head(found, head, force=True)
     _show(found, head, as_json)
-
-
-_AGAIN = "continue with the same command"
 
 
 def _serial(plant: Actuator, given: str | None) -> str:
