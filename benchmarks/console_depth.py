@@ -92,10 +92,10 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
     from minorloop.head.console import messages
     from minorloop.head.console.identified_head import head_of
     from minorloop.head.console.perception import Perception
-    from minorloop.head.console.plant import PlantView
     from minorloop.head.console.reports import camera_finding
     from minorloop.head.console.session import Session
     from minorloop.head.geometry import Mount
+    from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.twins.camera import LENS
     from minorloop.head.twins.catheter import Catheter
     from minorloop.head.twins.head import Head
@@ -110,7 +110,7 @@ def scan_job(scene: Any, seed: int) -> dict[str, Any]:
         flooded=scene.pipe,
         probe=scene.settings,
     )
-    view = PlantView(
+    view = HeadCalibration(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=scene.probe.mount.offset,

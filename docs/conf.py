@@ -62,7 +62,7 @@ GoogleDocstring._parse_attribute_docstring = GoogleDocstring._consume_to_end
 nitpicky = True
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|scipy|matplotlib|pandas|sklearn|control|dask|distributed)\..*"),
-    (r"py:.*", r"(collections|typing|enum|pathlib|msgspec|starlette|asyncio)\..*"),
+    (r"py:.*", r"(collections|contextlib|typing|enum|pathlib|msgspec|starlette|asyncio)\..*"),
     (
         r"py:(class|exc)",
         r"(object|Exception|ValueError|OSError|TypeError|ImportError|.*Error|tuple)",

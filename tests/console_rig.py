@@ -11,10 +11,11 @@ from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
 from minorloop.head.console.identified_head import head_of
 from minorloop.head.console.perception import Perception
-from minorloop.head.console.plant import PlantView, open_plant, open_tip
+from minorloop.head.console.plant import open_plant, open_tip
 from minorloop.head.console.session import Session
 from minorloop.head.console.units import to_shown
 from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
 
 with warnings.catch_warnings():
     # Newer ones warn that the client of another package is preferred to httpx.
@@ -210,7 +211,7 @@ class SilentLoop:
         self.settings, self.received, self.orders = settings, received, []
 
     def start(self):
-        small = PlantView(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+        small = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
         self.received(text("hello", view={}, known=small.to_dict(), cone=28.0, planes=[]))
 
     def order(self, message):

@@ -120,8 +120,8 @@ def check_exists(command):
     words = [word for word in shlex.split(command) if word]
     program = Path(words[0]).name
     if program == "minorloop":
-        verb = typer.main.get_command(app).commands[words[1]]
-        verb.make_context(words[1], words[2:]).close()
+        verb, rest = verb_of(words[1:])
+        verb.make_context(verb.name, rest).close()
     elif program == "make":
         text = (ROOT / "Makefile").read_text()
         for target in (word for word in words[1:] if "=" not in word):
@@ -142,13 +142,21 @@ def check_exists(command):
         assert program in {"source", ".ci/run", "cc", "git"}, f"unknown command: {command}"
 
 
+def verb_of(words):
+    """The verb that words begin with, and the words after it."""
+    verb, rest = typer.main.get_command(app), list(words)
+    while hasattr(verb, "commands") and rest:
+        verb = verb.commands[rest.pop(0)]
+    return verb, rest
+
+
 def check_named(text):
     """Refuse a command in running text whose verb, options or target do not exist."""
     program, first, *words = text.replace("\n", " ").split()
     if program == "make":
         assert re.search(rf"^{first}:", (ROOT / "Makefile").read_text(), re.MULTILINE), text
         return
-    verb = typer.main.get_command(app).commands[first]
+    verb, words = verb_of([first, *words])
     options = {name for parameter in verb.params for name in parameter.opts}
     for word in words:
         assert not word.startswith("-") or word in {*options, "--help"}, text

@@ -25,6 +25,7 @@ from minorloop import (
 from minorloop._modelschema import KINDS, Content, plain
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.dynamics.linear import Linear
 from minorloop.lab.records import Quantity
 from minorloop.modelfile import LARGEST, ModelWarning, Provenance, read
@@ -48,6 +49,8 @@ MODELS = {
         Creep([0.1, 3.0], [1 / 3, 0.1], 0.5, 0.1),
         1 / 7,
     ),
+    "linear": Linear([0.1, 1 / 7], [1.0, -1 / 3], 0.1, 0.3),
+    "heated-wire": HeatedWire(Preisach(LEVELS, TRIANGLE), 1 / 3, 0.1),
 }
 GIVEN = {"created": "2026-01-31T12:00:00Z", "minorloop": "0.1.0"}
 
@@ -95,6 +98,13 @@ def test_the_file_has_every_parameter_of_the_class_and_no_other(kind, path):
     ]
     assert written.pop("kind") == kind
     assert set(written) == {field.name for field in fields}
+
+
+@pytest.mark.parametrize("kind", ["linear", "heated-wire"])
+def test_a_model_without_an_operator_on_its_input_is_refused_where_one_is_needed(kind, path):
+    save(MODELS[kind], path)
+    with pytest.raises(ModelFileError, match=f"a model of kind '{kind}'.*identify --save"):
+        _ = read(path).operator
 
 
 def test_every_kind_is_tested():

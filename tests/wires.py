@@ -4,7 +4,8 @@ from functools import cache
 
 import numpy as np
 
-from minorloop.head.control.heating import HeatedWire, identify_heating, moving_levels
+from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.head.control.heating import identify_heating, moving_levels
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.wire import Wire
 from minorloop.identification import excitation

@@ -9,6 +9,19 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 
+def flat(group: Any) -> list[tuple[str, Any]]:
+    """Return the verbs of a group by name, and those of groups in it by both names."""
+    found = []
+    for name, verb in group.commands.items():
+        inner = [(f"{name} {each}", part) for each, part in flat(verb)] if _is_group(verb) else []
+        found += inner or [(name, verb)]
+    return found
+
+
+def _is_group(verb: Any) -> bool:
+    return hasattr(verb, "commands")
+
+
 class Verbs(SphinxDirective):
     """A section for each verb, with its arguments and options as the command line has them."""
 
@@ -18,7 +31,7 @@ class Verbs(SphinxDirective):
         from minorloop.cli import app
 
         group: Any = typer.main.get_command(app)
-        return [self.section(name, verb) for name, verb in group.commands.items()]
+        return [self.section(name, verb) for name, verb in flat(group)]
 
     def section(self, name: str, verb: Any) -> nodes.section:
         title = f"minorloop {name}"

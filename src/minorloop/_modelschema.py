@@ -19,6 +19,8 @@ import numpy as np
 
 from minorloop.arrays import FloatArray, as_levels, frozen
 from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import PathLike, printable
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
@@ -32,7 +34,7 @@ StaticModel: TypeAlias = (
     Preisach | RelayModel | PrandtlIshlinskii | GeneralisedPrandtlIshlinskii | Polynomial
 )
 """Classes of operators in model files."""
-Model: TypeAlias = StaticModel | Cascade
+Model: TypeAlias = StaticModel | Cascade | Linear | HeatedWire
 """Classes of models in model files."""
 
 KINDS: Mapping[type[Model], str] = {
@@ -42,6 +44,8 @@ KINDS: Mapping[type[Model], str] = {
     GeneralisedPrandtlIshlinskii: "generalised-prandtl-ishlinskii",
     Polynomial: "polynomial",
     Cascade: "cascade",
+    Linear: "linear",
+    HeatedWire: "heated-wire",
 }
 """The name of each class in a file."""
 
@@ -133,8 +137,9 @@ if TYPE_CHECKING:
     AnyModel: TypeAlias = msgspec.Struct
 else:
     _TAGGED = []
-    for _of, _word in KINDS.items():  # the cascade comes last and contains one of the others
-        _AnyOperator = Union[tuple(_TAGGED)] if _TAGGED else None  # noqa: UP007
+    for _of, _word in KINDS.items():  # a cascade contains one of the operators before it
+        if _of is Cascade:
+            _AnyOperator = Union[tuple(_TAGGED)]  # noqa: UP007
         _TAGGED.append(_struct(_of, tag_field="kind", tag=_word))
     AnyModel = Union[tuple(_TAGGED)]  # noqa: UP007
 """JSON objects of any operator, and of any model; their key ``kind`` names the class."""

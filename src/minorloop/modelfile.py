@@ -29,6 +29,9 @@ The other keys of ``model`` depend on its kind. They are the parameters of its c
 ``cascade``                         operator (one of the above), linear, first, creep, noise of
                                     `Cascade`: linear has numerator, denominator, interval,
                                     delay; creep is null or has times, strengths, gain, offset
+``linear``                          numerator, denominator, interval, delay of `Linear`
+``heated-wire``                     operator (the keys of ``preisach`` without a kind), lag,
+                                    latent of `HeatedWire`
 ==================================  ==========================================================
 
 The weights of the first two are rows up to the diagonal: row i has i + 1 numbers. Decimal numbers
@@ -70,6 +73,8 @@ from minorloop._modelschema import (
 )
 from minorloop.arrays import as_finite
 from minorloop.dynamics.cascade import Cascade
+from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.dynamics.linear import Linear
 from minorloop.errors import ModelFileError, ParameterError
 from minorloop.files import PathLike, check_name, check_writable, write_atomically
 from minorloop.lab.records import Quantity
@@ -103,7 +108,7 @@ class ModelFile:
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii,
-        Polynomial or Cascade
+        Polynomial, Cascade, Linear or HeatedWire
         The model.
     input, output : Quantity
         Names and units of its input and output.
@@ -124,9 +129,20 @@ class ModelFile:
 
     @property
     def operator(self) -> StaticModel:
-        """The model, or the operator of a cascade: the output for slow inputs."""
+        """The model, or the operator of a cascade: the output for slow inputs.
+
+        Raises
+        ------
+        ModelFileError
+            If the model has no operator on the input of the file.
+        """
         if isinstance(self.model, Cascade):
             return self.model.operator  # type: ignore[return-value]
+        if isinstance(self.model, Linear | HeatedWire):
+            raise ModelFileError(
+                f"the file has a model of kind {self.kind!r}, which minorloop.load reads; give a "
+                "file that identify --save has written"
+            )
         return self.model
 
     @property
@@ -196,7 +212,7 @@ def save(
     Parameters
     ----------
     model : Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial,
-            Cascade, Identification or DynamicIdentification
+            Cascade, Linear, HeatedWire, Identification or DynamicIdentification
         The model. That of an identification is written with its lag, scores and warnings.
     path : str or path
         The file to write.
@@ -262,7 +278,8 @@ def load(path: PathLike) -> Model:
 
     Returns
     -------
-    Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii or Polynomial
+    Preisach, RelayModel, PrandtlIshlinskii, GeneralisedPrandtlIshlinskii, Polynomial, Cascade,
+    Linear or HeatedWire
         Equal to what was saved, to the last bit.
 
     Raises

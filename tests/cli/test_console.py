@@ -22,6 +22,8 @@ pytest.importorskip("starlette", reason="needs starlette and uvicorn: minorloop[
         ("--seed -1", "--seed is -1; give 0 or more"),
         ("--folder good.csv", "give a folder"),
         ("--host no.such.host.invalid --port 0", "cannot listen"),
+        ("--camera camera:ftp://a", "give camera:0"),
+        ("--tracker tcp:4242", "give udp:PORT"),
         ("--name https://a.example", "give a host name such as console.example.org"),
     ],
 )

@@ -19,7 +19,9 @@ from minorloop.cli import (
     export,
     fleet,
     frequency,
+    head,
     identify,
+    inspect,
     invert,
     plan,
     reduce,
@@ -52,11 +54,12 @@ app = typer.Typer(
 )
 _VERBS = (
     *(reduce, identify, simulate, invert, plan, run_verb, drive, resume, runs, frequency),
-    *(export, fleet, study, console, demo),
+    *(export, fleet, study, inspect, console, demo),
 )
 for _verb in _VERBS:
     _kind = getattr(_verb, "COMMAND", None)
     app.command(_verb.NAME, cls=_kind, epilog=f"Example: {_verb.EXAMPLE}")(_verb.run)
+app.add_typer(head.app, name=head.NAME)
 
 
 def _print_version(wanted: bool) -> None:

@@ -19,6 +19,8 @@ _MEANT = {
     "export": ("codegen", "compile", "deploy"),
     "fleet": ("batch", "many"),
     "study": ("reproduce", "paper", "benchmark"),
+    "inspect": ("look", "defects", "pictures"),
+    "head": ("wires",),
     "console": ("gui", "ui", "lab", "serve", "web"),
     "demo": ("example", "tutorial", "quickstart"),
     "--help": ("help",),

@@ -44,6 +44,27 @@ _Name = Annotated[
     str | None,
     typer.Option(help="Host name of an https proxy in front of the console."),
 ]
+_Tracker = Annotated[
+    str | None,
+    typer.Option(
+        help="Where a tracker of your head sends its poses, by the UDP protocol of OpenTrack: "
+        "udp:4242, or udp:0.0.0.0:4242 for one on another machine; the browser's pose without it."
+    ),
+]
+_Head = Annotated[
+    Path | None,
+    typer.Option(
+        help="File of the head, as head identify writes it; a simulated head is identified at the "
+        "start without it."
+    ),
+]
+_Camera = Annotated[
+    str | None,
+    typer.Option(
+        help="The camera: camera:0, camera:/dev/video0, camera:rtsp://..., camera:http://... "
+        "(MJPEG), a video, or a folder of images; that of the plant without it."
+    ),
+]
 _Key = Annotated[Path | None, typer.Option("--private-key", help="Its private key (PEM).")]
 
 
@@ -58,6 +79,9 @@ def run(
     certificate: _Certificate = None,
     private_key: _Key = None,
     name: _Name = None,
+    tracker: _Tracker = None,
+    head: _Head = None,
+    camera: _Camera = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
     from minorloop.head.console.settings import STATIC, LoopSettings, check_address
@@ -83,10 +107,26 @@ def run(
         raise OutputError(f"{folder} is a file; give a folder for recorded sessions")
     from minorloop.head.console.auth import Authentication
     from minorloop.head.console.processes import Serving, supervised
+    from minorloop.head.console.tracker import listening_for
 
+    known = None
+    if head is not None:
+        from minorloop.head.console.plant import head_at
+
+        known = head_at(plant, specimen, head)
+    if camera is not None:
+        from minorloop.head.vision.video import check_camera
+
+        check_camera(camera)
     settings = LoopSettings(
-        address=plant, specimen=specimen, seed=seed, folder=str(folder), timeout=timeout
+        address=plant,
+        specimen=specimen,
+        seed=seed,
+        folder=str(folder),
+        timeout=timeout,
+        camera=camera,
     )
+    tracking = None if tracker is None else listening_for(tracker)
     listening = _listen(host, port)
     port = listening.getsockname()[1]
     authentication = Authentication(host, port=port, name=name)
@@ -102,7 +142,9 @@ def run(
         certificate=certificate,
         private_key=private_key,
     )
-    supervised(settings, serving, lambda sentence: typer.echo(f"note: {sentence}", err=True))
+    supervised(
+        settings, serving, lambda said: typer.echo(f"note: {said}", err=True), tracking, known
+    )
 
 
 def _check_pair(certificate: Path, key: Path) -> None:

@@ -189,20 +189,25 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
 
 
 def carry_out_levels(
-    plant: Actuator, store: Store, choose: Choose | None, chooser: Adaptive | None
+    plant: Actuator,
+    store: Store,
+    choose: Choose | None,
+    chooser: Adaptive | None,
+    again: str | None = None,
 ) -> ResumeMode:
-    """Carry out the rest of a run and show its progress; an error says how to continue."""
+    """Carry out the rest of a run and show its progress; an error says how to continue.
+
+    ``again`` says how, if not with resume.
+    """
+    if again is None:
+        again = f"continue with minorloop resume --store {shlex.quote(str(store.path))}"
     from minorloop.lab.run import run as carry
 
     try:
         with watching(store, chooser) as watch:
             return carry(plant, store.plan, store, choose=choose, watch=watch)
     except InstrumentError as error:
-        left = (
-            ""
-            if store.finished
-            else f"; continue with minorloop resume --store {shlex.quote(str(store.path))}"
-        )
+        left = "" if store.finished else f"; {again}"
         kept = f"{len(store)} of {len(store.plan)} levels are kept"
         raise type(error)(f"{error}; {kept}{left}") from None
 

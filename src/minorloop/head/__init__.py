@@ -10,8 +10,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from minorloop.dynamics.heated_wire import HeatedWire
     from minorloop.head.control.head import HeadControl, head_control
-    from minorloop.head.control.heating import HeatedWire, identify_heating, moving_levels
+    from minorloop.head.control.heating import identify_heating, moving_levels
     from minorloop.head.control.limits import WireLimits
     from minorloop.head.control.planning import Planner
     from minorloop.head.twins.sensor import Fault
@@ -32,19 +33,20 @@ __all__ = [
 ]
 
 _MODULES = {
-    "control.head": ("HeadControl", "head_control"),
-    "control.heating": ("HeatedWire", "identify_heating", "moving_levels"),
-    "control.limits": ("WireLimits",),
-    "control.planning": ("Planner",),
-    "twins.sensor": ("Fault",),
-    "twins.surroundings": ("Course", "Surroundings", "convection"),
+    "dynamics.heated_wire": ("HeatedWire",),
+    "head.control.head": ("HeadControl", "head_control"),
+    "head.control.heating": ("identify_heating", "moving_levels"),
+    "head.control.limits": ("WireLimits",),
+    "head.control.planning": ("Planner",),
+    "head.twins.sensor": ("Fault",),
+    "head.twins.surroundings": ("Course", "Surroundings", "convection"),
 }
 _MODULE = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     if name in _MODULE:
-        return getattr(import_module(f"minorloop.head.{_MODULE[name]}"), name)
+        return getattr(import_module(f"minorloop.{_MODULE[name]}"), name)
     raise AttributeError(f"module 'minorloop.head' has no attribute {name!r}")
 
 

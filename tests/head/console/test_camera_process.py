@@ -4,7 +4,8 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 
-from minorloop.head.console.camera_process import _warm_up, newest
+from minorloop.errors import InstrumentError
+from minorloop.head.console.camera_process import _warm_up, answer, newest
 from minorloop.head.console.camera_protocol import CameraRequest
 from minorloop.head.vision import _outline_kernels
 
@@ -20,6 +21,16 @@ def test_the_newest_request_has_the_commands_of_those_before_it():
     assert found.number == 3
     assert found.commands == [("find", []), ("focus", [0.02])]
     assert not ours.poll()
+
+
+def test_a_request_without_a_picture_is_not_answered():
+    def tick(request):
+        raise InstrumentError("camera:0 gives no picture")
+
+    ours, theirs = Pipe()
+    theirs.send_bytes(msgspec.msgpack.encode(CameraRequest(number=1, t=0.0, position=(0.0,) * 4)))
+    assert answer(SimpleNamespace(tick=tick), ours, None) == "camera:0 gives no picture"
+    assert not theirs.poll()
 
 
 def test_outlines_are_compiled_before_a_picture_has_a_candidate(monkeypatch):

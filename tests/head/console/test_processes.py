@@ -15,11 +15,11 @@ import pytest
 from minorloop.head.console import camera_process, loop, messages, watchdog
 from minorloop.head.console.camera_protocol import CameraReport
 from minorloop.head.console.channel import NewestPipe
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.processes import PIPES
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import Part, Supervisor
 from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
 
 AHEAD = {"pose": (0.0, 0.0, 0.0, 1.0), "age": 0.0, "stick": (0.0, 0.0), "clutch": False}
 
@@ -36,7 +36,7 @@ class BlankCamera:
 def see(handle):
     server, asked = NewestPipe(), NewestPipe()
     over = handle.begin(server=server, loop=asked)
-    small = PlantView(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+    small = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
     camera_process._serve(BlankCamera(), small.to_dict(), asked, server, handle, over)
 
 

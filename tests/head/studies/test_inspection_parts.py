@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from minorloop.errors import ModelFileError
 from minorloop.head.geometry import Mount
+from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.trace import likely
 from minorloop.head.reconstruction.depth_map import BOTH, CAMERA, ECHOES, UNSEEN
 from minorloop.head.studies import (
@@ -225,6 +227,11 @@ def test_a_mission_that_finds_nothing_reports_it(monkeypatch):
     assert picked == []
     assert "nothing round was seen" in inspection_report.nothing_found(mission)
     assert save_mission(mission, None) == []
+
+
+def test_a_mission_refuses_the_file_of_another_head():
+    with pytest.raises(ModelFileError, match=r"'twin-head-2', and the head here is 'twin-head-1'"):
+        run_mission(1, HeadFile(serial="twin-head-2"))
 
 
 def test_a_disturbed_scan_is_repeated_beside_the_first(scene, monkeypatch):

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from minorloop.errors import MinorloopError
+from minorloop.errors import InstrumentError, MinorloopError
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import (
     PICTURED,
@@ -21,15 +21,18 @@ from minorloop.head.console.camera_protocol import (
     CameraRequest,
     request_decoder,
 )
+from minorloop.head.console.camera_tip import CameraTip
 from minorloop.head.console.channel import NewestPipe, Outbox
-from minorloop.head.console.imaging import opencv
 from minorloop.head.console.perception import Later, Perception
 from minorloop.head.console.plant import open_tip
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
 from minorloop.head.console.units import to_shown
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.candidates import compile_outlines
+from minorloop.head.vision.imaging import opencv
+from minorloop.head.vision.video import LiveCamera
 
 _QUALITY = 78
 """Of a JPEG, 1 to 100."""
@@ -38,7 +41,9 @@ _RECORD_EVERY = 5
 _POLL = 0.1
 
 
-def run(handle: ProcessHandle, settings: LoopSettings) -> None:
+def run(
+    handle: ProcessHandle, settings: LoopSettings, calibration: HeadCalibration | None = None
+) -> None:
     """Run the camera until the control loop or the supervisor ends; for a process of its own.
 
     Parameters
@@ -46,6 +51,8 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     handle : ProcessHandle
         Gives pipes to the control loop, and to the server for pictures and jobs.
     settings : LoopSettings
+    calibration : HeadCalibration, optional
+        Of camera and probe; that of the tip without it.
     """
     server, loop = NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, loop=loop)
@@ -53,13 +60,18 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
         os.nice(-5)  # few systems allow it; it helps where other programs use the same cores
     try:
         tip, view = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed)
+        view = calibration or view
+        camera = None if settings.camera is None else LiveCamera(settings.camera)
         opencv()
     except (MinorloopError, ImportError) as error:
         _serve(None, {"failed": str(error)}, loop, server, handle, stop)
         return
     pool = ThreadPoolExecutor(1)
+    pool.submit(getattr(tip, "prepare", lambda: None))
     perception = Perception(tip, view, _in(pool))
     _warm_up(perception)
+    if camera is not None:
+        perception = Perception(CameraTip(tip, camera, view.lens), view, _in(pool))
     gc.collect()
     gc.freeze()
     _serve(perception, view.to_dict(), loop, server, handle, stop)
@@ -84,18 +96,28 @@ def _serve(
         return
     with contextlib.suppress(EOFError, OSError):
         pipe.send_bytes(msgspec.json.encode(introduction))
+        problem = ""
         while not stop.is_set():
             handle.beat()
             if pipe.poll(_POLL):
-                _answer(perception, pipe, outbox)
+                before, problem = problem, answer(perception, pipe, outbox)
+                if problem and problem != before:
+                    outbox.event(messages.encode(messages.Notice(text=problem)))
 
 
-def _answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> None:
-    """Answer the newest request of the loop."""
+def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> str:
+    """Answer the newest request of the loop; return why there is no answer, empty if there is one.
+
+    Without a picture there is none, and the loop holds.
+    """
     request = newest(loop)
     if perception is None:
-        return
-    loop.send_bytes(msgspec.msgpack.encode(perception.tick(request)))
+        return ""
+    try:
+        report = perception.tick(request)
+    except InstrumentError as error:
+        return str(error)
+    loop.send_bytes(msgspec.msgpack.encode(report))
     if perception.image is not None:
         where, coded = to_shown(request.position), jpeg(perception.image)
         picture = messages.picture(messages.IMAGE, request.number, request.t, where, coded)
@@ -104,6 +126,7 @@ def _answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> 
             loop.send_bytes(PICTURED + picture)
     while perception.jobs:
         outbox.event(bytes([messages.JOB]) + pickle.dumps(perception.jobs.pop(0)))
+    return ""
 
 
 def newest(pipe: Connection) -> CameraRequest:

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.head.console.messages import Spot
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.units import Position, to_si
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.extract import nearest
 from minorloop.head.vision.defects import Findings, Hole, find_holes, strongest
 from minorloop.head.vision.reflectance_map import LitFrame
@@ -34,10 +34,10 @@ class Finder:
 
     Parameters
     ----------
-    view : PlantView
+    view : HeadCalibration
     """
 
-    view: PlantView
+    view: HeadCalibration
 
     def __post_init__(self) -> None:
         self.known: tuple[Hole, ...] = ()

@@ -154,6 +154,17 @@ def gaze(
     return replace(state, turned=turned, smooth=smooth, speed=speed, command=command)
 
 
+def pose_of(yaw: float, pitch: float, roll: float) -> Quaternion:
+    """Return the pose of a head turned right by a yaw, then up by a pitch, then by a roll.
+
+    All are in radians; a positive roll leans the head to the left.
+    """
+    turned = 0.0, math.sin(-yaw / 2), 0.0, math.cos(yaw / 2)
+    raised = math.sin(pitch / 2), 0.0, 0.0, math.cos(pitch / 2)
+    leaning = 0.0, 0.0, math.sin(roll / 2), math.cos(roll / 2)
+    return _times(_times(turned, raised), leaning)
+
+
 def is_pose(pose: Quaternion) -> bool:
     """Return whether four numbers are close enough to a unit quaternion to be a pose."""
     return _LEAST_NORM <= math.hypot(*pose) <= _MOST_NORM

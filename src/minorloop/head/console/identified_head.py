@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.console.settings import check_address
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.heating import (
-    HeatedWire,
     identify_coupling,
     identify_heating,
     moving_levels,

@@ -12,6 +12,7 @@ import contextlib
 import gc
 import os
 import queue
+import socket
 import sys
 import threading
 import time
@@ -28,13 +29,14 @@ from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest, RemoteCamera
 from minorloop.head.console.channel import NewestPipe, Outbox
 from minorloop.head.console.identified_head import head_of
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.recording import PICTURE, TEXT, Recorder
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle, raise_priority
+from minorloop.head.console.tracker import UdpTracker
 from minorloop.head.console.watchdog import RemotePlant
 from minorloop.head.control.head import HeadControl
+from minorloop.head.procedures.calibration import HeadCalibration
 
 _STOOD_STILL = 0.2
 """Seconds that a tick may be late; a later one means that the process was stopped."""
@@ -45,7 +47,12 @@ _MOST_UNWRITTEN = 20_000
 """Entries of a recording that may wait for the disk: some ten minutes of them."""
 
 
-def run(handle: ProcessHandle, settings: LoopSettings) -> None:
+def run(
+    handle: ProcessHandle,
+    settings: LoopSettings,
+    tracking: socket.socket | None = None,
+    control: HeadControl | None = None,
+) -> None:
     """Run the loop until the supervisor ends; for a process of its own.
 
     Parameters
@@ -54,6 +61,10 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
         Gives pipes to the server, to the plant, and to the camera, whose first message is its
         calibration.
     settings : LoopSettings
+    tracking : socket, optional
+        Receives the packets of a tracker of the operator's head.
+    control : HeadControl, optional
+        Of the head, which is identified without it.
     """
     server, pictures, wires = NewestPipe(), NewestPipe(), NewestPipe()
     stop = handle.begin(server=server, camera=pictures, plant=wires)
@@ -62,7 +73,7 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
         os.nice(-10)  # few systems allow it; it helps where other programs use the same cores
     camera, plant = RemoteCamera(pictures), RemotePlant(wires, settings.patience / 2)
     try:
-        control = head_of(settings.address, settings.specimen)
+        control = control or head_of(settings.address, settings.specimen)
         view = _introduced(camera, stop)
         _warm_up(view, control, settings)
     except (MinorloopError, ImportError) as error:
@@ -71,7 +82,8 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     while not plant.meet(_POLL):
         if stop.is_set():
             return
-    session = Session(plant, view, control, camera, settings.teleop_config())
+    tracker = None if tracking is None else UdpTracker(tracking)
+    session = Session(plant, view, control, camera, settings.teleop_config(), tracker)
     loop = _Loop(session, plant, camera, server, settings)
     gc.collect()
     gc.freeze()
@@ -83,14 +95,14 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
         loop.close()
 
 
-def _introduced(camera: RemoteCamera, stop: threading.Event) -> PlantView:
+def _introduced(camera: RemoteCamera, stop: threading.Event) -> HeadCalibration:
     """Wait for the calibration of camera and probe, and return it."""
     while not stop.is_set():
         values = camera.introduction(_POLL)
         if values is not None and "failed" in values:
             raise ParameterError(values["failed"])
         if values is not None:
-            return PlantView.from_dict(values)
+            return HeadCalibration.from_dict(values)
     raise ParameterError("the camera did not start")
 
 
@@ -126,7 +138,7 @@ class _Stub:
         return [CameraReport(number=0)]
 
 
-def _warm_up(view: PlantView, control: HeadControl, settings: LoopSettings) -> None:
+def _warm_up(view: HeadCalibration, control: HeadControl, settings: LoopSettings) -> None:
     stub = _Stub()
     session = Session(stub, view, control, stub, settings.teleop_config())
     for _ in range(25):

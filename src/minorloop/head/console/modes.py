@@ -62,6 +62,8 @@ class TickInput:
         if there was none.
     stick : (float, float)
         Forward and right, -1 to 1.
+    lost : str
+        What to say if there is no pose, or an old one.
     clutch : bool
         Whether the clutch is pressed.
     pictures : bool
@@ -79,6 +81,7 @@ class TickInput:
     pose_age: float = math.inf
     link_age: float = math.inf
     stick: Pair = (0.0, 0.0)
+    lost: str = "the pose of the operator's head was lost"
     clutch: bool = False
     pictures: bool = True
     servo: Pair | None = None
@@ -164,7 +167,7 @@ def _refusal(config: TeleopConfig, state: TeleopState, inputs: TickInput, wanted
             "pictures come again, or start the console with a longer --timeout"
         )
     if wanted == "HEAD" and (inputs.pose is None or not inputs.pose_age <= config.gaze.timeout):
-        return "the pose of the operator's head was lost; press HEAD to continue"
+        return f"{inputs.lost}; press HEAD to continue"
     entering = inputs.request is not None and state.mode != "TRACK"
     if wanted == "TRACK" and entering and inputs.servo is None:
         return "there is no target in sight; pick one, then press TRACK"

@@ -17,9 +17,10 @@ import numpy as np
 from minorloop.errors import MinorloopError, SignalError
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
 from minorloop.head.console.finder import Finder
-from minorloop.head.console.plant import PlantView, reading_at
+from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan_echoes import ScanEchoes
 from minorloop.head.console.units import Position
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.extract import Acquisition, nearest
 from minorloop.head.procedures.focus import Focusing
@@ -66,13 +67,13 @@ class Perception:
     Parameters
     ----------
     tip : Tip
-    view : PlantView
+    view : HeadCalibration
         Their calibration.
     later : Later
         Runs longer computations.
     """
 
-    def __init__(self, tip: Tip, view: PlantView, later: Later = at_once) -> None:
+    def __init__(self, tip: Tip, view: HeadCalibration, later: Later = at_once) -> None:
         self._tip, self.view, self._later = tip, view, later
         self._finder = Finder(view)
         self._centring = Centring(calibration=view)

@@ -8,17 +8,20 @@ and the ultrasonic probe. The wires are known as identified, camera and probe as
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 
+from minorloop.files import PathLike
 from minorloop.head.console.settings import check_address
 from minorloop.head.console.units import Position
-from minorloop.head.geometry import Mount, Pinhole, Probe
+from minorloop.head.geometry import Mount
 from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
+
+if TYPE_CHECKING:
+    from minorloop.head.procedures.head_file import HeadFile
 
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
@@ -27,35 +30,29 @@ _LENGTH = 0.1024
 _MOUNT, _RADIUS, _THICKNESS, _TEMPERATURE = 0.05e-3, 20e-6, 0.03, 0.3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlantView(HeadCalibration):
-    """Camera and probe as calibrated, as plain values in messages."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for messages."""
-        names = ("offset", "roll", "lever", "radius", "thickness", "temperature")
-        plain = {name: getattr(self, name) for name in names}
-        lens, probe = (
-            msgspec.to_builtins(part, enc_hook=float) for part in (self.lens, self.probe)
-        )
-        return {"lens": lens, "probe": probe, "leds": self.leds.tolist(), **plain}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> PlantView:
-        """Return the view that `to_dict` gave these values."""
-        converted = {
-            "lens": msgspec.convert(values["lens"], Pinhole),
-            "probe": msgspec.convert(values["probe"], Probe),
-            "leds": np.array(values["leds"]),
-            "offset": tuple(values["offset"]),
-        }
-        return cls(**{**values, **converted})
-
-
 def reading_at(position: Position, **known: Any) -> Reading:
     """Return the `Reading` of a procedure at a position, with other values."""
     angles, place = np.array(position[:2]), np.array(position[2:])
     return Reading(**{"t": 0.0, **known}, angles=angles, place=place)
+
+
+def head_at(address: str, specimen: int | None, file: PathLike) -> HeadFile:
+    """Return the content of a file, which has to be of the head at an address.
+
+    Raises
+    ------
+    ParameterError
+        If nothing can be steered at the address.
+    ModelFileError
+        If the file is not valid, is of another head, or is older than its calibration.
+    """
+    check_address(address)
+    from minorloop.head.procedures.head_file import read_head
+    from minorloop.head.twins.head import Head
+
+    found = read_head(file)
+    found.check_fits(Head(specimen).serial, file)
+    return found
 
 
 def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:
@@ -76,7 +73,7 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> P
 
 def open_tip(
     address: str, *, specimen: int | None = None, seed: int = 0, scale: float = 1.0
-) -> tuple[Tip, PlantView]:
+) -> tuple[Tip, HeadCalibration]:
     """Return camera and probe of the plant at an address, and their calibration.
 
     Parameters
@@ -102,7 +99,7 @@ def open_tip(
     pipe = _pipe(seed)
     mount = Mount(offset=offset)
     tip = SimulatedTip(pipe, mount=mount, specimen=specimen, seed=seed, optics=LENS.scaled(scale))
-    view = PlantView(
+    view = HeadCalibration(
         lens=tip.camera.calibration,
         leds=tip.camera.leds,
         offset=(float(known[0]), float(known[1])),

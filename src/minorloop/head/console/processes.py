@@ -14,12 +14,18 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from minorloop.errors import MissingExtraError
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.channel import NewestPipe
 from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
+
+if TYPE_CHECKING:
+    from minorloop.head.control.head import HeadControl
+    from minorloop.head.procedures.calibration import HeadCalibration
+    from minorloop.head.procedures.head_file import HeadFile
 
 PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
 """Processes that have a pipe to each other."""
@@ -48,7 +54,13 @@ class Serving:
     private_key: Path | None = None
 
 
-def supervised(settings: LoopSettings, how: Serving, notify: Callable[[str], None]) -> None:
+def supervised(
+    settings: LoopSettings,
+    how: Serving,
+    notify: Callable[[str], None],
+    tracking: socket.socket | None = None,
+    head: HeadFile | None = None,
+) -> None:
     """Run the console until a signal ends it.
 
     Parameters
@@ -57,11 +69,16 @@ def supervised(settings: LoopSettings, how: Serving, notify: Callable[[str], Non
     how : Serving
     notify : callable
         Shows a sentence on a restarted process to the user.
+    tracking : socket, optional
+        Receives the packets of a tracker of the operator's head; a restarted loop uses the same.
+    head : HeadFile, optional
+        Of the head, which is identified at the start without it.
     """
+    control, calibration = (None, None) if head is None else (head.control(), head.calibration)
     parts = [
         Part(name="plant", target=run_plant, args=(settings,)),
-        Part(name="loop", target=run_loop, args=(settings,)),
-        Part(name="camera", target=run_camera, args=(settings,), patience=2.0),
+        Part(name="loop", target=run_loop, args=(settings, tracking, control)),
+        Part(name="camera", target=run_camera, args=(settings, calibration), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
     supervisor = Supervisor(parts, PIPES, notify=notify)
@@ -80,18 +97,25 @@ def run_plant(handle: ProcessHandle, settings: LoopSettings) -> None:
     run(handle, settings)
 
 
-def run_loop(handle: ProcessHandle, settings: LoopSettings) -> None:
+def run_loop(
+    handle: ProcessHandle,
+    settings: LoopSettings,
+    tracking: socket.socket | None,
+    control: HeadControl | None,
+) -> None:
     """Run the control loop; for a process of its own."""
     from minorloop.head.console.loop import run
 
-    run(handle, settings)
+    run(handle, settings, tracking, control)
 
 
-def run_camera(handle: ProcessHandle, settings: LoopSettings) -> None:
+def run_camera(
+    handle: ProcessHandle, settings: LoopSettings, calibration: HeadCalibration | None
+) -> None:
     """Run the camera; for a process of its own."""
     from minorloop.head.console.camera_process import run
 
-    run(handle, settings)
+    run(handle, settings, calibration)
 
 
 def serve(handle: ProcessHandle, settings: LoopSettings, how: Serving) -> None:

@@ -12,9 +12,8 @@ from minorloop.arrays import FloatArray
 from minorloop.head.console import messages
 from minorloop.head.console.messages import DepthPatch, Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.units import degrees, mm
-from minorloop.head.procedures.calibration import STRAIGHT
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
 from minorloop.head.reconstruction import findings as tables
 from minorloop.head.reconstruction.findings import UNDECIDED, kind_of
 
@@ -99,7 +98,7 @@ def in_si(row: ReportedFinding) -> tables.Finding:
 
 
 def introduction(
-    interval: float, view: PlantView, config: TeleopConfig, wires: Iterable[Any]
+    interval: float, view: HeadCalibration, config: TeleopConfig, wires: Iterable[Any]
 ) -> bytes:
     """Return the message with camera, cone and planes of the wires."""
     lens = view.lens

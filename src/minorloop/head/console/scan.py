@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from minorloop.arrays import FloatArray
 from minorloop.head.console.camera_protocol import CameraCommand
 from minorloop.head.console.messages import Pair
-from minorloop.head.console.plant import PlantView, reading_at
+from minorloop.head.console.plant import reading_at
 from minorloop.head.console.units import Position
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.scan import RasterScan, ScanState
 
 
@@ -55,7 +56,7 @@ class ScanRequest:
 
 
 def begin_scan(
-    number: int, centre: Pair, diameter: float, view: PlantView, home: Position
+    number: int, centre: Pair, diameter: float, view: HeadCalibration, home: Position
 ) -> ConsoleScan:
     """Return a scan about phi and z; in the end the head returns to ``home``."""
     back = reading_at(home)
@@ -64,7 +65,7 @@ def begin_scan(
 
 
 def scanned(
-    scan: ConsoleScan, view: PlantView, position: Position, command: Pair, interval: float
+    scan: ConsoleScan, view: HeadCalibration, position: Position, command: Pair, interval: float
 ) -> tuple[ConsoleScan, ScanRequest]:
     """Return the scan after a tick and its request; ``command`` is the present one, in rad."""
     reading = reading_at(position, t=scan.waited, fired=scan.fired)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from minorloop.head.console.messages import Pair
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.units import Position
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.measure import burst_of
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.procedures.values import Tip
@@ -18,7 +18,7 @@ class ScanEchoes:
 
     Parameters
     ----------
-    view : PlantView
+    view : HeadCalibration
     finding : int
         Its number.
     centre : (float, float)
@@ -27,7 +27,7 @@ class ScanEchoes:
         By the camera, in metres.
     """
 
-    def __init__(self, view: PlantView, finding: int, centre: Pair, diameter: float) -> None:
+    def __init__(self, view: HeadCalibration, finding: int, centre: Pair, diameter: float) -> None:
         self._view, self._finding = view, finding
         self._centre, self._diameter = centre, diameter
         self.bursts: list[Burst] = []

@@ -23,15 +23,15 @@ from minorloop.head.console.admission import Admission, plain
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.clients import SILENCE, Clients, HostileMessageError, Viewer
 from minorloop.head.console.connections import admitted
-from minorloop.head.console.imaging import opencv
 from minorloop.head.console.link import ConsoleLink
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.reports import table_of
 from minorloop.head.console.settings import STATIC, LoopSettings
 from minorloop.head.console.units import to_si
 from minorloop.head.console.wall_image import WallImage
 from minorloop.head.console.workers import Workers
 from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.vision.imaging import opencv
 
 try:
     from starlette.applications import Starlette
@@ -99,7 +99,7 @@ class _Server:
         with contextlib.suppress(MissingExtraError):  # the camera process reports it
             opencv()
         lens = Pinhole(32, 24, 26.0, (15.5, 11.5))
-        small = PlantView(lens=lens, leds=np.zeros((3, 3)))
+        small = HeadCalibration(lens=lens, leds=np.zeros((3, 3)))
         WallImage(small, 0.05).paint(np.zeros((24, 32), np.uint8), (0.0, 0.0, 0.0, 0.0))
 
     def app(self) -> Starlette:
@@ -188,7 +188,9 @@ class _Server:
         """Take in the first message of a loop; send the findings to one that was restarted."""
         self._clients.hello = hello
         if self._wall_image is None:
-            self._wall_image = WallImage(PlantView.from_dict(msgspec.json.decode(hello)["known"]))
+            self._wall_image = WallImage(
+                HeadCalibration.from_dict(msgspec.json.decode(hello)["known"])
+            )
         findings = messages.decode_findings(self._clients.findings)
         if findings:
             self._link.order(messages.KnownFindings(findings=findings))

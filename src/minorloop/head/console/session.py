@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,14 +20,15 @@ from minorloop.head.console.camera_protocol import (
     CameraReport,
     CameraRequest,
 )
+from minorloop.head.console.head_pose import Quaternion
 from minorloop.head.console.messages import Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig, TeleopState, TickInput, advance, held
-from minorloop.head.console.plant import PlantView, reading_at
+from minorloop.head.console.plant import reading_at
 from minorloop.head.console.reports import camera_finding, in_si, introduction, pair, with_depth
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
-from minorloop.head.procedures.calibration import STRAIGHT, joint_degrees
+from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.values import Plant, Reading, passed
 
@@ -39,6 +40,13 @@ _LONGEST_MEMORY = 40
 """Extrema of a wire's memory that the pages are sent."""
 
 
+class HeadTracker(Protocol):
+    """A tracker of the operator's head."""
+
+    def read(self, now: float) -> tuple[Quaternion | None, float, str]:
+        """Return the newest pose, its age in seconds, and what to say if the age is too high."""
+
+
 @dataclass(eq=False)
 class Session:
     """The console, tick by tick.
@@ -46,19 +54,22 @@ class Session:
     Parameters
     ----------
     plant : Plant
-    view : PlantView
+    view : HeadCalibration
         Of its camera and probe.
     control : HeadControl
         Of its head.
     camera : CameraLink
     config : TeleopConfig
+    tracker : HeadTracker, optional
+        Gives the pose of the operator's head instead of the page.
     """
 
     plant: Plant
-    view: PlantView
+    view: HeadCalibration
     control: HeadControl
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)
+    tracker: HeadTracker | None = None
 
     def __post_init__(self) -> None:
         self.state = TeleopState()
@@ -209,15 +220,15 @@ class Session:
         return pan - STRAIGHT, tilt - STRAIGHT, advanced, roll
 
     def _tick_input(self, now: float) -> TickInput:
-        servo, scan = self._servo(), self._scan_tick()
+        servo, scan, tracked = self._servo(), self._scan_tick(), self._tracked(now)
         drive, pictures = self._drive, not self._no_pictures
         if drive is None:
             return TickInput(request=self._request, pictures=pictures, servo=servo, scan=scan)
         age = max(now - self._drive_at, 0.0)
+        head = {"pose": drive.pose, "pose_age": age + drive.age}
         return TickInput(
             request=self._request,
-            pose=drive.pose,
-            pose_age=age + drive.age,
+            **(head if tracked is None else tracked),
             link_age=age,
             stick=drive.stick,
             clutch=drive.clutch,
@@ -225,6 +236,13 @@ class Session:
             servo=servo,
             scan=scan,
         )
+
+    def _tracked(self, now: float) -> dict[str, Any] | None:
+        """Return the pose by the tracker, as fields of `TickInput`; None without a tracker."""
+        if self.tracker is None:
+            return None
+        pose, age, problem = self.tracker.read(now)
+        return {"pose": pose, "pose_age": age, "lost": problem}
 
     def _react(self, before: str) -> None:
         """Tell the camera of a new mode; end a scan whose mode has ended."""

@@ -35,6 +35,8 @@ class LoopSettings:
         For recordings.
     timeout : float
         Age in seconds of the operator's pose and last message beyond which the head holds.
+    camera : str, optional
+        Address of the camera, see `minorloop.head.vision.video`; that of the plant without it.
     """
 
     address: str = "twin:pipe"
@@ -42,6 +44,7 @@ class LoopSettings:
     seed: int = 0
     folder: str = "console"
     timeout: float = 0.1
+    camera: str | None = None
 
     @property
     def patience(self) -> float:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.console.plant import PlantView
 from minorloop.head.console.units import Position
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.vision.calibrated_camera import Image, Image32, Window, unroll
 
 STEP = 0.25e-3
@@ -26,13 +26,13 @@ class WallImage:
 
     Parameters
     ----------
-    view : PlantView
+    view : HeadCalibration
         Of the camera.
     length : float
         Of the pipe that is mapped, in metres.
     """
 
-    def __init__(self, view: PlantView, length: float = 1.6) -> None:
+    def __init__(self, view: HeadCalibration, length: float = 1.6) -> None:
         self.view = view
         columns = round(2 * math.pi * view.radius / STEP)
         self.grey = np.zeros((round(length / STEP), columns), dtype=np.uint8)

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.head.control.controller import width, within
-from minorloop.head.control.heating import HeatedState, HeatedWire
 from minorloop.head.control.observer import Estimate, ObserverControl, ObserverState
 from minorloop.identification.recursive import Recursive, RecursiveState
 from minorloop.operators.preisach import Preisach

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from minorloop.arrays import as_finite
+from minorloop.dynamics.heated_wire import SMALLEST_CHANGE, HeatedState, HeatedWire
 from minorloop.errors import ParameterError
-from minorloop.head.control.heating import SMALLEST_CHANGE, HeatedState, HeatedWire
 
 INTERVAL = 0.04
 """Time between two steps in seconds, 25 Hz."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.head.control.controller import Loop, heating, within
-from minorloop.head.control.heating import HeatedState, HeatedWire
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import BoolArray, FloatArray, check_option, frozen
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
 from minorloop.head.control.feedforward import Feedforward
 from minorloop.head.control.guard import Event, Guard, GuardState
-from minorloop.head.control.heating import HeatedWire
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.control.observer import ObserverControl, PowerObserver

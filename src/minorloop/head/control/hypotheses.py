@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from minorloop.arrays import FloatArray, IntArray
-from minorloop.head.control.heating import HeatedWire
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.observer import Estimate
 
 _AMBIENTS = np.arange(-65.0, 30.1, 2.5)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.controller import Loop, mean_slope, within
-from minorloop.head.control.heating import HeatedWire
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.tracker import Tracker
 

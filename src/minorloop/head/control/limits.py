@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.controller import within
-from minorloop.head.control.heating import HeatedWire
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.head.control.controller import Loop, heating, mean_slope, within
-from minorloop.head.control.heating import HeatedState, HeatedWire
 
 _FLATTEST = 0.3
 """Least slope over the mean slope of the operator; where a branch is flat, no power explains a

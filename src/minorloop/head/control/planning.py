@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, as_samples, as_whole, check_kind
+from minorloop.dynamics.heated_wire import HeatedState, HeatedWire
 from minorloop.errors import SignalError
 from minorloop.head.control import _planning_kernels as _kernels
 from minorloop.head.control.controller import HIGHEST_CURRENT, heating, within
-from minorloop.head.control.heating import HeatedState, HeatedWire
 
 MOST_TARGETS = 100_000
 MOST_DEGREES = 1e6

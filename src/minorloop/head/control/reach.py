@@ -15,8 +15,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from minorloop.arrays import FloatArray
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.controller import Loop, within
-from minorloop.head.control.heating import HeatedWire
 from minorloop.head.control.hypotheses import Bank, Hypotheses
 from minorloop.head.control.observer import Estimate
 

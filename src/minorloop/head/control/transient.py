@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.arrays import FloatArray, Levels, as_samples
+from minorloop.arrays import FloatArray, Levels, as_samples, as_waveform
 from minorloop.errors import SignalError
 
 LAGS = (0.3, 60.0)
@@ -46,19 +46,6 @@ class Transient:
     def interval(self) -> float:
         """Median time between two samples in seconds."""
         return float(np.median(np.diff(self.t)))
-
-
-def as_waveform(t: npt.ArrayLike, current: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return times (T,) and currents (T,); refuse them unless time increases."""
-    times, currents = as_samples(t, name="t"), as_samples(current, name="current")
-    if times.ndim != 1 or times.shape != currents.shape or times.size < 2:
-        raise SignalError(
-            f"t has shape {times.shape} and current {currents.shape}; give (T,) of both, "
-            "T at least 2"
-        )
-    if not (np.diff(times) > 0).all():
-        raise SignalError("t does not increase; give strictly increasing times")
-    return times, currents
 
 
 def as_holds(
@@ -117,7 +104,7 @@ def as_transient(
         t, current, angle = step
     except (TypeError, ValueError):
         raise SignalError("the step is not three arrays; give (t, current, angle)") from None
-    times, currents = as_waveform(t, current)
+    times, currents = as_waveform(t, current, name="current")
     y = as_samples(angle, name="angle of the step")
     if y.shape != times.shape:
         raise SignalError(f"the step has {times.size} times and {y.size} angles; give as many")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
+from minorloop.errors import ParameterError
 from minorloop.head.geometry import Mount, Pinhole, Probe
 from minorloop.head.ultrasound.field import CalibratedProbe
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
@@ -45,6 +48,11 @@ class HeadCalibration:
         Of the pipe and its wall, in metres.
     temperature : float
         Of the water with which the pipe is flooded, in degrees Celsius.
+
+    Raises
+    ------
+    ParameterError
+        If the lights are not (N, 3) finite numbers, or a length is not positive.
     """
 
     lens: Pinhole
@@ -56,6 +64,29 @@ class HeadCalibration:
     radius: float = 10e-3
     thickness: float = 2e-3
     temperature: float = ROOM_TEMPERATURE
+
+    def __post_init__(self) -> None:
+        if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():
+            raise ParameterError(f"the leds have shape {self.leds.shape}; give (N, 3) numbers in m")
+        for name in ("radius", "thickness"):
+            if not getattr(self, name) > 0:
+                raise ParameterError(f"{name} is {getattr(self, name)} m; give a positive length")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for messages and files."""
+        plain: dict[str, Any] = msgspec.to_builtins(self, enc_hook=lambda value: value.tolist())
+        return plain
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> HeadCalibration:
+        """Return the calibration that `to_dict` gave these values.
+
+        Raises
+        ------
+        ValueError
+            If a value is missing, unknown, or of another type.
+        """
+        return msgspec.convert(values, cls, dec_hook=lambda kind, value: np.array(value, float))
 
     def mount_at(self, place: npt.ArrayLike) -> Mount:
         """Return the mount of the head at an advance and a roll (2,) of the catheter."""

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, Levels, uniform_levels
+from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.head.control.heating import (
     HeatedIdentification,
-    HeatedWire,
     identify_coupling,
     identify_heating,
     moving_levels,

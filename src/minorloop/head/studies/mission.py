@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
+from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig, LogEntry
 from minorloop.head.procedures.trace import likely, traces_of
 from minorloop.head.reconstruction.depth_map import DepthMap, WaterLine
@@ -149,9 +150,17 @@ class Overview:
     places: list[float] = field(default_factory=list)
 
 
-def run_mission(seed: int) -> Mission:
-    """Inspect one pipe with a pit and a crack in it, without an operator."""
-    (rig, truth), seen = draw_mission(seed), Overview()
+def run_mission(seed: int, head: HeadFile | None = None) -> Mission:
+    """Inspect one pipe with a pit and a crack in it, without an operator.
+
+    Parameters
+    ----------
+    seed : int
+        Of pipe and rig.
+    head : HeadFile, optional
+        Of the head of this seed, which is identified without it.
+    """
+    (rig, truth), seen = draw_mission(seed, head), Overview()
     mission = Mission(seed, truth.bore, truth.crack, float(truth.wet.water or 0.0))
     best = _examined(rig, truth, mission, seen)
     if best.pit is None:

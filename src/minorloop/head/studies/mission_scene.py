@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from minorloop.head.control.head import head_control
+from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.geometry import Mount, Probe, wall_distance
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.head_file import HeadFile
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.studies.inspection_servo import wires_of
 from minorloop.head.twins.catheter import Catheter
@@ -54,8 +55,21 @@ class MissionTruth:
     offset: tuple[float, float]
 
 
-def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
-    """Draw a rig in a pipe with a pit and a crack, and return it with the truth."""
+def draw_mission(seed: int, head: HeadFile | None = None) -> tuple[InspectionRig, MissionTruth]:
+    """Draw a rig in a pipe with a pit and a crack, and return it with the truth.
+
+    Parameters
+    ----------
+    seed : int
+    head : HeadFile, optional
+        Of the head of this seed, which is identified without it.
+
+    Raises
+    ------
+    ModelFileError
+        If the file is of another head.
+    """
+    control = _control(seed, head)
     rng = np.random.default_rng([seed, 31])
     bore = Bore(
         float(rng.uniform(-np.pi, np.pi)),
@@ -90,10 +104,17 @@ def draw_mission(seed: int) -> tuple[InspectionRig, MissionTruth]:
         thickness=flooded.thickness * float(1 + OFF_THICKNESS * about.normal()),
         temperature=warm + OFF_TEMPERATURE * float(about.normal()),
     )
-    wires, coupling = wires_of(seed)
-    control = head_control("observer", wires, coupling=coupling)
     rig = InspectionRig(plant, tip, control, calibration, gyroscope=plant.gyroscope)
     return rig, MissionTruth(bore, crack, flooded, warm, plant, (x, y))
+
+
+def _control(seed: int, head: HeadFile | None) -> HeadControl:
+    """Return the control of the head of a seed, by its file or as identified now."""
+    if head is None:
+        wires, coupling = wires_of(seed)
+        return head_control("observer", wires, coupling=coupling)
+    head.check_fits(Head(seed).serial, "the file given")
+    return head.control()
 
 
 def crack_beside(bore: Bore, rng: np.random.Generator) -> Crack:

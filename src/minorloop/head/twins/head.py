@@ -59,6 +59,11 @@ class Head(HeatedWires):
     }
     _rest_input = (0.0, 0.0)
 
+    @property
+    def serial(self) -> str:
+        """Serial number of the specimen."""
+        return f"twin-head-{'nominal' if self.specimen is None else self.specimen}"
+
     def _wires(self) -> list[dict[str, float]]:
         return [
             {name: self._parameters[f"{axis}_{name}"] for name in WIRE} for axis in ("pan", "tilt")

@@ -188,7 +188,7 @@ class SimulatedTip:
             )
             for wet, filled in ((False, pipe), (True, full))
         }
-        self._probes = {True: self._probe_of[True]()}
+        self._probes: dict[bool, Ultrasound] = {}
         self._wet, self._framed = False, True
         self._stance: tuple[float, ...] = (0.0,) * 6
 
@@ -224,15 +224,22 @@ class SimulatedTip:
         if self._flow is not None:
             self._flow(on)
 
+    def prepare(self) -> None:
+        """Compute the beam of the probe, which takes seconds, before the first shot needs it."""
+        self._probe(True)
+
     def shots(self, count: int) -> list[Shot]:
         """Fire pulses, one after the other, and return their shots."""
-        if self._wet not in self._probes:
-            self._probes[self._wet] = self._probe_of[self._wet]()
-        probe = self._probes[self._wet]
+        probe = self._probe(self._wet)
         pan, tilt, pan_rate, tilt_rate, *_ = self._stance
         probe.move(self._mount_now())
         probe.look(pan, tilt, rates=(pan_rate, tilt_rate))
         return [probe.shot() for _ in range(count)]
+
+    def _probe(self, wet: bool) -> Ultrasound:
+        if wet not in self._probes:
+            self._probes[wet] = self._probe_of[wet]()
+        return self._probes[wet]
 
     def _mount_now(self) -> Mount:
         advance, roll = self._stance[4:]

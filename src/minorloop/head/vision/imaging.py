@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from minorloop.errors import MissingExtraError
+
+_SILENT = {"OPENCV_LOG_LEVEL": "SILENT", "OPENCV_FFMPEG_LOGLEVEL": "-8"}
+"""What keeps OpenCV from printing: its errors are reported here, in sentences."""
 
 
 def opencv() -> Any:
@@ -15,6 +19,8 @@ def opencv() -> Any:
     MissingExtraError
         If it is not installed.
     """
+    for name in ("OPENCV_LOG_LEVEL", "OPENCV_FFMPEG_LOGLEVEL"):
+        os.environ.setdefault(name, _SILENT[name])
     try:
         import cv2
     except ImportError:

@@ -1,0 +1,271 @@
+"""``minorloop inspect``: find defects in pictures of a pipe that somebody else took."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from itertools import repeat
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from minorloop.cli import _common
+from minorloop.errors import OutputError, ParameterError, RecordError, counted
+
+if TYPE_CHECKING:
+    from minorloop.head.procedures.calibration import HeadCalibration
+    from minorloop.head.procedures.pictures import InspectedPicture, PicturePose
+    from minorloop.head.vision.calibrated_camera import Image
+    from minorloop.report import Report
+
+NAME = "inspect"
+EXAMPLE = "minorloop inspect pictures --lens 520 --radius 10 --tilt 20 --out found"
+_SHOWN = 20
+"""Findings that are printed, and pictures in the report: those with the most evidence."""
+_POSE = {"pan": "deg", "tilt": "deg", "advance": "mm", "roll": "deg"}
+_LEFT_OUT = ("time [s]", "u [px]", "v [px]")
+"""Columns that a terminal has no room for."""
+_OBLIQUE = (
+    "pictures without wall in view show it too obliquely or from too far away; check that --pan, "
+    "--tilt, --lens and --radius are right"
+)
+_MM = 1e-3
+
+
+def run(
+    source: Annotated[
+        str, typer.Argument(help="A picture, a folder of pictures, or a video.", show_default=False)
+    ],
+    head: Annotated[
+        Path | None, typer.Option(help="File of the head with the calibration of its camera.")
+    ] = None,
+    lens: Annotated[
+        str | None,
+        typer.Option(
+            metavar="F[,U,V[,K1,K2]]",
+            help="Instead of a head: focal length in pixels, centre of the picture, distortion.",
+        ),
+    ] = None,
+    radius: Annotated[
+        float | None,
+        _common.number_option("Radius of the pipe in mm; that of the calibration if not given."),
+    ] = None,
+    lever: Annotated[
+        float,
+        _common.number_option("With --lens: from the pivot of the camera to its lens, in mm."),
+    ] = 0.0,
+    pan: Annotated[float, _common.number_option("Line of sight from the axis, in deg.")] = 0.0,
+    tilt: Annotated[float, _common.number_option("The same upward, in deg.")] = 0.0,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV file with a row for each picture: pan [deg], tilt [deg], and perhaps "
+            "advance [mm] and roll [deg]; instead of --pan and --tilt."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="New or empty folder for findings.csv, findings.json, report.html and pictures "
+            "with the findings marked."
+        ),
+    ] = None,
+    as_json: _common.Json = False,
+) -> None:
+    """Find holes, pits and cracks in pictures of a pipe, each picture alone."""
+    from minorloop.files import make_folder
+    from minorloop.head.procedures.pictures import inspect_picture, unusable
+    from minorloop.head.vision.video import frames, names
+
+    if (head is None) == (lens is None):
+        raise ParameterError("give either --head with the file of a head, or --lens and --radius")
+    called, view = names(source), None
+    known = _poses(poses, pan, tilt)
+    found: list[InspectedPicture] = []
+    best: list[tuple[float, str, Image]] = []
+    folder = None if out is None else make_folder(out) / "pictures"
+    if folder is not None:
+        folder.mkdir()
+    with _common.working(f"inspecting {source}", logged=True) as now:
+        for number, frame in enumerate(frames(source)):
+            view = view or _view(head, lens, radius, lever, frame.image.shape)
+            name = called[number] if called else f"frame {number}"
+            pose = next(known, None)
+            if pose is None:
+                raise RecordError(
+                    f"{poses} has {counted(number, 'row')}, and there are more pictures; give a "
+                    "row for each"
+                )
+            picture = inspect_picture(frame.image, view, pose, name, frame.t)
+            found.append(picture)
+            now(f"{counted(number + 1, 'picture')} inspected")
+            if folder is not None and picture.findings:
+                marked = _mark(frame.image, picture, folder, number)
+                best = _best([*best, (_weight(picture), name, marked)])
+    if not found:
+        raise RecordError(f"{source} has no pictures; give a video that has some")
+    rows = [row for picture in found for row in picture.rows()]
+    content = {"pictures": len(found), "unusable": unusable(found), "findings": rows}
+    if out is not None:
+        _write(out, rows, content, best, source)
+    _show(content, out, as_json)
+
+
+def _view(
+    head: Path | None,
+    lens: str | None,
+    radius: float | None,
+    lever: float,
+    shape: tuple[int, ...],
+) -> HeadCalibration:
+    """Return the calibration by the file of a head, or by lens and radius."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from minorloop.head.geometry import Pinhole
+    from minorloop.head.procedures.calibration import HeadCalibration
+    from minorloop.head.procedures.head_file import read_head
+
+    if not 0.0 <= lever <= 1000.0:
+        raise ParameterError(f"--lever is {lever}; give 0 to 1000 mm")
+    if radius is not None and not 0.5 <= radius <= 1000.0:
+        raise ParameterError(f"--radius is {radius}; give 0.5 to 1000 mm")
+    if head is not None:
+        known = read_head(head).calibration
+        if known is None:
+            raise ParameterError(
+                f"{head} has no calibration; give --lens and --radius instead of --head"
+            )
+        size = (known.lens.height, known.lens.width)
+        if shape != size:
+            raise ParameterError(
+                f"the pictures have {shape[1]} by {shape[0]} pixels, and the camera in {head} "
+                f"{size[1]} by {size[0]}; give pictures of this camera"
+            )
+        return known if radius is None else replace(known, radius=_MM * radius)
+    if radius is None:
+        raise ParameterError("--lens needs the radius of the pipe; give --radius, in mm")
+    height, width = shape
+    numbers = _common.numbers("lens", lens or "", (1, 3, 5), "F, or F,U,V, or F,U,V,K1,K2")
+    usual = [math.nan, (width - 1) / 2, (height - 1) / 2, 0.0, 0.0]
+    focal, u, v, k1, k2 = [*numbers, *usual[len(numbers) :]]
+    optics = Pinhole(width, height, focal, (u, v), k1, k2)
+    return HeadCalibration(
+        lens=optics, leds=np.zeros((1, 3)), lever=_MM * lever, radius=_MM * radius
+    )
+
+
+def _poses(file: Path | None, pan: float, tilt: float) -> Iterator[PicturePose]:
+    """Return the poses of the pictures, one after the other."""
+    from minorloop.head.procedures.pictures import PicturePose
+    from minorloop.lab.columns import read_columns, read_headers
+
+    if file is None:
+        return repeat(PicturePose(pan=math.radians(pan), tilt=math.radians(tilt)))
+    wanted = {f"{name} [{unit}]": name for name, unit in _POSE.items()}
+    headers = [header for header in read_headers(file) if header in wanted]
+    if not {"pan [deg]", "tilt [deg]"} <= set(headers):
+        raise RecordError(f"{file} has no columns 'pan [deg]' and 'tilt [deg]'; add them")
+    columns = read_columns(file, headers)
+    scaled = {
+        wanted[header]: columns[header] * (_MM if header.endswith("[mm]") else math.radians(1.0))
+        for header in headers
+    }
+    rows = zip(*(values.tolist() for values in scaled.values()), strict=True)
+    return iter([PicturePose(**dict(zip(scaled, row, strict=True))) for row in rows])
+
+
+def _weight(picture: InspectedPicture) -> float:
+    """Return by what pictures are chosen for the report."""
+    evidence = [each.evidence for each in picture.findings if not math.isnan(each.evidence)]
+    return max(evidence, default=0.0)
+
+
+def _best(pictures: list[tuple[float, str, Any]]) -> list[tuple[float, str, Any]]:
+    return sorted(pictures, key=lambda each: -each[0])[:_SHOWN]
+
+
+def _mark(image: Image, picture: InspectedPicture, folder: Path, number: int) -> Any:
+    """Write a picture with its findings marked, and return it."""
+    from minorloop.head.procedures.pictures import annotated
+    from minorloop.head.vision.imaging import opencv
+
+    marked = annotated(image, picture.findings)
+    path = folder / f"{number:06d}.jpg"
+    if not opencv().imwrite(str(path), marked):
+        raise OutputError(f"{path} cannot be written; check the disk")
+    return marked
+
+
+def _write(
+    out: Path, rows: list[dict[str, Any]], content: dict[str, Any], best: list[Any], source: str
+) -> None:
+    from minorloop.files import write_atomically
+    from minorloop.head.procedures.pictures import COLUMNS
+
+    table = {name: [row[name] for row in rows] for name in COLUMNS}
+    _common.write_csv(out / "findings.csv", table, force=False)
+    write_atomically(out / "findings.json", f"{json.dumps(content, indent=1)}\n")
+    _common.write_report(
+        lambda: _report(rows, content, best, source), out / "report.html", force=False
+    )
+
+
+def _report(
+    rows: list[dict[str, Any]], content: dict[str, Any], best: list[Any], source: str
+) -> Report:
+    from minorloop.head.procedures.pictures import COLUMNS
+    from minorloop.report import Picture, Report, Table
+
+    report = Report(f"Inspection of {Path(source).name}", _summary(content))
+    cells = [_cells(row, COLUMNS) for row in rows]
+    report.add("Findings", table=Table(COLUMNS, cells))
+    pictures = [Picture(_figure(marked), name) for _, name, marked in best]
+    report.add("Pictures with the most evidence", pictures=pictures)
+    return report
+
+
+def _cells(row: dict[str, Any], columns: Sequence[str]) -> list[str]:
+    return ["" if row[name] is None else str(row[name]) for name in columns]
+
+
+def _figure(marked: Any) -> Any:
+    from matplotlib.figure import Figure
+
+    height, width = marked.shape[:2]
+    figure = Figure(figsize=(5.0, 5.0 * height / width))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(marked[..., ::-1])
+    axes.set_axis_off()
+    return figure
+
+
+def _summary(content: dict[str, Any]) -> str:
+    bad = ", ".join(f"{verdict} ({count})" for verdict, count in content["unusable"].items())
+    count, pictures = len(content["findings"]), content["pictures"]
+    said = f"{counted(count, 'finding')} in {counted(pictures, 'picture')}"
+    return f"{said}; not usable: {bad}" if bad else said
+
+
+def _show(content: dict[str, Any], out: Path | None, as_json: bool) -> None:
+    from minorloop.head.procedures.pictures import COLUMNS
+    from minorloop.head.vision.defects import NOT_IN_VIEW
+
+    if as_json:
+        _common.print_json(content)
+        return
+    rows = content["findings"]
+    columns = [name for name in COLUMNS if name not in _LEFT_OUT]
+    first = [_cells(row, columns) for row in rows[:_SHOWN]]
+    if first:
+        _common.print_table(columns, first)
+    typer.echo(_summary(content))
+    if content["unusable"].get(NOT_IN_VIEW):
+        _common.print_advice([_OBLIQUE])
+    if len(rows) > len(first):
+        typer.echo(f"the first {len(first)} are shown; --out writes all of them")
+    if out is not None:
+        typer.echo(f"kept in {out}")

@@ -1,0 +1,84 @@
+"""A tip whose pictures come from another camera than its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from minorloop.errors import InstrumentError
+from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.values import Tip
+from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.frame_checks import FROZEN, NO_PICTURE, TORN, WRONG_SIZE, check_frame
+from minorloop.head.vision.video import LiveCamera
+from minorloop.lab.actuator import Frame, Shot
+
+_SAID = {
+    FROZEN: "repeats the same picture; restart it",
+    TORN: "gives torn pictures; check its cable",
+    NO_PICTURE: "gives noise or an even grey; check its cable",
+}
+
+
+class CameraTip:
+    """Lights, focus and probe of a tip, and the pictures of a camera, which are checked.
+
+    Parameters
+    ----------
+    tip : Tip
+    camera : LiveCamera
+    lens : Pinhole
+        For which the camera was calibrated.
+    """
+
+    def __init__(self, tip: Tip, camera: LiveCamera, lens: Pinhole) -> None:
+        self._tip, self._camera, self._lens = tip, camera, lens
+        self._before: Image | None = None
+        self._lit = True
+
+    def frame(self) -> Frame:
+        """Return the newest picture.
+
+        Raises
+        ------
+        InstrumentError
+            If none comes in time, or it has another size than calibrated, repeats the last one, is
+            torn, or is no picture.
+        """
+        found = self._camera.frame()
+        verdict = check_frame(found.image, self._lens, self._before, lit=self._lit)
+        self._before = found.image
+        if verdict == WRONG_SIZE:
+            height, width = found.image.shape
+            raise InstrumentError(
+                f"{self._camera.address} gives pictures of {width} by {height} pixels and was "
+                f"calibrated with {self._lens.width} by {self._lens.height}; set its size, or give "
+                "its calibration with --head"
+            )
+        if verdict in _SAID:
+            raise InstrumentError(f"{self._camera.address} {_SAID[verdict]}")
+        return found
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Set which lights are on from the next frame."""
+        self._lit = any(lights)
+        self._tip.switch(lights)
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set exposure time in seconds and gain of the camera."""
+        self._camera.expose(exposure, gain)
+
+    def move_to(self, stance: tuple[float, ...]) -> None:
+        """Take over the pose of the plant."""
+        self._tip.move_to(stance)
+
+    def focus_at(self, distance: float) -> None:
+        """Set the focus of the tip to a distance in metres."""
+        self._tip.focus_at(distance)
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water for the probe, or drain it."""
+        self._tip.flood(on)
+
+    def shots(self, count: int) -> list[Shot]:
+        """Fire pulses, one after the other."""
+        return self._tip.shots(count)

@@ -1,0 +1,304 @@
+"""Identification of a head from runs in a folder, which can be stopped and continued at any time.
+
+Each axis is measured alone, the other current at zero. Four runs an axis are kept as stores: a step
+and a loop; the same inputs once more, with the sensor of the other axis; reversal curves on levels
+that are dense where the wire moves; and random inputs, for the check. A finished run is not
+repeated, and a stopped one continues after its last point.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from minorloop.arrays import FloatArray, as_whole
+from minorloop.errors import ParameterError
+from minorloop.head.control.controller import within
+from minorloop.head.control.heating import (
+    HeatedIdentification,
+    identify_coupling,
+    identify_heating,
+    moving_levels,
+)
+from minorloop.head.control.limits import WireLimits
+from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
+from minorloop.identification import excitation
+from minorloop.lab.actuator import Actuator, Value
+from minorloop.lab.plan import Plan
+from minorloop.lab.records import Record
+from minorloop.lab.run import Described, Restorable, ResumeMode, answer_time
+from minorloop.lab.store import Setup, Store
+
+AXES = ("pan", "tilt")
+RUNS = ("loop", "coupling", "curves", "check")
+"""Runs of an axis."""
+_STEP_HOLDS = 3
+"""Holds at the beginning of the loop that are the step: cold, hot, cold."""
+_SAMPLES = 250
+"""Samples of a hold: 25 in the lag of a wire, where the hold is ten times as long."""
+
+Connect = Callable[[int], AbstractContextManager[Actuator]]
+"""Opens the actuator for a run with the seed of its noise."""
+CarryOut = Callable[[Actuator, Store], ResumeMode]
+"""Carries out the rest of the plan in a store, as `minorloop.lab.run.run` does."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadExcitation:
+    """Inputs that identify a head.
+
+    Parameters
+    ----------
+    highest : float
+        Largest current in A, up to 0.4.
+    bands : int
+        Bands of the operator of each wire, 2 to 50.
+    hold : float
+        Longest hold in seconds, in which a wire settles.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+    """
+
+    highest: float = 0.4
+    bands: int = 12
+    hold: float = 40.0
+
+    def __post_init__(self) -> None:
+        within("highest", self.highest, 0.01, 0.4, "A")
+        as_whole("bands", self.bands, 2, 50)
+        within("hold", self.hold, 1.0, 3600.0, "s")
+
+    @property
+    def loop(self) -> FloatArray:
+        """A step up and down, then a loop in even steps, in A."""
+        rise = np.linspace(0.0, 1.0, round(1.25 * self.bands) + 1)
+        return self.highest * np.concatenate([[0.0, 1.0], rise, rise[-2::-1]])
+
+    @property
+    def check(self) -> FloatArray:
+        """Random inputs, none of the others among them, in A; cold first."""
+        powers = np.random.default_rng(19).uniform(0.0, 1.0, 2 * self.bands)
+        return self.highest * np.concatenate([[0.0], np.sqrt(powers)])
+
+    def plan(self, levels: FloatArray, name: str) -> Plan:
+        """Return the plan that holds levels of an input, by its name, one after the other."""
+        return Plan(levels, self.hold, sample_interval=self.hold / _SAMPLES, input=name)
+
+
+class SingleAxis:
+    """One axis of a head: one current, with the others at zero, and one of the sensors.
+
+    Parameters
+    ----------
+    head : Actuator
+        With a current and an angle for each axis.
+    axis, sensor : int
+        Which current, and which sensor.
+    """
+
+    def __init__(self, head: Actuator, axis: int, sensor: int) -> None:
+        self._head, self._axis, self._sensor = head, axis, sensor
+        self.inputs, self.outputs = (head.inputs[axis],), (head.outputs[sensor],)
+        self.tick = head.tick
+
+    @property
+    def description(self) -> dict[str, Any] | None:
+        """The instruments, as the head describes them; None if it does not."""
+        return self._head.description if isinstance(self._head, Described) else None
+
+    def answer_time(self) -> float:
+        """Return how long one reading takes, in seconds; 0 where the head does not say."""
+        return answer_time(self._head)
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold the current of the axis, and return a record of it and the sensor."""
+        found = self._head.apply(self._all(u), duration, sample_interval)
+        u, y = np.atleast_2d(found.u)[self._axis], np.atleast_2d(found.y)[self._sensor]
+        names = str(self.inputs[0]), str(self.outputs[0])
+        return Record(found.t, u, y, *names, found.time, found.timing)
+
+    def exchange(self, u: Value) -> Value:
+        """Hold the current of the axis for one tick, and return the sensor at its end."""
+        return float(np.atleast_1d(self._head.exchange(self._all(u)))[self._sensor])
+
+    def safe(self) -> None:
+        """Make the whole head safe."""
+        self._head.safe()
+
+    def _all(self, u: Value) -> FloatArray:
+        every = np.zeros(len(self._head.inputs))
+        every[self._axis] = float(np.ravel(u)[0])
+        return every
+
+
+class SingleTwinAxis(SingleAxis):
+    """One axis of a head that is restored, and not replayed."""
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Return the state of the head."""
+        state: dict[str, Any] = self._head.checkpoint()  # type: ignore[attr-defined]
+        return state
+
+    def restore(self, checkpoint: dict[str, Any]) -> None:
+        """Bring the head back to a state."""
+        self._head.restore(checkpoint)  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True, eq=False)
+class HeadMeasurement:
+    """The runs of a head, in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the stores.
+    setup : dict
+        Address, specimen, seed and options of the actuator, as in `Setup`.
+    excitation : HeadExcitation
+    connect : Connect
+    carry_out : CarryOut
+    """
+
+    folder: Path
+    setup: dict[str, Any]
+    excitation: HeadExcitation
+    connect: Connect
+    carry_out: CarryOut
+
+    def identified(self) -> IdentifiedWires:
+        """Measure what is not measured yet, and identify both wires.
+
+        Raises
+        ------
+        ParameterError
+            If the actuator is no head.
+        StoreError
+            If a store in the folder belongs to another run.
+        SignalError
+            If a wire does not move, or its records cannot be used.
+        """
+        axes = [self._axis(axis) for axis in range(len(AXES))]
+        found, moves = zip(*axes, strict=True)
+        return IdentifiedWires(
+            on=self._began(),
+            wires=tuple(each.model for each in found),
+            coupling=identify_coupling(moves),
+            limits=WireLimits(),
+            highest=self.excitation.highest,
+            check=tuple(self._checked(axis, each) for axis, each in enumerate(found)),
+            advice=tuple(
+                f"{name}: {text}"
+                for name, each in zip(AXES, found, strict=True)
+                for text in (*each.steady.warnings, *each.step_advice)
+            ),
+            address=self.setup["address"],
+            stores=self._digests(),
+        )
+
+    def _axis(self, axis: int) -> tuple[HeatedIdentification, FloatArray]:
+        """Return an identified wire, and the angles (2, T) of all sensors while it alone moved."""
+        how, other = self.excitation, 1 - axis
+        u, y = self._measured(axis, "loop", how.loop)
+        _, across = self._measured(axis, "coupling", how.loop, sensor=other)
+        levels = moving_levels(u[_STEP_HOLDS - 1 :], y[_STEP_HOLDS - 1 :], how.bands)
+        holds, angles = self._measured(axis, "curves", excitation.reversal_curves(levels))
+        found = identify_heating(holds, angles, step=self._step(axis), levels=levels)
+        moves = np.empty((2, y.size))
+        moves[axis], moves[other] = y - y[0], across - across[0]
+        return found, moves
+
+    def _checked(self, axis: int, found: HeatedIdentification) -> CheckedAxis:
+        u, y = self._measured(axis, "check", self.excitation.check)
+        error = found.model.operator.simulate(u**2) - y
+        return CheckedAxis(float(np.sqrt(np.mean(error**2))), float(np.abs(error).max()))
+
+    def _step(self, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return times, currents and angles of the step at the beginning of the loop."""
+        with Store.open(self._path(axis, "loop")) as store:
+            points, parts, now = store.points()[:_STEP_HOLDS], [], 0.0
+            for point in points:
+                t, y = store.trace(point.index)
+                parts.append((now + t, np.full(t.size, point.input), y))
+                now += point.held
+        t, u, y = (np.concatenate(each) for each in zip(*parts, strict=True))
+        begins = int(np.flatnonzero(u)[0]) - 2  # a sample under the first current, cold
+        # A sample is measured at the end of an interval; its current was held from the one before.
+        return t[begins:], np.append(u[begins + 1 :], u[-1]), y[begins:]
+
+    def _measured(
+        self, axis: int, run: str, levels: FloatArray, sensor: int | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return inputs and settled outputs of a run, which is carried out as far as it is not."""
+        path, seed = self._path(axis, run), self._seed(axis, run)
+        if path.exists():
+            with Store.open(path) as store:
+                if store.finished:
+                    names = store.setup.input, store.setup.output
+                    store.check_same(
+                        self.excitation.plan(levels, names[0]), self._setup(seed, names)
+                    )
+                    return _settled(store)
+        with self.connect(seed) as head:
+            check_head(head)
+            kind = SingleTwinAxis if isinstance(head, Restorable) else SingleAxis
+            plant = kind(head, axis, axis if sensor is None else sensor)
+            names = str(plant.inputs[0]), str(plant.outputs[0])
+            plan, setup = self.excitation.plan(levels, names[0]), self._setup(seed, names)
+            with self._opened(path, plan, setup) as store:
+                store.check_same(plan, setup)
+                self.carry_out(plant, store)
+                return _settled(store)
+
+    def _opened(self, path: Path, plan: Plan, setup: Setup) -> Store:
+        return Store.open(path, write=True) if path.exists() else Store.create(path, plan, setup)
+
+    def _setup(self, seed: int, names: tuple[str, str]) -> Setup:
+        return Setup(**{**self.setup, "seed": seed}, input=names[0], output=names[1])
+
+    def _seed(self, axis: int, run: str) -> int:
+        """Return the seed of a run of a twin: each has different noise."""
+        return int(self.setup["seed"]) + len(RUNS) * axis + RUNS.index(run)
+
+    def _path(self, axis: int, run: str) -> Path:
+        return self.folder / f"{AXES[axis]}-{run}.sqlite"
+
+    def _began(self) -> datetime:
+        """Return when the first of the runs began."""
+        with Store.open(self._path(0, RUNS[0])) as store:
+            return datetime.fromisoformat(store.sessions()[0].began)
+
+    def _digests(self) -> dict[str, str]:
+        paths = [self._path(axis, run) for axis in range(len(AXES)) for run in RUNS]
+        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def _settled(store: Store) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and settled outputs (T,) of a store."""
+    points = store.points()
+    return np.array([p.input for p in points]), np.array([p.value for p in points])
+
+
+def check_head(plant: Actuator) -> None:
+    """Refuse an actuator that is no head.
+
+    Raises
+    ------
+    ParameterError
+        If it has not two currents in A and two angles in degrees.
+    """
+    units = [channel.unit for channel in (*plant.inputs, *plant.outputs)]
+    if len(plant.inputs) != 2 or units != ["A", "A", "deg", "deg"]:
+        known = ", ".join(str(channel) for channel in (*plant.inputs, *plant.outputs))
+        raise ParameterError(
+            f"the actuator has {known}; a head has two currents in A and two angles in deg"
+        )

@@ -1,0 +1,263 @@
+"""Pictures from cameras, streams, videos and folders of images, through OpenCV.
+
+An address is one of
+
+- ``camera:0`` or ``camera:/dev/video2``: a camera of this machine;
+- ``camera:rtsp://...``, ``camera:http://...`` or ``https``: a camera in the network (MJPEG);
+- a video file, or a folder of images, which are taken in the order of their names.
+
+Pictures are converted to grey.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from minorloop.errors import InstrumentError, ParameterError
+from minorloop.head.vision.calibrated_camera import Image
+from minorloop.head.vision.imaging import opencv
+from minorloop.lab.actuator import Frame
+
+SCHEME = "camera:"
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
+"""Endings of the images in a folder."""
+_STREAMS = ("rtsp://", "http://", "https://")
+_RATE = 25.0
+"""Images of a folder in a second, and of a video that does not say."""
+_OPENING, _READING = 3000, 1000
+"""Longest time in ms until a stream opens, and until it gives a picture."""
+_AGAIN = 0.5
+"""Seconds until a camera that was lost is opened again."""
+_EXPOSURE_UNITS = 1e4
+"""Units of exposure of cameras under Linux in a second: they are 100 microseconds long."""
+_BY_HAND = 1
+"""Value that turns the automatic exposure of such cameras off."""
+
+
+def check_camera(address: str) -> None:
+    """Refuse an address that is neither of a camera nor of pictures in files.
+
+    Raises
+    ------
+    ParameterError
+        If it is not.
+    """
+    _target(address)
+
+
+def is_live(address: str) -> bool:
+    """Return whether an address is of a camera, and not of files."""
+    return address.startswith(SCHEME)
+
+
+def frames(address: str) -> Iterator[Frame]:
+    """Yield every picture of a folder, a video, or a single image, one after the other.
+
+    Parameters
+    ----------
+    address : str
+        Times begin at 0: those in the video, or 0.04 s for each image of a folder.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither a folder with images nor a video that can be read.
+    """
+    target = _target(address)
+    if not isinstance(target, Path):
+        raise ParameterError(f"{address} is a camera; give a folder, a video or an image")
+    images = _images(target)
+    if not images:
+        yield from _video(target)
+    for number, path in enumerate(images):
+        yield Frame(number / _RATE, _image(path))
+
+
+def names(address: str) -> list[str]:
+    """Return the names of the images behind an address; empty for a video."""
+    target = _target(address)
+    return [path.name for path in _images(target)] if isinstance(target, Path) else []
+
+
+class LiveCamera:
+    """Newest picture of a camera, which a thread receives.
+
+    A camera that is lost is opened again, and again. A folder or a video is shown at its own pace.
+
+    Parameters
+    ----------
+    address : str
+    patience : float
+        Seconds that `frame` waits at most.
+
+    Raises
+    ------
+    ParameterError
+        If the address is not one of a camera, a video or a folder of images.
+    """
+
+    def __init__(self, address: str, patience: float = 0.08) -> None:
+        self._target, self.address, self.patience = _target(address), address, patience
+        self._cv2 = opencv()
+        self._changed = threading.Condition()
+        self._newest: Frame | None = None
+        self._problem = f"{address} has given no picture yet"
+        self._wanted: tuple[float, float] | None = None
+        self._ended = False
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._receive, daemon=True)
+        self._thread.start()
+
+    def frame(self) -> Frame:
+        """Return the newest picture; none is returned twice.
+
+        Its time is that of the machine's monotonic clock in seconds at which it was received.
+
+        Raises
+        ------
+        InstrumentError
+            If no picture comes within the patience.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not None or self._ended, self.patience)
+            newest, self._newest = self._newest, None
+        if newest is None:
+            raise InstrumentError(f"{self._problem}; check the camera and its cable")
+        return newest
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Set the exposure time in seconds, and the gain, from one of the next pictures on.
+
+        A camera that offers neither ignores this.
+        """
+        self._wanted = (exposure, gain)
+
+    def close(self) -> None:
+        """Close the camera; a read that is under way may take another second."""
+        self._over.set()
+
+    def _receive(self) -> None:
+        while not self._over.is_set():
+            try:
+                if isinstance(self._target, Path):
+                    self._play()
+                    return
+                self._watch()
+            except (InstrumentError, ParameterError) as error:
+                self._problem = str(error)
+            self._over.wait(_AGAIN)
+
+    def _play(self) -> None:
+        began = time.monotonic()
+        for each in frames(self.address):
+            if self._over.wait(max(began + each.t - time.monotonic(), 0.0)):
+                return
+            self._give(each.image)
+        with self._changed:
+            self._problem, self._ended = f"{self.address} has ended", True
+            self._changed.notify_all()
+
+    def _watch(self) -> None:
+        """Receive pictures until the camera is lost."""
+        cv2 = self._cv2
+        camera = _opened(self._target)
+        try:
+            if not camera.isOpened():
+                raise InstrumentError(f"{self.address} cannot be opened")
+            while not self._over.is_set():
+                self._set_exposure(camera)
+                good, picture = camera.read()
+                if not good:
+                    raise InstrumentError(f"{self.address} gives no picture")
+                self._give(_grey(cv2, picture))
+        finally:
+            camera.release()
+
+    def _set_exposure(self, camera: Any) -> None:
+        """Set what was asked for since the last picture."""
+        wanted, self._wanted = self._wanted, None
+        if wanted is not None and not isinstance(self._target, str):
+            cv2 = self._cv2
+            camera.set(cv2.CAP_PROP_AUTO_EXPOSURE, _BY_HAND)
+            camera.set(cv2.CAP_PROP_EXPOSURE, wanted[0] * _EXPOSURE_UNITS)
+            camera.set(cv2.CAP_PROP_GAIN, wanted[1])
+
+    def _give(self, image: Image) -> None:
+        with self._changed:
+            self._newest = Frame(time.monotonic(), image)
+            self._changed.notify_all()
+
+
+def _target(address: str) -> int | str | Path:
+    """Return the number of a camera, its address in the network, or a path."""
+    if not is_live(address):
+        if Path(address).exists():
+            return Path(address)
+        raise ParameterError(
+            f"there is no file or folder {address!r}; give one, or camera:0, camera:/dev/video0, "
+            "camera:rtsp://... or camera:http://..."
+        )
+    place = address.removeprefix(SCHEME)
+    device = place.removeprefix("/dev/video")
+    if device.isascii() and device.isdigit():
+        return int(device)
+    if place.startswith(_STREAMS):
+        return place
+    raise ParameterError(
+        f"there is no camera at {address!r}; give camera:0, camera:/dev/video0, "
+        "camera:rtsp://... or camera:http://..."
+    )
+
+
+def _opened(target: int | str | Path) -> Any:
+    cv2 = opencv()
+    if not isinstance(target, str):
+        return cv2.VideoCapture(target if isinstance(target, int) else str(target))
+    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPENING, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READING]
+    return cv2.VideoCapture(target, cv2.CAP_FFMPEG, limits)
+
+
+def _images(target: Path) -> list[Path]:
+    """Return the images of a folder in the order of their names, or the one that is given."""
+    if target.is_dir():
+        found = sorted(path for path in target.iterdir() if path.suffix.lower() in IMAGES)
+        if not found:
+            raise ParameterError(f"{target} has no images; they end in {', '.join(IMAGES)}")
+        return found
+    return [target] if target.suffix.lower() in IMAGES else []
+
+
+def _image(path: Path) -> Image:
+    cv2 = opencv()
+    found = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if found is None:
+        raise ParameterError(f"{path} cannot be read as an image; repair it or take it away")
+    image: Image = found
+    return image
+
+
+def _video(path: Path) -> Iterator[Frame]:
+    cv2, video = opencv(), _opened(path)
+    try:
+        if not video.isOpened():
+            raise ParameterError(f"{path} cannot be read as a video; convert it to another format")
+        rate = video.get(cv2.CAP_PROP_FPS)
+        interval = 1.0 / rate if math.isfinite(rate) and rate > 0 else 1.0 / _RATE
+        number, good = 0, True
+        while good:
+            good, picture = video.read()
+            if good:
+                yield Frame(number * interval, _grey(cv2, picture))
+                number += 1
+    finally:
+        video.release()
+
+
+def _grey(cv2: Any, picture: Any) -> Image:
+    image: Image = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    return image

@@ -1,0 +1,106 @@
+import json
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+
+from head.vision.walls import photograph  # noqa: E402
+from minorloop.head.geometry import Mount, Pinhole, wall_distance  # noqa: E402
+from minorloop.head.procedures.calibration import HeadCalibration  # noqa: E402
+from minorloop.head.procedures.head_file import HeadFile, save_head  # noqa: E402
+from minorloop.head.vision.calibrated_camera import CalibratedCamera  # noqa: E402
+
+LENS = Pinhole()
+OPTIONS = "--lens 520 --radius 10 --lever 8"
+
+
+def with_hole(phi, z):
+    off = wall_distance(np.stack([phi, z], axis=-1), (0.0, 20e-3), 10e-3)
+    return np.where(off < 0.5e-3, 0.0, 0.7 + 0.02 * np.sin(9000 * z))
+
+
+@pytest.fixture(scope="module")
+def image():
+    camera = CalibratedCamera(LENS, Mount(lever=8e-3), np.zeros((1, 3)))
+    return photograph(math.radians(24.0), 0.0, with_hole, camera=camera)
+
+
+@pytest.fixture
+def pictures(image):
+    """A folder with a picture of a hole, and a black one."""
+    folder = Path("pictures")
+    folder.mkdir()
+    cv2.imwrite("pictures/a.png", image)
+    cv2.imwrite("pictures/b.png", np.zeros_like(image))
+    return folder
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_folder_gives_a_table_json_marked_pictures_and_a_report(run):
+    status, out, _ = run(f"inspect pictures {OPTIONS} --pan 24 --out found --json")
+    assert status == 0
+    printed = json.loads(out)
+    assert (printed["pictures"], printed["unusable"]) == (2, {"black": 1})
+    (found,) = printed["findings"]
+    assert (found["picture"], found["kind"]) == ("a.png", "hole or pit")
+    assert found["z [mm]"] == pytest.approx(20.0, abs=0.2)
+    assert json.loads(Path("found/findings.json").read_text()) == printed
+    header, row = Path("found/findings.csv").read_text().splitlines()
+    assert header.startswith("picture,time [s],kind,phi [deg]")
+    assert row.startswith("a.png,0.0,hole or pit")
+    assert [path.name for path in Path("found/pictures").iterdir()] == ["000000.jpg"]
+    assert "1 finding in 2 pictures; not usable: black (1)" in Path("found/report.html").read_text()
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_head_has_the_lens_and_a_file_the_poses(run):
+    view = HeadCalibration(lens=LENS, leds=np.zeros((1, 3)), lever=8e-3)
+    head = HeadFile(serial="H-07", calibration=view, calibrated=datetime(2026, 1, 1, tzinfo=UTC))
+    save_head(head, "head.json")
+    Path("poses.csv").write_text("pan [deg],tilt [deg],advance [mm]\n24,0,5\n0,0,0\n")
+    status, out, _ = run("inspect pictures --head head.json --poses poses.csv")
+    assert status == 0
+    assert "1 finding in 2 pictures" in out
+    assert "25." in out  # z, moved by the advance
+
+
+@pytest.mark.usefixtures("pictures")
+def test_a_wall_that_is_too_far_away_is_said_to_be(run):
+    status, out, _ = run("inspect pictures/a.png --lens 520 --radius 400")
+    assert status == 0
+    assert "0 findings in 1 picture; not usable: no wall in view (1)" in out
+    assert "check that --pan" in out
+
+
+@pytest.mark.usefixtures("pictures")
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("inspect pictures", "give either --head"),
+        ("inspect pictures --lens 520", "give --radius, in mm"),
+        ("inspect pictures --lens 520,1 --radius 10", "--lens is '520,1'"),
+        ("inspect pictures --lens -5 --radius 10", "focal length -5"),
+        ("inspect pictures --lens 520 --radius 0", "--radius is 0"),
+        ("inspect pictures --head none.json", "there is no file none.json"),
+        ("inspect pictures --head small.json", "64 by 48"),
+        ("inspect pictures --head bare.json", "bare.json has no calibration"),
+        ("inspect nowhere --lens 520 --radius 10", "no file or folder 'nowhere'"),
+        ("inspect camera:0 --lens 520 --radius 10", "camera:0 is a camera"),
+        (f"inspect pictures {OPTIONS} --poses good.csv", "has no columns 'pan [deg]'"),
+        (f"inspect pictures {OPTIONS} --poses short.csv", "1 row, and there are more pictures"),
+        (f"inspect pictures {OPTIONS} --out pictures", "not empty"),
+    ],
+)
+def test_refuses_in_one_sentence(run, command, sentence):
+    small = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((1, 3)))
+    when = datetime(2026, 1, 1, tzinfo=UTC)
+    save_head(HeadFile(serial="H", calibration=small, calibrated=when), "small.json")
+    save_head(HeadFile(serial="H"), "bare.json")
+    Path("short.csv").write_text("pan [deg],tilt [deg]\n24,0\n")
+    status, out, error = run(command)
+    assert (status, out) == (2, "")
+    assert sentence in error.splitlines()[-1]

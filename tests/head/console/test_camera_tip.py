@@ -1,0 +1,53 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from minorloop.errors import InstrumentError
+from minorloop.head.console.camera_tip import CameraTip
+from minorloop.head.geometry import Pinhole
+from minorloop.lab.actuator import Frame
+
+LENS = Pinhole(64, 48, 50.0, (31.5, 23.5))
+SMOOTH = np.add.outer(np.arange(48), np.arange(64)).astype(np.uint8) + 40
+
+
+def tip_of(*images):
+    """A tip whose camera gives some images, and a list of what was set."""
+    waiting, done = list(images), []
+    camera = SimpleNamespace(
+        address="camera:0",
+        frame=lambda: Frame(0.0, waiting.pop(0)),
+        expose=lambda *numbers: done.append(("expose", *numbers)),
+    )
+    own = SimpleNamespace(switch=lambda lights: done.append(("switch", lights)))
+    return CameraTip(own, camera, LENS), done
+
+
+def test_good_pictures_pass():
+    tip, _ = tip_of(SMOOTH, SMOOTH + 1)
+    assert tip.frame().image is SMOOTH
+    assert (tip.frame().image == SMOOTH + 1).all()
+
+
+@pytest.mark.parametrize(
+    ("image", "sentence"),
+    [
+        (np.zeros((24, 32), np.uint8), "of 32 by 24 pixels and was calibrated with 64 by 48"),
+        (SMOOTH, "repeats the same picture"),
+        (np.where(np.arange(48)[:, None] < 24, SMOOTH, 255 - SMOOTH), "torn"),
+        (np.full((48, 64), 90, np.uint8), "even grey"),
+    ],
+)
+def test_bad_pictures_are_refused_with_the_cause(image, sentence):
+    tip, _ = tip_of(SMOOTH, image.astype(np.uint8))
+    tip.frame()
+    with pytest.raises(InstrumentError, match=sentence):
+        tip.frame()
+
+
+def test_the_camera_is_exposed_and_the_lights_are_those_of_the_tip():
+    tip, done = tip_of()
+    tip.expose(2e-3, 1.5)
+    tip.switch((True, False, False))
+    assert done == [("expose", 2e-3, 1.5), ("switch", (True, False, False))]

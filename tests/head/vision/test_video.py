@@ -1,0 +1,178 @@
+import socket
+import threading
+from contextlib import closing, contextmanager
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+
+from minorloop.errors import InstrumentError, ParameterError  # noqa: E402
+from minorloop.head.vision.video import LiveCamera, check_camera, frames, names  # noqa: E402
+
+SIZE = (48, 64)
+
+
+def picture(number):
+    """A picture whose grey in the middle tells its number."""
+    rng = np.random.default_rng(number)
+    noise = rng.integers(0, 40, (*SIZE, 3), dtype=np.uint8)
+    noise[16:32, 16:48] = 40 * number + 20
+    return noise
+
+
+def number_of(image):
+    return round((float(image[18:30, 20:44].mean()) - 20) / 40)
+
+
+def part(number):
+    jpeg = cv2.imencode(".jpg", picture(number))[1].tobytes()
+    head = f"--next\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+    return head.encode() + jpeg + b"\r\n"
+
+
+@contextmanager
+def served(*connections):
+    """An MJPEG camera: for each connection, the numbers of its pictures; it stalls after the last.
+
+    A picture is sent when the one before it was taken, by ``go``.
+    """
+    go, over = threading.Semaphore(0), threading.Event()
+    listening = socket.create_server(("127.0.0.1", 0))
+
+    def serve():
+        for k, numbers in enumerate(connections):
+            try:
+                link, _ = listening.accept()
+            except OSError:
+                return
+            with link:
+                link.recv(4096)
+                link.sendall(
+                    b"HTTP/1.1 200 OK\r\n"
+                    b"Content-Type: multipart/x-mixed-replace; boundary=next\r\n\r\n"
+                )
+                for number in numbers:
+                    link.sendall(part(number))
+                    go.acquire()
+                if k == len(connections) - 1:
+                    over.wait()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield f"camera:http://127.0.0.1:{listening.getsockname()[1]}/video", go
+    finally:
+        over.set()
+        for _ in range(100):
+            go.release()
+        listening.close()
+        thread.join()
+
+
+@contextmanager
+def live(address, patience=20.0):
+    with closing(LiveCamera(address, patience)) as camera:
+        yield camera
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), picture(number))
+    (tmp_path / "notes.txt").write_text("no image")
+    return tmp_path
+
+
+@pytest.fixture
+def video(tmp_path):
+    path = tmp_path / "pipe.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 50.0, SIZE[::-1])
+    for number in range(4):
+        writer.write(picture(number))
+    writer.release()
+    return path
+
+
+def test_a_folder_gives_its_images_by_name_in_grey(folder):
+    found = list(frames(str(folder)))
+    assert [number_of(each.image) for each in found] == [0, 1, 2, 3]
+    assert [each.t for each in found] == [0.0, 0.04, 0.08, 0.12]
+    assert {each.image.shape for each in found} == {SIZE}
+    assert names(str(folder)) == ["0.png", "1.png", "2.png", "3.png"]
+
+
+def test_a_video_gives_its_pictures_with_their_times(video):
+    found = list(frames(str(video)))
+    assert [number_of(each.image) for each in found] == [0, 1, 2, 3]
+    assert [each.t for each in found] == pytest.approx([0.0, 0.02, 0.04, 0.06])
+
+
+def test_a_video_that_is_shown_live_ends(video):
+    shown = []
+    with live(str(video)) as camera, pytest.raises(InstrumentError, match="has ended"):
+        shown.extend(number_of(camera.frame().image) for _ in range(5))
+    assert shown == sorted(set(shown))
+    assert shown[-1] == 3
+
+
+def test_a_camera_in_the_network_gives_its_pictures_once_and_in_order():
+    with served([0, 1, 2]) as (address, go), live(address) as camera:
+        shown = []
+        for _ in range(2):
+            shown.append(number_of(camera.frame().image))
+            go.release()
+        assert shown == [0, 1]
+
+
+def test_a_camera_that_stalls_delays_nobody_longer_than_the_patience():
+    with served([0]) as (address, go), live(address) as camera:
+        go.release()
+        first = camera.frame()
+        camera.patience = 0.0
+        with pytest.raises(InstrumentError, match="check the camera and its cable"):
+            camera.frame()
+        assert number_of(first.image) == 0
+
+
+def test_a_camera_that_was_lost_is_opened_again():
+    with served([0], [4]) as (address, go), live(address) as camera:
+        assert number_of(camera.frame().image) == 0
+        go.release()  # the first connection is closed
+        assert number_of(camera.frame().image) == 4
+
+
+def test_a_camera_that_is_not_there_is_named():
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        port = closed.getsockname()[1]
+    with (
+        live(f"camera:http://127.0.0.1:{port}/", patience=0.0) as camera,
+        pytest.raises(
+            InstrumentError, match=f"{port}/ (has given no picture yet|cannot be opened)"
+        ),
+    ):
+        camera.frame()
+
+
+@pytest.mark.parametrize(
+    ("address", "sentence"),
+    [
+        ("camera:", "no camera at 'camera:'; give camera:0"),
+        ("camera:ftp://a", "give camera:0"),
+        ("nowhere.avi", "no file or folder 'nowhere.avi'"),
+    ],
+)
+def test_what_is_no_address_is_refused(address, sentence):
+    with pytest.raises(ParameterError, match=sentence):
+        check_camera(address)
+
+
+def test_files_that_are_no_pictures_are_refused(tmp_path):
+    with pytest.raises(ParameterError, match="has no images"):
+        list(frames(str(tmp_path)))
+    for name, sentence in (("x.png", "as an image"), ("x.avi", "as a video")):
+        (tmp_path / name).write_bytes(b"nothing")
+        with pytest.raises(ParameterError, match=sentence):
+            list(frames(str(tmp_path / name)))
+    with pytest.raises(ParameterError, match="is a camera"):
+        list(frames("camera:0"))
