@@ -101,6 +101,16 @@ class FieldPrior:
         The prior that this one approximates.
     bands : int
         Most bands of the mesh.
+
+    Attributes
+    ----------
+    along, across : arrays
+        Coordinates of the vertices.
+    thresholds : array
+        Those of the mesh.
+    places : (2, E) array of int
+        Entries of the precision that concern the field: rows and columns. Everett nodes are
+        numbered from 0, values of the field from K.
     """
 
     def __init__(self, plane: PlanePrior, bands: int = MESH_BANDS) -> None:
