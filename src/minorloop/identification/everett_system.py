@@ -92,21 +92,25 @@ class EverettSystem:
         sign[multiplier], sign[self._root + 1] = -1.0, -1.0
         entries.add(np.flatnonzero(sign > 0), np.flatnonzero(sign > 0), _TINY * weight.mean())
         rows, columns, self._values = entries.all()
-        ridge_rows, ridge_columns, self._ridge_cells, self._ridge_signs = _ridges(spec.bands)
-        self._level_factors = np.array([1.0, self.matrix.shift**2, self.matrix.shift])
-        root = self._root
-        level = np.array([[root, total, root], [root, total, total]])[:, : 3 * spec.offset]
-        last = np.full(int(spec.slope), self._steep)
-        first = self._size - self._values_of_field - spec.cells
-        linked = np.zeros((2, 0), dtype=np.int64) if field is None else field.places
-        linked = np.where(linked < spec.cells, linked, linked + first)
+        added = self._added_places(field)
         self._factor = SparseFactor(
-            np.concatenate([rows, ridge_rows, level[0], last, linked[0]]),
-            np.concatenate([columns, ridge_columns, level[1], last, linked[1]]),
-            sign,
-            self._values_of_field,
+            np.append(rows, added[0]), np.append(columns, added[1]), sign, self._values_of_field
         )
         self._ridge = np.zeros(spec.unknowns)
+
+    def _added_places(self, field: FieldPrior | None) -> IntArray:
+        """Rows and columns of what `factorise` adds: ridges, and the prior."""
+        spec, root, total = self.matrix.spec, self._root, self._total
+        *weights, self._ridge_cells, self._ridge_signs = _ridges(spec.bands)
+        self._level_factors = np.array([1.0, self.matrix.shift**2, self.matrix.shift])
+        level = np.array([[root, total, root], [root, total, total]])[:, : 3 * spec.offset]
+        slope = np.full((2, int(spec.slope)), self._steep)
+        parts = [np.vstack(weights), level, slope]
+        if field is not None:
+            first = self._size - self._values_of_field
+            at_node = field.places < spec.cells
+            parts.append(np.where(at_node, field.places, field.places - spec.cells + first))
+        return np.hstack(parts)
 
     @property
     def _total(self) -> int:

@@ -93,7 +93,9 @@ class FieldPrior:
     """Prior of the unknowns of a plane through a field, for any hyperparameters.
 
     The field (m,) has a value at each vertex of the mesh, for the irreversible weights, and one at
-    each of its thresholds, for the reversible ones.
+    each of its thresholds, for the reversible ones. ``places`` (2, E) are rows and columns of the
+    entries of the precision that concern the field: Everett nodes are numbered from 0, values of
+    the field from K.
 
     Parameters
     ----------

@@ -71,6 +71,8 @@ class PriorSystem(ABC):
 
 
 class _DenseSystem(PriorSystem):
+    """Scaled normal equations in the unknowns."""
+
     def __init__(
         self,
         plane: PlanePrior,
