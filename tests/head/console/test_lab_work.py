@@ -144,22 +144,6 @@ def test_what_cannot_be_is_refused(folder, tmp_path):
         list(lab_work.move(folder, [1.0, 0.0, 5.0], 0.5))
 
 
-def test_few_outputs_of_many_rows_are_reported_and_bounded(folder, tmp_path, monkeypatch):
-    rng = np.random.default_rng(3)
-    u = np.concatenate([[0.0, 1.0], rng.uniform(0, 1, 118)])
-    lines = [f"{x:.4f},{x**2:.4f}" if k % 8 < 1 else f"{x:.4f}," for k, x in enumerate(u)]
-    (tmp_path / "run.csv").write_text("u,y\n" + "\n".join(lines) + "\n")
-    monkeypatch.setattr(lab_work, "_MOST_SPARSE_CELLS", 10)
-    options = {"input": "u", "output": "y", "lag": 0, "holdout": 0.0}
-    few, many = (
-        list(lab_work.identify_file(folder, "run.csv", levels=levels, **options))
-        for levels in (4, 6)
-    )
-    assert "10 cells to 15 of 120 rows: so few take ten seconds or more" in few[1]["stage"]
-    advice = next(each["result"]["advice"] for each in many if "result" in each)
-    assert advice[0].startswith("only 15 of 120 rows were measured")
-
-
 def test_warnings_go_with_the_model_and_its_inverse(folder, tmp_path):
     found = result(folder, levels=5)
     assert found["warnings"] == []

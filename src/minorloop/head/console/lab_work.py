@@ -44,8 +44,6 @@ _SHOWN, _PREVIEWED = 2500, 400
 """Points of a curve that are sent to the page."""
 # Limits that keep a task within the time and memory of a worker.
 _MOST_LEVELS, _MOST_ROWS, _MOST_COLUMNS, _MOST_TARGETS = 100, 500_000, 100, 10_000
-# A record with few outputs is fitted with a dense prior: 7 s at 25 levels, 29 s at 40 levels.
-_SPARSE, _EACH, _MOST_SPARSE_CELLS = 5, 3, 350
 
 
 def warm_up() -> None:
@@ -153,18 +151,7 @@ def identify_file(
     advice = [*log.notes, *log.left_out]
     if log.sd is not None:
         advice.append("each sample counts by its standard deviation, in the column sd")
-    fitting = f"fitting {cells} cells to {measured} of {len(record)} rows"
-    if measured * _SPARSE < len(record) and measured < _EACH * cells:
-        if cells > _MOST_SPARSE_CELLS:
-            options["prior"] = "none"
-            advice.append(
-                f"only {measured} of {len(record)} rows were measured, and {cells} cells are many "
-                "for so few: the plane is smoothed here; to fit it with a prior, use fewer levels, "
-                "or 'minorloop identify' on the command line"
-            )
-        else:
-            fitting += ": so few take ten seconds or more"
-    yield {"stage": fitting}
+    yield {"stage": f"fitting {cells} cells to {measured} of {len(record)} rows"}
     began = perf_counter()
     result = identify(np.asarray(record.u), np.asarray(record.y), **options)
     seconds = perf_counter() - began
