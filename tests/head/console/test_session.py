@@ -105,7 +105,7 @@ def test_a_target_out_of_sight_holds(lost):
         pilot.camera.reports = list  # nothing comes any more
     pilot.drive(40)
     assert pilot.session.state.mode == "HOLD"
-    sentence = {"target": "lost from sight", "camera": "no picture comes"}[lost]
+    sentence = {"target": "lost from sight", "camera": "no picture came"}[lost]
     assert sentence in pilot.session.state.reason
 
 
@@ -121,7 +121,7 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
         pilot.mode(mode)
         pilot.drive(5, pose=right(-40.0))
         assert pilot.session.state.mode == "HOLD"
-        assert "no picture comes" in pilot.session.state.reason
+        assert "no picture came" in pilot.session.state.reason
     pilot.camera.reports = reports
     pilot.drive(2)
     assert "pictures come again" in sent(pilot.session, "notice")[-1]["text"]
