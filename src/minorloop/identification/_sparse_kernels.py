@@ -96,7 +96,8 @@ def panel_rows(first, rows, start, at):
         panel_of[start[s] : start[s + 1]] = s
     for s in range(count):
         width, last = start[s + 1] - start[s], start[s + 1]
-        out[at[s] : at[s] + width] = np.arange(start[s], last)
+        for k in range(width):
+            out[at[s] + k] = start[s] + k
         end = at[s] + width
         for p in range(first[start[s]], first[last]):
             if rows[p] >= last and seen[rows[p]] != s:
@@ -112,7 +113,7 @@ def panel_rows(first, rows, start, at):
                     end += 1
             below = sibling[below]
         if at[s] + width < end:
-            out[at[s] + width : end] = np.sort(out[at[s] + width : end])
+            out[at[s] + width : end].sort()
             above = panel_of[out[at[s] + width]]
             sibling[s], child[above] = child[above], s
     return out, panel_of
@@ -213,7 +214,11 @@ def eliminate_panel(panel, sign, least):
                 for k in range(i, j):
                     total += divisor[i, k] * across[k, j]
                 divisor[i, j] = -total * inverse[j]
-        panel[width:] = np.dot(panel[width:], divisor * sign)
+        # Numba takes seconds to compile an assignment of slices.
+        divided = np.dot(panel[width:], divisor * sign)
+        for i in range(width, height):
+            for k in range(width):
+                panel[i, k] = divided[i - width, k]
         return
     for i in range(width, height):
         line = panel[i]
