@@ -197,6 +197,7 @@ class Content(_Strict):
     lag: Annotated[int, msgspec.Meta(ge=0)]
     model: AnyModel
     provenance: Provenance
+    lag_s: Annotated[float, msgspec.Meta(ge=0)] = 0.0
     warnings: Annotated[list[Sentence], msgspec.Meta(min_length=1, max_length=MOST_WARNINGS)] = []
 
 

@@ -11,7 +11,8 @@
                     "data": "run.csv", "sha256": "9f86...", "scores": {"nrmse": 0.004}},
      "warnings": ["the output is clipped: ..."]}
 
-``lag`` is the number of whole samples by which the output follows the model. In the provenance,
+``lag`` is the number of whole samples by which the output follows the model; a model of a record
+with times may have ``lag_s`` as well, the same in seconds. In the provenance,
 ``data`` is the name of the file that the model was identified from and ``sha256`` the digest of
 its bytes; both are null if there was none. Scores are numbers by name.
 
@@ -118,6 +119,8 @@ class ModelFile:
         Origin of the model.
     warnings : tuple of str
         Why the model is not to be trusted; empty if there are no warnings.
+    lag_seconds : float
+        The lag in seconds; 0 if it is known in samples only.
     """
 
     model: Model
@@ -126,6 +129,7 @@ class ModelFile:
     lag: int
     provenance: Provenance
     warnings: tuple[str, ...] = ()
+    lag_seconds: float = 0.0
 
     @property
     def operator(self) -> StaticModel:
@@ -203,6 +207,7 @@ def save(
     input: str | Quantity = "input",
     output: str | Quantity = "output",
     lag: int | None = None,
+    lag_seconds: float = 0.0,
     provenance: Provenance | Mapping[str, Any] | None = None,
     warnings: Sequence[str] | None = None,
     force: bool = False,
@@ -221,6 +226,8 @@ def save(
     lag : int, optional
         Samples by which the output follows the model; that of the identification, or 0, if not
         given.
+    lag_seconds : float
+        The same in seconds, where it is known; for records with other intervals.
     provenance : Provenance or mapping, optional
         Origin of the model; a mapping has the keys of `Provenance`.
     warnings : sequence of str, optional
@@ -252,6 +259,8 @@ def save(
         "model": {"kind": kind_of(model), **plain(model)},
         "provenance": complete,
     }
+    if lag_seconds:
+        content["lag_s"] = float(lag_seconds)
     if warnings:
         content["warnings"] = [text[:LONGEST_WARNING] for text in warnings][:MOST_WARNINGS]
     try:
@@ -328,7 +337,10 @@ def read(path: PathLike) -> ModelFile:
         mapped = _quantity(content.input), _quantity(content.output)
     except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path} is not a valid model file: {reason(error)}") from None
-    return ModelFile(model, *mapped, content.lag, content.provenance, tuple(content.warnings))
+    warnings = tuple(content.warnings)
+    return ModelFile(
+        model, *mapped, content.lag, content.provenance, warnings, float(content.lag_s)
+    )
 
 
 def _bytes_of(path: PathLike) -> bytes:

@@ -127,3 +127,19 @@ def test_gaps_and_uneven_times_of_targets_are_said(run):
     err = run("invert model.json wanted.csv --target length --time time")[2]
     assert "note: 1 gap in the times of the targets, the longest 0.32 s: the input of" in err
     assert "note: samples are uneven" in err
+
+
+@pytest.mark.parametrize("given", ["30 ms", "auto"])
+def test_a_lag_in_seconds_is_kept_in_the_model_for_other_intervals(answer, given):
+    late = np.interp(T - 0.03, T, MODEL.simulate(U))
+    _log(T, U, late)
+    answer(f"{LINE} --time time --smoothness 0 --lag '{given}' --save late.json")
+    fine = np.arange(0, 8.99, 0.004)
+    write("fine.csv", "time [s],voltage [V]", np.column_stack([fine, np.interp(fine, T, U)]))
+    answer("simulate late.json fine.csv --time time --save out.csv")
+    found = np.loadtxt("out.csv", delimiter=",", skiprows=1)[:, -1]
+    off, prompt = (
+        np.sqrt(np.mean((found - np.interp(fine - lag, T, MODEL.simulate(U)))[50:] ** 2))
+        for lag in (0.03, 0.0)
+    )
+    assert off < 0.3 * prompt

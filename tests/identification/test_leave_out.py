@@ -83,3 +83,17 @@ def test_reversal_curves_of_a_magnet_lie_in_their_bands(shared_data):
     used = ~drift & (curve % 4 == 0)
     options = {"levels": 20, "spacing": "adaptive", "start_of_curve": "positive"}
     assert 0.85 <= covered(u[used], y[used], curve[used], 3, **options) <= 0.95
+
+
+def test_a_left_out_group_is_predicted_by_a_fit_that_has_not_seen_it():
+    labels = np.repeat(np.arange(5), 40)
+    amplitude = np.linspace(1.0, 0.2, 5)[labels]
+    u = amplitude * np.cos(2 * np.pi * np.arange(200) / 40)
+    y = a_plane().simulate(u)
+    levels = np.linspace(-1, 1, 16)
+    plain = {"levels": levels, "prior": "none", "smoothness": 0.0}
+    found = identify(u, y, groups=labels, **plain)
+    for k in range(5):
+        others = identify(u, np.where(labels == k, np.nan, y), **plain)
+        expected = others.model.simulate(u)[labels == k]
+        np.testing.assert_allclose(found.left_out[labels == k], expected, atol=1e-6)

@@ -46,6 +46,22 @@ class Done:
     of_time: tuple[str, ...] = ()
     dynamic: DynamicIdentification | None = None
     sd: str | None = None
+    interval: float | None = None
+    lag_given: float | None = None
+
+    @property
+    def lag_seconds(self) -> float:
+        """Lag in seconds, as given or from rows of a known interval; 0 where neither is known."""
+        if self.lag_given is not None:
+            return self.lag_given
+        return self.result.lag * (self.interval or 0.0)
+
+    @property
+    def lag(self) -> int:
+        """Lag in whole rows, also where it was given in seconds."""
+        if self.lag_given is None or not self.interval:
+            return self.result.lag
+        return round(self.lag_given / self.interval)
 
     @property
     def advice(self) -> list[str]:
@@ -181,6 +197,8 @@ def identified(
             first=part.start,
             of_time=of_time,
             sd=(columns.sd or "sd") if "noise" in beside else None,
+            interval=None if columns.time is None or log.check is None else log.check.interval,
+            lag_given=lag_seconds,
         )
 
 

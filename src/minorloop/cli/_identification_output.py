@@ -11,6 +11,7 @@ import typer
 
 from minorloop.cli import _common
 from minorloop.cli._identification import Done
+from minorloop.errors import counted
 
 if TYPE_CHECKING:
     from minorloop.identification import DynamicIdentification, Identification
@@ -28,6 +29,9 @@ def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
     from minorloop import modelfile
 
     dynamic = done.dynamic if done.dynamic is not None and done.dynamic.dynamic else None
+    lag: dict[str, Any] = {}
+    if dynamic is None:
+        lag = {"lag": done.lag, "lag_seconds": done.lag_seconds}
     modelfile.save(
         done.result if dynamic is None else dynamic,
         path,
@@ -36,6 +40,7 @@ def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
         output=done.record.output,
         warnings=done.warnings,
         force=force,
+        **lag,
     )
     if not as_json:
         typer.echo(f"model written to {path}")
@@ -49,6 +54,7 @@ def show(done: Done, rank: bool, as_json: bool) -> None:
         figures["warnings"] = list(done.warnings)
         figures["codes"] = [code.sample for code in done.result.codes]
         figures["sd"] = done.sd
+        figures["lag_samples"], figures["lag_s"] = done.lag, done.lag_seconds or None
         figures["held_out"] = int(done.result.held_out.sum())
         figures["left_out"] = list(done.left_out)
         if done.dynamic is not None:
@@ -132,6 +138,9 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
 
     rank = figures["rank"]
     rows = score_rows(done.result, rank="not computed (--rank)" if rank is None else f"{rank}")
+    if done.lag_seconds:
+        lag = f"{counted(done.lag, 'sample')}, {done.lag_seconds:.4g} s"
+        rows = [(name, lag if name == "lag" else value) for name, value in rows]
     if done.dynamic is not None:
         rows = [*done.dynamic.rows, *(row for row in rows if row[0] in _OF_OPERATOR)]
     if done.left_out:

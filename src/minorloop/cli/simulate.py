@@ -81,12 +81,18 @@ def _simulated(
     known: ModelFile, times: dict[str, FloatArray], u: FloatArray, start: Any
 ) -> FloatArray:
     """Return the outputs; the first input of dynamics has been applied for long."""
+    from numpy import interp
+
     from minorloop.dynamics.cascade import Cascade
     from minorloop.identification.baseline import delayed
 
     if isinstance(known.model, Cascade):
         return known.model.simulate(next(iter(times.values())), u, start)
-    return delayed(known.model.simulate(u, start), known.lag)
+    y = known.model.simulate(u, start)
+    if times and known.lag_seconds:
+        t = next(iter(times.values()))
+        return interp(t - known.lag_seconds, t, y)
+    return delayed(y, known.lag)
 
 
 def _forget(known: ModelFile, u: FloatArray, y: FloatArray, check: TimeCheck) -> list[str]:

@@ -124,7 +124,9 @@ class Problem:
         if reproduces(self.matrix, plain.x, self.y) or not held.any():
             return plain
         part = _System(self, np.where(held, 0.0, 1.0), whole)
-        best, least, since, guess = 0.0, np.inf, 0, plain.x
+        # The first guess is none: cells that the others leave open would keep what it knows.
+        guess: FloatArray | None = None
+        best, least, since = 0.0, np.inf, 0
         for strength in CANDIDATES:
             guess = part.solve(strength, guess).x
             error = float((self.matrix.forward(guess) - self.y)[held] ** 2 @ weight[held])

@@ -155,7 +155,8 @@ def _without(found: FittedPlane, signed: bool, left: BoolArray) -> FloatArray:
     regression = found.regression
     if found.posterior is None:
         problem = Problem(regression.matrix, regression.y, signed)
-        return next(problem.fit_part(~left, [found.smoothness], found.x))
+        # Not from the fit to all rows: cells that the others leave open would keep what it knows.
+        return next(problem.fit_part(~left, [found.smoothness]))
     return fit_given(
         found.posterior, regression.matrix, regression.y, regression.dense, ~left, signed=signed
     )

@@ -23,7 +23,7 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
 
     A loop begins at a turning point of the input and closes where the input comes back to it.
     Before a loop closes, smaller ones may close within it. The first sample of a curve is a turning
-    point only at the least or the greatest input of the record. Loops of less than 2 % of the range
+    point only at the least or the greatest input of the curve. Loops of less than 2 % of the range
     of the input or of fewer than 8 samples are left out, and so are those with samples that are not
     scored.
 
@@ -47,7 +47,7 @@ def closed_loops(u: FloatArray, scored: BoolArray, curves: Curves) -> IntArray:
     for first, last in curves.parts(u.size):
         part = u[first:last]
         begin, end = np.empty(part.size, dtype=np.int64), np.empty(part.size, dtype=np.int64)
-        extreme = bool(min(part[0] - low, high - part[0]) <= near)
+        extreme = bool(min(part[0] - part.min(), part.max() - part[0]) <= near)
         count = _kernels.closed_loops(part, extreme, _TOLERANCE, _GAP, narrowest, begin, end)
         found.append(first + np.column_stack([begin[:count], end[:count]]))
     loops = np.concatenate(found)
