@@ -128,6 +128,27 @@ def test_a_saturated_sensor_is_noticed(long):
     assert 0 < np.isnan(found.record().y).sum() < LEVELS.size
 
 
+def test_a_sensor_that_is_saturated_for_most_of_a_log_is_noticed_too(long):
+    log, _ = long
+    low, high = np.quantile(log.y, [0.3, 0.6])
+    clipped = Record(log.t, log.u, np.clip(log.y, low, high), log.inputs, log.outputs)
+    found = reduce(clipped, conversion=LASER)
+    assert sum("the sensor is saturated" in note for note in found.notes) == 2
+    assert np.isnan(found.record().y).mean() > 0.3
+
+
+def test_the_standard_deviation_contains_the_resolution_of_the_sensor(long):
+    log, truth = long
+    step = 0.05
+    coarse = Record(log.t, log.u, step * np.round(log.y / step), log.inputs, log.outputs)
+    found = reduce(coarse, conversion=LASER)
+    assert "whole steps of 0.05, the resolution of the sensor" in " ".join(found.notes)
+    settled = [(p.value, p.sd, t) for p, t in zip(found.points, truth, strict=True)]
+    value, sd, true = np.array(settled).T
+    assert (np.abs(value - true) <= 3 * sd)[np.isfinite(value)].mean() > 0.95
+    assert not any("resolution" in note for note in reduce(log, conversion=LASER).notes)
+
+
 def test_after_a_break_outputs_wait_until_the_memory_is_known():
     levels = [-1.0, 1.0, -1.0, 0.0, -0.5, 0.5, 1.0, 0.2]
     u = np.repeat(levels, 20)

@@ -14,8 +14,8 @@ __all__ = ["converted", "usable"]
 
 _STUCK = 4
 """Equal readings in a row, at an end of the range of the output, that count as saturated."""
-_NOISY = 0.5
-"""Share of neighbours that differ in an output with noise."""
+_NOISY = 0.3
+"""Share of the readings at which an output with noise turns; two thirds for independent noise."""
 
 
 def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArray, list[str]]:
@@ -59,10 +59,12 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
 def _saturated(y: FloatArray) -> list[tuple[float, BoolArray]]:
     """Return extremes that a noisy output takes several times in a row, and where it does."""
     known = y[np.isfinite(y)]
-    if known.size < 2 * _STUCK or np.mean(np.diff(known) != 0) < _NOISY:
+    low, high = known.min(initial=np.inf), known.max(initial=-np.inf)
+    ways = np.sign(np.diff(known[(known > low) & (known < high)]))
+    if ways.size < 2 * _STUCK or np.mean(ways[1:] * ways[:-1] < 0) < _NOISY:
         return []
     found = []
-    for extreme in (float(known.min()), float(known.max())):
+    for extreme in (float(low), float(high)):
         at = y == extreme
         edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
         if edges.size and int(np.diff(edges)[::2].max()) >= _STUCK:

@@ -31,6 +31,10 @@ WINDOW = 10
 """A slope is taken over the last one in this many parts of a hold."""
 _FEWEST, _LEAST_HELD = 3, 0.1
 """Least holds of a log, and least share of its samples in them."""
+_DISTINCT = 4
+"""Samples for each distinct reading above which readings may show the resolution of a sensor."""
+_WHOLE = 0.01
+"""Largest difference of their distances from whole steps, in steps."""
 
 
 @dataclass(frozen=True)
@@ -279,11 +283,17 @@ def reduce(
         common = conversion.sd(readings)
         quantity = conversion.quantity(record.output)
         notes += lost
+    step = resolution(readings)
+    if step:
+        notes.append(
+            f"readings of {record.output} are whole steps of {step:.3g}, the resolution of the "
+            "sensor; sd contains it: averaging does not reduce it where the noise is less"
+        )
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
     known = known_memory(u, breaks)
     points = [
         replace(point, known=bool(known[point.stop - 1]))
-        for point in _points(log, holds, common, tolerance)
+        for point in _points(log, holds, common, tolerance, step > 0)
     ]
     if not any(np.isfinite(point.value) for point in points):
         raise RecordError(
@@ -299,18 +309,44 @@ def _cell(value: float) -> float | str:
 
 
 def _points(
-    log: Record, holds: list[FoundHold], common: FloatArray, tolerance: float | None
+    log: Record,
+    holds: list[FoundHold],
+    common: FloatArray,
+    tolerance: float | None,
+    stepped: bool,
 ) -> list[ReducedPoint]:
     interval = float(np.median(np.diff(log.t))) if len(log) > 1 else 1.0
     change = SPAN_SHARE * _span(log, holds)
     noise = max(float(np.median([hold.sd for hold in holds])), 1e-9 * float(np.ptp(log.u)))
+    values = np.unique(log.y[np.isfinite(log.y)]) if stepped else np.zeros(0)
     points: list[ReducedPoint] = []
     for before, hold in zip([None, *holds], [*holds, None], strict=True):
         points += _passed(log, before, hold, 6 * noise)
         if hold is not None:
             slope = change / _duration(log.t, hold, interval) if tolerance is None else tolerance
-            points.append(_judged(log, hold, common, slope, interval))
+            point = _judged(log, hold, common, slope, interval)
+            rounding = _rounding(values, point.value)
+            points.append(replace(point, sd=float(np.hypot(point.sd, rounding))))
     return points
+
+
+def resolution(readings: FloatArray) -> float:
+    """Return the step of the readings of a sensor, 0 where they show none."""
+    known = readings[np.isfinite(readings)]
+    values = np.unique(known)
+    if values.size < 3 or values.size * _DISTINCT > known.size:
+        return 0.0
+    steps = np.diff(values)
+    count = steps / steps.min()
+    return float(steps.min()) if np.abs(count - np.round(count)).max() < _WHOLE else 0.0
+
+
+def _rounding(values: FloatArray, value: float) -> float:
+    """Return the standard deviation of an error that is uniform over a step between values."""
+    if values.size < 2 or not np.isfinite(value):
+        return 0.0
+    place = int(np.searchsorted(values, value))
+    return float(np.diff(values[max(place - 2, 0) : place + 2]).min() / np.sqrt(12))
 
 
 def _judged(
