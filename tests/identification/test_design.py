@@ -119,8 +119,7 @@ def test_next_input_refuses_what_it_cannot_use(change, says):
         next_input(**given)
 
 
-def test_a_plane_too_fine_for_dense_matrices_is_refused():
-    u = U[:4]
-    fit = identify(u, u, levels=65, prior="gaussian")
-    with pytest.raises(ParameterError, match="2146 unknowns; give at most 64 levels"):
+def test_a_plane_too_fine_for_dense_matrices_is_refused(fit, monkeypatch):
+    monkeypatch.setattr("minorloop.identification.design.MOST_DENSE_CELLS", 54)
+    with pytest.raises(ParameterError, match="56 unknowns; give at most 64 levels"):
         next_input(fit, NOW)
