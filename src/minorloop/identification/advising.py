@@ -141,25 +141,24 @@ def _pattern(result: Fit) -> str:
 
 
 def _accuracy(result: Fit) -> Iterator[str]:
-    held, base = result.holdout_nrmse, result.baseline_nrmse
-    score = result.nrmse if held is None else held
+    held_out, base = result.holdout_accuracy, result.baseline_nrmse
     span = float(np.ptp(result.y[result.fitted])) or 1.0
-    if held is None and result.groups_nrmse is not None:
+    if held_out is None and result.groups_nrmse is not None:
         if result.groups_nrmse > _OVERFIT * max(result.nrmse, _ROUNDING):
             yield (
                 f"the error on left-out groups ({percent(result.groups_nrmse)}) is more than twice "
                 f"that on fitted data ({percent(result.nrmse)}): the groups differ, or are too few "
                 "for so many levels. Expect that error for another group"
             )
-    elif held is None:
+    elif held_out is None:
         yield (
             "no data were held out, so the error on other inputs is unknown; pass holdout=0.3 "
             "(--holdout 0.3)"
         )
-    elif _rmse_held_out(result) > _OVERFIT * max(result.rmse, _ROUNDING * span):
+    elif held_out.rmse > _OVERFIT * max(result.rmse, _ROUNDING * span):
         yield (
-            f"error on held-out data ({percent(held)} of its range, "
-            f"{percent(_rmse_held_out(result) / span)} of the fitted range) is more than twice "
+            f"error on held-out data ({percent(held_out.nrmse)} of its range, "
+            f"{percent(held_out.rmse / span)} of the fitted range) is more than twice "
             f"that on fitted data ({percent(result.nrmse)}): fit inputs similar to those you will "
             "apply, or use fewer levels"
         )
@@ -225,11 +224,6 @@ def _errors_without_outliers(result: Fit) -> tuple[dict[str, float], float, floa
     if (result.held_out | result.fitted)[~known].any():
         base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored, result.curves)
     return errors, nrmse(residual[scored], result.y[scored]), base
-
-
-def _rmse_held_out(result: Fit) -> float:
-    residual = (result.prediction - result.y)[result.held_out]
-    return float(np.sqrt(np.mean(residual**2)))
 
 
 def _falls(result: Fit) -> bool:

@@ -283,17 +283,18 @@ def reduce(
         common = conversion.sd(readings)
         quantity = conversion.quantity(record.output)
         notes += lost
-    step = resolution(readings)
+    step = _resolution(readings)
     if step:
         notes.append(
             f"readings of {record.output} are whole steps of {step:.3g}, the resolution of the "
             "sensor; sd contains it: averaging does not reduce it where the noise is less"
         )
     log = Record(record.t, u, -y if flip else y, record.inputs, quantity, record.time)
+    values = np.unique(log.y[np.isfinite(log.y)]) if step else np.zeros(0)
     known = known_memory(u, breaks)
     points = [
         replace(point, known=bool(known[point.stop - 1]))
-        for point in _points(log, holds, common, tolerance, step > 0)
+        for point in _points(log, holds, common, tolerance, values)
     ]
     if not any(np.isfinite(point.value) for point in points):
         raise RecordError(
@@ -313,12 +314,11 @@ def _points(
     holds: list[FoundHold],
     common: FloatArray,
     tolerance: float | None,
-    stepped: bool,
+    values: FloatArray,
 ) -> list[ReducedPoint]:
     interval = float(np.median(np.diff(log.t))) if len(log) > 1 else 1.0
     change = SPAN_SHARE * _span(log, holds)
     noise = max(float(np.median([hold.sd for hold in holds])), 1e-9 * float(np.ptp(log.u)))
-    values = np.unique(log.y[np.isfinite(log.y)]) if stepped else np.zeros(0)
     points: list[ReducedPoint] = []
     for before, hold in zip([None, *holds], [*holds, None], strict=True):
         points += _passed(log, before, hold, 6 * noise)
@@ -330,7 +330,7 @@ def _points(
     return points
 
 
-def resolution(readings: FloatArray) -> float:
+def _resolution(readings: FloatArray) -> float:
     """Return the step of the readings of a sensor, 0 where they show none."""
     known = readings[np.isfinite(readings)]
     values = np.unique(known)
@@ -342,7 +342,10 @@ def resolution(readings: FloatArray) -> float:
 
 
 def _rounding(values: FloatArray, value: float) -> float:
-    """Return the standard deviation of an error that is uniform over a step between values."""
+    """Return the standard deviation of an error that is uniform over a step between values.
+
+    ``values`` are those that the sensor can show, increasing; none of a sensor without steps.
+    """
     if values.size < 2 or not np.isfinite(value):
         return 0.0
     place = int(np.searchsorted(values, value))
