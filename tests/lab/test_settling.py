@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import lfilter
 
+from later import Later
 from minorloop.arrays import uniform_levels
 from minorloop.connect import connect
 from minorloop.identification.excitation import decaying_staircase
@@ -11,6 +11,8 @@ from minorloop.lab.settling import Trend, extrapolate, is_still, judge, trend
 
 T = np.arange(1, 201) * 1.0
 SEEDS = st.integers(0, 2**32 - 1)
+
+signal = Later("scipy.signal")
 
 
 def _noise(seed, count=T.size):
@@ -253,7 +255,7 @@ class TestNoise:
         for hold in (50.0, 200.0):
             for t, y, _, span, moved in _holds("ipmc", hold, interval=hold / 1000, specimens=2):
                 white = chance.normal(size=y.size)
-                noise = lfilter([np.sqrt(1 - likeness**2)], [1, -likeness], white)
+                noise = signal.lfilter([np.sqrt(1 - likeness**2)], [1, -likeness], white)
                 noisy = y + share * span * noise
                 end = judge(t, noisy, tolerance=0.002 * span / hold, window=hold / 10)
                 calls.append((end.verdict == "settled", abs(moved) <= 0.002 * span))
