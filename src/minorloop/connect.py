@@ -8,13 +8,11 @@ package can add to both.
 from __future__ import annotations
 
 import inspect
-import sys
-from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from minorloop.errors import ParameterError
 from minorloop.lab.actuator import Actuator
+from minorloop.lab.registry import loaded, registered
 
 SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
 
@@ -66,7 +64,7 @@ def connect(
     schemes = registered(SCHEMES)
     if scheme not in schemes or not name:
         raise ParameterError(_nothing_at(address))
-    opener = _loaded(schemes[scheme], address)
+    opener = loaded(schemes[scheme], address)
     if "specimen" in inspect.signature(opener).parameters:
         options = {"specimen": specimen, "noise": noise, "seed": seed, **options}
     elif specimen is not None or noise != 0 or seed != 0:
@@ -100,7 +98,7 @@ def open_twin(
     twins = registered(TWINS)
     if name not in twins:
         raise ParameterError(_nothing_at(f"twin:{name}"))
-    kind = _loaded(twins[name], f"twin:{name}")
+    kind = loaded(twins[name], f"twin:{name}")
     _check_options(f"twin:{name}", kind, options, ("specimen", "noise", "seed"))
     twin: Actuator = kind(specimen, noise, seed, **options)
     return twin
@@ -113,26 +111,6 @@ def addresses() -> list[str]:
     """
     twins = [f"twin:{name}" for name in registered(TWINS)]
     return [*twins, *(f"{name}:NAME" for name in registered(SCHEMES) if name != "twin")]
-
-
-def registered(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group, by name."""
-    return _read(group, tuple(sys.path))
-
-
-@lru_cache(maxsize=8)
-def _read(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Return the entry points of the packages on a path; reading them takes 10 ms."""
-    return {point.name: point for point in entry_points(group=group)}
-
-
-def _loaded(point: EntryPoint, address: str) -> Any:
-    try:
-        return point.load()
-    except ModuleNotFoundError as error:
-        raise ParameterError(f"{address} needs {error.name}, which is not installed") from None
-    except (ImportError, AttributeError) as error:
-        raise ParameterError(f"the driver of {address} cannot be loaded: {error}") from None
 
 
 def _nothing_at(address: object) -> str:
