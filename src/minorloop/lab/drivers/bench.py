@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError, SafetyError
 from minorloop.lab.actuator import Channel, Value, check_input, rounded_up
 from minorloop.lab.drivers.limited import LimitedSource
+from minorloop.lab.drivers.parts import Clock, Closable, Lines, Meter, Source, WallClock
 from minorloop.lab.records import Quantity, Record, Timing
 from minorloop.lab.signals import Deferred, ended_by_signals
 
@@ -35,63 +35,6 @@ _SLACK = 0.1
 _ROUNDING = 1e-9
 _PAUSE, _PAUSES = 0.05, 0.5
 """Seconds between the first two attempts to make safe, and at most between any two."""
-
-
-class Source(Protocol):
-    """Sets the inputs of a plant."""
-
-    def set(self, value: Any) -> None:
-        """Apply inputs, a number for one, an array for several; return only when they are on."""
-
-    def safe(self) -> None:
-        """Go to a safe state; raise an error unless this is confirmed."""
-
-
-class Meter(Protocol):
-    """Reads the outputs of a plant."""
-
-    def read(self) -> Value:
-        """Return the outputs now, a number for one, an array for several."""
-
-
-class Lines(Protocol):
-    """Digital lines, such as for LEDs and a pump."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the lines."""
-
-    def switch(self, values: Mapping[str, bool]) -> None:
-        """Switch lines on or off by their names; return only when they are."""
-
-
-class Closable(Protocol):
-    """What a bench closes at its end."""
-
-    def close(self) -> None:
-        """Close the connection."""
-
-
-class Clock(Protocol):
-    """Time in seconds."""
-
-    def now(self) -> float:
-        """Return the time since some origin."""
-
-    def sleep(self, seconds: float) -> None:
-        """Wait."""
-
-
-class WallClock:
-    """The clock of the machine."""
-
-    def now(self) -> float:
-        """Return the time since some origin, in seconds."""
-        return time.monotonic()
-
-    def sleep(self, seconds: float) -> None:
-        """Wait for a number of seconds."""
-        time.sleep(seconds)
 
 
 @dataclass(frozen=True)
@@ -202,6 +145,11 @@ class Bench:
     def outputs(self) -> tuple[Channel, ...]:
         """The outputs."""
         return self._outputs
+
+    @property
+    def rest(self) -> FloatArray:
+        """(inputs,) inputs that are on when the source is safe."""
+        return self._source.rest.copy()
 
     @property
     def lines(self) -> tuple[str, ...]:

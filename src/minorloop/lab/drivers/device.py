@@ -19,7 +19,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, LimitError
 from minorloop.lab.conversion import Conversion
 
-__all__ = ["Device", "DevicePlan", "Wire", "Wired", "Wiring", "all_done"]
+__all__ = ["Device", "DeviceChannel", "DevicePlan", "Wired", "Wiring", "all_done"]
 
 
 class Device(Protocol):
@@ -42,7 +42,7 @@ class Device(Protocol):
 
 
 @dataclass(frozen=True)
-class Wire:
+class DeviceChannel:
     """A channel of a device, in the numbers of the instrument.
 
     Parameters
@@ -75,16 +75,16 @@ class DevicePlan:
         Of the device in the file.
     keys : mapping
         What the file says of it to the driver.
-    sources, sensors, lines : tuple of Wire
+    sources, sensors, lines : tuple of DeviceChannel
     folder : Path
         Of the file; paths in it are relative to this.
     """
 
     name: str
     keys: Mapping[str, Any]
-    sources: tuple[Wire, ...] = ()
-    sensors: tuple[Wire, ...] = ()
-    lines: tuple[Wire, ...] = ()
+    sources: tuple[DeviceChannel, ...] = ()
+    sensors: tuple[DeviceChannel, ...] = ()
+    lines: tuple[DeviceChannel, ...] = ()
     folder: Path = Path()
 
     @property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +10,7 @@ import numpy.typing as npt
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, LimitError
 from minorloop.lab.actuator import ROUNDING, Channel, Value, check_input
-
-if TYPE_CHECKING:
-    from minorloop.lab.drivers.bench import Clock, Source
+from minorloop.lab.drivers.parts import Clock, Source
 
 __all__ = ["LimitedSource"]
 
@@ -47,7 +44,7 @@ class LimitedSource:
     ) -> None:
         self.source, self._channels, self._clock = source, channels, clock
         self._rates = np.array([channel.rate for channel in channels])
-        self._rest, self.present, self._tick = rest, rest.copy(), tick
+        self.rest, self.present, self._tick = rest, rest.copy(), tick
         self._changed, self._known = -math.inf, True
 
     @property
@@ -88,7 +85,7 @@ class LimitedSource:
     def safe(self) -> None:
         """Go to the safe inputs, however far they are; raise an error unless confirmed."""
         self.source.safe()
-        self.present, self._known = self._rest.copy(), True
+        self.present, self._known = self.rest.copy(), True
 
     def _most(self) -> FloatArray:
         """Return the largest change (channels,) that is allowed now."""

@@ -12,11 +12,11 @@ The lines are those of `minorloop.lab.drivers.serial_line`; the questions are
 ``SAFE``       ``u ...``                go to the safe inputs; the answer has those that are on
 =============  =======================  ====================================================
 
-A unit of ``1`` is that of a pure number. Patience, ``ERR safe`` and late answers are as in protocol 2,
-whose boards are taken too: they have one input, one output and no lines.
+A unit of ``1`` is that of a pure number. Patience, ``ERR safe`` and late answers are as in
+protocol 2, whose boards are taken too: they have one input, one output and no lines.
 
-Keys of the device: ``resource``, ``library``, ``timeout``, ``baud``. Sources, sensors and lines have
-``channel``, their number on the board, in their order if not given.
+Keys of the device: ``resource``, ``library``, ``timeout``, ``baud``. Sources, sensors and lines
+have ``channel``, their number on the board, in their order if not given.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.actuator import ROUNDING
 from minorloop.lab.drivers.description import Section, parsed
-from minorloop.lab.drivers.device import DevicePlan, Wire, all_done
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, all_done
 from minorloop.lab.drivers.link import Link, VisaLink
 from minorloop.lab.drivers.scpi import number
 from minorloop.lab.drivers.serial_line import BoardLine
@@ -42,14 +42,14 @@ _SAME = 1e-6
 """Largest difference of a safe value that counts as the same, as a share of the range."""
 
 
-class _Connection(Section, kw_only=True):
+class _SerialSettings(Section, kw_only=True):
     resource: str
     library: str = "@py"
     timeout: float = 0.5
     baud: int | None = 115200
 
 
-class _Place(Section, kw_only=True):
+class _BoardChannel(Section, kw_only=True):
     channel: int | None = None
 
 
@@ -177,7 +177,7 @@ class SerialBoard(BoardLine):
         low, high, rest = (number(word, self._link.name) for word in words)
         return unit, low, high, rest
 
-    def _check_unit(self, wire: Wire, unit: str | None) -> None:
+    def _check_unit(self, wire: DeviceChannel, unit: str | None) -> None:
         if unit is not None and wire.unit is not None and unit != (wire.unit or "1"):
             raise ParameterError(
                 f"{wire.name} is in {wire.unit or '1'}, and {self._link.name} has {unit}; correct "
@@ -197,7 +197,7 @@ def open_device(plan: DevicePlan) -> SerialBoard:
     InstrumentError
         If there is no board, or it does not answer.
     """
-    how = parsed(_Connection, plan.keys, f"device {plan.name!r}")
+    how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}")
     library = how.library
     link = VisaLink(how.resource, library=library, timeout=how.timeout, baud=how.baud)
     try:
@@ -212,17 +212,17 @@ def open_device(plan: DevicePlan) -> SerialBoard:
 def found() -> list[str]:
     """Return the serial ports of this machine."""
     try:
-        from serial.tools.list_ports import comports
+        from serial.tools.list_ports import comports  # type: ignore[import-untyped]
     except ImportError:
         return []
     return sorted(f"ASRL{port.device}::INSTR" for port in comports())
 
 
-def _places(wires: Sequence[Wire], count: int, what: str) -> list[int]:
+def _places(wires: Sequence[DeviceChannel], count: int, what: str) -> list[int]:
     """Return the number on the board of each channel."""
     places = []
     for number_, wire in enumerate(wires):
-        given = parsed(_Place, wire.keys, wire.name).channel
+        given = parsed(_BoardChannel, wire.keys, wire.name).channel
         place = number_ if given is None else given
         if not 0 <= place < count:
             raise ParameterError(

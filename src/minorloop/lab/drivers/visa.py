@@ -82,7 +82,7 @@ class _Meter(_Query, kw_only=True):
     baud: int | None = None
 
 
-class _Line(Section, kw_only=True):
+class _LineCommands(Section, kw_only=True):
     on: str
     off: str
     ask: str | None = None
@@ -90,7 +90,7 @@ class _Line(Section, kw_only=True):
     is_off: str = "0"
 
 
-class _Connection(Section, kw_only=True):
+class _VisaSettings(Section, kw_only=True):
     resource: str
     library: str = "@py"
     timeout: float = 2.0
@@ -194,7 +194,7 @@ class ScpiDevice:
         link: Link,
         sources: tuple[ScpiSource, ...],
         meters: tuple[ScpiMeter, ...],
-        lines: tuple[_Line, ...],
+        lines: tuple[_LineCommands, ...],
         rest: Mapping[int, bool],
     ) -> None:
         self._link, self._sources, self._meters = link, sources, meters
@@ -239,8 +239,8 @@ def open_device(plan: DevicePlan) -> ScpiDevice:
     MissingExtraError, InstrumentError
         As `open_bench`.
     """
-    how = parsed(_Connection, plan.keys, f"device {plan.name!r}")
-    lines = tuple(parsed(_Line, wire.keys, f"line {wire.name!r}") for wire in plan.lines)
+    how = parsed(_VisaSettings, plan.keys, f"device {plan.name!r}")
+    lines = tuple(parsed(_LineCommands, wire.keys, f"line {wire.name!r}") for wire in plan.lines)
     commands = [parsed(_Commands, wire.keys, f"source {wire.name!r}") for wire in plan.sources]
     queries = [parsed(_Query, wire.keys, f"sensor {wire.name!r}") for wire in plan.sensors]
     link = VisaLink(
