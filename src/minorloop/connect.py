@@ -114,7 +114,7 @@ def open_twin(
 def open_module(name: str) -> Actuator:
     """Return the actuator that a function of a Python module makes.
 
-    Unless it is a `Bench`, it is put behind the limits of its channels.
+    A `Bench` is made safe and read first; any other is put behind the limits of its channels.
 
     Parameters
     ----------
@@ -135,8 +135,11 @@ def open_module(name: str) -> Actuator:
     """
     path, colon, argument = name.partition(":")
     made = _made(factory(path), path, [argument] if colon else [])
+    if isinstance(made, Bench):
+        made.check()
+        return made
     try:
-        return made if isinstance(made, Bench) else with_limits(made)
+        return with_limits(made)
     except ParameterError as error:
         raise ParameterError(f"module:{name}: {error}") from None
 

@@ -49,7 +49,7 @@ def test_a_head_that_was_identified_is_brought_to_the_middle():
 def test_the_file_of_the_head_is_read_and_that_of_another_refused(tmp_path):
     file = tmp_path / "head.json"
     save_head(HeadFile(serial="twin-head-3"), file)
-    assert head_at("twin:pipe", 3, file).serial == "twin-head-3"
+    assert head_at("twin:pipe", 3, file)[0].serial == "twin-head-3"
     with pytest.raises(ModelFileError, match=r"'twin-head-3', and the head here is 'twin-head-4'"):
         head_at("twin:pipe", 4, file)
 

@@ -231,10 +231,11 @@ class _Loop:
         self._plant_lost = lost
         if self._plant.made_safe:
             self._plant.accept()
-            self._session.rest(
-                f"{self._plant.answer.why}, and the head was made safe: its wires cool; press "
-                "Head (1) to bring it back to the middle"
-            )
+            done = "and the head was made safe: its wires cool; press Head (1) to bring it back to"
+            if self._plant.answer.safe:
+                self._session.rest(f"{self._plant.answer.why}, {done} the middle")
+            else:
+                self._session.rest(f"{self._plant.answer.why}; press Head (1) when it is back")
 
     def _record(self, on: bool) -> None:
         """Start or end a recording."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from minorloop.errors import ParameterError
 from minorloop.head.console.head_pose import HeadPoseMap
 from minorloop.head.console.joystick import StickMap
 from minorloop.head.console.modes import TeleopConfig
 
-ADDRESSES = ("twin:pipe",)
+PIPE = "twin:pipe"
+"""Address of the simulated head in a simulated pipe, the only plant with a tip of its own."""
 STATIC = Path(__file__).parent / "static"
 """Folder of the pages."""
 _SAFE_AFTER = 0.16
@@ -37,14 +37,17 @@ class LoopSettings:
         Age in seconds of the operator's pose and last message beyond which the head holds.
     camera : str, optional
         Address of the camera, see `minorloop.head.vision.video`; that of the plant without it.
+    interval : float
+        Tick of the plant in seconds.
     """
 
-    address: str = "twin:pipe"
+    address: str = PIPE
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"
     timeout: float = 0.1
     camera: str | None = None
+    interval: float = 0.04
 
     @property
     def patience(self) -> float:
@@ -60,14 +63,6 @@ class LoopSettings:
         )
 
 
-def check_address(address: str) -> None:
-    """Refuse an address at which nothing can be steered.
-
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered there.
-    """
-    if address not in ADDRESSES:
-        known = ", ".join(f"'{name}'" for name in ADDRESSES)
-        raise ParameterError(f"there is nothing to steer at {address!r}; what exists is {known}")
+def is_pipe(address: str) -> bool:
+    """Return whether the plant at an address has camera and probe of its own."""
+    return address == PIPE

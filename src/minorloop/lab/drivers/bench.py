@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from statistics import median
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import InstrumentError, ParameterError, SafetyError
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError, SafetyError
 from minorloop.lab.actuator import Channel, Value, check_input, rounded_up
 from minorloop.lab.drivers.limited import LimitedSource
 from minorloop.lab.drivers.parts import Clock, Closable, Lines, Meter, Source, WallClock
@@ -167,6 +167,11 @@ class Bench:
         return self._description
 
     @property
+    def safe_within(self) -> float:
+        """How long to try to make the source safe, in seconds."""
+        return self._safe_within
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the user of the bench must know."""
         return self._warnings
@@ -200,16 +205,13 @@ class Bench:
         """
         wanted = check_input(self._inputs, u)
         count = _count(duration, sample_interval)
-        try:
+        with self._safe_after_errors():
             self._set = None
             self._go(wanted, math.inf)
             on = self._set or _Span(self._clock.now(), 0.0)
             readings = self._sample(on.middle, duration, sample_interval, count)
             self._wait(on.middle + duration)
             ended = self._clock.now()
-        except BaseException:
-            self._leave()
-            raise
         t = np.maximum.accumulate([span.middle for span, _ in readings]) - self._began
         timing = Timing(
             began=on.middle - self._began,
@@ -245,15 +247,12 @@ class Bench:
                 f"the meter takes {self._found:.3g} s for an answer, and a tick is {self._tick:g} "
                 f"s; give a tick of at least {rounded_up(self._found):g} s, or a faster meter"
             )
-        try:
+        with self._safe_after_errors():
             end = self._clock.now() + self._tick
             self._go(wanted, end)
             self._wait(end - self._usual())
             _, values = self._read_timed()
             self._wait(end)
-        except BaseException:
-            self._leave()
-            raise
         return _value(values)
 
     def at_once(self, u: Value) -> Value:
@@ -269,12 +268,9 @@ class Bench:
             If an instrument fails; the source is safe then.
         """
         wanted = check_input(self._inputs, u)
-        try:
+        with self._safe_after_errors():
             self._put(self._source.nearest(wanted))
             _, values = self._read_timed()
-        except BaseException:
-            self._leave()
-            raise
         return _value(values)
 
     def switch(self, values: Mapping[str, bool]) -> None:
@@ -298,11 +294,8 @@ class Bench:
                 raise ParameterError(f"there is no line {name!r}; there is {known}")
         if self._lines is None or not values:
             return
-        try:
+        with self._safe_after_errors():
             self._lines.switch(values)
-        except BaseException:
-            self._leave()
-            raise
 
     def answer_time(self) -> float:
         """Return how long one reading takes, in seconds: the median of the latest.
@@ -440,14 +433,21 @@ class Bench:
             _check_reading(channel, value)
         return values
 
-    def _leave(self) -> None:
+    @contextmanager
+    def _safe_after_errors(self) -> Iterator[None]:
         """Make the source safe after an error; a `SafetyError` mentions that error."""
-        cause = sys.exception()
         try:
-            self.safe()
-        except SafetyError as error:
-            reason = str(cause) or type(cause).__name__
-            raise SafetyError(f"{error}; the error before: {reason}") from cause
+            yield
+        except BaseException as error:
+            try:
+                self.safe()
+            except SafetyError as unsafe:
+                reason = str(error) or type(error).__name__
+                raise SafetyError(f"{unsafe}; the error before: {reason}") from error
+            if isinstance(error, MinorloopError) or not isinstance(error, Exception):
+                raise
+            said = f"{type(error).__name__}: {error}"
+            raise InstrumentError(f"the driver failed: {said}") from error
 
 
 def _channels(given: Channel | Sequence[Channel]) -> tuple[Channel, ...]:

@@ -21,7 +21,10 @@ from minorloop.errors import InstrumentError, MissingExtraError
 from minorloop.lab.drivers.description import Section, parsed
 from minorloop.lab.drivers.device import DevicePlan, all_done
 
-__all__ = ["DaqDevice", "found", "open_device"]
+__all__ = ["NEEDS", "DaqDevice", "found", "open_device"]
+
+NEEDS = "nidaqmx", "daqmx"
+"""Library of the driver, and the extra that installs it."""
 
 _WAIT = 1.0
 """Seconds to wait for a sample."""

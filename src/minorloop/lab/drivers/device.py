@@ -1,8 +1,10 @@
 """Devices with several channels, and how the channels of a bench are wired to them.
 
 A driver is a module with ``open_device(plan)``, which returns a `Device` for a `DevicePlan`. It is
-found by its entry point of the group ``minorloop.drivers``. Numbers of a device are those of the
-instrument, such as volts; conversions to the units of the bench are made here.
+found by its entry point of the group ``minorloop.drivers``. It may have ``found()``, which lists
+the devices that are there, and ``NEEDS``, its library and the extra that installs it. Numbers of a
+device are those of the instrument, such as volts; conversions to the units of the bench are made
+here.
 """
 
 from __future__ import annotations

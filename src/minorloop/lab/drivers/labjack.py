@@ -21,7 +21,10 @@ from minorloop.errors import InstrumentError, MissingExtraError
 from minorloop.lab.drivers.description import Section, parsed
 from minorloop.lab.drivers.device import DevicePlan, all_done
 
-__all__ = ["LabJack", "found", "open_device"]
+__all__ = ["NEEDS", "LabJack", "found", "open_device"]
+
+NEEDS = "labjack", "labjack"
+"""Library of the driver, and the extra that installs it."""
 
 
 class _LabjackSettings(Section, kw_only=True):

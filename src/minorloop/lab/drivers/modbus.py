@@ -20,7 +20,10 @@ from minorloop.errors import InstrumentError, MissingExtraError
 from minorloop.lab.drivers.description import Section, parsed
 from minorloop.lab.drivers.device import DevicePlan, all_done
 
-__all__ = ["ModbusDevice", "open_device"]
+__all__ = ["NEEDS", "ModbusDevice", "open_device"]
+
+NEEDS = "pymodbus", "modbus"
+"""Library of the driver, and the extra that installs it."""
 
 _Kind: TypeAlias = Literal["float32", "int16", "uint16", "int32", "uint32"]
 _SAME = 1e-6
@@ -160,8 +163,3 @@ class ModbusDevice:
 def open_device(plan: DevicePlan) -> ModbusDevice:
     """Return a device that speaks Modbus TCP; see `ModbusDevice`."""
     return ModbusDevice(plan)
-
-
-def found() -> list[str]:
-    """Return nothing: Modbus TCP cannot be searched for."""
-    return []

@@ -34,7 +34,10 @@ from minorloop.lab.drivers.link import Link, VisaLink
 from minorloop.lab.drivers.scpi import number
 from minorloop.lab.drivers.serial_line import BoardLine
 
-__all__ = ["SerialBoard", "found", "open_device"]
+__all__ = ["NEEDS", "SerialBoard", "found", "open_device"]
+
+NEEDS = "pyvisa", "instruments"
+"""Library of the driver, and the extra that installs it."""
 
 _PROTOCOLS = "2", "3"
 _DIGITS = "{:.9g}"
@@ -198,8 +201,7 @@ def open_device(plan: DevicePlan) -> SerialBoard:
         If there is no board, or it does not answer.
     """
     how = parsed(_SerialSettings, plan.keys, f"device {plan.name!r}")
-    library = how.library
-    link = VisaLink(how.resource, library=library, timeout=how.timeout, baud=how.baud)
+    link = VisaLink(how.resource, library=how.library, timeout=how.timeout, baud=how.baud)
     try:
         board = SerialBoard(link, plan)
     except BaseException:

@@ -26,6 +26,7 @@ Instead of source and meter there may be ``"board": {"resource": "ASRL/dev/ttyAC
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,10 @@ from minorloop.lab.drivers.link import Link, VisaLink
 from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource
 from minorloop.lab.drivers.serial_line import Board
 
-__all__ = ["ScpiDevice", "found", "open_bench", "open_device", "open_single"]
+__all__ = ["NEEDS", "ScpiDevice", "found", "open_bench", "open_device", "open_single"]
+
+NEEDS = "pyvisa", "instruments"
+"""Library of the driver, and the extra that installs it."""
 
 _UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
 """Keys on which no reading depends; they may change before a run is resumed."""
@@ -263,13 +267,16 @@ def open_device(plan: DevicePlan) -> ScpiDevice:
 
 
 def found() -> list[str]:
-    """Return the resources that PyVISA-py sees: serial ports, USB, GPIB and network."""
+    """Return the resources that PyVISA-py sees, but serial ports: USB, GPIB and network."""
     try:
         import pyvisa
 
-        return [str(each) for each in pyvisa.ResourceManager("@py").list_resources()]
+        with warnings.catch_warnings():  # of libraries for a kind of connection that are missing
+            warnings.simplefilter("ignore")
+            found = pyvisa.ResourceManager("@py").list_resources()
     except Exception:  # each backend has its own errors
         return []
+    return [str(each) for each in found if not str(each).startswith("ASRL")]
 
 
 def _fields(commands: _Commands) -> dict[str, Any]:
