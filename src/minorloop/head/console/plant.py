@@ -17,7 +17,7 @@ import numpy as np
 from minorloop.connect import connect
 from minorloop.errors import ParameterError
 from minorloop.files import PathLike
-from minorloop.head.console.settings import PIPE, is_pipe
+from minorloop.head.console.settings import PIPE, SAFE_WITHIN, is_pipe
 from minorloop.head.console.units import Position
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.actuator_plant import ActuatorPlant
@@ -27,8 +27,6 @@ from minorloop.head.procedures.values import Plant, Reading, Tip
 if TYPE_CHECKING:
     from minorloop.head.procedures.head_file import HeadFile
 
-_SAFE_WITHIN = 0.8
-"""Longest time in seconds to make a plant safe; its process counts as hanging after one second."""
 _LENGTH = 0.1024
 """Length of the simulated pipe in metres."""
 # Uncertainties of the calibration: of the mount in m, of a gauge in m, of a caliper as a share of
@@ -76,10 +74,10 @@ def probed(address: str, specimen: int | None = None) -> tuple[str | None, float
     """
     with contextlib.closing(_actuator_plant(address, specimen)) as plant:
         longest = getattr(plant.actuator, "safe_within", 0.0)
-        if longest > _SAFE_WITHIN:
+        if longest > SAFE_WITHIN:
             raise ParameterError(
                 f"{address} has safe_within {longest:g} s; the console needs up to "
-                f"{_SAFE_WITHIN:g} s"
+                f"{SAFE_WITHIN:g} s"
             )
         plant.safe()
         plant.exchange(np.zeros(4))

@@ -80,7 +80,7 @@ def supervised(
     if head is not None:
         control, calibration = head.control(interval=settings.interval), head.calibration
     parts = [
-        Part(name="plant", target=run_plant, args=(settings,)),
+        Part(name="plant", target=run_plant, args=(settings,), patience=settings.plant_patience),
         Part(name="loop", target=run_loop, args=(settings, tracking, control)),
         Part(name="camera", target=run_camera, args=(settings, calibration), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),

@@ -18,6 +18,8 @@ _SAFE_AFTER = 0.16
 _BLIND_AFTER = 0.12
 """Three pictures of 40 ms: a camera that stops is noticed within 160 ms. A picture takes 30 ms,
 which leaves 90 ms on a busy machine."""
+SAFE_WITHIN = 2.0
+"""Longest time in seconds in which a plant may confirm that it is safe."""
 _MOST_PATIENT = 1.0
 """Most seconds of both, however long the timeout is."""
 
@@ -53,6 +55,11 @@ class LoopSettings:
     def patience(self) -> float:
         """Seconds without a command after which the plant is made safe."""
         return max(_SAFE_AFTER, min(self.timeout, _MOST_PATIENT))
+
+    @property
+    def plant_patience(self) -> float:
+        """Seconds without a heartbeat after which the process of the plant counts as hanging."""
+        return 1.0 if is_pipe(self.address) else 2 * SAFE_WITHIN
 
     def teleop_config(self) -> TeleopConfig:
         """Return the settings of the teleoperation."""

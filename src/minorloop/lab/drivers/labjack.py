@@ -128,6 +128,10 @@ class LabJack:
         except self._ljm.LJMError as error:
             said = " ".join(str(error).split())
             raise InstrumentError(f"{self._name} cannot be used: {said}") from None
+        except AttributeError:  # of a library that is None
+            raise InstrumentError(
+                f"{self._name} cannot be used: the LJM library is missing; install that of LabJack"
+            ) from None
 
 
 def open_device(plan: DevicePlan) -> LabJack:
