@@ -174,7 +174,7 @@ CORE_TESTS = ["pytest", "pytest-xdist", "hypothesis"]
 
 ABSENT = """
 import importlib.util as search
-packages = "cv2 starlette uvicorn websockets trimesh pandas distributed pyvisa nidaqmx pymodbus".split()
+packages = "cv2 starlette uvicorn websockets trimesh pandas distributed pyvisa pymodbus".split()
 assert not [name for name in packages if search.find_spec(name)]
 """
 
