@@ -1,6 +1,6 @@
 """A plant of your own: an amplifier and two angle sensors behind a line of text.
 
-From this folder: minorloop devices module:home_made_plant.head:/dev/ttyACM0
+In this folder: minorloop devices module:home_made_plant.head:/dev/ttyACM0
 """
 
 import numpy as np

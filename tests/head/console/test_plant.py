@@ -4,7 +4,7 @@ import pytest
 
 from board_process import commands, simulated_board
 from console_rig import Pilot, ScriptedCamera, tip, view
-from minorloop.errors import LimitError, ModelFileError, ParameterError
+from minorloop.errors import InstrumentError, LimitError, ModelFileError, ParameterError
 from minorloop.head.console.identified_head import head_of
 from minorloop.head.console.plant import head_at, open_plant, open_tip, probed
 from minorloop.head.console.session import Session
@@ -131,6 +131,21 @@ def test_no_command_beyond_the_limits_reaches_a_board_whoever_sends_it(board, mo
     assert len(sent) > 0
     assert ((sent >= 0.0) & (sent <= 0.4)).all()
     assert ["SAFE"] in said[-6:]
+
+
+def test_a_plant_that_cannot_be_used_is_one_sentence_before_the_console_starts(board):
+    address, folder = board
+    file = folder / "head.toml"
+    text = file.read_text()
+    for old, new, sentence in (
+        ("/dev/pts", "/dev/no-such", "cannot be opened"),
+        ("safe_within = 0.5", "safe_within = 5", "the console needs up to 2 s"),
+        ('unit = "deg"', 'unit = "rad"', "pan is in rad, and .* has deg"),
+    ):
+        file.write_text(text.replace(old, new))
+        with pytest.raises((InstrumentError, ParameterError), match=sentence):
+            probed(address)
+    assert not [words for words in commands(folder) if words[0] == "SET"]
 
 
 def test_other_addresses_are_refused():

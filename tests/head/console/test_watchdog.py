@@ -2,14 +2,17 @@ import multiprocessing
 import socket
 import threading
 from multiprocessing import Pipe
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 
-from minorloop.errors import InstrumentError, LimitError, SafetyError
+from minorloop.errors import InstrumentError, LimitError, MissingExtraError, SafetyError
+from minorloop.head.console import watchdog
 from minorloop.head.console.bench_lines import LineCommand
 from minorloop.head.console.channel import NewestPipe
+from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
 from minorloop.head.console.watchdog import Command, RemotePlant, WatchedPlant
 
@@ -199,3 +202,27 @@ def test_lights_are_switched_between_two_commands_of_the_loop():
     loop.send_bytes(msgspec.msgpack.encode(Command(0.0, HELD.tolist())))
     watched._answer_next(theirs)
     assert wires.done == ["safe", ("lights", True, False), tuple(HELD)]
+
+
+def test_a_plant_that_is_missing_is_opened_as_soon_as_it_is_there_and_the_loop_knows(monkeypatch):
+    ours, theirs = Pipe()
+    problems = [InstrumentError("the port cannot be opened"), MissingExtraError("pyvisa", "x")]
+
+    def open_plant(address, specimen, seed):
+        if problems:
+            raise problems.pop(0)
+        return Wires()
+
+    monkeypatch.setattr(watchdog, "open_plant", open_plant)
+    monkeypatch.setattr(watchdog, "_AGAIN", 0.0)
+    handle = SimpleNamespace(beat=lambda: None)
+    settings = LoopSettings(address="bench:head.toml", interval=0.02)
+    plant = watchdog._opened(settings, NewestPipe(theirs), handle, threading.Event())
+    assert plant.done == [(0.0,) * 4]
+    remote = RemotePlant(NewestPipe(ours), 60.0)
+    assert remote.meet(60.0)
+    assert (remote.tick, remote.made_safe, remote.answer.safe) == (0.02, True, False)
+    assert remote.answer.why == "the port cannot be opened"
+    over = threading.Event()
+    over.set()
+    assert watchdog._opened(settings, NewestPipe(), handle, over) is None

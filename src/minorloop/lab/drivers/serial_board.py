@@ -39,7 +39,8 @@ __all__ = ["NEEDS", "SerialBoard", "found", "open_device"]
 NEEDS = "pyvisa", "instruments"
 """Library of the driver, and the extra that installs it."""
 
-_PROTOCOLS = "2", "3"
+_GREETINGS = (["2"], 5), (["3"], 6)
+"""Protocols, and words of their answers to HELLO."""
 _DIGITS = "{:.9g}"
 _SAME = 1e-6
 """Largest difference of a safe value that counts as the same, as a share of the range."""
@@ -133,19 +134,17 @@ class SerialBoard(BoardLine):
     def _counts(self) -> tuple[int, int, int]:
         """Return the numbers of inputs, outputs and lines of the board, and note its patience."""
         words = self.hello
-        if words[:1] != ["minorloop"] or words[1:2] != ["2"] or len(words) != 5:
-            if words[:2] != ["minorloop", "3"] or len(words) != 6:
-                raise InstrumentError(
-                    f"{self._link.name} answers {' '.join(words)!r}; its firmware has another "
-                    f"protocol than minorloop {' or '.join(_PROTOCOLS)}: export it again"
-                )
-            self._wait_at_most(words[5])
-            if not all(word.isdigit() for word in words[2:5]):
-                raise InstrumentError(f"{self._link.name} answers HELLO with {' '.join(words)!r}")
-            inputs, outputs, lines = (int(word) for word in words[2:5])
-            return inputs, outputs, lines
-        self._wait_at_most(words[4])
-        return 1, 1, 0
+        if words[:1] != ["minorloop"] or (words[1:2], len(words)) not in _GREETINGS:
+            raise InstrumentError(
+                f"{self._link.name} answers {' '.join(words)!r}; its firmware has another protocol "
+                "than minorloop 2 or 3: export it again"
+            )
+        self._wait_at_most(words[-1])
+        if words[1] == "2":
+            return 1, 1, 0
+        if not all(word.isdigit() for word in words[2:5]):
+            raise InstrumentError(f"{self._link.name} answers HELLO with {' '.join(words)!r}")
+        return int(words[2]), int(words[3]), int(words[4])
 
     def _check(self, plan: DevicePlan) -> None:
         """Compare units, limits and rest of the plan with those of the board."""
