@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 NAME = "devices"
 EXAMPLE = "minorloop devices bench:head.toml"
 _CAMERAS = "/dev/video*"
+_FILES = ".toml", ".json"
+"""Endings of bench files, which may be given without ``bench:``."""
 _FAILED = 1
 _UNSAFE = 3
 _FIRST_PICTURE = 5.0
@@ -84,6 +86,8 @@ def _present() -> Iterator[_Row]:
 
 def _probed(address: str) -> Iterator[_Row]:
     """Yield the channels of an actuator, or the picture of a camera, or why there are none."""
+    if Path(address).suffix in _FILES and ":" not in address:
+        address = f"bench:{address}"
     if address.startswith("camera:") or Path(address).exists():
         yield _camera(address)
         return

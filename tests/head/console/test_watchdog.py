@@ -184,6 +184,7 @@ def test_a_plant_that_does_not_confirm_is_reported_and_made_safe_as_soon_as_it_d
     watched._answer_next(theirs)
     assert wires.done == ["safe", "safe"]
     assert watched._answer().safe
+    assert watched.why == "a device of the head was lost, and is back"
 
 
 def test_lights_are_switched_between_two_commands_of_the_loop():

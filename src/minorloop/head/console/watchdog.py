@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 import threading
 import time
 from multiprocessing import connection
@@ -31,6 +32,7 @@ _REST = np.zeros(4)
 _SILENT = "no command came from the control loop for {:g} s"
 _ENDED = "the control loop ended"
 _RESTARTED = "its process was restarted"
+_BACK = "a device of the head was lost, and is back"
 _POLL = 0.1
 _AGAIN = 0.5
 """Seconds until a plant that is missing is opened again."""
@@ -85,7 +87,22 @@ def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     try:
         watched.serve(loop, handle, stop, camera)
     finally:
+        _end(plant)
+
+
+def _end(plant: Plant) -> None:
+    """Make the plant safe, and close its devices; say so if it may still be on."""
+    try:
         plant.safe()
+    except SafetyError as error:
+        print(f"error: {error}", file=sys.stderr)
+    finally:
+        _close(plant)
+
+
+def _close(plant: Plant | None) -> None:
+    """Close the devices of a plant that has any."""
+    getattr(plant, "close", lambda: None)()
 
 
 def _opened(
@@ -95,12 +112,14 @@ def _opened(
     last = None
     while not stop.is_set():
         handle.beat()
+        plant = None
         try:
             plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
             plant.exchange(_REST)  # compiles what the first command would wait for
             return plant
         except (MinorloopError, ImportError) as error:
             why = str(error)
+            _close(plant)
         pipe = loop.next(last, _AGAIN)
         if pipe is not None:
             last = pipe
@@ -128,9 +147,9 @@ class WatchedPlant:
         self.safe_at, self.why, self.is_safe = 0.0, "", True
         self._y, self._used = list(_LOST), False
         self._lines: NewestPipe | None = None
-        plant.safe()
-        if why:
-            self._make_safe(why)
+        self._make_safe(why)
+        if not why and self.is_safe:
+            self.safe_at = 0.0
 
     def serve(
         self,
@@ -171,7 +190,7 @@ class WatchedPlant:
             return
         command = _commands.decode(pipe.recv_bytes())
         if not self.is_safe:
-            self._make_safe(self.why)
+            self._make_safe(_BACK)
         elif command.known == self.safe_at:
             self._carry_out(command)
         pipe.send_bytes(msgspec.msgpack.encode(self._answer()))

@@ -12,11 +12,11 @@ import msgspec
 
 from minorloop.errors import MinorloopError, ParameterError
 
-__all__ = ["Section", "parsed", "read_description", "relevant"]
+__all__ = ["UNRELATED", "Section", "parsed", "read_description", "relevant"]
 
 LARGEST = 1_000_000
 """Bytes of the largest file."""
-_UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
+UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
 """Keys on which no reading depends; they may change before a run is resumed."""
 
 Parsed = TypeVar("Parsed", bound="Section")
@@ -80,7 +80,7 @@ def parsed(kind: type[Parsed], values: Mapping[str, Any], where: object) -> Pars
 def relevant(values: Any) -> Any:
     """Return all values on which a reading depends; timeouts are not among them."""
     if isinstance(values, Mapping):
-        kept = {key: value for key, value in values.items() if key not in _UNRELATED}
+        kept = {key: value for key, value in values.items() if key not in UNRELATED}
         return {key: relevant(value) for key, value in kept.items()}
     return [relevant(value) for value in values] if isinstance(values, list) else values
 

@@ -39,7 +39,7 @@ from minorloop.errors import InstrumentError, ParameterError
 from minorloop.files import PathLike
 from minorloop.lab.actuator import Channel
 from minorloop.lab.drivers.bench import Bench, Clock
-from minorloop.lab.drivers.description import Section, parsed, read_description
+from minorloop.lab.drivers.description import UNRELATED, Section, parsed, read_description
 from minorloop.lab.drivers.device import DevicePlan, all_done
 from minorloop.lab.drivers.link import Link, VisaLink
 from minorloop.lab.drivers.scpi import ScpiMeter, ScpiSource
@@ -50,8 +50,6 @@ __all__ = ["NEEDS", "ScpiDevice", "found", "open_bench", "open_device", "open_si
 NEEDS = "pyvisa", "instruments"
 """Library of the driver, and the extra that installs it."""
 
-_UNRELATED = "timeout", "baud", "safe_within", "safe_query", "safe_answer", "done"
-"""Keys on which no reading depends; they may change before a run is resumed."""
 UNANSWERED = (
     "{} answers nothing, so it cannot confirm that it is safe; check it at the end of the run, or "
     "give confirm, errors, safe_query or done"
@@ -338,7 +336,7 @@ def _description(described: msgspec.Struct) -> dict[str, Any]:
         field.name: _description(value) if isinstance(value, msgspec.Struct) else value
         for field in msgspec.structs.fields(described)
         if (value := getattr(described, field.name)) != field.default
-        and field.name not in _UNRELATED
+        and field.name not in UNRELATED
     }
 
 
