@@ -211,7 +211,7 @@ class VisaLink:
     def _keep_others_out(self, resource: Any) -> None:
         """Lock a serial port, if PyVISA-py has opened one; refuse one that another program has."""
         port = getattr(self._session(resource), "interface", None)
-        if hasattr(port, "exclusive"):
+        if port is not None and hasattr(port, "exclusive"):
             try:
                 port.exclusive = True
             except OSError:
