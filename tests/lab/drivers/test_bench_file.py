@@ -134,6 +134,15 @@ def test_a_bench_that_does_not_confirm_that_it_is_safe_is_not_opened(opened, mon
         opened()
 
 
+def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch):
+    def loaded(point, name):
+        return SimpleNamespace(open_device=lambda plan: {}["port"])
+
+    monkeypatch.setattr(bench_file, "loaded", loaded)
+    with pytest.raises(InstrumentError, match="device 'one' cannot be opened: KeyError: 'port'"):
+        opened()
+
+
 def test_a_table_is_a_file_beside_the_bench_file(opened, tmp_path):
     (tmp_path / "force.csv").write_text("reading [V],force [N]\n0,0\n10,5\n")
     bench, _, _ = opened(BENCH.replace("polynomial = [0.0, 1.0, 1.0]", 'table = "force.csv"'))

@@ -52,7 +52,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from minorloop.errors import MinorloopError, ParameterError
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.files import PathLike
 from minorloop.lab.actuator import Channel
 from minorloop.lab.conversion import (
@@ -64,7 +64,7 @@ from minorloop.lab.conversion import (
 )
 from minorloop.lab.drivers.bench import Bench, Clock
 from minorloop.lab.drivers.description import Section, parsed, read_description, relevant
-from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, Wired, Wiring, converted
+from minorloop.lab.drivers.device import Device, DeviceChannel, DevicePlan, Wired, Wiring, converted
 from minorloop.lab.registry import loaded, registered
 
 __all__ = ["DRIVERS", "open_bench"]
@@ -191,22 +191,21 @@ def _opened(
     measures = _measures(sources.known, sensors.known)
     commands = [_conversion(each, folder) for each in sources.known]
     readings = [_conversion(each, folder) for each in sensors.known]
-    wiring = Wiring([], commands, readings)
     parts: list[Wired] = []
-    wiring.parts = parts
+    wiring = Wiring(parts, commands, readings)
     try:
         for name, keys in described.devices.items():
-            own = sources.of(name), sensors.of(name), lines.of(name)
             plan = DevicePlan(
                 name=name,
                 keys={key: value for key, value in keys.items() if key != "driver"},
-                sources=tuple(_source_wire(sources, commands, k) for k in own[0]),
-                sensors=tuple(_sensor_wire(sensors, k) for k in own[1]),
-                lines=tuple(_line_wire(lines, k) for k in own[2]),
+                sources=tuple(_source_wire(sources, commands, k) for k in sources.of(name)),
+                sensors=tuple(_sensor_wire(sensors, k) for k in sensors.of(name)),
+                lines=tuple(_line_wire(lines, k) for k in lines.of(name)),
                 folder=folder,
             )
-            device = _driver(name, keys).open_device(plan)
-            parts.append(Wired(device, *own[:2], tuple(lines.known[k].name for k in own[2])))
+            named = tuple(wire.name for wire in plan.lines)
+            device = _device(_driver(name, keys), plan)
+            parts.append(Wired(device, sources.of(name), sensors.of(name), named))
         bench = Bench(
             wiring,
             wiring,
@@ -247,6 +246,18 @@ def _driver(name: str, keys: Mapping[str, Any]) -> Any:
         known = ", ".join(sorted(drivers))
         raise ParameterError(f"device {name!r} has driver {wanted!r}; the drivers are {known}")
     return loaded(drivers[wanted], f"device {name!r}")
+
+
+def _device(driver: Any, plan: DevicePlan) -> Device:
+    """Return an opened device; any failure of its driver is one sentence."""
+    try:
+        device: Device = driver.open_device(plan)
+    except MinorloopError:
+        raise
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}"
+        raise InstrumentError(f"device {plan.name!r} cannot be opened: {said}") from error
+    return device
 
 
 def _measures(sources: Sequence[_SourceRow], sensors: Sequence[_SensorRow]) -> list[int]:
