@@ -26,10 +26,11 @@ def run(
         setup = opened.setup
         options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
         with _common.connected(setup.address, **options) as whole:
-            plant = single_channel(whole, setup.input, setup.output)
             if drive.is_drive(setup):
-                drive.carry_out(plant, opened, as_json)
-            elif _sines.is_sines(setup):
+                drive.carry_out(whole, opened, as_json)
+                return
+            plant = single_channel(whole, setup.input, setup.output)
+            if _sines.is_sines(setup):
                 _sines.carry_out(plant, opened, as_json)
             else:
                 carry_out(plant, opened, as_json)
