@@ -138,7 +138,7 @@ def test_a_plant_that_cannot_be_used_is_one_sentence_before_the_console_starts(b
     file = folder / "head.toml"
     text = file.read_text()
     for old, new, sentence in (
-        ("/dev/pts", "/dev/no-such", "cannot be opened"),
+        ("board::INSTR", "nothing::INSTR", "cannot be opened"),
         ("safe_within = 0.5", "safe_within = 5", "the console needs up to 2 s"),
         ('unit = "deg"', 'unit = "rad"', "pan is in rad, and .* has deg"),
     ):
