@@ -33,6 +33,7 @@ ELSEWHERE = {
     "head/studies/ultrasonic_scan.py": "head/studies/test_inspection_parts.py",
     "head/twins/mounted.py": "head/twins/test_camera.py",
     "head/vision/imaging.py": "head/console/test_server.py",
+    "lab/drivers/parts.py": "lab/drivers/test_bench.py",
     "lab/readings.py": "lab/test_reduction.py",
     "lab/text_tables.py": "lab/test_columns.py",
     "operators/operator.py": "dynamics/test_cascade.py",

@@ -94,7 +94,7 @@ def run(
     known = modelfile.read(model)
     targets = _common.read_column(file, target, known.output.unit)
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
-        plant = _seen(plant, options)
+        plant = _seen(_channel(plant, str(known.input)), options)
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
         chosen = TargetDrive(
@@ -121,7 +121,14 @@ def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
     design = store.setup.design or {}
     options = _conversion.ConversionOptions(**design.get("conversion", {"laser": design["laser"]}))
-    _carried(_seen(plant, options), store, as_json)
+    _carried(_seen(_channel(plant, store.setup.input), options), store, as_json)
+
+
+def _channel(plant: Actuator, input: str) -> Actuator:
+    """Return the input with a name, and its output, of an actuator with several inputs."""
+    from minorloop.lab.single_channel import single_channel
+
+    return plant if len(plant.inputs) == 1 else single_channel(plant, input)
 
 
 def _error_of(known: ModelFile) -> float:

@@ -19,15 +19,18 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Continue a run after its last settled point, whatever stopped it."""
+    from minorloop.lab.single_channel import single_channel
     from minorloop.lab.store import Store
 
     with Store.open(store, write=True) as opened:
         setup = opened.setup
         options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
-        with _common.connected(setup.address, **options) as plant:
+        with _common.connected(setup.address, **options) as whole:
             if drive.is_drive(setup):
-                drive.carry_out(plant, opened, as_json)
-            elif _sines.is_sines(setup):
+                drive.carry_out(whole, opened, as_json)
+                return
+            plant = single_channel(whole, setup.input, setup.output)
+            if _sines.is_sines(setup):
                 _sines.carry_out(plant, opened, as_json)
             else:
                 carry_out(plant, opened, as_json)
