@@ -373,7 +373,7 @@ def _least_squares(basis: _Basis, y: FloatArray) -> _Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Choice:
+class _DecayChoice:
     """Exponentials with a choice of time constants: a constant and one column for each.
 
     ``ahead`` (unknowns,) times the weights is the change of the output in another such hold, with
@@ -386,7 +386,7 @@ class _Choice:
 
 
 @lru_cache(maxsize=4)
-def _decays(grid: bytes) -> list[_Choice]:
+def _decays(grid: bytes) -> list[_DecayChoice]:
     """Return the choices at times (T,) that are shares of the hold; the slower ones are the last.
 
     The holds of a plan have the same times, so that the factors serve for all of them.
@@ -397,12 +397,12 @@ def _decays(grid: bytes) -> list[_Choice]:
     return [_choice(np.frombuffer(grid), shares) for shares in [*usual, *slower]]
 
 
-def _choice(x: FloatArray, shares: tuple[float, ...]) -> _Choice:
+def _choice(x: FloatArray, shares: tuple[float, ...]) -> _DecayChoice:
     columns = [np.exp(-x / share) for share in shares]
     basis = _Basis.of(np.column_stack([np.ones_like(x), *columns]))
     ahead = [math.exp(-(TAIL + 1) / share) - math.exp(-TAIL / share) for share in shares]
     change = np.array([0.0, *ahead])
-    return _Choice(basis, change, float(np.linalg.norm(change @ basis.inverse)))
+    return _DecayChoice(basis, change, float(np.linalg.norm(change @ basis.inverse)))
 
 
 def _likelihoods(fits: list[_Fit], count: int) -> FloatArray:
