@@ -196,6 +196,7 @@ def identify(
         searched=lag == "auto",
         left_out=left_out,
         scatter=scatter,
+        groups=group,
         skipped=int(np.count_nonzero(skipped)),
         choices=choices,
         jumps=jumps,

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import diagnosis, residuals
 from minorloop.identification.accuracy import (
     Accuracy,
@@ -66,6 +66,8 @@ class Fit:
         Output of each fitted row, predicted by a fit without its group; None without groups.
     scatter : GroupScatter, optional
         Scatter of left-out groups; None for fewer than three.
+    groups : (T,) array of int, optional
+        Number of the group of each row; None without groups.
     skipped : int
         Rows that set the memory and were not fitted.
     choices : tuple of Choice
@@ -95,6 +97,7 @@ class Fit:
     converged: bool = True
     left_out: FloatArray | None = None
     scatter: GroupScatter | None = None
+    groups: IntArray | None = None
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
@@ -230,7 +233,8 @@ class Fit:
             used = self.fitted
         span = float(np.ptp(self.y[used])) or 1.0
         applied = self.curves.delayed(self.u, self.lag)
-        return residuals.summary(applied, (self.prediction - self.y) / span, used)
+        error = (self.prediction - self.y) / span
+        return residuals.summary(applied, error, used, self.y / span, self.groups)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:
