@@ -68,6 +68,8 @@ class Fit:
         Scatter of left-out groups; None for fewer than three.
     groups : (T,) array of int, optional
         Number of the group of each row; None without groups.
+    measured : (T,) array, optional
+        Outputs with dynamics, over whose range errors are given; ``y`` if None.
     skipped : int
         Rows that set the memory and were not fitted.
     choices : tuple of Choice
@@ -98,6 +100,7 @@ class Fit:
     left_out: FloatArray | None = None
     scatter: GroupScatter | None = None
     groups: IntArray | None = None
+    measured: FloatArray | None = None
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
@@ -108,6 +111,11 @@ class Fit:
         """Memory before the first sample, and before each curve."""
         return self.curves.start
 
+    def span(self, rows: BoolArray) -> float:
+        """Return the range of the measured outputs in some rows, which errors are over."""
+        outputs = self.y if self.measured is None else self.measured
+        return float(np.ptp(outputs[rows])) or 1.0
+
     @cached_property
     def prediction(self) -> FloatArray:
         """(T,) outputs of the model along the record."""
@@ -116,14 +124,17 @@ class Fit:
     @cached_property
     def accuracy(self) -> Accuracy:
         """Errors on the fitted samples."""
-        return accuracy(self.u, self.y, self.prediction, self.fitted, self.curves)
+        return self._accuracy(self.fitted)
 
     @cached_property
     def holdout_accuracy(self) -> Accuracy | None:
         """Errors on the samples held out; None if none were."""
         if not self.held_out.any():
             return None
-        return accuracy(self.u, self.y, self.prediction, self.held_out, self.curves)
+        return self._accuracy(self.held_out)
+
+    def _accuracy(self, rows: BoolArray) -> Accuracy:
+        return accuracy(self.u, self.y, self.prediction, rows, self.curves, self.span(rows))
 
     @cached_property
     def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
@@ -231,7 +242,7 @@ class Fit:
                 used[list(fault.samples)] = False
         if not used.any():
             used = self.fitted
-        span = float(np.ptp(self.y[used])) or 1.0
+        span = self.span(used)
         applied = self.curves.delayed(self.u, self.lag)
         error = (self.prediction - self.y) / span
         return residuals.summary(applied, error, used, self.y / span, self.groups)

@@ -55,15 +55,16 @@ def residual_advice(result: Fit) -> Iterator[str]:
         )
 
 
-WITH_TIMES = "; identify_dynamics (--time COLUMN --dynamics auto) shows whether rate or creep"
-"""What is not said where dynamics were identified."""
-
-
 def _remedy(result: Fit) -> str:
     if any(choice.name == "structure" for choice in result.choices):
+        more = (
+            "; identify_dynamics (--time COLUMN --dynamics auto) shows whether rate or creep"
+            if result.measured is None
+            else ""
+        )
         return (
             "the options that were compared do not remove it, so it may depend on the rate, creep "
-            f"or temperature{WITH_TIMES}"
+            f"or temperature{more}"
         )
     lag = "" if result.searched else ' or lag="auto" (--lag auto)'
     return f'other levels, slope="auto" (--slope){lag} may reduce it'
