@@ -253,7 +253,7 @@ def _timed(
                 "--time, or the lag in rows"
             )
         advice = "name the column with --time to take this into account"
-        return log.record, (*log.of_file, *(f"{note}; {advice}" for note in log.breaks))
+        return log.record, (*log.of_file, *(f"{note}; {advice}" for note in log.irregular))
     notes = log.notes + log.left_out
     if lag_seconds is not None:
         return log.without_lag(lag_seconds), notes
