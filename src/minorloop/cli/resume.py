@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from minorloop.cli import _common, _sines, drive
+from minorloop.cli._conversion import ConversionOptions
 from minorloop.cli.run import carry_out
 
 NAME = "resume"
@@ -24,7 +25,9 @@ def run(
     with Store.open(store, write=True) as opened:
         setup = opened.setup
         options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
-        with _common.connected(setup.address, **options) as plant:
+        options.pop("conversion", None)
+        with _common.connected(setup.address, **options) as actuator:
+            plant = ConversionOptions.of_setup(setup).converted(actuator)
             if drive.is_drive(setup):
                 drive.carry_out(plant, opened, as_json)
             elif _sines.is_sines(setup):
