@@ -127,6 +127,11 @@ class DynamicIdentification(NotebookView):
         return 0
 
     @property
+    def lag_seconds(self) -> float:
+        """0, as `lag`."""
+        return 0.0
+
+    @property
     def scores(self) -> dict[str, float | None]:
         """Scores that a model file keeps; those on held-out samples are None if there are none."""
         return scores_of(self.accuracy, self.holdout_accuracy)

@@ -70,6 +70,8 @@ class Fit:
         Number of the group of each row; None without groups.
     measured : (T,) array, optional
         Outputs with dynamics, over whose range errors are given; ``y`` if None.
+    interval : float, optional
+        Sampling interval in seconds, where it is known.
     skipped : int
         Rows that set the memory and were not fitted.
     choices : tuple of Choice
@@ -101,6 +103,7 @@ class Fit:
     scatter: GroupScatter | None = None
     groups: IntArray | None = None
     measured: FloatArray | None = None
+    interval: float | None = None
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
@@ -110,6 +113,11 @@ class Fit:
     def start(self) -> Start:
         """Memory before the first sample, and before each curve."""
         return self.curves.start
+
+    @property
+    def lag_seconds(self) -> float:
+        """Lag in seconds; 0 where the sampling interval is not known."""
+        return self.lag * (self.interval or 0.0)
 
     def span(self, rows: BoolArray) -> float:
         """Return the range of the measured outputs in some rows, which errors are over."""
