@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from minorloop.identification import DynamicIdentification, Identification
 
 _RANK_LIMIT = 3000
-_OF_OPERATOR = (
-    *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters", "rank"),
-    *("cells excited", "optimality (KKT)"),
-)
-"""Rows about the operator that are shown beside dynamics."""
 
 
 def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
@@ -30,8 +25,8 @@ def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
 
     dynamic = done.dynamic if done.dynamic is not None and done.dynamic.dynamic else None
     lag: dict[str, Any] = {}
-    if dynamic is None:
-        lag = {"lag": done.lag, "lag_seconds": done.lag_seconds}
+    if dynamic is None and done.lag_given is not None:
+        lag = {"lag": done.lag, "lag_seconds": done.lag_given}
     modelfile.save(
         done.result if dynamic is None else dynamic,
         path,
@@ -131,6 +126,7 @@ def _band_sd(result: Identification) -> float | None:
 def _print(done: Done, figures: dict[str, Any]) -> None:
     from minorloop.identification.scores import (
         CURVE_COLUMNS,
+        OF_OPERATOR,
         curve_rows,
         curve_title,
         score_rows,
@@ -142,7 +138,7 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
         lag = f"{counted(done.lag, 'sample')}, {done.lag_seconds:.4g} s"
         rows = [(name, lag if name == "lag" else value) for name, value in rows]
     if done.dynamic is not None:
-        rows = [*done.dynamic.rows, *(row for row in rows if row[0] in _OF_OPERATOR)]
+        rows = [*done.dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
     if done.left_out:
         rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
     if figures["band_sd"] is not None:

@@ -52,6 +52,7 @@ def identify(
     start_of_curve: StartOfCurve | None = None,
     groups: npt.ArrayLike | None = None,
     skip: int = 0,
+    interval: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Identify a Preisach model from inputs and measured outputs.
@@ -121,6 +122,8 @@ def identify(
         the others, and bands include the scatter of three or more groups.
     skip : int
         Rows at the start of the record, and of each curve, that set the memory and are not fitted.
+    interval : float, optional
+        Sampling interval in seconds, so that the lag is known in seconds too.
     progress : callable, optional
         Called with what is done next, as text.
 
@@ -151,6 +154,7 @@ def identify(
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     group = _as_groups(curves, groups, inputs.size)
     skipped = checks.as_skip(skip, parts.positions(inputs.size))
+    checks.check_interval(interval)
     fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
     sensor, sd = checks.as_noise(noise, fitted)
     record = FitRecord(inputs, outputs, fitted, parts, bool(signed), sd)
@@ -196,6 +200,8 @@ def identify(
         searched=lag == "auto",
         left_out=left_out,
         scatter=scatter,
+        groups=group,
+        interval=interval,
         skipped=int(np.count_nonzero(skipped)),
         choices=choices,
         jumps=jumps,

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import diagnosis, residuals
 from minorloop.identification.accuracy import (
     Accuracy,
@@ -66,6 +66,12 @@ class Fit:
         Output of each fitted row, predicted by a fit without its group; None without groups.
     scatter : GroupScatter, optional
         Scatter of left-out groups; None for fewer than three.
+    groups : (T,) array of int, optional
+        Number of the group of each row; None without groups.
+    measured : (T,) array, optional
+        Outputs with dynamics, over whose range errors are given; ``y`` if None.
+    interval : float, optional
+        Sampling interval in seconds, where it is known.
     skipped : int
         Rows that set the memory and were not fitted.
     choices : tuple of Choice
@@ -95,6 +101,9 @@ class Fit:
     converged: bool = True
     left_out: FloatArray | None = None
     scatter: GroupScatter | None = None
+    groups: IntArray | None = None
+    measured: FloatArray | None = None
+    interval: float | None = None
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
@@ -105,6 +114,16 @@ class Fit:
         """Memory before the first sample, and before each curve."""
         return self.curves.start
 
+    @property
+    def lag_seconds(self) -> float:
+        """Lag in seconds; 0 where the sampling interval is not known."""
+        return self.lag * (self.interval or 0.0)
+
+    def span(self, rows: BoolArray) -> float:
+        """Return the range of the measured outputs in some rows, which errors are over."""
+        outputs = self.y if self.measured is None else self.measured
+        return float(np.ptp(outputs[rows])) or 1.0
+
     @cached_property
     def prediction(self) -> FloatArray:
         """(T,) outputs of the model along the record."""
@@ -113,14 +132,17 @@ class Fit:
     @cached_property
     def accuracy(self) -> Accuracy:
         """Errors on the fitted samples."""
-        return accuracy(self.u, self.y, self.prediction, self.fitted, self.curves)
+        return self._accuracy(self.fitted)
 
     @cached_property
     def holdout_accuracy(self) -> Accuracy | None:
         """Errors on the samples held out; None if none were."""
         if not self.held_out.any():
             return None
-        return accuracy(self.u, self.y, self.prediction, self.held_out, self.curves)
+        return self._accuracy(self.held_out)
+
+    def _accuracy(self, rows: BoolArray) -> Accuracy:
+        return accuracy(self.u, self.y, self.prediction, rows, self.curves, self.span(rows))
 
     @cached_property
     def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
@@ -228,9 +250,10 @@ class Fit:
                 used[list(fault.samples)] = False
         if not used.any():
             used = self.fitted
-        span = float(np.ptp(self.y[used])) or 1.0
+        span = self.span(used)
         applied = self.curves.delayed(self.u, self.lag)
-        return residuals.summary(applied, (self.prediction - self.y) / span, used)
+        error = (self.prediction - self.y) / span
+        return residuals.summary(applied, error, used, self.y / span, self.groups)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:

@@ -181,6 +181,12 @@ def _each(sd: FloatArray, fitted: BoolArray) -> FloatArray | None:
     return np.maximum(np.where(np.isnan(sd), known.max(), sd), least)
 
 
+def check_interval(interval: float | None) -> None:
+    """Raise an error if a sampling interval is given and not above 0."""
+    if interval is not None and not as_finite("interval", interval) > 0:
+        raise ParameterError(f"interval is {interval}; give a time > 0, in seconds")
+
+
 def check_flags(**flags: object) -> None:
     """Raise an error if an option is neither True nor False."""
     for name, flag in flags.items():

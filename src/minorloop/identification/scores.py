@@ -14,6 +14,12 @@ MOST_CURVES = 10
 CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
 """Headings of a table of curves."""
 
+OF_OPERATOR = (
+    *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters", "rank"),
+    *("cells excited", "optimality (KKT)"),
+)
+"""Rows about the operator that are shown beside dynamics."""
+
 
 def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
     """Return the scores as rows of a table, label and value.
