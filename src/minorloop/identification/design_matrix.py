@@ -81,6 +81,11 @@ class PlaneSpec:
             slope=float(x[-1]) if self.slope else 0.0,
         )
 
+    def unknowns_of(self, model: Preisach) -> FloatArray:
+        """(n,) unknowns of an operator of this structure."""
+        levels = [model.offset] * self.offset + [model.slope] * self.slope
+        return np.append(pack(model.weights), levels)
+
 
 class DesignMatrix:
     """Linear map from the unknowns of a `PlaneSpec` to the outputs at the measured samples.
@@ -242,6 +247,13 @@ class DesignMatrix:
         return DesignMatrix(
             replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
         )
+
+    def at_most(self, bands: int) -> DesignMatrix:
+        """Design matrix of the same samples on a plane of at most so many bands."""
+        matrix = self
+        while matrix.spec.bands > bands:
+            matrix = matrix.coarser()
+        return matrix
 
     def dense(self) -> FloatArray:
         """(M, n) dense matrix; for small problems only."""
