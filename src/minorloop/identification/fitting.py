@@ -46,6 +46,10 @@ _STEEP = 2.0
 """Slope of a steep branch, in ranges of the output over ranges of the input."""
 _FEWEST_EACH_SUSPECT = 8
 """Samples for each outlier: more outliers than that are no outliers."""
+_NEXT = 2
+"""Rows between outliers of one branch up to which both are none."""
+_STAYS = 0.1
+"""Step of the output after a jump, or before it, over the jump, up to which it stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,13 +289,33 @@ def _smooth(regression: Regression, record: FitRecord, smoothness: Smoothness) -
 def _fit_with_prior(
     regression: Regression, record: FitRecord, lag: int, noise: float | None, mean: Mean
 ) -> FittedPlane:
-    """Fit, and leave out one outlier after the other."""
-    suspects: list[int] = []
-    spec, found = regression.matrix.spec, _with_prior(regression, record, noise)
-    ridge: Ridge | None = None
+    """Fit, and leave outliers out."""
+    found, ridge = _with_prior(regression, record, noise), None
     if mean == "ridge":
         found, ridge = _with_ridge(found, regression, record, noise)
-    centre = found.posterior.centre
+    suspects, record, regression, found = _without_outliers(record, regression, found, lag, noise)
+    return FittedPlane(
+        found.x,
+        found.kkt,
+        regression,
+        record.fitted,
+        posterior=found.posterior,
+        suspects=suspects,
+        converged=found.kkt <= ACCEPTABLE,
+        ridge=ridge,
+    )
+
+
+def _without_outliers(
+    record: FitRecord, regression: Regression, found: PriorFit, lag: int, noise: float | None
+) -> tuple[tuple[int, ...], FitRecord, Regression, PriorFit]:
+    """Leave out one outlier after the other, but none if two of them are next to each other.
+
+    Outliers stand alone; a plane cannot follow a branch on which neighbours within a band are off.
+    """
+    whole, suspects = (record, regression, found), list[int]()
+    spec, centre = regression.matrix.spec, found.posterior.centre
+    inputs = record.curves.delayed(record.u, lag)
     while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
         worst = _suspect(found, on_steep_branch(record)[regression.rows])
         if worst is None:
@@ -302,18 +326,19 @@ def _fit_with_prior(
         without = _with_prior(reduced, others, noise, found.learnt, centre)
         if not _is_outlier(without, regression, worst):
             break
+        if any(_on_one_branch(spec, inputs, sample, other) for other in suspects):
+            return (), *whole
         suspects.append(sample)
         record, regression, found = others, reduced, without
-    return FittedPlane(
-        found.x,
-        found.kkt,
-        regression,
-        record.fitted,
-        posterior=found.posterior,
-        suspects=tuple(suspects),
-        converged=found.kkt <= ACCEPTABLE,
-        ridge=ridge,
-    )
+    return tuple(suspects), record, regression, found
+
+
+def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool:
+    """Whether two samples are next to each other on a branch, less than a mean band apart."""
+    first, last = min(one, other), max(one, other)
+    steps = np.diff(u[first : last + 1])
+    band = float(spec.levels[-1] - spec.levels[0]) / spec.bands
+    return last - first <= _NEXT and 0 < np.abs(steps.sum()) == np.abs(steps).sum() < band
 
 
 def _with_ridge(
@@ -390,7 +415,8 @@ def on_steep_branch(record: FitRecord) -> BoolArray:
     inputs, outputs = np.diff(record.u), np.diff(y)
     ratio = float(np.nanmax(y) - np.nanmin(y)) / (float(np.ptp(record.u)) or 1.0)
     steep = np.abs(outputs[1:] + outputs[:-1]) >= _STEEP * ratio * np.abs(inputs[1:] + inputs[:-1])
-    between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= 0) & steep
+    least = -_STAYS * np.maximum(outputs[1:] ** 2, outputs[:-1] ** 2)
+    between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= least) & steep
     begins = record.curves.begins
     between[np.concatenate([begins, np.maximum(begins - 1, 0)])] = False
     return between
