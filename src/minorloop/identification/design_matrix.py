@@ -138,6 +138,16 @@ class DesignMatrix:
         self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
         self.swing, self.shift = swing(spec.relay), -off_output(spec.relay)
         self.corner = corner[self.measured]
+        self._keep(_kernels.lead_to(self.measured, self.parent))
+
+    def _keep(self, used: BoolArray) -> None:
+        """Leave the other inputs out of the tree."""
+        if used.all():
+            return
+        number = np.append(np.cumsum(used, dtype=np.int32) - 1, np.int32(_kernels.ROOT))
+        self.parent = number[self.parent[used]]
+        self.index, self.coefficient = self.index[used], self.coefficient[used]
+        self.measured = self.measured[used]
 
     @property
     def samples(self) -> int:

@@ -89,7 +89,7 @@ def identify(
         Whether to fit with the prior of `minorloop.identification.prior`. ``"auto"`` uses it for
         fewer than three samples per unknown, except where a smoothness is given, where the output
         jumps, where the samples determine a plane that reproduces them to rounding, for more than
-        250 bands, or where the input reverses so often that a plane of more than 64 levels would
+        300 bands, or where the input reverses so often that a plane of more than 64 levels would
         need large dense matrices.
     noise : float or (T,) array_like, optional
         Standard deviation of the measured outputs, in their unit, where it is known. One number is

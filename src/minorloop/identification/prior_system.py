@@ -28,6 +28,8 @@ MOST_DENSE_CELLS = 2100
 """Cells up to which dense matrices are quick."""
 _MOST_CELLS = 5050
 """Cells up to which they are used where the sparse system has too much fill."""
+_MOST_QUICK = 300
+"""Bands up to which a fit on the sparse system takes less than a minute."""
 _LEAST_SPARSE, _SHARE = 300, 0.5
 """Cells from which the sparse system is used, and reversals for each cell up to which it is."""
 _MOST_REVERSALS, _BRANCH = 1500, 5
@@ -295,6 +297,8 @@ def systems(
 
 def is_quick(matrix: DesignMatrix) -> bool:
     """Whether a fit with the prior takes seconds."""
+    if matrix.spec.bands > _MOST_QUICK:
+        return False
     return matrix.spec.cells <= MOST_DENSE_CELLS or _few_reversals(matrix)
 
 
