@@ -56,3 +56,8 @@ def test_few_samples_that_are_reproduced_have_bands_of_their_noise():
         u, y + noise * rng.normal(size=60), levels=model.levels, prior="none", smoothness=0.0
     )
     assert found.band_sd > 0.5 * noise
+
+
+def test_three_samples_that_determine_nothing_have_wide_bands():
+    found = identify([0.0, 1.0, 0.5], [0.0, 1.0, 0.7], prior="none")
+    assert found.predict([0.0, 1.0], bands=0.9).sd[1] > 1e-3

@@ -188,6 +188,7 @@ def choose_prior(
     Few samples are not compared, and neither are planes too fine for smoothing.
     """
     spec = fit.regression.matrix.spec
+    fold = np.append(fold, np.full(record.u.size - fold.size, -1))  # of the first rows only
     if fit.posterior is None or fit.regression.y.size < _FEWEST or spec.bands > MOST_DENSE:
         return fit, ()
     smooth = fitting.fit_smooth(spec, record, lag, "auto")

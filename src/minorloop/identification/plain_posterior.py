@@ -56,7 +56,8 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
         h = with_residual_variance(h, left, count, None)
         determined = max(determined, dense_system(plane, evidence, h, signed=True).determined)
         if determined > _OVERFIT * count and not reproduces(matrix, x, regression.y):
-            left = max(left, (count - determined) * (learnt.discrepancy**2 + learnt.noise**2))
+            variance = learnt.discrepancy**2 + learnt.noise**2
+            left = max(left, max(count - determined, 1.0) * variance)
         h = with_residual_variance(h, left, count - determined, None)
         system = dense_system(plane, evidence, h, signed=True)
         found = system.posterior(unit, round(count), determined)
