@@ -172,7 +172,8 @@ def identify(
     if jumps and spec.bands + 2 * len(jumps) <= MOST_DENSE:
         spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
-    found = fit_plane(spec, record, delay, smoothness, prior, sensor, group, mean)
+    apart = group if group is not None or not chosen.fold.size else chosen.fold
+    found = fit_plane(spec, record, delay, smoothness, prior, sensor, apart, mean)
     if automatic and prior == "auto":
         if found.posterior is not None:
             say("comparing the prior with smoothing")
