@@ -69,6 +69,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         **scores_of(result.accuracy, result.holdout_accuracy),
         "curves": [asdict(curve) for curve in result.curve_accuracy],
         "free_parameters": result.free_parameters,
+        "effective_parameters": result.effective_parameters,
         "baseline_nrmse_holdout": result.baseline_nrmse if held else None,
         "baseline_nrmse": result.baseline_nrmse,
         "rmse_train": result.rmse,
@@ -87,7 +88,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         "smoothness": result.smoothness,
         "prior": "none" if result.posterior is None else "gaussian",
         "ridge": None if result.ridge is None else asdict(result.ridge),
-        "band_sd": _band_sd(result),
+        "band_sd": result.band_sd,
         "suspects": list(result.suspects),
         "kkt": result.kkt,
         "range": list(result.model.range),
@@ -114,15 +115,6 @@ def _dynamic_figures(found: DynamicIdentification) -> dict[str, Any]:
     }
 
 
-def _band_sd(result: Identification) -> float | None:
-    """Return the mean standard deviation of the predicted outputs; None without the prior."""
-    if result.posterior is None and result.scatter is None:
-        return None
-    if result.scatter is not None:
-        return float(result.deviation(result.fitted.nonzero()[0]).mean())
-    return float(result.predict(result.u, bands=0.9).sd.mean())
-
-
 def _print(done: Done, figures: dict[str, Any]) -> None:
     from minorloop.identification.scores import (
         CURVE_COLUMNS,
@@ -141,8 +133,7 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
         rows = [*done.dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
     if done.left_out:
         rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
-    if figures["band_sd"] is not None:
-        rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
+    rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
     rows.append(("time", f"{figures['seconds']:.2f} s"))
     record = done.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"

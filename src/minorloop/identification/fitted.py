@@ -20,8 +20,10 @@ from minorloop.identification.baseline import nrmse, polynomial_nrmse
 from minorloop.identification.choosing import Choice
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.fitting import Regression
 from minorloop.identification.jumps import Jump
 from minorloop.identification.leave_out import GroupScatter
+from minorloop.identification.plain_posterior import plain_posterior
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.ridge import Ridge
@@ -52,8 +54,8 @@ class Fit:
         The record; y is NaN where nothing was measured.
     fitted, held_out : (T,) arrays of bool
         Samples that the model was fitted to, and those held out.
-    matrix : DesignMatrix
-        Regressors of the fitted samples.
+    regression : Regression
+        Regressors and outputs of the fitted samples.
     posterior : Posterior, optional
         Posterior distribution of the unknowns; None without the prior.
     suspects : tuple of int
@@ -93,7 +95,7 @@ class Fit:
     y: FloatArray
     fitted: BoolArray
     held_out: BoolArray
-    matrix: DesignMatrix
+    regression: Regression
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     codes: tuple[Code, ...] = ()
@@ -108,6 +110,20 @@ class Fit:
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
     ridge: Ridge | None = None
+
+    @property
+    def matrix(self) -> DesignMatrix:
+        """Regressors of the fitted samples."""
+        return self.regression.matrix
+
+    @cached_property
+    def uncertainty(self) -> Posterior:
+        """Distribution of the unknowns that the bands are from; `plain_posterior` without prior."""
+        if self.posterior is not None:
+            return self.posterior
+        determined = 0.0 if self.smoothness else float(self.free_parameters)
+        x = self.matrix.spec.unknowns_of(self.model)
+        return plain_posterior(self.regression, x, determined)
 
     @property
     def start(self) -> Start:
@@ -188,6 +204,7 @@ class Fit:
             **scores_of(self.accuracy, self.holdout_accuracy),
             "baseline_nrmse": self.baseline_nrmse,
             "free_parameters": self.free_parameters,
+            "effective_parameters": self.effective_parameters,
             "kkt": self.kkt,
         }
 
@@ -197,10 +214,21 @@ class Fit:
 
         Without prior and smoothness, they are as many as the data determine (Meyer and Woodroofe,
         On the degrees of freedom in shape-restricted regression, Annals of Statistics 28, 2000);
-        otherwise the data determine fewer.
+        otherwise the data determine fewer: `effective_parameters`.
         """
         spec = self.matrix.spec
         return int(np.count_nonzero(self.model.weights)) + spec.offset + spec.slope
+
+    @property
+    def effective_parameters(self) -> float | None:
+        """Trace of the matrix from measured to fitted outputs; None without the prior.
+
+        It is the number of unknowns that the data determine (MacKay, Bayesian interpolation, Neural
+        Computation 4, 1992, section 4), without sign constraints, at most `free_parameters`.
+        """
+        if self.posterior is None:
+            return None
+        return min(self.posterior.determined, float(self.free_parameters))
 
     @property
     def unknowns(self) -> int:
