@@ -127,7 +127,7 @@ def test_advice_is_printed_for_an_input_that_cannot_identify(run):
 
 
 def test_the_rank_of_a_large_plane_is_worked_out_when_asked(monkeypatch, run):
-    monkeypatch.setattr(output, "_RANK_LIMIT", 10)
+    monkeypatch.setattr(output, "_MOST_RANKED", 10)
     assert "not computed (--rank)" in run(IDENTIFY)[1]
     assert json.loads(run(f"{IDENTIFY} --json")[1])["rank"] is None
     assert json.loads(run(f"{IDENTIFY} --rank --json")[1])["rank"] > 30

@@ -26,6 +26,7 @@ EXAMPLE = (
 )
 
 _MISSED = 1
+"""Exit status after a drive that missed targets: 2 would mean that it failed."""
 _HINT = ", or convert the readings with --laser, --linear, --polynomial or --table"
 
 

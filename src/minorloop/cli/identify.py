@@ -22,6 +22,7 @@ EXAMPLE = (
     "--holdout 0.3 --save model.json --report report.html"
 )
 _DISTRUSTED = 1
+"""Exit status after warnings: the model is written, but is not to be trusted."""
 
 
 _Data = Annotated[

@@ -32,6 +32,7 @@ _OBLIQUE = (
     "--tilt, --lens and --radius are right"
 )
 _MM = 1e-3
+"""Metres in a millimetre."""
 
 
 def run(

@@ -35,7 +35,6 @@ _SHOWN = 24
 _RANKED = 60
 """Bands up to which computing what a plan determines takes seconds only."""
 _HOLD = "hold [s]"
-_HOUR = 3600.0
 
 
 def run(
@@ -163,7 +162,7 @@ def _plan_sines(
     if save is not None:
         plan.to_csv(save, force=force)
     if as_json:
-        _common.print_json({**plan.to_dict(), "hours": plan.duration / _HOUR})
+        _common.print_json({**plan.to_dict(), "hours": plan.duration / 3600})
         return
     typer.echo(f"{counted(len(plan), 'sine')}, {as_duration(plan.duration)} in all")
     kinds = dict.fromkeys((s.frequency, s.discarded, s.measured, s.samples) for s in plan)
@@ -202,7 +201,7 @@ def _planned(
 def _figures(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> dict[str, Any]:
     keys = ("rank", "unknowns", "condition", "excited_fraction")
     known = {key: getattr(report, key) if report else None for key in keys}
-    return {"inputs": inputs, "hold_s": hold, "hours": inputs.size * hold / _HOUR, **known}
+    return {"inputs": inputs, "hold_s": hold, "hours": inputs.size * hold / 3600, **known}
 
 
 def _print(inputs: FloatArray, hold: float, report: ExcitationReport | None) -> None:

@@ -40,6 +40,8 @@ _FIRST_SWEEPS = 5
 _FACTORISED, _FACTORISED_SMOOTH = 4000, 1500
 """Free unknowns up to which a factorisation is cheaper, without and with a penalty."""
 _CG_TOLERANCE, _CG_STEPS = 1e-8, 3000
+"""Relative residual and most steps of the conjugate gradients, by trial. A few hundred steps
+are usual. They need not be exact, as the next iteration corrects them."""
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,13 @@ HIGHEST_ORDER = 4
 _NEARLY = 1.05
 _ALMOST_EXACT = 1e-5
 """Ratio and difference of simulation errors, over the range, up to which they count as equal."""
-_PRECISE = 1e-7
-_REAL = 1e-6
+_LEAST_ERROR = 1e-7
+"""Simulation error, over the range, that counts as rounding; by trial."""
+_POLE_TOLERANCE = 1e-6
+"""Imaginary part up to which a pole counts as real, and real part up to which it counts as not
+positive. Rounding splits a double pole into two that are 1e-8 apart."""
 _SAMPLES_EACH = 3
+"""Least samples for each coefficient, by trial."""
 
 
 def arx(
@@ -228,7 +232,7 @@ def _candidate(
     span = max(float(np.ptp(one.y)) for one in stretches)
     mean_square = output_error.cost(stretches, found) / samples / span**2
     # Below this, errors are rounding and differences between them mean nothing.
-    counted = max(mean_square, _PRECISE**2)
+    counted = max(mean_square, _LEAST_ERROR**2)
     return TriedEquation(
         structure=structure,
         coefficients=found,
@@ -241,9 +245,9 @@ def _candidate(
 
 def _kind(found: Coefficients) -> Kind:
     poles = np.asarray(found.poles)
-    if (np.abs(poles.imag) > _REAL).any():
+    if (np.abs(poles.imag) > _POLE_TOLERANCE).any():
         return "oscillatory"
-    return "alternating" if (poles.real <= _REAL).any() else "plain"
+    return "alternating" if (poles.real <= _POLE_TOLERANCE).any() else "plain"
 
 
 def _as_linear(found: Coefficients, interval: float) -> Linear:

@@ -16,6 +16,7 @@ BAND = 0.9
 PER_DEVIATION = 1.6449
 """Half of such a band over the standard deviation."""
 _SHOWN = 12
+"""Most outputs that are printed, by trial."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,8 @@ _RATIO = 1.1673039782614187
 _LEAST_FIELD = 0.02
 """Least coercive field of a ridge over the coercivity."""
 _ROUNDING = 1e-6
+"""Output at the coercivity, over the saturation, that counts as zero. If it is larger, the
+search ended at a jump, where the remanence cannot be met."""
 
 
 @dataclass(frozen=True, eq=False)

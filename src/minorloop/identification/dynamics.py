@@ -69,6 +69,8 @@ a fast one, which converges further."""
 _SLOWER, _LONGEST = 5.0, 3.0
 """Creep times: from so many times the slowest time constant to this part of the record."""
 _MOST_NOISE = 0.5
+"""Largest noise of a model, over the range, by trial. The inverse is filtered from the frequency at
+which the gain is as low as the noise; with the gain at rest, 1, nothing would pass."""
 _OF_THE_RECORD = ("holdout", "skip")
 _REFUSED = ("lag", "curves", "start_of_curve", "groups")
 

@@ -24,8 +24,13 @@ _GAP, _INFEASIBLE = 1e-14, 1e-9
 _MOST, _BOUNDARY, _STUCK = 40, 0.997, 1e-3
 """Most iterations, share of the way to the boundary, and step from which there is no progress."""
 _FIRST_RIDGE = 1e-6
+"""Ridge of the first pivoting, to a diagonal of one, by trial. It is smaller than that of
+`active_set`, as the unknowns are near the optimum."""
 _CORRECTOR_STEPS, _CORRECTOR_TOLERANCE = 6, 1e-3
+"""Most conjugate gradients of a Newton step, and their relative residual; by trial. The factor is
+accurate, so that one is usual."""
 _PIVOT_STEPS, _PIVOT_TOLERANCE = 100, 1e-10
+"""The same of a pivoting step, whose error is that of the result. Four are usual."""
 
 
 def solve(

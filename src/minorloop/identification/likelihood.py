@@ -50,6 +50,7 @@ _FURTHEST = 4.0
 _FURTHEST_HEAVY = 5.0
 """Bounds of the search, in spreads from the centre."""
 _ITERATIONS = 60
+"""Most steps of the search, which takes 11 to 22 for 12 to 56 holds."""
 
 
 @dataclass(frozen=True, eq=False)

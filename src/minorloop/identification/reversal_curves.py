@@ -16,7 +16,9 @@ from minorloop.operators.memory import Memory
 from minorloop.operators.plane import Relay
 from minorloop.operators.preisach import Diagonal, Preisach
 
-_CLOSE = 1e-9
+_TOLERANCE = 1e-9
+"""Distance from a level, over the range, up to which an input is on it: far above rounding,
+and far below a band."""
 
 
 def reversal_values(u: npt.ArrayLike, y: npt.ArrayLike, levels: npt.ArrayLike) -> FloatArray:
@@ -104,6 +106,6 @@ def _place(grid: Levels, extrema: tuple[float, ...]) -> tuple[int, int] | None:
         return None
     top = extrema[1] if len(extrema) > 1 else extrema[0]
     a, b = (int(np.abs(grid - value).argmin()) for value in (top, extrema[-1]))
-    near = _CLOSE * (grid[-1] - grid[0])
+    near = _TOLERANCE * (grid[-1] - grid[0])
     on_mesh = abs(grid[a] - top) <= near and abs(grid[b] - extrema[-1]) <= near
     return (a, b) if on_mesh else None

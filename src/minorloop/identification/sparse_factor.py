@@ -20,7 +20,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
 _DOMINANT = 1e3
+"""Added to the diagonal where only the order of elimination is wanted, so that no pivot is zero;
+its size does not matter."""
 _ROUNDING = 1e-15
+"""Size of a pivot, over that of its column before elimination, that counts as zero: a few times the
+precision of float64."""
 
 
 class SparseFactor:

@@ -22,7 +22,8 @@ _TAIL = 0.1
 """Share of a hold, at its end, whose mean is the settled output."""
 _UNEVEN = 1e-3
 """Largest relative deviation of a sampling interval from the median."""
-_UNMOVED = 1e-9
+_LEAST_CHANGE = 1e-9
+"""Change of the output, over the range, that counts as none: a step is divided by it. By trial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ def steps_in(record: Sampled) -> list[Step]:
         rest = float(record.y[begin : now + 1].mean())
         settled = float(record.y[after + 1 - _tail(after - now) : after + 1].mean())
         change = settled - rest
-        if abs(change) <= _UNMOVED * np.ptp(record.y):
+        if abs(change) <= _LEAST_CHANGE * np.ptp(record.y):
             continue
         y = (record.y[begin : after + 1] - rest) / change
         u = np.where(np.arange(begin, after + 1) >= now, 1.0, 0.0)

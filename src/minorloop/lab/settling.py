@@ -51,9 +51,13 @@ FEWEST_STILL = 8
 _SLOW = 1 + len(TIME_CONSTANTS)
 """Choices with the slower time constant: alone, and with each of the others."""
 _FEWEST = 4
+"""Least samples of a straight line: it leaves two degrees of freedom for the noise."""
 _FEWEST_TAIL = 12
+"""Least samples of a tail, by trial: four for each unknown of two decays with a limit."""
 _MOST = 2000
+"""Samples of a tail that are fitted, by trial; of more, neighbours are averaged first."""
 _ROUNDING = 1e-14
+"""Residual, over the output, that is rounding: some fifty times the precision of float64."""
 
 
 @dataclass(frozen=True)

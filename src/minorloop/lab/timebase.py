@@ -47,6 +47,7 @@ UNEVEN = 0.1
 _UNKNOWN = 0.005
 """Share of the Preisach plane whose state may be unknown after a gap."""
 _MOST_SAMPLES = 50_000_000
+"""Most samples of a resampled record: its times, inputs and outputs take 1.2 GB."""
 
 
 @dataclass(frozen=True, eq=False)

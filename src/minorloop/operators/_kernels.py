@@ -23,6 +23,7 @@ from minorloop.arrays import FloatArray, IntArray
 from minorloop.operators._memory_kernels import wipes_out
 
 VALUE, OUTPUT, BAND, FRACTION = 0, 1, 2, 3
+"""Columns of the stack of extrema: input, output, band of the levels, and share of that band."""
 CROWDED = 8  # more thresholds than this in one bucket are searched by bisection
 
 

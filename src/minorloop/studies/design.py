@@ -42,6 +42,7 @@ METHODS = ("staircase", "random", "design", "adaptive")
 TWINS = {"ipmc": (-1.2, 1.2, 200.0), "fibre": (0.20, 0.65, 300.0)}
 """Range of the input in V, and seconds of a hold."""
 ROUGH_BANDS = 20
+"""Bands of the rough operator: as many as the models with the prior have."""
 
 Hold = Callable[[float], float]
 """Applies an input, waits, and returns the settled output."""

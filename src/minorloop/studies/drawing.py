@@ -15,6 +15,7 @@ __all__ = ["COLOURS", "HOUR", "MINUTE", "draw_specimens", "every_specimen", "new
 
 COLOURS = {"Preisach": "C0", "quadratic": "C3", "plays": "C2", "polynomial": "C3"}
 MINUTE, HOUR = 60.0, 3600.0
+"""In seconds."""
 
 
 def every_specimen(

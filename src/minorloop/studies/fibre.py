@@ -49,6 +49,7 @@ MARKER_LEVELS = 6
 KNOWN_LAGS = (27.0, 6.0)
 """Time constants in seconds of the linear plant that must be recovered."""
 KNOWN_NOISE = 5e-4
+"""Standard deviation of its noise, over its step; by trial."""
 
 CLAIMS = (
     Claim(

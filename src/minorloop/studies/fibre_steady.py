@@ -28,7 +28,9 @@ VALIDATION = (0.45, 0.28, 0.34, 0.20, 0.60, 0.36, 0.54)
 NOISE = 1.0
 """Standard deviation of the measured length, in um: that of a good laser extensometer."""
 _DEGREE, _TARGETS = 3, 14
+"""Degree of the polynomial, a cubic, and number of targets, as of the ionic polymer."""
 _MARGIN = 0.1
+"""Share of the range at each end without targets, by trial."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,10 @@ import numpy as np
 
 from minorloop.drawing.operators import draw_density
 from minorloop.report import Picture, Report, Table
-from minorloop.studies.drawing import new_figure
+from minorloop.studies.drawing import COLOURS, HOUR, MINUTE, new_figure
 
 if TYPE_CHECKING:
     from minorloop.studies.positioning import AppliedSequence, Positioning
-
-_COLOURS = {"Preisach": "C0", "quadratic": "C3"}
-_MINUTE = 60.0
-_HOUR = 3600.0
 
 
 def positioning_report(result: Positioning) -> Report:
@@ -115,11 +111,11 @@ def _quadratic_text(result: Positioning) -> str:
 def draw_staircase(result: Positioning) -> Any:
     """Voltage and curvature of the identification against time."""
     figure, (upper, lower) = new_figure(2, 1, height=5.0, sharex=True)
-    hours = result.staircase.t / _HOUR
+    hours = result.staircase.t / HOUR
     upper.step(hours, result.staircase.u, where="post", color="0.25", lw=1.0)
     upper.set_ylabel("voltage [V]")
     lower.plot(hours, result.staircase.y, color="C0", lw=0.9, rasterized=True, label="curvature")
-    ends = (np.arange(result.settled.size) + 1) * result.protocol.hold / _HOUR
+    ends = (np.arange(result.settled.size) + 1) * result.protocol.hold / HOUR
     lower.plot(ends, result.settled, "o", ms=3, color="C1", label="taken as settled")
     lower.set(xlabel="time [h]", ylabel="curvature [1/m]")
     lower.legend(frameon=False)
@@ -145,7 +141,7 @@ def draw_quadratic(result: Positioning) -> Any:
     figure, axes = new_figure()
     u = np.linspace(-result.protocol.voltage, result.protocol.voltage, 200)
     axes.plot(result.voltages, result.settled, "o", ms=3, color="C1", label="measured")
-    axes.plot(u, result.polynomial.simulate(u), color=_COLOURS["quadratic"], label="quadratic")
+    axes.plot(u, result.polynomial.simulate(u), color=COLOURS["quadratic"], label="quadratic")
     axes.set(xlabel="voltage [V]", ylabel="curvature [1/m]")
     axes.legend(frameon=False)
     return figure
@@ -156,8 +152,8 @@ def draw_sequences(result: Positioning) -> Any:
     figure, axes = new_figure()
     for name, drive in _drives(result):
         steps = np.append(drive.voltages, drive.voltages[-1])
-        minutes = np.arange(steps.size) * result.protocol.hold / _MINUTE
-        axes.step(minutes, steps, where="post", color=_COLOURS[name], label=f"{name} inverse")
+        minutes = np.arange(steps.size) * result.protocol.hold / MINUTE
+        axes.step(minutes, steps, where="post", color=COLOURS[name], label=f"{name} inverse")
     axes.set(xlabel="time [min]", ylabel="voltage [V]")
     axes.legend(frameon=False)
     return figure
@@ -167,14 +163,14 @@ def draw_trajectories(result: Positioning) -> Any:
     """Curvature under both sequences, and what was wanted."""
     figure, axes = new_figure(height=4.2)
     steps = np.append(result.targets, result.targets[-1])
-    minutes = np.arange(steps.size) * result.protocol.hold / _MINUTE
+    minutes = np.arange(steps.size) * result.protocol.hold / MINUTE
     axes.step(minutes, steps, where="post", color="0.2", lw=1.6, ls="--", label="wanted")
     for name, drive in _drives(result):
-        t = (drive.record.t - drive.record.t[0]) / _MINUTE
+        t = (drive.record.t - drive.record.t[0]) / MINUTE
         axes.plot(
             t,
             drive.record.y,
-            color=_COLOURS[name],
+            color=COLOURS[name],
             lw=0.9,
             label=f"{name} inverse",
             rasterized=True,
@@ -190,7 +186,7 @@ def draw_errors(result: Positioning) -> Any:
     place = np.arange(result.targets.size) + 1
     for shift, (name, drive) in zip((-0.2, 0.2), _drives(result), strict=True):
         label = f"{name} inverse: {drive.rms:.2f} 1/m rms"
-        axes.bar(place + shift, drive.errors, width=0.38, color=_COLOURS[name], label=label)
+        axes.bar(place + shift, drive.errors, width=0.38, color=COLOURS[name], label=label)
     bands = result.bands
     middle, reach = bands.y - result.targets, bands.half_width
     label = "90 % band, predicted"

@@ -28,6 +28,8 @@ SWING = 0.1
 FADING, FADING_NOISE = -0.02, 0.05
 """Relative loss of bending an hour, and sensor noise in 1/m, of the drifting twin."""
 _DIVERGED = 0.5
+"""Error over the range from which the recursion counts as diverged. A stable one stays within a few
+percent, and a diverging one exceeds every bound."""
 
 
 @dataclass(frozen=True, eq=False)

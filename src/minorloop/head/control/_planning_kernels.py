@@ -3,9 +3,8 @@
 import numpy as np
 from numba import njit
 
+from minorloop.dynamics.heated_wire import SMALLEST_CHANGE
 from minorloop.operators._kernels import simulate
-
-SMALLEST = 1e-15
 
 
 @njit(cache=True, nogil=True)
@@ -36,7 +35,7 @@ def courses(plane, stack, rows, start, wire, powers, step, parts, out):
                 gap = step * (powers[c, k] - w)
                 stiff = lag + step
                 change = gap / stiff
-                if abs(change) < SMALLEST:
+                if abs(change) < SMALLEST_CHANGE:
                     continue
                 if latent > 0.0:
                     for _ in range(2):

@@ -34,6 +34,7 @@ _FLOOR = 0.15
 _FIRST_LAG = 4.0
 """First guess of the lag in seconds: that of a wire of 0.2 mm in air."""
 _MOST_BANDS = 1000
+"""Most bands of adaptive levels: a bound against typing errors, chosen without a measurement."""
 
 
 @dataclass(frozen=True, eq=False)

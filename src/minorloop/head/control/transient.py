@@ -18,14 +18,26 @@ from minorloop.errors import SignalError
 LAGS = (0.3, 60.0)
 """Shortest and longest lag that is looked for, in seconds."""
 _FEWEST, _MOST = 10, 100_000
+"""Samples of a step, by trial: fewer do not show a lag, and more only take longer."""
 _LONGEST = 3600.0
-_INSIDE = 0.9
-_SLACK = 0.01
-_SPANNED = 0.5
-_MOVED = 0.25
+"""Longest step in seconds, 60 times the longest lag: a longer one has its times in another unit."""
+_LEAST_INSIDE = 0.9
+"""Least share of the currents within the levels, by trial. A few beyond them do no harm, as the
+operator saturates there; many mean that one of the two is not in A."""
+_TOLERANCE = 0.01
+"""Part of the range of the levels by which a current may exceed them, by trial."""
+_LEAST_SPAN = 0.5
+"""Least part of the range of the levels that the holds cover, by trial: outside of the holds, the
+weights are guesses."""
+_LEAST_MOTION = 0.25
+"""Least movement in the step, over that in the holds; by trial."""
 _AT_BOUND = 0.02
-_UNEXPLAINED = 0.5
+"""Relative distance from an end of `LAGS` within which a lag is the bound, by trial."""
+_MOST_UNEXPLAINED = 0.5
+"""Largest rms residual over the standard deviation of the angles, by trial: the fit explains three
+quarters of the variance at least."""
 _ROUGH = 0.05
+"""Rms residual, over the range of the holds, above which the lag counts as rough; by trial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +94,7 @@ def check_holds(current: FloatArray, angle: FloatArray, levels: Levels) -> None:
             f"{enough}, such as excitation.reversal_curves(levels), or fewer levels"
         )
     _check_inside(current, levels, "holds")
-    if np.ptp(current) < _SPANNED * (high - low):
+    if np.ptp(current) < _LEAST_SPAN * (high - low):
         raise SignalError(
             f"the holds go from {current.min():g} to {current.max():g} A and the levels from "
             f"{low:g} to {high:g} A; give both in A, over the same range"
@@ -128,10 +140,10 @@ def as_transient(
 def check_motion(step: Transient, width: float) -> None:
     """Refuse a step that moves the wire by too little of its range, in degrees."""
     moved = float(np.ptp(step.angle))
-    if not moved >= _MOVED * width:
+    if not moved >= _LEAST_MOTION * width:
         raise SignalError(
             f"the angle moves by {moved:.3g} degrees in the step and by {width:.3g} in the "
-            f"holds; give a step, in degrees, over at least {_MOVED:.0%} of the range"
+            f"holds; give a step, in degrees, over at least {_LEAST_MOTION:.0%} of the range"
         )
 
 
@@ -149,7 +161,7 @@ def check_lag(step: Transient, lag: float, rms: float) -> None:
             "it several times in a lag, and give times in seconds"
         )
     spread = float(np.std(step.angle))
-    if rms > _UNEXPLAINED * spread:
+    if rms > _MOST_UNEXPLAINED * spread:
         raise SignalError(
             f"the step is followed to {rms:.3g} degrees rms only, and its angles vary by "
             f"{spread:.3g}; give the angles of that very step, of the wire of the holds, that "
@@ -176,9 +188,9 @@ def _check_sign(values: FloatArray, what: str) -> None:
 
 def _check_inside(current: FloatArray, levels: Levels, what: str) -> None:
     low, high = float(levels[0]), float(levels[-1])
-    slack = _SLACK * (high - low)
+    slack = _TOLERANCE * (high - low)
     inside = float(np.mean((current >= low - slack) & (current <= high + slack)))
-    if inside < _INSIDE:
+    if inside < _LEAST_INSIDE:
         raise SignalError(
             f"{1 - inside:.0%} of the {what} lie outside of the levels, {low:g} to {high:g} A, "
             f"the greatest at {current.max():g} A; give both in A, over the same range"

@@ -15,6 +15,7 @@ from minorloop.head.geometry import wrapped
 STEP = 0.1e-3
 """Size of a texel in metres, a tenth of the footprint of an echo."""
 UNSEEN, CAMERA, ECHOES, BOTH = 0, 1, 2, 3
+"""Sources of a texel, as two bits: the bitwise or of two maps of sources has the source of both."""
 Bytes = npt.NDArray[np.uint8]
 
 

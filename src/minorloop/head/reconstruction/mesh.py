@@ -22,6 +22,7 @@ _COLOURS = {
     BOTH: (200, 200, 190),
 }
 _DEEP = (200, 60, 30)
+"""Colour of the deepest texel, in levels of red, green and blue: no source is red."""
 
 
 def vertices_of(wall: DepthMap, *, exaggeration: float = 1.0) -> FloatArray:

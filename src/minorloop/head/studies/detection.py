@@ -20,6 +20,7 @@ from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wrapped
 from minorloop.head.procedures.meter import LIMITS
 from minorloop.head.studies import scoring
+from minorloop.head.twins.pipe import Pipe
 from minorloop.head.twins.scene_view import SceneView, draw_view
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.head.vision.defects import (
@@ -35,10 +36,17 @@ from minorloop.head.vision.defects import (
 )
 from minorloop.head.vision.reflectance_map import LitFrame
 
-PIVOT, ANGLE, TURN = 0.2e-3, math.radians(0.05), math.radians(2.0)
-NEAR, FAR, RADIUS = 0.3e-3, 0.8e-3, 10e-3
-SIZE = 0.15
+PIVOT, ANGLE = 0.2e-3, math.radians(0.05)
+"""Error of the place of the pivot in metres, and standard deviation of each angle in radians: those
+of the scenes for which the recall is required."""
+TURN = math.radians(2.0)
+"""Turn of the head in an acquisition of five turns, in radians; required."""
+NEAR, FAR = 0.3e-3, 0.8e-3
+"""A finding nearer than the first, in metres, is right: the error of a place that is allowed. One
+beyond the second is false. Between them it counts as neither: of findings less than 0.8 mm apart
+only the strongest is kept."""
 _RIM = 720
+"""Points of the true edge: they are less than half a pixel apart."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +114,7 @@ class Search:
 
     def off(self, hole: Hole) -> float:
         """Return the distance of a finding from the true place, in metres."""
-        around = RADIUS * float(wrapped(hole.place[0] - self.place[0]))
+        around = Pipe.radius * float(wrapped(hole.place[0] - self.place[0]))
         return float(np.hypot(around, hole.place[1] - self.place[1]))
 
     def true_rim(self) -> FloatArray:
@@ -114,7 +122,7 @@ class Search:
         angle = np.linspace(0, 2 * np.pi, _RIM, endpoint=False)
         radius = self.view.hole.diameter / 2 if self.view.hole else 0.5e-3
         phi, z = self.view.place
-        around, along = radius * np.cos(angle) / RADIUS, radius * np.sin(angle)
+        around, along = radius * np.cos(angle) / Pipe.radius, radius * np.sin(angle)
         return scoring.true_pixel(self.view.camera, phi + around, z + along)
 
     def rim(self, hole: Hole) -> FloatArray:
@@ -187,7 +195,7 @@ def detection_figures(outcomes: Sequence[SceneOutcome]) -> dict[str, Any]:
             "false_per_acquisition": false,
             "scenes": len(holes),
             "centre_mm_p90": 1e3 * float(np.quantile([h.off for h in hits], 0.9)) if hits else 1e9,
-            "size_within_15pct": float(np.mean([abs(h.size) < SIZE for h in hits]))
+            "size_within_15pct": float(np.mean([abs(h.size) < 0.15 for h in hits]))
             if hits
             else 0.0,
         }

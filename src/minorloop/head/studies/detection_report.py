@@ -13,12 +13,17 @@ from minorloop.report import Picture, Table
 from minorloop.studies.drawing import new_figure
 
 _WORDS = {SWITCHED: "three lights and none", SINGLE: "one frame", DITHER: "five turns of 2 degrees"}
-_ASKED = (0.05, 0.98)
-_FEW = 3e-3
+_REQUIRED = (0.05, 0.98)
+"""Required: most false findings in an acquisition, and least recall."""
+_LEAST_SHOWN = 3e-3
+"""Left end of the logarithmic axis of false findings, which cannot show 0; by trial."""
 _SHOWN = 6
+"""Most scenes that are drawn of each kind of error, by trial."""
 _HALF = 75
+"""Half the side of a drawn cutout in pixels: 3 mm, within which a glint is, 20 mm away."""
 _LIGHTS = ("first light", "second light", "third light", "all lights")
 _FRAMES = (0, 1, 2, 4)
+"""Drawn frames of an acquisition, and their lights; the one without light is left out."""
 
 
 def detection_table(found: Mapping[str, Any]) -> Table:
@@ -102,7 +107,7 @@ def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
             continue
         false, recall = recall_curve(own)
         (line,) = axes.step(
-            np.maximum(false, _FEW),
+            np.maximum(false, _LEAST_SHOWN),
             recall,
             where="post",
             label=words,
@@ -111,10 +116,11 @@ def draw_curve(outcomes: Sequence[SceneOutcome]) -> Any:
         )
         at = sum(each.false for each in own) / len(own)
         hits = float(np.mean([each.found for each in own if each.hole]))
-        axes.plot(max(at, _FEW), hits, "o", color=line.get_color())
-    axes.plot([_FEW, _ASKED[0], _ASKED[0]], [_ASKED[1], _ASKED[1], 1.0], color="0.3", lw=1, ls="--")
-    axes.set(xscale="log", xlim=(_FEW, 2.0), ylim=(0.5, 1.03))
-    axes.set(xlabel=f"false findings an acquisition ({_FEW:g} or fewer at the left)")
+        axes.plot(max(at, _LEAST_SHOWN), hits, "o", color=line.get_color())
+    most, least = _REQUIRED
+    axes.plot([_LEAST_SHOWN, most, most], [least, least, 1.0], color="0.3", lw=1, ls="--")
+    axes.set(xscale="log", xlim=(_LEAST_SHOWN, 2.0), ylim=(0.5, 1.03))
+    axes.set(xlabel=f"false findings an acquisition ({_LEAST_SHOWN:g} or fewer at the left)")
     axes.set(ylabel="share of the holes that are found")
     axes.legend(frameon=False, loc="lower right")
     return figure

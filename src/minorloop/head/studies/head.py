@@ -42,6 +42,7 @@ DEFAULT = CONTROLLERS[0]
 TARGETS = (20.0, 30.0, 40.0)
 """Steps in degrees, those of the paper."""
 STEP_SECONDS = 30.0
+"""Duration of a step: more than twice as long as it may take to settle."""
 DISTURBED = {
     "ambient 10 C": Surroundings(ambient=10.0),
     "ambient 30 C": Surroundings(ambient=30.0),
@@ -52,13 +53,21 @@ WARMER = Surroundings(ambient=30.0)
 WARMING = Surroundings(ambient=Course(20.0, 26.0, at=30.0, duration=120.0))
 """For the ramps in open loop: 6 K in two minutes, as a bench in a warming room."""
 RAMPS_SECONDS = 180.0
+"""Duration of three ramps up and down."""
 RAMP_AT, RAMP_SECONDS = 40.0, 90.0
+"""Time of the rise of the ambient, long after the step has settled, and end of that run, in s."""
 RAMP = Surroundings(ambient=Course(20.0, 30.0, at=RAMP_AT, duration=10.0))
 RAMP_TARGET = 30.0
+"""Target in degrees while the ambient rises: the middle one of `TARGETS`."""
 PERIODS = (60.0, 30.0)
+"""Periods in seconds of the circles whose error is limited."""
 FASTER = (20.0, 15.0, 10.0)
+"""Shorter periods in seconds, down to where the wires cool too slowly to follow."""
 CIRCLE_WAIT = 20.0
+"""Wait at the first point of a circle in seconds: longer than a step may take to settle."""
 OPEN_HOLD, OPEN_TARGETS, OPEN_RANGE = 25.0, 14, (5.0, 50.0)
+"""Targets in open loop: hold in s, of more than three time constants; how many, by trial; and range
+in degrees, within the stroke of 57 at least."""
 IMPOSSIBLE = {
     "flooded, no sleeve": (Surroundings(convection=1000.0), "convection too high"),
     "ambient -10 C": (Surroundings(ambient=-10.0), "ambient too cold"),
@@ -75,10 +84,10 @@ FAULT_AT, FAULT_SECONDS = 12.0, 25.0
 OLD_HOLD, OLD_TARGETS, OLD_RANGE, OLD_WAIT = 12.0, 20, (10.0, 45.0), 4.0
 """Targets for a head whose wires have aged since it was identified: s, how many, degrees, s."""
 OLD = (DEFAULT, "adaptive")
-PLAN_INTERVAL = 0.5
+PLAN_INTERVAL, PLAN_HOLD = 0.5, 4.0
+"""Interval of the planned powers, by trial, and hold of each target, in seconds."""
 PLANNED = (40.0, 40.0, 40.0, 10.0, 10.0, 35.0, 5.0, 5.0, 25.0, 0.0)
-"""Targets in degrees of the planner, four seconds each: faster down than a wire cools."""
-PLAN_HOLD = 4.0
+"""Targets of the planner in degrees, which fall faster than a wire cools."""
 
 CLAIMS = (
     Claim("angle at 400 mA [deg]", "twin.angle_at_400mA_deg", "about 60", least=57, most=63),

@@ -35,6 +35,8 @@ FIRST_LOOP, VALIDATION, TARGETS = 25, 40, 40
 STEP = (0.16, 25.0, 40.0)
 """Times at which the current of the step is switched on and off, and end of its record, in s."""
 _MARGIN = 0.05
+"""Share of the range at each end without targets, by trial: near saturation, the inverse is
+ill-conditioned."""
 
 
 @dataclass(frozen=True, eq=False)

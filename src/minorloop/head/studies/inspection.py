@@ -35,6 +35,7 @@ FIRST_SCAN, SCANS = 60_000, 6
 """Seeds of the scored scenes; numbers of scenes with and without a hole, and of flat pits, for each
 specimen."""
 _PLAIN_SHARE = 4
+"""Scenes with a hole for each plain scene, by trial."""
 _SCORED = ("outcomes", "edges", "scored")
 
 CLAIMS = (

@@ -24,6 +24,7 @@ from minorloop.studies.drawing import new_figure
 _SOURCES = ("unseen", "camera", "echoes", "both")
 _SHADES = ("0.25", "0.72", "#6ea0c8", "#e8b04a")
 _CROP = 60
+"""Half the side of a drawn close-up in pixels, by trial."""
 _AROUND = 25.0  # pixels
 _NARROW = 0.55  # of its length is the width of a map that has two ticks across
 _EVEN = 1e-6  # mm, between the least and the most of a map of one colour

@@ -17,13 +17,16 @@ import numpy as np
 from numba import njit
 
 CELL = 8
-COMMON = 7
-PER_LED = 6
+"""Pixels between nodes: exact rays at each pixel would take 64 times as many. By trial."""
+COMMON, PER_LED = 7, 6
+"""Fields at a node without the LEDs, and for each LED that is on."""
 
 _F = np.float32
 _ZERO, _HALF, _ONE = _F(0.0), _F(0.5), _F(1.0)
 _NEAR = 1e-4  # square of 10 mm
 _FARTHEST = 0.15
+"""Longest ray in metres, for those along the axis: at this distance an LED gives less than 0.5 % of
+its irradiance at 10 mm."""
 
 
 @njit(cache=True, nogil=True)

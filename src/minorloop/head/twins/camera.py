@@ -34,6 +34,8 @@ NEAREST, FARTHEST = 4e-3, 60e-3  # m, of the focus
 _FOCUS_RATE = 250.0  # of 1/distance, in 1/m per second
 _FULL_SCALE = 100.0  # grey levels at radiance 1, 10 ms and gain 1
 _NOISE_BANK = 1 << 20
+"""Normal numbers, drawn once, of which each row of a frame takes a random part: new ones for each
+frame would take 6 of the 40 ms between frames."""
 _NUDGE = 2.5  # pixels of motion up to which second derivatives describe the blur
 _KINDS = {"pit": 0.0, "hole": 1.0, "white": 2.0}
 

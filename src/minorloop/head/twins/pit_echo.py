@@ -13,6 +13,8 @@ from minorloop.arrays import FloatArray
 from minorloop.head.twins.pipe import Bore
 
 _RADII, _ANGLES = 22, 64
+"""Gauss-Legendre nodes along the radius, and angles: up to 18 MHz, the modes of a pit of 1 mm are
+orthonormal on them to 1e-7, those of a pit of 1.5 mm to 1e-5 up to 13 MHz."""
 _STEEPEST = 0.75  # of the wavenumber, across the pit
 _FAINTEST = -40.0  # exponent of a wave that has decayed
 

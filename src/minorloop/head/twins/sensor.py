@@ -14,6 +14,7 @@ from minorloop.lab.actuator import Channel
 from minorloop.twins.simulated_actuator import gaussian
 
 _BLOCK = 1024
+"""Random numbers in a block: 2048 take less than three times as long as one, which takes 60 us."""
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,13 @@ from scipy import ndimage
 from minorloop.head.twins import _surface_kernels as kernels
 from minorloop.head.twins.pipe import Dirt, Pipe
 
-COLUMNS = 1280
-LEVELS = 4
 TEXEL = 0.05e-3  # m
+COLUMNS = 1280
+"""Texels around the pipe: the circumference of 62.8 mm over `TEXEL`, rounded up to a number that
+can be halved for each of the `LEVELS`."""
+LEVELS = 4
+"""Resolutions of the surface, each half of the one before, by trial: the last texels are 0.4 mm
+wide."""
 _STREAK = 1.2e-3  # m, length of brush marks
 _STAIN = 2.5e-3  # m, size of stains
 

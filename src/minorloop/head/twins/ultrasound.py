@@ -29,9 +29,11 @@ from minorloop.lab.actuator import Shot
 
 SAMPLE_INTERVAL = 10e-9  # s
 SAMPLES = 2048
+"""Samples of a shot: 20 us, the way to a wall 15 mm away and back."""
 INTERVAL = 1e-3  # s, between pulses
 WATER_TO_STEEL = 0.938  # reflection coefficient
 FULL_SCALE = 1.0
+"""Largest amplitude of the converter, which is the unit of a trace."""
 _RESOLUTION = 0.125e6  # of the spectrum, in Hz: echoes of one shot last 8 us
 _LOWEST, _HIGHEST = 2e6, 18e6  # Hz
 _LEAD = 1e-6  # s before the first echo

@@ -32,6 +32,7 @@ _SLIP = 12e-6
 _TRIALS = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
 """Distances from which the best one is searched, in metres."""
 _ROUNDS = 8
+"""Most Gauss-Newton steps of a fit, by trial."""
 
 
 @dataclass(frozen=True, eq=False)

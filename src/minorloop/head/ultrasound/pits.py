@@ -64,6 +64,7 @@ _LOUDEST = 1.3
 _ASTRAY = 6e-6
 """Largest disagreement of distances and angles, in metres; 3e-6 is usual."""
 _MOST = 100_000
+"""Most planned bursts: a bound against typing errors. A raster has 36 points."""
 
 
 @dataclass(frozen=True)
