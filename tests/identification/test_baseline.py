@@ -14,6 +14,13 @@ def test_a_delayed_polynomial_is_found():
     assert polynomial_nrmse(u, curves.delayed(u, 4) ** 3, train, scored, curves) < 1e-12
 
 
+def test_a_long_periodic_record_is_not_seen_at_one_phase():
+    k = np.arange(1_000_000)
+    u = np.round(np.sin(2 * np.pi * k / 500), 3)
+    every = np.ones(k.size, dtype=bool)
+    assert polynomial_nrmse(u, u**2, every, every) < 1e-6
+
+
 def test_few_distinct_inputs_do_not_give_a_high_degree():
     u = np.resize([0.0, 1.0, 2.0], 60)
     y = np.random.default_rng(0).normal(size=60)

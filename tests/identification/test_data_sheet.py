@@ -86,3 +86,9 @@ def test_loops_are_drawn_with_bands(found):
 def test_refuses(loop, says):
     with pytest.raises(ParameterError, match=says):
         from_loop(*loop)
+
+
+def test_scales_near_the_ends_of_the_numbers_have_bands():
+    found = from_loop(1e-200, 5e199, 1e200, field=5e-200)
+    half = found.predict(found.loop(5e-200), bands=0.9).half_width
+    assert np.isfinite(half).all()

@@ -12,7 +12,7 @@ def test_rank_and_condition_are_those_of_unit_columns(monkeypatch):
     expected = np.linalg.svd(dense, compute_uv=False)
     rank, condition = diagnosis.rank_and_condition(matrix)
     assert (rank, condition) == (11, pytest.approx(expected[0] / expected[-1]))
-    monkeypatch.setattr(diagnosis, "_DENSE", 0)  # as for a large problem
+    monkeypatch.setattr(diagnosis, "_MOST_WORK", 0)  # as for a large problem
     rank, condition = diagnosis.rank_and_condition(matrix)
     assert (rank, condition) == (11, pytest.approx(expected[0] / expected[-1], rel=1e-6))
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.errors import ParameterError
-from minorloop.lab.conversion import CalibrationPolynomial
+from minorloop.errors import ParameterError, SignalError
+from minorloop.lab.conversion import CalibrationPolynomial, CalibrationTable
 from minorloop.lab.converted_actuator import ConvertedActuator, with_conversion
 from minorloop.lab.run import Restorable
 
@@ -29,6 +29,13 @@ def test_a_twin_can_still_be_restored_and_another_actuator_not():
     twin.restore(state)
     np.testing.assert_array_equal(twin.apply(1.0, 2.0, 1.0).y, first)
     assert not isinstance(ConvertedActuator(connect("twin:ipmc"), TENFOLD), Restorable)
+
+
+def test_a_conversion_that_covers_no_reading_is_refused_at_once():
+    narrow = CalibrationTable(name="bend", unit="cm", readings=(1e3, 2e3), values=(0.0, 1.0))
+    shown = with_conversion(connect("twin:ipmc"), narrow)
+    with pytest.raises(SignalError, match="covers none of the readings"):
+        shown.apply(0.5, 3.0, 1.0)
 
 
 def test_several_outputs_are_refused():

@@ -50,6 +50,11 @@ def run(
         times, check = _common.times_of(known, file, time)
         y = _simulated(known, times, u, start)
         notes = [] if check is None else [*check.notes, *_forget(known, u, y, check)]
+        if known.lag_seconds and not times:
+            notes.append(
+                f"the lag of {known.lag_seconds:.4g} s counts as {counted(known.lag, 'row')}, "
+                "as in the record of the model; --time takes it in seconds"
+            )
         if save is not None:
             now(f"writing {save.name}")
             output = str(known.output)

@@ -12,6 +12,8 @@ _FULL = 100.0
 """Error, in ranges, from which its percentage is shown with few digits."""
 _MOST = 10_000
 """Samples that polynomials are fitted to, about; more hardly change their few coefficients."""
+_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+"""Its multiples fill the interval from 0 to 1 evenly (Weyl)."""
 _DEPENDENT = 1e-10
 """Part of a polynomial that the lower ones do not explain, below which it is rounding."""
 DEGREES = range(1, 8)
@@ -60,8 +62,7 @@ def polynomial_nrmse(
     def late(places: IntArray, delay: int) -> FloatArray:
         return np.asarray(x[np.maximum(places - delay, first[places])])
 
-    rows = np.flatnonzero(train)
-    rows = rows[:: max(rows.size // _MOST, 1)]
+    rows = _spread(np.flatnonzero(train))
     wanted = y[rows]
     highest = min(max(DEGREES), rows.size - 1)
     least, chosen = np.inf, (0, min(DEGREES))
@@ -77,6 +78,18 @@ def polynomial_nrmse(
     best, *_ = np.linalg.lstsq(powers, wanted, rcond=None)
     predicted = np.polynomial.chebyshev.chebval(late(np.flatnonzero(scored), best_delay), best)
     return nrmse(predicted - y[scored], y[scored])
+
+
+def _spread(rows: IntArray) -> IntArray:
+    """Return about ``_MOST`` of many rows, one in each of as many parts, at uneven distances.
+
+    Even distances would see a periodic input at a few phases only.
+    """
+    if rows.size <= _MOST:
+        return rows
+    part = np.arange(_MOST)
+    places = ((part + part * _GOLDEN % 1.0) * (rows.size / _MOST)).astype(np.int64)
+    return np.asarray(rows[places])
 
 
 def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:

@@ -182,10 +182,11 @@ class DataSheetModel(NotebookView):
 
     def _deviation(self, u: FloatArray, y: FloatArray, start: Start) -> FloatArray:
         """(T,) spread of the ridges about the model, and the discrepancy of any model."""
-        square = np.zeros(u.size)
+        square = np.full(u.size, DISCREPANCY**2)
         for weights in self.ridges:
-            square += (replace(self.model, weights=weights).simulate(u, start) - y) ** 2
-        return np.asarray(np.sqrt(square / len(self.ridges) + (DISCREPANCY * self.saturation) ** 2))
+            off = replace(self.model, weights=weights).simulate(u, start) - y
+            square += (off / self.saturation) ** 2 / len(self.ridges)
+        return np.asarray(self.saturation * np.sqrt(square))
 
     def summary(self) -> list[tuple[str, str]]:
         """Return the rows of a table, label and value."""

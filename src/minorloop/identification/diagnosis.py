@@ -9,8 +9,9 @@ from minorloop.arrays import FloatArray
 from minorloop.identification.design_matrix import DesignMatrix
 from minorloop.threads import one_thread
 
-_DENSE = 40_000_000
-"""Numbers in a design matrix up to which its singular values are worked out directly."""
+_MOST_WORK = 2e9
+"""Samples times the square of the unknowns up to which singular values are worked out directly:
+about a second."""
 
 
 def singular_values(matrix: DesignMatrix) -> FloatArray:
@@ -19,8 +20,7 @@ def singular_values(matrix: DesignMatrix) -> FloatArray:
     Taken from the design itself where it is small. From its Gram matrix otherwise, and then
     those below about 1e-8 of the largest are noise.
     """
-    unknowns = matrix.spec.unknowns
-    if matrix.samples * unknowns <= _DENSE:
+    if _is_small(matrix):
         dense = matrix.dense()
         if matrix.counts is not None:
             dense *= np.sqrt(matrix.counts)[:, None]
@@ -40,6 +40,11 @@ def rank_and_condition(matrix: DesignMatrix) -> tuple[int, float]:
         values = singular_values(matrix)
     if not values.size or values[0] == 0:
         return 0, np.inf
-    exact = matrix.samples * matrix.spec.unknowns <= _DENSE
-    rank = int(np.count_nonzero(values > values[0] * (1e-10 if exact else 1e-7)))
+    least = values[0] * (1e-10 if _is_small(matrix) else 1e-7)
+    rank = int(np.count_nonzero(values > least))
     return rank, float(values[0] / values[rank - 1])
+
+
+def _is_small(matrix: DesignMatrix) -> bool:
+    """Return whether the singular values of the design itself are worked out."""
+    return matrix.samples * matrix.spec.unknowns**2 <= _MOST_WORK

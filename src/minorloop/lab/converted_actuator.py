@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import ParameterError
+from minorloop.errors import ParameterError, SignalError
 from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed, Value
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.records import Quantity, Record
@@ -41,6 +41,7 @@ class ConvertedActuator:
         quantity = conversion.quantity(reading)
         self.outputs: tuple[Channel, ...] = (Channel(quantity.name, quantity.unit),)
         self.warnings: tuple[str, ...] = tuple(getattr(actuator, "warnings", ()))
+        self._covered_once = False
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
@@ -64,9 +65,23 @@ class ConvertedActuator:
         return found
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input as the actuator does; the output of the record is converted."""
+        """Hold an input as the actuator does; the output of the record is converted.
+
+        Raises
+        ------
+        SignalError
+            If the conversion covers none of the first readings.
+        """
         raw = self._actuator.apply(u, duration, sample_interval)
         y = self._conversion.convert(raw.y)
+        finite = np.isfinite(raw.y)
+        if not self._covered_once and finite.any() and not np.isfinite(y[finite]).any():
+            low, high = raw.y[finite].min(), raw.y[finite].max()
+            raise SignalError(
+                f"the conversion covers none of the readings, {low:.6g} to {high:.6g} "
+                f"{self._actuator.outputs[0].unit}; it covers {self.covered}: check its numbers"
+            )
+        self._covered_once = True
         names = [str(channel) for channel in self.outputs]
         return Record(raw.t, raw.u, y, raw.inputs, names, raw.time, raw.timing)
 
