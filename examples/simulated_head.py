@@ -22,14 +22,14 @@ import time
 from simulated_board import Wire
 
 REST = 0.0
-PULLED_DOWN = 0.2
+PULLED_DOWN = 0.5
 """Seconds without the board after which the currents are at rest."""
 
 
 class Head:
     def __init__(self, log):
         self.wires, self.currents, self.lines = [Wire(), Wire()], [REST, REST], 0
-        self.log, self.now = log, time.monotonic()
+        self.log, self.now, self.there = log, time.monotonic(), False
 
     def advance(self):
         now = time.monotonic()
@@ -38,9 +38,12 @@ class Head:
         self.now = now
 
     def drive(self, currents, lines):
-        if (currents, lines) != (self.currents, self.lines):
-            self.currents, self.lines = currents, lines
-            print("DRIVE", *currents, lines, file=self.log, flush=True)
+        if (currents, lines, True) != (self.currents, self.lines, self.there):
+            self.currents, self.lines, self.there = currents, lines, True
+            self.note("DRIVE", *currents, lines)
+
+    def note(self, *words):
+        print(*words, file=self.log, flush=True)
 
     def answer(self, line):
         """Return the readings for a line of the board; None if it is damaged."""
@@ -57,8 +60,10 @@ class Head:
 
     def pulled_down(self, why):
         self.advance()
-        print("BOARD", why, file=self.log, flush=True)
-        self.drive([REST, REST], self.lines)
+        if self.there or why == "gone":
+            self.currents, self.there = [REST, REST], False
+            self.note("BOARD", why)
+            self.note("DRIVE", *self.currents, self.lines)
 
 
 def serve(board, head):
@@ -96,7 +101,7 @@ def main():
         while True:
             board, _ = server.accept()
             with board:
-                print("BOARD there", file=log, flush=True)
+                head.note("BOARD there")
                 serve(board, head)
 
 

@@ -13,7 +13,9 @@
 #define CLOCK 25000000u
 #define BAUD_DIVISOR (CLOCK / 115200u)
 #define BEAT 20u        /* milliseconds */
+#ifndef STALE
 #define STALE 200u      /* milliseconds after which a reading is none */
+#endif
 #define GUARD 500u      /* milliseconds after which the watchdog timer resets the board */
 #define RECEIVED 512u   /* characters, a power of two */
 #define READING_LENGTH 100
