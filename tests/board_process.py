@@ -14,7 +14,9 @@ def simulated_board(folder, *options):
     program = [sys.executable, "-I", "-S", EXAMPLES / "simulated_board.py"]
     log = folder / "board.log"
     with subprocess.Popen(
-        [*program, "--log", log, *options], stdout=subprocess.PIPE, text=True
+        [*program, "--log", log, "--port", folder / "board", *options],
+        stdout=subprocess.PIPE,
+        text=True,
     ) as process:
         port = process.stdout.readline().strip()
         text = (EXAMPLES / "head.toml").read_text().replace("/dev/ttyACM0", port)

@@ -39,9 +39,20 @@ def test_from_a_plan_to_a_model(run, answer):
         assert from_store[key] == from_csv[key]
 
 
+def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer):
+    laser = RUN.replace("twin:ipmc", "twin:ipmc-laser").replace("0.05", "0.0028")
+    assert run(f"{laser} --laser 30,15,0,0.1 --store l.sqlite")[0] == 0
+    found = answer("runs show --store l.sqlite")
+    assert found["output"] == "curvature [1/m]"
+    assert found["conversion"] == {"laser": "30,15,0,0.1"}
+    assert -12 < min(found["columns"]["curvature [1/m]"]) < -2
+    assert answer("resume --store l.sqlite")["output"] == "curvature [1/m]"
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [
+        (f"{RUN} --laser 30,15 --linear 2 --store a", "--laser and --linear are given"),
         (f"{RUN} --store good.csv", "good.csv exists already"),
         (f"{RUN} --store plan.csv", "plan.csv exists already"),
         (f"{RUN} --store no/runs.sqlite", "the folder no does not exist"),

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
 
+from later import Later
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
@@ -12,6 +12,8 @@ from minorloop.identification.arx import arx
 from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
+
+signal = Later("scipy.signal")
 
 LEVELS = np.linspace(-1, 1, 5)
 PLANE = Preisach(LEVELS, np.tril(np.random.default_rng(0).uniform(0.3, 1, (4, 4))), slope=0.5)

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
 
+from later import Later
 from minorloop.dynamics import conversion
 from minorloop.errors import ParameterError
+
+signal = Later("scipy.signal")
 
 POLES = st.lists(st.floats(-4, -0.05), min_size=1, max_size=4, unique_by=lambda p: round(4 * p))
 NUMBERS = st.lists(st.floats(-3, 3), min_size=5, max_size=5)

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
 
+from later import Later
 from minorloop.dynamics.linear import Linear
 from minorloop.errors import ParameterError, SignalError
+
+signal = Later("scipy.signal")
 
 LAGS = st.lists(st.floats(0.05, 20), min_size=1, max_size=4, unique_by=lambda x: round(x, 2))
 

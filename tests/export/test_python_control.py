@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from later import Later
 from minorloop.dynamics.cascade import Cascade
 from minorloop.dynamics.creep import Creep
 from minorloop.dynamics.linear import Linear
@@ -11,7 +12,7 @@ from minorloop.operators.polynomial import Polynomial
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
 from minorloop.operators.preisach import Preisach
 
-control = pytest.importorskip("control", reason="needs python-control: minorloop[control]")
+control = Later("control", reason="needs python-control: minorloop[control]")
 
 RNG = np.random.default_rng(0)
 PREISACH = Preisach(np.linspace(-1, 1, 9), np.tril(RNG.uniform(size=(8, 8))), slope=0.1)

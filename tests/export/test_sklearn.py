@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
 
+from later import Later
 from minorloop.errors import ParameterError
 from minorloop.operators.preisach import Preisach
 
-pytest.importorskip("sklearn", reason="needs scikit-learn: minorloop[sklearn]")
-
-from sklearn.base import clone
-from sklearn.model_selection import GridSearchCV, cross_val_score
-from sklearn.utils.estimator_checks import check_estimator
-
-from minorloop.export.sklearn import EXPECTED_FAILURES, ContiguousSplit, PreisachRegressor
+REASON = "needs scikit-learn: minorloop[sklearn]"
+base, selection, checks = (
+    Later(f"sklearn.{name}", REASON)
+    for name in ("base", "model_selection", "utils.estimator_checks")
+)
+ours = Later("minorloop.export.sklearn", REASON)
 
 RNG = np.random.default_rng(0)
 MODEL = Preisach(np.linspace(-1, 1, 9), np.tril(RNG.uniform(size=(8, 8))), 0.2)
@@ -20,9 +20,9 @@ Y = MODEL.simulate(X[:, 0])
 
 @pytest.fixture(scope="module")
 def results():
-    found = check_estimator(
-        PreisachRegressor(levels=5),
-        expected_failed_checks=EXPECTED_FAILURES,
+    found = checks.check_estimator(
+        ours.PreisachRegressor(levels=5),
+        expected_failed_checks=ours.EXPECTED_FAILURES,
         on_skip=None,
         on_fail=None,
     )
@@ -36,45 +36,47 @@ def test_the_checks_of_scikit_learn_pass(results):
 
 
 def test_every_declared_check_fails(results):
-    for name, reason in EXPECTED_FAILURES.items():
+    for name, reason in ours.EXPECTED_FAILURES.items():
         assert results[name]["status"] == "xfail"
         assert "rows before" in reason
 
 
 def test_it_finds_the_operator_that_made_the_data():
-    found = PreisachRegressor(levels=8, smoothness=0.0).fit(X, Y)
+    found = ours.PreisachRegressor(levels=8, smoothness=0.0).fit(X, Y)
     assert found.score(X, Y) > 1 - 1e-9
     np.testing.assert_allclose(found.model_.weights, MODEL.weights, atol=1e-6)
 
 
 def test_following_rows_begin_with_the_memory_after_the_fit():
-    found = PreisachRegressor(levels=8, smoothness=0.0, predict_from="end").fit(X[:400], Y[:400])
+    found = ours.PreisachRegressor(levels=8, smoothness=0.0, predict_from="end").fit(
+        X[:400], Y[:400]
+    )
     np.testing.assert_allclose(found.predict(X[400:]), Y[400:], atol=1e-5)
 
 
 def test_only_the_named_column_is_used():
     wide = np.column_stack([RNG.uniform(size=600), X[:, 0]])
-    one = PreisachRegressor(levels=8, column=1).fit(wide, Y)
-    other = PreisachRegressor(levels=8).fit(X, Y)
+    one = ours.PreisachRegressor(levels=8, column=1).fit(wide, Y)
+    other = ours.PreisachRegressor(levels=8).fit(X, Y)
     np.testing.assert_array_equal(one.predict(wide), other.predict(X))
     for column in (2, -1, 0.5, "u"):
         with pytest.raises(ParameterError, match=r"column is .* from 0 to 1"):
-            clone(one).set_params(column=column).fit(wide, Y)
+            base.clone(one).set_params(column=column).fit(wide, Y)
 
 
 def test_it_works_in_a_search_with_contiguous_blocks():
-    start = PreisachRegressor(smoothness=0.0, predict_from="end")
-    splits = ContiguousSplit(3)
-    scores = cross_val_score(clone(start).set_params(levels=8), X, Y, cv=splits)
+    start = ours.PreisachRegressor(smoothness=0.0, predict_from="end")
+    splits = ours.ContiguousSplit(3)
+    scores = selection.cross_val_score(base.clone(start).set_params(levels=8), X, Y, cv=splits)
     assert scores.shape == (3,)
     assert scores.min() > 0.999
-    search = GridSearchCV(start, {"levels": [2, 8]}, cv=splits).fit(X, Y)
+    search = selection.GridSearchCV(start, {"levels": [2, 8]}, cv=splits).fit(X, Y)
     assert search.best_params_ == {"levels": 8}
 
 
 def test_blocks_are_contiguous_and_cover_the_rest():
-    folds = list(ContiguousSplit(4, first=0.3).split(np.zeros(50)))
-    assert len(folds) == ContiguousSplit(4).get_n_splits() == 4
+    folds = list(ours.ContiguousSplit(4, first=0.3).split(np.zeros(50)))
+    assert len(folds) == ours.ContiguousSplit(4).get_n_splits() == 4
     assert folds[0][0].tolist() == list(range(15))
     for fitted, tested in folds:
         assert tested[0] == fitted[-1] + 1
@@ -93,18 +95,18 @@ def test_blocks_are_contiguous_and_cover_the_rest():
 )
 def test_refuses_wrong_options_of_splits(arguments, message):
     with pytest.raises(ParameterError, match=message):
-        ContiguousSplit(*arguments)
+        ours.ContiguousSplit(*arguments)
 
 
 def test_refuses_wrong_shares_and_too_few_rows():
     for first in (1, "a", np.nan):
         with pytest.raises(ParameterError, match=f"first is {first!r}"):
-            ContiguousSplit(first=first)
+            ours.ContiguousSplit(first=first)
 
 
 def test_a_split_has_a_repr():
-    assert repr(ContiguousSplit(3)) == "ContiguousSplit(3, first=0.5)"
+    assert repr(ours.ContiguousSplit(3)) == "ContiguousSplit(3, first=0.5)"
     with pytest.raises(ParameterError, match="too few for 5 blocks"):
-        list(ContiguousSplit(5).split(np.zeros(6)))
+        list(ours.ContiguousSplit(5).split(np.zeros(6)))
     with pytest.raises(ParameterError, match="predict_from"):
-        PreisachRegressor(predict_from="middle").fit(X, Y)
+        ours.PreisachRegressor(predict_from="middle").fit(X, Y)

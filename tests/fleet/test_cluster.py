@@ -6,11 +6,12 @@ import pytest
 
 import fleet_faults
 from fleet_records import write_manifest, write_record
+from later import Later
 from minorloop.errors import FleetError, ParameterError
 from minorloop.fleet import _cluster, _cluster_watch, _pool, identification
 from minorloop.fleet.identification import identify_fleet
 
-distributed = pytest.importorskip("distributed", reason="needs Dask: minorloop[fleet]")
+distributed = Later("distributed", reason="needs Dask: minorloop[fleet]")
 pytestmark = pytest.mark.filterwarnings("ignore")  # what Dask warns of is not ours
 OPTIONS = {"levels": 6, "prior": "none", "smoothness": 0.0}
 

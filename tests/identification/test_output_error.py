@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import signal
 
+from later import Later
 from minorloop.identification.output_error import (
     Coefficients,
     Stretch,
@@ -16,6 +16,8 @@ from minorloop.identification.output_error import (
     output_error,
     residuals,
 )
+
+signal = Later("scipy.signal")
 
 RNG = np.random.default_rng(4)
 A, B = np.poly([0.9, 0.6])[1:], np.array([0.3, -0.1])

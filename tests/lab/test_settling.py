@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import lfilter
 
+from later import Later
 from minorloop.arrays import uniform_levels
 from minorloop.connect import connect
 from minorloop.identification.excitation import decaying_staircase
@@ -11,6 +11,8 @@ from minorloop.lab.settling import Trend, extrapolate, is_still, judge, trend
 
 T = np.arange(1, 201) * 1.0
 SEEDS = st.integers(0, 2**32 - 1)
+
+signal = Later("scipy.signal")
 
 
 def _noise(seed, count=T.size):
@@ -253,7 +255,7 @@ class TestNoise:
         for hold in (50.0, 200.0):
             for t, y, _, span, moved in _holds("ipmc", hold, interval=hold / 1000, specimens=2):
                 white = chance.normal(size=y.size)
-                noise = lfilter([np.sqrt(1 - likeness**2)], [1, -likeness], white)
+                noise = signal.lfilter([np.sqrt(1 - likeness**2)], [1, -likeness], white)
                 noisy = y + share * span * noise
                 end = judge(t, noisy, tolerance=0.002 * span / hold, window=hold / 10)
                 calls.append((end.verdict == "settled", abs(moved) <= 0.002 * span))
@@ -261,6 +263,20 @@ class TestNoise:
         assert 20 <= np.count_nonzero(truly) <= 30
         assert np.mean(called[truly]) >= 0.95
         assert np.mean(called[~truly]) <= 0.05
+
+    @pytest.mark.parametrize(("share", "count"), [(0.005, 40), (0.01, 40), (0.02, 400)])
+    def test_holds_that_end_before_the_last_decay_has_faded_are_not_settled(self, share, count):
+        """Holds of 40 s of an output with time constants of 6 and 25 s, in noise."""
+        chance, t = np.random.default_rng(1000), np.linspace(0, 40, count + 1)[1:]
+        called, inside = [], []
+        for step in chance.uniform(-1, 1, 100):
+            y = -step * (0.5 * np.exp(-t / 6) + 0.5 * np.exp(-t / 25))
+            moved = y[-1] * (1 - np.exp(-40 / 25))
+            end = judge(t, y + share * chance.normal(size=count), tolerance=0.002 / 40, window=4.0)
+            inside.append(abs(end.value) <= 3 * end.sd)
+            called.append(end.verdict == "settled" and abs(moved) > 0.002)
+        assert np.mean(called) <= 0.1
+        assert np.mean(inside) >= 0.85
 
 
 class TestHonesty:

@@ -18,9 +18,9 @@ export class Stage {
     this.context = canvas.getContext("2d", { alpha: false })!;
   }
 
-  /** Show a picture, unless the previous one is still being decoded. */
+  /** Show a picture, unless nobody can see it or the previous one is still being decoded. */
   async show(picture: Picture, state: LoopState | null, hello: Hello | null): Promise<boolean> {
-    if (this.decoding) return false;
+    if (this.decoding || document.hidden || this.canvas.clientWidth === 0) return false;
     this.decoding = true;
     try {
       const bitmap = await createImageBitmap(picture.jpeg);

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from minorloop.cli import _common, _sines, drive
+from minorloop.cli._conversion import ConversionOptions
 from minorloop.cli.run import carry_out
 
 NAME = "resume"
@@ -25,8 +26,12 @@ def run(
     with Store.open(store, write=True) as opened:
         setup = opened.setup
         options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
+        options.pop("conversion", None)
+        reading = options.pop("reading", None)
         with _common.connected(setup.address, **options) as whole:
-            plant = single_channel(whole, setup.input, setup.output)
+            conversion = ConversionOptions.of_setup(setup)
+            output = reading if conversion.to_json() else setup.output
+            plant = conversion.converted(single_channel(whole, setup.input, output))
             if drive.is_drive(setup):
                 drive.carry_out(plant, opened, as_json)
             elif _sines.is_sines(setup):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from minorloop.cli import _adaptive, _common, _sines
+from minorloop.cli import _adaptive, _common, _conversion, _sines
 from minorloop.cli._watch import watching
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.durations import as_duration
@@ -58,6 +58,12 @@ def run(
     store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
     input: _common.Input = None,
     output: _common.Output = None,
+    laser: _conversion.Laser = None,
+    linear: _conversion.Linear = None,
+    polynomial: _conversion.Polynomial = None,
+    table: _conversion.Table = None,
+    name: _conversion.Name = None,
+    unit: _conversion.Unit = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
     seed: _common.Seed = 0,
@@ -129,17 +135,19 @@ def run(
     settings: dict[str, Any] = {"tolerance": tolerance, "sample_interval": interval}
     if shortest is not None:
         settings["shortest"] = shortest
+    conversion = _conversion.ConversionOptions(laser, linear, polynomial, table, name, unit)
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as whole:
-        plant = single_channel(whole, _input(whole, plan, input), output)
+        channel = single_channel(whole, _input(whole, plan, input), output)
+        plant = conversion.converted(channel)
         _common.check_new_store(store)
         _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
         names = str(plant.inputs[0]), str(plant.outputs[0])
+        given_to = {"noise": noise, **conversion.for_setup(channel.outputs[0])}
+        setup = Setup(actuator, *names, specimen, seed, given_to)
         if not adaptive and is_sine_plan(plan):
             _sines.refuse_options({**settings, "shortest": shortest})
-            known = Setup(actuator, *names, specimen, seed, {"noise": noise})
-            _sines.begin(plant, plan, store, known, as_json)
+            _sines.begin(plant, plan, store, setup, as_json)
             return
-        setup = Setup(actuator, *names, specimen, seed, {"noise": noise})
         if adaptive:
             setup = replace(setup, design=_adaptive.design_of(plant, options))
         wanted = _wanted(plan, setup, _common.HOLD if hold is None else hold, settings)

@@ -54,7 +54,7 @@ def draw_density(
     clip_to_plane(axes, mesh, model)
     bar = axes.figure.colorbar(mesh, ax=axes, extend="both" if signed else "max")
     of_input, of_output = (split_header(label)[1] for label in (input_label, output_label))
-    of_input = of_input if of_input.isalnum() else f"({of_input})"
+    of_input = of_input if of_input.isalpha() else f"({of_input})"
     unit = f" [{of_output} / {of_input}²]" if of_output and of_input != "()" else ""
     bar.set_label(f"density{unit}")
     axes.plot(model.levels[[0, -1]], model.levels[[0, -1]], color="0.3", linewidth=0.8)

@@ -21,19 +21,18 @@ from minorloop.errors import FleetError, MissingExtraError, ParameterError
 from minorloop.fleet._cluster_watch import ClusterWatch
 from minorloop.fleet._fitting import Found, Task
 from minorloop.fleet._pool import Pool
+from minorloop.fleet._reading import TICK
 from minorloop.fleet._worker import Work
 
 CONNECT = 10.0
 """Seconds to wait for the first answer of a scheduler."""
-_TICK = 0.2
-"""Seconds between rounds: short against all limits of time."""
 _CLOSE = 1.0
 """Seconds to wait for the disconnection from a scheduler."""
 _AHEAD = 3
 """Batches that are queued for each worker."""
 _LOSSES = 3
 """Lost results after which a specimen fails, as many as Dask allows workers to end."""
-_STINT, _MOST_EACH = 0.5, 64
+_BATCH_TIME, _MOST_EACH = 0.5, 64
 """Seconds of work in a batch, and its largest number of specimens."""
 
 """Key of a batch, and its results if there are any."""
@@ -165,7 +164,7 @@ class Cluster:
             for key in self._watch.stuck & self._sent.keys():
                 self._send(self._forget(key))
             try:
-                answer = self._answered.get(timeout=_TICK)
+                answer = self._answered.get(timeout=TICK)
             except queue.Empty:
                 yield None
                 continue
@@ -233,7 +232,7 @@ class Cluster:
             return self._resend(self._forget(key))  # its worker left with the result
         batch, found = self._forget(key), fetched.result()
         each = sum(one.get("seconds", 0.0) for one in found) / len(batch)
-        self._size = min(_MOST_EACH, max(1, round(_STINT / max(each, 1e-3))))
+        self._size = min(_MOST_EACH, max(1, round(_BATCH_TIME / max(each, 1e-3))))
         return list(zip(batch, found, strict=True))
 
     def _resend(self, batch: list[Task]) -> list[tuple[Task, Found]]:

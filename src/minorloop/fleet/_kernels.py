@@ -53,7 +53,8 @@ def drop_smallest(plane, sizes, size_bow, stack, n):
         output = before[OUTPUT] - between(plane.nodes, plane.bow, before, after)
     change = after[OUTPUT] - output
     for k in range(least, n - 2):
-        stack[k] = stack[k + 2]
+        for column in range(stack.shape[1]):
+            stack[k, column] = stack[k + 2, column]
         stack[k, OUTPUT] -= change
     return n - 2, smallest, low, high
 

@@ -13,12 +13,11 @@ from typing import Any
 
 from minorloop.errors import FleetError
 from minorloop.fleet._fitting import Found, Task
+from minorloop.fleet._reading import APART, TICK
 from minorloop.fleet._worker import Work, Worker
 
 NOTICE = 5.0
 """Seconds of one fit after which a message says so; again each time this has doubled."""
-APART = 4.0
-"""Least seconds between two such messages, for fleets in which every fit is slow."""
 STOPPED = 3.0
 """Seconds after which a worker that is stopped is replaced; debuggers stop one for less."""
 LOADING = 300.0
@@ -27,8 +26,6 @@ ATTEMPTS = 2
 """Workers that may end during the fit of the same specimen."""
 STARTS = 3
 """Workers in a row that may end before they are ready."""
-_TICK = 0.2
-"""Seconds between rounds: short against all limits of time."""
 _LONGEST_TICK = 1.0
 """Longest time that one round counts, so that a sleeping machine does not use up a limit."""
 
@@ -114,9 +111,9 @@ class Pool:
                     return
                 yield None
                 continue
-            wait(answers, timeout=_TICK, return_when=FIRST_COMPLETED)
+            wait(answers, timeout=TICK, return_when=FIRST_COMPLETED)
             found = [one for slot in self._slots if (one := self._take(slot, waiting))]
-            if (elapsed := time.monotonic() - before) >= _TICK:
+            if (elapsed := time.monotonic() - before) >= TICK:
                 before += elapsed
                 found += self._watch(min(elapsed, _LONGEST_TICK), waiting)
             self._hand_out(coming, waiting)  # before others have time for what was found

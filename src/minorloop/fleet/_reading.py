@@ -13,10 +13,10 @@ from minorloop.fleet.manifest import Specimen
 NOTICE = 5.0
 """Seconds without a record after which a message says so."""
 APART = 4.0
-"""Least seconds between two such messages."""
+"""Least seconds between two messages of one kind, for fleets in which all are slow."""
 _SOON, _SOON_IF_LATE = 1.0, 0.1
 """Seconds after which the next record is read first; fewer while one is late already."""
-_TICK = 0.2
+TICK = 0.2
 """Seconds between rounds: short against all limits of time."""
 _MOST_LATE = 64
 """Records that are waited for at the same time, each by a thread of its own."""
@@ -89,7 +89,7 @@ def read_records(
             late.append(reading)
         else:
             more = more and len(late) >= _MOST_LATE
-            wait([it.data for it in late], timeout=_TICK, return_when=FIRST_COMPLETED)
+            wait([it.data for it in late], timeout=TICK, return_when=FIRST_COMPLETED)
         waited_for, late = late, []
         for it in waited_for:
             name, now = it.specimen.name, time.monotonic()

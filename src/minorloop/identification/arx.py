@@ -24,7 +24,7 @@ from minorloop.threads import one_thread
 
 HIGHEST_ORDER = 4
 _NEARLY = 1.05
-_UNFELT = 1e-5
+_ALMOST_EXACT = 1e-5
 """Ratio and difference of simulation errors, over the range, up to which they count as equal."""
 _PRECISE = 1e-7
 _REAL = 1e-6
@@ -198,11 +198,11 @@ def chosen(candidates: Sequence[TriedEquation]) -> TriedEquation:
     least = min(one.score for one in candidates)
     if plain:
         best_plain = min(one.score for one in plain)
-        if best_plain <= _NEARLY * least + _UNFELT:
+        if best_plain <= _NEARLY * least + _ALMOST_EXACT:
             candidates, least = plain, best_plain
     judged = any(one.free_run is not None for one in candidates)
     if judged:
-        candidates = [one for one in candidates if one.score <= _NEARLY * least + _UNFELT]
+        candidates = [one for one in candidates if one.score <= _NEARLY * least + _ALMOST_EXACT]
     return min(candidates, key=lambda one: (one.bic, one.structure.parameters))
 
 

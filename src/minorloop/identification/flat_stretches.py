@@ -15,7 +15,10 @@ _EQUAL = 1e-9
 _WINDOWS, _SHORTEST, _FEWEST_SHARE = 12, 6, 25
 _MOST = 100_000
 """Readings, about, among which windows are compared."""
-_MOVING_SD, _MOVING, _LAZY = 2.0, 0.03, 0.28
+_MOVING_SD, _MOVING = 2.0, 0.03
+"""Standard deviations of the residual, and share of the span, from which the output must move."""
+_FLAT = 0.28
+"""Largest share of the expected movement in a window that counts as flat."""
 _BINS, _LEAST_CHANGE = 12, 0.12
 """Bins of the input for the usual slopes, and the expected change, in spans, from which an output
 that does not move is stuck."""
@@ -67,10 +70,10 @@ def _least_moving(record: RoughRecord) -> tuple[int, int]:
     )
     moves, still = of_rough.std(axis=1), of_values.std(axis=1)
     moving = moves > max(_MOVING_SD * spread(values - rough), _MOVING * record.span)
-    lazy = moving & (still < _LAZY * moves)
-    if not lazy.any():
+    flat = moving & (still < _FLAT * moves)
+    if not flat.any():
         return 0, 0
-    best = int(np.argmax(np.where(lazy, moves - still, -np.inf)))
+    best = int(np.argmax(np.where(flat, moves - still, -np.inf)))
     allowed = 3 * float(still[best]) + _EQUAL * record.span
     return _stretch(record.values, best * step * skip, width * skip, allowed)
 

@@ -3,18 +3,20 @@ import numpy as np
 import pytest
 
 from board_process import commands, simulated_board
-from console_rig import Pilot, ScriptedCamera, tip, view
+from console_rig import Pilot, ScriptedCamera, tip
 from minorloop.errors import InstrumentError, LimitError, ModelFileError, ParameterError
 from minorloop.head.console.identified_head import head_of
 from minorloop.head.console.plant import head_at, open_plant, open_tip, probed
 from minorloop.head.console.session import Session
 from minorloop.head.console.watchdog import Command, WatchedPlant
 from minorloop.head.control.head import head_control
+from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
 from minorloop.head.procedures.head_file import HeadFile, save_head
 from minorloop.head.procedures.values import Plant, Tip
 from wires import made_up
 
+SMALL = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
 CONTROL = head_control("observer", (made_up(), made_up()))
 
 
@@ -72,8 +74,9 @@ def test_a_head_on_a_serial_board_is_steered(board):
     address, folder = board
     assert probed(address) == ("H-01", 0.04)
     plant = open_plant(address)
-    pilot = Pilot()
-    pilot.session = Session(plant, view(), CONTROL, ScriptedCamera())
+    pilot = Pilot.__new__(Pilot)  # without the simulated head, which takes seconds
+    pilot.now, pilot.seq = 100.0, 0
+    pilot.session = Session(plant, SMALL, CONTROL, ScriptedCamera())
     pilot.steering(60)
     assert pilot.session.state.mode == "HEAD"
     assert pilot.session.reading[0] > 0.01  # rad: its wires get warm
@@ -138,7 +141,7 @@ def test_a_plant_that_cannot_be_used_is_one_sentence_before_the_console_starts(b
     file = folder / "head.toml"
     text = file.read_text()
     for old, new, sentence in (
-        ("/dev/pts", "/dev/no-such", "cannot be opened"),
+        ("board::INSTR", "nothing::INSTR", "cannot be opened"),
         ("safe_within = 0.5", "safe_within = 5", "the console needs up to 2 s"),
         ('unit = "deg"', 'unit = "rad"', "pan is in rad, and .* has deg"),
     ):

@@ -1,20 +1,25 @@
 """A minimal plant and tip, and a loop that records requests."""
 
+from functools import cache
+
 import numpy as np
 
 from minorloop.head.geometry import Mount
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.values import Reading, Request
-from minorloop.head.twins.camera import Camera
+from minorloop.head.twins.camera import LENS, Camera, led_positions
 from minorloop.head.twins.pipe import Pipe
 from minorloop.head.vision.calibrated_camera import CalibratedCamera
 from minorloop.lab.actuator import Shot
 
 TICK = 0.04
-CAMERA = Camera(Pipe.draw(1), Mount(offset=(0.1e-3, -0.1e-3), roll=0.3, advance=1e-3))
-CALIBRATION = HeadCalibration(
-    lens=CAMERA.calibration, leds=CAMERA.leds, offset=(0.1e-3, -0.1e-3), roll=0.3
-)
+MOUNT = Mount(offset=(0.1e-3, -0.1e-3), roll=0.3, advance=1e-3)
+CALIBRATION = HeadCalibration(lens=LENS, leds=led_positions(), offset=(0.1e-3, -0.1e-3), roll=0.3)
+
+
+@cache
+def camera():
+    return Camera(Pipe.draw(1), MOUNT)
 
 
 class Loop:
@@ -32,8 +37,8 @@ class Loop:
         request = request or Request()
         image = None
         if request.frame and self.sees:
-            CAMERA.look(*self.angles)
-            image = CAMERA.frame().image
+            camera().look(*self.angles)
+            image = camera().frame().image
         return Reading(
             t=self.t,
             angles=self.angles.copy(),

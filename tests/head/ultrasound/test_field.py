@@ -3,7 +3,7 @@ import pytest
 
 from minorloop.errors import ParameterError
 from minorloop.head.geometry import Mount, Probe
-from minorloop.head.ultrasound.field import CalibratedProbe, sound_field
+from minorloop.head.ultrasound.field import CalibratedProbe, as_complex, sound_field
 
 PROBE = CalibratedProbe(Probe(), Mount())
 
@@ -14,14 +14,15 @@ def test_a_bare_disc_on_its_axis_is_as_in_the_closed_form():
     z = field.steps[1] + field.steps[2] * np.arange(field.table.shape[1])
     edge = np.hypot(z, 2.5e-3)[:, None]
     expected = (np.exp(1j * k * (edge - z[:, None])) - 1) / (1j * k)
-    assert np.abs(field.table[0] - expected).max() < 0.01 * np.abs(expected).max()
+    found = as_complex(field.table[0])
+    assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
 
 
 def test_it_is_reciprocal_with_its_own_table():
     field = sound_field(PROBE)
     origin, axis = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]])
     points = np.array([[field.steps[1] + 3 * field.steps[2], 5 * field.steps[0], 0.0]])
-    found = field.at(origin, axis, np.array([points[0, 0]]), points)[0, :, 0]
+    found = field.at(origin, axis, np.array([points[0, 0]]), points)[0, 0]
     assert found == pytest.approx(field.table[5, 3], rel=1e-6)
 
 

@@ -37,8 +37,16 @@ class Server:
         self.port = server.transport.sockets[0].getsockname()[1]
         self._ready.set()
         await self._over.wait()
+        await self._turn()  # accepts what has just connected
+        for connection in list(server.active_connections.values()):
+            connection.close()
         await server.shutdown()
         await serving
+        await self._turn()  # closes the sockets
+
+    async def _turn(self):
+        for _ in range(20):
+            await asyncio.sleep(0)
 
     def __exit__(self, *_):
         self._loop.call_soon_threadsafe(self._over.set)

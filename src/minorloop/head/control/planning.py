@@ -24,7 +24,7 @@ from minorloop.head.control.controller import HIGHEST_CURRENT, heating, within
 MOST_TARGETS = 100_000
 MOST_DEGREES = 1e6
 """Largest target: beyond any wire, and its square does not overflow."""
-_NUDGE = 1e-4
+_DIFFERENCE_STEP = 1e-4
 """Step of the differences, as a share of full power."""
 _DAMPINGS = np.array([1e-4, 1e-2, 1e-1, 1.0, 10.0])
 _STRIDES = np.array([1.0, 0.5, 0.2])
@@ -234,8 +234,8 @@ class Planner:
     ) -> FloatArray:
         """Return powers of lower cost, or the same array if no step lowers it enough."""
         most = self.highest**2
-        nudge = _NUDGE * most
-        signs = np.where(power + nudge <= most, nudge, -nudge)
+        difference = _DIFFERENCE_STEP * most
+        signs = np.where(power + difference <= most, difference, -difference)
         rows = np.vstack([power, power + np.diag(signs)])
         y = self._angles(rows, state)
         jacobian = ((y[1:] - y[0]) / signs[:, None]).T * most

@@ -16,7 +16,7 @@ from minorloop.head.geometry import wall_point
 from minorloop.head.reconstruction.depth_map import CAMERA, ECHOES, UNSEEN, DepthMap, Patch
 from minorloop.head.ultrasound.burst_checks import long_enough, usable_bursts
 from minorloop.head.ultrasound.echoes import Burst
-from minorloop.head.ultrasound.field import CalibratedProbe
+from minorloop.head.ultrasound.field import CalibratedProbe, as_complex
 from minorloop.head.ultrasound.joint_fit import JointFit
 from minorloop.head.ultrasound.pit_model import PitModel
 from minorloop.head.ultrasound.pit_search import DEPTHS
@@ -103,11 +103,9 @@ def footprints_of(model: PitModel, patch: Patch, power: FloatArray | None = None
     origins, axes = probe.beams(model.angles)
     places = patch.places.reshape(-1, 2)
     points = wall_point(places[:, 0], places[:, 1], probe.radius)
-    pressure = model.sound.at(origins, axes, model.spots[:, 2].copy(), points)
-    square = 2j * k[:, None] * pressure**2 * patch.step**2
-    ratio = square / model.plain[:, :, None]
-    weight = power / power.sum(axis=1, keepdims=True)
-    footprints: FloatArray = (ratio.real * weight[:, :, None]).sum(axis=1)
+    pressure = as_complex(model.sound.at(origins, axes, model.spots[:, 2].copy(), points))
+    weight = 2j * k * patch.step**2 * power / power.sum(axis=1, keepdims=True)
+    footprints: FloatArray = (pressure**2 @ (weight / model.plain)[..., None])[..., 0].real
     return footprints
 
 

@@ -94,7 +94,6 @@ CLAIMS = (
         "stepping_inverse.rms_pct",
         "used (Fig 6)",
     ),
-    Claim("exact inverse, times better", "exact_inverse.times_better", "not studied", least=100),
     Claim(
         "open loop, settled holds: rms [deg]",
         "open_loop.rms_deg",

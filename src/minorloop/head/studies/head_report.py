@@ -277,7 +277,12 @@ def draw_loops(study: HeadStudy) -> Any:
     left.set(xlabel="command [V]", ylabel="angle [deg]", title="mesh of 0.1 V")
     left.legend(frameon=False)
     right.grid(False)
-    draw_density(right, study.static.wires[0].model.operator, input_label="A^2")
+    draw_density(
+        right,
+        study.static.wires[0].model.operator,
+        input_label="effective power [A²]",
+        output_label="angle [deg]",
+    )
     right.set_title("operator on heating power")
     return figure
 

@@ -27,6 +27,7 @@ from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.values import Procedure, Reading, Request, apply_to_tip
 from minorloop.head.studies import scoring
 from minorloop.head.studies.head_static import identify_head
+from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.catheter import Catheter
 from minorloop.head.twins.head import Head
 from minorloop.head.twins.pipe import Bore, Pipe
@@ -38,6 +39,8 @@ APPROACH = 14.0
 """Seconds before the servo, in which the head approaches and the light is metered."""
 SERVO, STEADY = 25.0, 8.0
 """Seconds of a run, and its steady part at the end."""
+FOCAL = LENS.focal / 2
+"""Focal length in the pixels of this study: those of an image of 320 x 240."""
 START_PX, SETTLED_PX = 43.0, 2.0
 SWAY_SECONDS, SWAY_WAIT, HOLD_AFTER = 40.0, 12.0, 5.0
 SWING, MOTION, MOTION_SECONDS = math.radians(7.0), math.radians(10.0), 20.0
@@ -115,7 +118,7 @@ class Scene:
         self.hole = Bore(float(phi), float(z), 1e-3)
         self.pipe = replace(Pipe.draw(seed), bores=(self.hole,))
         self.aim = aim
-        off = START_PX / 260.0
+        off = START_PX / FOCAL
         side = way + np.pi / 2 * rng.choice([-1, 1]) + rng.uniform(-0.6, 0.6)
         start = aim + off * np.array([np.cos(side), np.sin(side)])
         self.start = CONE.clip(start)
@@ -160,7 +163,7 @@ class Watch:
             return
         shown = getattr(state, "shown", None)
         x, y, z = self._point()
-        self.off.append(float(260.0 * np.hypot(x / z, y / z)))
+        self.off.append(float(FOCAL * np.hypot(x / z, y / z)))
         self.left.append(np.nan if shown is None else 0.5 * math.dist(before, shown))
         self.verdicts.append(verdict)
 

@@ -109,5 +109,6 @@ def catheter_run(state, drives, growth, clock, ends, first, u, pace, delay, past
         if delay > 0.0:
             recall(past, mark, clock + began - delay, out[n])
         else:
-            out[n] = state[:, 2]
+            for a in range(2):
+                out[n, a] = state[a, 2]
     return out

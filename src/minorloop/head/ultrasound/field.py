@@ -95,8 +95,8 @@ class SoundField:
 
     Parameters
     ----------
-    table : (N, M, F) array of complex
-        Without the carrier exp(i k along).
+    table : (N, M, 2, F) array
+        Real and imaginary parts, without the carrier exp(i k along).
     steps : (3,) array
         Step off the axis, first distance along it, and step along it, in metres.
     wavenumbers : (F,) array
@@ -105,7 +105,7 @@ class SoundField:
         Distance from its axis within which the wall contributes to an echo, in metres.
     """
 
-    table: ComplexArray
+    table: FloatArray
     steps: FloatArray
     wavenumbers: FloatArray
     reach: float
@@ -122,9 +122,12 @@ class SoundField:
 
     def at(
         self, origins: FloatArray, axes: FloatArray, starts: FloatArray, points: FloatArray
-    ) -> ComplexArray:
-        """Return the pressure (K, F, N) of K beams at points (N, 3); phases from starts (K,)."""
-        out = np.empty((len(origins), len(self.wavenumbers), len(points)), dtype=np.complex128)
+    ) -> FloatArray:
+        """Return the pressure (K, N, 2, F) of K beams at points (N, 3); phases from starts (K,).
+
+        Its real parts come before its imaginary ones.
+        """
+        out = np.empty((len(origins), len(points), 2, len(self.wavenumbers)))
         kernels.field_at(
             self.table, self.steps, origins, axes, starts, points, self.first, self.step, out
         )
@@ -139,12 +142,23 @@ class SoundField:
         radius: float,
     ) -> ComplexArray:
         """Return the echo (K, F) of a plain wall, 2 i k times the integral of p^2 over it."""
-        out = np.zeros((len(origins), len(self.wavenumbers)), dtype=np.complex128)
+        out = np.zeros((len(origins), 2, len(self.wavenumbers)))
         kernels.wall_sum(
             self.table, self.steps, origins, axes, starts, spots, radius, self.reach, FACET,
             self.first, self.step, out,
         )  # fmt: skip
-        return 2j * self.wavenumbers * out
+        return 2j * self.wavenumbers * as_complex(out)
+
+
+def as_complex(parts: FloatArray) -> ComplexArray:
+    """Return complex numbers (..., F) from their real and imaginary parts (..., 2, F)."""
+    joined: ComplexArray = parts[..., 0, :] + 1j * parts[..., 1, :]
+    return joined
+
+
+def as_parts(values: ComplexArray) -> FloatArray:
+    """Return the real and imaginary parts (..., 2, F) of complex numbers (..., F)."""
+    return np.stack([values.real, values.imag], axis=-2)
 
 
 def sound_field(probe: CalibratedProbe) -> SoundField:

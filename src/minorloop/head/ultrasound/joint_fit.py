@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.ultrasound.field import ComplexArray
+from minorloop.head.ultrasound import _fit_kernels as kernels
+from minorloop.head.ultrasound.field import ComplexArray, as_parts
 from minorloop.head.ultrasound.pit_model import PitModel
 from minorloop.head.ultrasound.spectra import FAR, Spectra
 
@@ -25,9 +26,11 @@ and size come from the image."""
 _LOW = np.array([-4e-4, -4e-4, -0.4, 0.03e-3, 0.0, -0.2, -0.2, -1.5e-4])
 _HIGH = np.array([4e-4, 4e-4, 0.4, 1.4e-3, 2.0, 0.2, 0.2, 1.5e-4])
 _STEPS = np.array([2e-6, 2e-6, 2e-3, 0.5e-6, 0.01, 1e-3, 1e-3, 0.5e-6])
-_LEAPS = np.array([6e-5, 6e-5, 0.08, 3e-5, 0.5, 0.05, 0.05, 3e-5])
+_LARGEST_STEPS = np.array([6e-5, 6e-5, 0.08, 3e-5, 0.5, 0.05, 0.05, 3e-5])
 _SLIP = 12e-6
 """Standard deviation of the distance of a trace from the plane through all, in metres."""
+_TRIALS = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
+"""Distances from which the best one is searched, in metres."""
 _ROUNDS = 8
 
 
@@ -76,6 +79,7 @@ class JointFit:
         if far is None:
             far = np.argsort(-np.linalg.norm(self.model.off(), axis=1))[:FAR]
         self._k = self.model.sound.wavenumbers
+        self._trial_turns = as_parts(np.exp(2j * self._k * _TRIALS[:, None]))
         self.shift = np.zeros(len(self.spectra.received))
         plain, received = self.model.plain[far], self.spectra.received[far]
         for _ in range(4):
@@ -150,7 +154,7 @@ class JointFit:
             moved = False
             for _ in range(4):
                 step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope)
-                trial = np.clip(theta + np.clip(step, -_LEAPS, _LEAPS), _LOW, _HIGH)
+                trial = np.clip(theta + np.clip(step, -_LARGEST_STEPS, _LARGEST_STEPS), _LOW, _HIGH)
                 candidate = self.model.echo(trial)
                 new = self.cost_of(candidate) + _penalty(trial, centre, prior)
                 if new < cost:
@@ -188,15 +192,8 @@ class JointFit:
         """Return the best distances (K,) of the traces from the plane."""
         product = np.conj(model) * self.spectra.received[which]
         product = product / self.spectra.noise[which][:, None] ** 2
-        trial = np.arange(-4 * _SLIP, 4.01 * _SLIP, _SLIP / 3)
-        score = (product @ np.exp(-2j * self._k[:, None] * trial)).real
-        shift: FloatArray = trial[np.argmax(score - 0.5 * (trial / _SLIP) ** 2, axis=1)]
-        for _ in range(4):
-            turned = product * np.exp(-2j * self._k * shift[:, None])
-            slope = (2 * self._k * turned.imag).sum(axis=1) - shift / _SLIP**2
-            bend = (4 * self._k**2 * turned.real).sum(axis=1) + 1 / _SLIP**2
-            step = np.where(bend > 0, slope / np.where(bend > 0, bend, 1.0), 0.0)
-            shift += np.clip(step, -_SLIP / 2, _SLIP / 2)
+        shift = np.empty(len(product))
+        kernels.best_shifts(as_parts(product), self._k, _TRIALS, self._trial_turns, _SLIP, shift)
         return shift
 
     def residual(self, model: ComplexArray) -> ComplexArray:
@@ -206,7 +203,9 @@ class JointFit:
 
     def _misfit(self, model: ComplexArray) -> FloatArray:
         """Return the mean square residual (K,) over the noise, at the present shifts."""
-        power = (np.abs(self.residual(model)) ** 2).mean(axis=1)
+        power = np.empty(len(model))
+        received, expected = self.spectra.received, self.pulse * model
+        kernels.residual_power(as_parts(received), as_parts(expected), self._k, self.shift, power)
         misfit: FloatArray = power / (2 * self.spectra.noise**2)
         return misfit
 

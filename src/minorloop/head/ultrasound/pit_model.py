@@ -15,7 +15,13 @@ from scipy.special import jn_zeros, jnp_zeros, jv
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wrapped
 from minorloop.head.ultrasound import _field_kernels as kernels
-from minorloop.head.ultrasound.field import CalibratedProbe, ComplexArray, SoundField, sound_field
+from minorloop.head.ultrasound.field import (
+    CalibratedProbe,
+    ComplexArray,
+    SoundField,
+    as_complex,
+    sound_field,
+)
 
 NAMES = ("around", "along", "size", "depth", "gain", "tilt around", "tilt along", "dish")
 """Names of the unknowns: metres off the guess, ln(radius / guess), metres, 1, slopes, metres."""
@@ -37,6 +43,8 @@ class UnitDisc:
         Areas.
     waves : (angles, W) array of float32
         Cosines and sines around a ring.
+    odd : (W,) array of int
+        1 for a sine, 0 for a cosine.
     radial : (M, rings) array
         The modes along a radius times the areas, orthonormal.
     wave : (M,) array of int
@@ -48,6 +56,7 @@ class UnitDisc:
     places: FloatArray
     weights: FloatArray
     waves: npt.NDArray[np.float32]
+    odd: npt.NDArray[np.int64]
     radial: FloatArray
     wave: npt.NDArray[np.int64]
     across: FloatArray
@@ -78,6 +87,7 @@ def unit_disc(limit: float) -> UnitDisc:
         np.stack([r * np.cos(a), r * np.sin(a)], axis=1),
         np.repeat(areas, _ANGLES),
         np.stack(waves, axis=1).astype(np.float32),
+        np.array([0, *(n % 2 for n in range(len(waves) - 1))]),
         np.array(radial),
         np.array(wave),
         np.array(across),
@@ -126,8 +136,8 @@ class PitModel:
         around = wrapped(self.spots[:, 0] - self.centre[0])
         return np.stack([self.probe.radius * around, self.spots[:, 1] - self.centre[1]], axis=1)
 
-    def mouth(self, around: float, along: float, size: float) -> ComplexArray:
-        """Return the pressure (N, F, Q) on the mouth, of the N beams near it."""
+    def mouth(self, around: float, along: float, size: float) -> FloatArray:
+        """Return the pressure (N, Q, 2, F) on the mouth, of the N beams near it."""
         a = self.radius * np.exp(size)
         x = around + a * self._disc.places[:, 0]
         z = self.centre[1] + along + a * self._disc.places[:, 1]
@@ -138,49 +148,38 @@ class PitModel:
         near = self.near
         return self.sound.at(self._origins[near], self._axes[near], self._starts[near], points)
 
-    def missing(self, pressure: ComplexArray, size: float) -> ComplexArray:
+    def missing(self, pressure: FloatArray, size: float) -> ComplexArray:
         """Return the echo (N, F) that the wall loses by the mouth."""
         area = (self.radius * np.exp(size)) ** 2 * self._disc.weights
-        lost = np.empty(pressure.shape[:2], dtype=np.complex128)
+        lost = np.zeros((len(pressure), *pressure.shape[2:]))
         kernels.square_sum(pressure, area, lost)
-        return 2j * self.sound.wavenumbers * lost
+        return 2j * self.sound.wavenumbers * as_complex(lost)
 
     def squares(
-        self, pressure: ComplexArray, size: float, tilt: tuple[float, float], dish: float
-    ) -> ComplexArray:
-        """Return squares (N, F, M) of the amplitudes of the modes, with the shape of the floor."""
+        self, pressure: FloatArray, size: float, tilt: tuple[float, float], dish: float
+    ) -> FloatArray:
+        """Return squares (N, M, 2, F) of the amplitudes of the modes, with the floor's shape."""
         a = self.radius * np.exp(size)
         x, y = a * self._disc.places.T
         shape = tilt[0] * x + tilt[1] * y + dish * (1 - 2 * (x * x + y * y) / a**2)
-        turn = a * np.exp(1j * self.sound.wavenumbers[:, None] * shape)
-        disc = self._disc
-        rings = np.empty((2, *pressure.shape), dtype=np.float32)
-        kernels.turned(pressure, turn, rings)
-        # Single precision halves the work, with an error of 1e-6 of an echo.
-        around = (rings.reshape(-1, _ANGLES) @ disc.waves).reshape(
-            2, *pressure.shape[:2], _RADII, -1
-        )
-        out = np.empty((*pressure.shape[:2], len(disc.across)), dtype=np.complex128)
-        kernels.mode_squares(around, disc.radial, disc.wave, out)
+        disc, sound = self._disc, self.sound
+        out = np.empty((len(pressure), disc.across.size, *pressure.shape[2:]))
+        kernels.mode_squares(
+            pressure, shape, a, disc.waves[: _ANGLES // 2 + 1].copy(), disc.odd, disc.radial,
+            disc.wave, sound.first, sound.step, out,
+        )  # fmt: skip
         return out
 
-    def down(self, size: float) -> ComplexArray:
-        """Return wavenumbers (F, M) of the modes along the pit."""
-        k = self.sound.wavenumbers[:, None]
-        down: ComplexArray = np.sqrt(
-            k * k - (self._disc.across / (self.radius * np.exp(size))) ** 2 + 0j
-        )
-        return down
-
-    def floors(self, squares: ComplexArray, size: float, depths: FloatArray) -> ComplexArray:
+    def floors(self, squares: FloatArray, size: float, depths: FloatArray) -> ComplexArray:
         """Return echoes (D, N, F) of a floor at evenly spaced depths, with ringing steel."""
-        down = self.down(size)
         step = float(depths[1] - depths[0]) if len(depths) > 1 else 0.0
-        out = np.zeros((len(depths), *squares.shape[:2]), dtype=np.complex128)
-        first = 2j * down * np.exp(2j * down * float(depths[0]))
-        kernels.floors(squares, first, np.exp(2j * down * step), out)
+        across = self._disc.across / (self.radius * np.exp(size))
+        out = np.zeros((len(depths), len(squares), *squares.shape[2:]))
+        kernels.floors(
+            squares, across, float(depths[0]), step, self.sound.first, self.sound.step, out
+        )
         ringing = np.array([self._ringing(float(depth)) for depth in depths])
-        echoes: ComplexArray = out * ringing[:, None, :]
+        echoes: ComplexArray = as_complex(out) * ringing[:, None, :]
         return echoes
 
     def with_pit(self, missing: ComplexArray, floor: ComplexArray) -> ComplexArray:
@@ -219,7 +218,7 @@ class PitModel:
             columns.append(gain * (shaped - floor) / steps[n])
         return np.stack(columns)
 
-    def _floor(self, squares: ComplexArray, size: float, depth: float) -> ComplexArray:
+    def _floor(self, squares: FloatArray, size: float, depth: float) -> ComplexArray:
         floor: ComplexArray = self.floors(squares, size, np.array([depth], dtype=np.float64))[0]
         return floor
 

@@ -74,7 +74,8 @@ def _profiles(image, x, y, count, out):
         for k in range(count):
             r = FIRST + SPACING * k
             out[n, k] = bilinear(image, x + r * c, y + r * s)
-        out[n, count:] = np.nan
+        for k in range(count, SAMPLES):
+            out[n, k] = np.nan
 
 
 @njit(cache=True, nogil=True)
@@ -273,7 +274,7 @@ def outline(images, x, y, sign, least, most, out):
     fit = np.zeros(_HARMONICS)
     for turn in range(4):
         # The harmonics may reach out further than the mean radius.
-        reach = most if turn < 2 else fit[0] + np.sqrt(2.0) * np.abs(fit[3:]).sum()
+        reach = most if turn < 2 else fit[0] + np.sqrt(2.0) * (abs(fit[3]) + abs(fit[4]))
         samples = _samples(reach * (1.0 + _BANDS[turn]))
         for m in range(images.shape[0]):
             _profiles(images[m], x, y, samples, profiles[m])

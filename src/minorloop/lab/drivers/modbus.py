@@ -10,6 +10,7 @@ back and compared.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any, Literal, TypeAlias
 
@@ -73,6 +74,8 @@ class ModbusDevice:
             from pymodbus.client import ModbusTcpClient
         except ImportError:
             raise MissingExtraError("pymodbus", "modbus") from None
+        # Its messages repeat what is raised here.
+        logging.getLogger("pymodbus").addHandler(logging.NullHandler())
         self._how = parsed(_ModbusSettings, plan.keys, f"device {plan.name!r}")
         self._sources = [parsed(_ModbusSource, wire.keys, wire.name) for wire in plan.sources]
         self._sensors = [parsed(_ModbusSensor, wire.keys, wire.name) for wire in plan.sensors]
