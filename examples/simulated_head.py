@@ -16,12 +16,15 @@ import argparse
 import contextlib
 import math
 import os
+import random
 import socket
 import time
 
 from simulated_board import Wire
 
 REST = 0.0
+NOISE = 0.02
+"""Standard deviation of a sensor, in degrees."""
 PULLED_DOWN = 0.5
 """Seconds without the board after which the currents are at rest."""
 
@@ -56,7 +59,7 @@ class Head:
         if len(currents) != len(self.wires) or not all(math.isfinite(each) for each in currents):
             return None
         self.drive(currents, lines)
-        return " ".join(f"{wire.angle():.9g}" for wire in self.wires) + "\n"
+        return " ".join(f"{random.gauss(wire.angle(), NOISE):.4f}" for wire in self.wires) + "\n"
 
     def pulled_down(self, why):
         self.advance()

@@ -13,16 +13,26 @@ import pytest
 from benchmarks import _board, _cortex
 
 import compiled
-from minorloop.errors import ParameterError, SafetyError
+from console_rig import Pilot, ScriptedCamera
+from minorloop.errors import InstrumentError, ParameterError
 from minorloop.export.board import HEAD_LINES, BoardAxis, board_source
+from minorloop.head.console.plant import open_plant
+from minorloop.head.console.session import Session
+from minorloop.head.console.watchdog import Command, WatchedPlant
+from minorloop.head.control.head import head_control
+from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.lab.actuator import Channel
-from minorloop.lab.drivers.bench_file import open_bench
+from minorloop.lab.drivers import serial_board
 from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
 from minorloop.lab.drivers.serial_board import SerialBoard
 from minorloop.lab.drivers.serial_line import parse, write
 from minorloop.operators.preisach import Preisach
 from minorloop.operators.relays import RelayModel
+from wires import made_up
 
+SMALL = HeadCalibration(lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)))
+CONTROL = head_control("observer", (made_up(), made_up()))
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PARTS = "control.c", "protocol.c", "numbers.c", "axis0.c", "axis1.c"
 PORTS = """
@@ -348,17 +358,15 @@ def image(tmp_path_factory):
 def emulated(image, head_port):
     """Yield the emulator, which runs a firmware, and the port of its host."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
         host = f"socket,id=host,fd={server.fileno()},server=on,wait=off,nodelay=on"
         command = ["qemu-system-arm", "-M", "mps2-an386", "-display", "none", "-monitor", "none"]
         command += ["-kernel", "firmware.elf", "-chardev", host, "-serial", "chardev:host"]
         command += ["-serial", f"tcp:127.0.0.1:{head_port},nodelay=on"]
-        process = subprocess.Popen(command, cwd=image, pass_fds=[server.fileno()])
-    with process as emulator:  # nothing listens any more when this has ended
-        try:
-            yield emulator, port
-        finally:
-            emulator.kill()
+        with subprocess.Popen(command, cwd=image, pass_fds=[server.fileno()]) as emulator:
+            try:
+                yield emulator, server.getsockname()[1]
+            finally:
+                emulator.kill()
 
 
 @contextlib.contextmanager
@@ -378,25 +386,61 @@ def until(log, *words):
     return next(line for line in log if line.startswith(wanted))
 
 
-def test_a_bench_steers_wires_through_an_emulated_board_until_it_is_killed(image, tmp_path):
+class SocketLink:
+    """A link that waits for a slow machine, and not for a board that is gone."""
+
+    def __init__(self, resource, **_):
+        self.name = resource
+        self.wire = socket.create_connection(("127.0.0.1", int(resource)), timeout=60)
+        self.line = self.wire.makefile("rw")
+
+    def ask(self, text):
+        try:
+            self.line.write(f"{text}\n")
+            self.line.flush()
+            return self.read()
+        except OSError as error:
+            raise InstrumentError(f"{self.name}: {error}") from None
+
+    def read(self):
+        line = self.line.readline()
+        if not line:
+            raise InstrumentError(f"{self.name} is gone")
+        return line.strip()
+
+    def close(self):
+        with contextlib.suppress(OSError):
+            self.line.close()
+        self.wire.close()
+
+
+def test_the_console_steers_wires_through_an_emulated_board_until_it_is_killed(
+    image, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(serial_board, "VisaLink", SocketLink)
     with simulated_head() as (head_port, log), emulated(image, head_port) as (emulator, port):
         until(log, "DRIVE 0.0 0.0")
-        text = (image / "bench.toml").read_text().replace("7001", str(port))
-        (tmp_path / "bench.toml").write_text(text.replace("timeout = 0.1 ", "timeout = 30"))
-        bench = open_bench(tmp_path / "bench.toml")
-        bench.switch({"pump": True})
+        text = (image / "bench.toml").read_text()
+        text = text.replace("TCPIP0::127.0.0.1::7001::SOCKET", str(port))
+        (tmp_path / "bench.toml").write_text(text)
+        plant = open_plant(f"bench:{tmp_path / 'bench.toml'}")
+        plant.flood(True)
         until(log, "DRIVE 0.0 0.0 15")
-        cold = bench.exchange([0.1, 0.05])
-        until(log, "DRIVE 0.1 0.05 15")
-        assert np.abs(cold).max() < 1.0
+        pilot = Pilot.__new__(Pilot)  # without the simulated head, which takes seconds
+        pilot.now, pilot.seq = 100.0, 0
+        pilot.session = Session(plant, SMALL, CONTROL, ScriptedCamera())
+        pilot.steering(30)
+        assert pilot.session.state.mode == "HEAD"
+        drives = [until(log, "DRIVE").split() for _ in range(3)]
+        assert 0.0 < float(drives[-1][1]) <= 0.4
         emulator.kill()
-        with pytest.raises(SafetyError, match="may still be on"):
-            bench.exchange([0.1, 0.06])
-        with pytest.raises(SafetyError, match="may still be on"):
-            bench.exchange([0.1, 0.06])
+        watched = WatchedPlant(plant, 60.0)
+        watched._carry_out(Command(0.0, [0.1, 0.1, 0.0, 0.0]))
+        assert np.isnan(watched._y).all()  # no reading, so the head is held
+        assert not watched.is_safe  # the board cannot confirm
         until(log, "BOARD gone")
         assert log.readline() == "DRIVE 0.0 0.0 15\n"
-        bench.close()
+        plant.close()
 
 
 def test_a_silent_host_makes_an_emulated_board_go_to_safe(image):
