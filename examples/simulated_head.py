@@ -20,13 +20,32 @@ import random
 import socket
 import time
 
-from simulated_board import Wire
-
 REST = 0.0
 NOISE = 0.02
 """Standard deviation of a sensor, in degrees."""
 PULLED_DOWN = 0.5
 """Seconds without the board after which the currents are at rest."""
+
+
+LAG, HEATING = 1.5, 700.0
+"""Seconds in which a wire cools, and degrees Celsius for a square ampere."""
+HALF_WIDTH = 6.0
+"""Half the width of the hysteresis, in degrees Celsius."""
+
+
+class Wire:
+    def __init__(self):
+        self.temperature = 20.0
+        self.memory = 20.0
+
+    def advance(self, seconds, current):
+        final = 20.0 + HEATING * current**2
+        self.temperature = final + (self.temperature - final) * math.exp(-seconds / LAG)
+        low, high = self.temperature - HALF_WIDTH, self.temperature + HALF_WIDTH
+        self.memory = min(max(self.memory, low), high)
+
+    def angle(self):
+        return 62.0 / (1.0 + math.exp(-(self.memory - 75.0) / 12.0)) - 0.625
 
 
 class Head:

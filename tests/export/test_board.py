@@ -372,7 +372,7 @@ def emulated(image, head_port):
 @contextlib.contextmanager
 def simulated_head():
     """Yield the port of the wires, and the lines of their log as they come."""
-    program = [sys.executable, "-S", EXAMPLES / "simulated_head.py", "--log", "/dev/stdout"]
+    program = [sys.executable, "-I", "-S", EXAMPLES / "simulated_head.py", "--log", "/dev/stdout"]
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield int(process.stdout.readline()), process.stdout
