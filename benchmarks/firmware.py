@@ -1,33 +1,24 @@
-"""Exported C: speed on this machine, and instructions on an emulated Cortex-M4F."""
+"""Exported C: speed on this machine, and instructions and errors on an emulated Cortex-M4F."""
 
 from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks import _board
+from benchmarks._cortex import COMPILER, EMULATOR, HERE, missing_tools, run
 from benchmarks._timing import Row, best, faster
 from minorloop import Preisach
 from minorloop.export._tables import Numbers
 from minorloop.export.c99 import source
 
-HERE = Path(__file__).parent / "cortex_m4"
-TOOLS = ("arm-none-eabi-gcc", "arm-none-eabi-size", "qemu-system-arm")
-COMPILER = [
-    *("arm-none-eabi-gcc", "-std=c99", "-O2", "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard"),
-    *("-mfpu=fpv4-sp-d16", "-ffreestanding", "-fno-math-errno"),
-]
 CLOCK = 100e6
 WARNINGS = "-Wall -Wextra -Werror -pedantic"
-EMULATOR = (
-    "qemu-system-arm -M mps2-an386 -nographic -monitor none -serial none -icount shift=6,sleep=off "
-    "-semihosting-config enable=on,target=native -kernel"
-)
 
 
 @dataclass(frozen=True)
@@ -74,6 +65,37 @@ def rows(quick: bool = False) -> list[Row]:
         at = seen.worst_step / CLOCK
         what = f"Cortex-M4F at 100 MHz and one instruction a cycle, L = {bands}: worst step"
         found.append(Row(what, at, required=required, met=met, accuracy=text))
+    return [*found, *_board_rows(500 if quick else 10_000)]
+
+
+def _board_rows(ticks: int) -> list[Row]:
+    """Return a row for each kind of axes and type of the firmware of a board."""
+    found = []
+    for kind, axes, coupling in (
+        ("two heated wires", _board.heated_axes(), _board.COUPLING),
+        ("two operators", _board.static_axes(), None),
+    ):
+        targets = _board.targets_of(axes, ticks)
+        expected = _board.expected_inputs(axes, targets, coupling)
+        for float32 in (False, True):
+            seen = _board.count_board(axes, targets, float32=float32, coupling=coupling)
+            error, moved = seen.errors(axes, expected)
+            text = (
+                f"inputs differ from Python by {error:.2g} of range in {ticks} ticks, outputs by "
+                f"{moved:.2g}; tick worst {seen.worst_tick}, mean {seen.mean_tick} instructions; "
+                f"question worst {seen.worst_question}, mean {seen.mean_question}; stack "
+                f"{seen.stack} bytes"
+            )
+            real = "float" if float32 else "double"
+            found.append(
+                Row(
+                    f"Cortex-M4F, firmware of a board, {kind}, {real}: worst tick",
+                    seen.worst_tick / CLOCK,
+                    required="" if float32 else "differ by <= 1e-6 of range",
+                    met=None if float32 else max(error, moved) <= 1e-6,
+                    accuracy=text,
+                )
+            )
     return found
 
 
@@ -89,7 +111,7 @@ def _host(samples: int, kind: str) -> list[Row]:
         folder = source(model).write(Path(scratch) / "c")
         (folder / "walk.c").write_text(HOST_LOOP)
         flags = ["-std=c99", "-O2", "-march=native", "-shared", "-fPIC", "-fvisibility=hidden"]
-        _run(["cc", *flags, "minorloop.c", "walk.c", "-lm", "-o", "model.so"], folder)
+        run(["cc", *flags, "minorloop.c", "walk.c", "-lm", "-o", "model.so"], folder)
         walk = ctypes.CDLL(str(folder / "model.so")).walk
     pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (u, y)]
     expected = model.simulate(u)
@@ -116,11 +138,6 @@ def _host(samples: int, kind: str) -> list[Row]:
     ]
 
 
-def missing_tools() -> list[str]:
-    """What is not installed of what an emulated count needs."""
-    return [tool for tool in TOOLS if shutil.which(tool) is None]
-
-
 def a_model(bands: int) -> Preisach:
     rng = np.random.default_rng(bands)
     levels = np.linspace(-1, 1, bands + 1)
@@ -135,15 +152,15 @@ def count(bands: int, memory: int = 32, inputs: np.ndarray | None = None) -> Cou
         folder = code.write(Path(scratch) / "c")
         u = _inputs() if inputs is None else inputs
         (folder / "inputs.h").write_text(_header(model, u))
-        for file in ("start.c", "start.h", "count.c", "link.ld"):
+        for file in ("start.c", "start.h", "systick.h", "count.c", "link.ld"):
             shutil.copy(HERE / file, folder)
-        _run([*COMPILER, *WARNINGS.split(), "-c", "minorloop.c"], folder)
-        size = _run(["arm-none-eabi-size", "-A", "minorloop.o"], folder)
+        run([*COMPILER, *WARNINGS.split(), "-c", "minorloop.c"], folder)
+        size = run(["arm-none-eabi-size", "-A", "minorloop.o"], folder)
         text = sum(int(line.split()[1]) for line in size.splitlines() if ".text" in line)
         sources = ["start.c", "count.c", "minorloop.o"]
         link = ["-nostartfiles", "-T", "link.ld", *sources, "-lm", "-lgcc", "-o", "count.elf"]
-        _run([*COMPILER, *link], folder)
-        said = _run([*EMULATOR.split(), "count.elf"], folder)
+        run([*COMPILER, *link], folder)
+        said = run([*EMULATOR.split(), "count.elf"], folder)
     *figures, state_bytes = map(int, said.split())
     return Count(*figures, state_bytes, text, code.table_bytes)
 
@@ -165,12 +182,3 @@ def _header(model: Preisach, u: np.ndarray) -> str:
         f"static const float inputs[COUNT] = {{\n{numbers.table(u)}\n}};\n"
         f"static const float targets[COUNT] = {{\n{numbers.table(model.simulate(u))}\n}};\n"
     )
-
-
-def _run(command: list[str], folder: Path) -> str:
-    done = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=120, check=False
-    )
-    if done.returncode:
-        raise RuntimeError(f"{command[0]} failed: {done.stdout}{done.stderr}")
-    return done.stdout or done.stderr  # the emulator says what the program says on stderr

@@ -1,4 +1,4 @@
-"""``minorloop export``: a model as C for firmware, or as a co-simulation unit."""
+"""``minorloop export``: a model as C, as complete firmware, or as a co-simulation unit."""
 
 from __future__ import annotations
 
@@ -18,18 +18,35 @@ if TYPE_CHECKING:
 
 NAME = "export"
 EXAMPLE = "minorloop export c model.json --out firmware --float32 --memory 32"
-_TARGETS = ("c", "fmu")
+_TARGETS = ("c", "board", "fmu")
 _LARGEST = 2**20
 """Bytes of the largest file of a linear part."""
-_FOR_C, _FOR_FMU = "Options of export c", "Options of export fmu"
+_FOR_C, _FOR_BOARD = "Options of export c", "Options of export board"
+_WITHOUT_EFFECT = {
+    "c": ("--rate", "--patience"),
+    "board": ("--largest", "--firmware", "--no-inverse", "--linear", "--name"),
+    "fmu": ("--float32", "--largest", "--firmware", "--no-inverse", "--rate", "--patience"),
+}
+"""Options that do nothing, by target."""
 _LINEAR_KEYS = {"numerator", "denominator", "interval", "delay"}
 
 
 def run(
     target: Annotated[
-        str, typer.Argument(help="What to write: c, or fmu (FMI 2.0).", show_default=False)
+        str,
+        typer.Argument(
+            help="What to write: c, board (firmware of a Cortex-M4), or fmu (FMI 2.0).",
+            show_default=False,
+        ),
     ],
-    model: _common.ModelFile,
+    models: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Model file, as identify --save writes it; for board the file of a head, or one "
+            "model file for each axis.",
+            show_default=False,
+        ),
+    ],
     out: Annotated[
         Path, typer.Option(help="The folder for C, or the .fmu file.", show_default=False)
     ],
@@ -72,25 +89,56 @@ def run(
         float | None,
         _common.number_option(
             "Seconds between calls of a model with dynamics; for fmu also the step recommended to "
-            "simulators."
+            "simulators; for board between steps of its feedforward, 0.04 if not given."
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        _common.number_option(
+            "Fastest change of an input in its unit per second; without it the whole range in one "
+            "interval.",
+            panel=_FOR_BOARD,
+        ),
+    ] = None,
+    patience: Annotated[
+        float | None,
+        _common.number_option(
+            "Seconds without a question after which the board goes to its safe inputs; 1 if not "
+            "given.",
+            panel=_FOR_BOARD,
         ),
     ] = None,
     force: _common.Force = False,
     as_json: _common.Json = False,
 ) -> None:
-    """Write a model as C99, without allocation or libraries, or as a co-simulation unit."""
+    """Write a model as C99, without allocation or libraries, as firmware, or as an FMU."""
     if target not in _TARGETS:
         raise ParameterError(f"there is no export {target!r}; give one of {', '.join(_TARGETS)}")
-    only_c = {"--float32": float32, "--largest": largest, "--firmware": firmware}
-    only_c |= {"--no-inverse": no_inverse}
-    for option, given in only_c.items() if target == "fmu" else ():
-        if given not in (None, False):
+    given = {
+        "--float32": float32,
+        "--largest": largest,
+        "--firmware": firmware,
+        "--no-inverse": no_inverse,
+        "--rate": rate,
+        "--patience": patience,
+        "--linear": linear,
+        "--name": None if name == "minorloop" else name,
+    }
+    for option in _WITHOUT_EFFECT[target]:
+        if given[option] not in (None, False):
             raise ParameterError(f"{option} does nothing for {target}; leave it out")
     if first is not None and linear is None:
         raise ParameterError("--first does nothing without --linear; leave it out")
+    if target == "board":
+        times = {"rate": rate, "patience": patience, "interval": interval}
+        _write_board(models, out, times, memory, float32, force, as_json)
+        return
+    if len(models) > 1:
+        raise ParameterError(f"{target} takes one model file, and there are {len(models)}")
     from minorloop import modelfile
     from minorloop.operators.preisach import Preisach
 
+    (model,) = models
     known = modelfile.read(model)
     _common.print_warnings(known.warnings)
     if memory is not None and not isinstance(known.operator, Preisach):
@@ -151,6 +199,37 @@ def _write_unit(
         return
     typer.echo(f"co-simulation unit for {', '.join(unit)} written to {out}")
     _say_what_is_missing(known, "unit")
+
+
+def _write_board(
+    models: list[Path],
+    out: Path,
+    times: dict[str, float | None],
+    memory: int | None,
+    float32: bool,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write the firmware for the file of a head, or for one model file an axis."""
+    from minorloop.cli._board import board_of
+
+    options: dict[str, Any] = {"float32": float32}
+    if memory is not None:
+        options["memory"] = memory
+    with _common.working("writing firmware"):
+        code = board_of(models, **{k: v for k, v in times.items() if v is not None}, **options)
+        code.write(out, force=force)
+    figures = {"table_bytes": code.table_bytes, "state_bytes": code.state_bytes}
+    if as_json:
+        _common.print_json({"folder": str(out), "files": list(code.files), **figures})
+        return
+    rows = [
+        ("files", ", ".join(code.files)),
+        ("constant tables", f"{code.table_bytes} bytes"),
+        ("states of the models", f"{code.state_bytes} bytes"),
+    ]
+    _common.print_table(("", ""), rows, f"firmware written to {out}")
+    typer.echo(f"next: make -C {out}, and read {out / 'README.md'}")
 
 
 def _show(code: CSource, out: Path, known: ModelFile, as_json: bool) -> None:

@@ -22,7 +22,7 @@ SMALLEST_CHANGE = 1e-15
 """Change of the effective power in A^2 that counts as none: slopes would be rounding errors."""
 _LONGEST_STEP = 0.1
 """Longest implicit step in seconds: a fortieth of a usual lag."""
-_SOLVES = 2
+SOLVES = 2
 """Fixed-point iterations for the slope in a step."""
 _HALVINGS = 40
 """Bisections for the past of a wire: 1e-12 of the range."""
@@ -163,7 +163,7 @@ class HeatedWire:
         if abs(change) < SMALLEST_CHANGE:
             return state
         if self.latent > 0:
-            for _ in range(_SOLVES):
+            for _ in range(SOLVES):
                 moved = state.tracker.peek(state.power + change) - state.angle
                 change = gap / (stiff + self.latent * moved / change)
         return self.moved(state, state.power + change)
