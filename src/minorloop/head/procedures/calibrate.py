@@ -21,7 +21,7 @@ from minorloop.head.vision.led_calibration import find_reflection, fit_led
 from minorloop.head.vision.lens_calibration import LensFit, TargetPose, fit_lens, target_pose
 from minorloop.head.vision.measured import Measured
 from minorloop.head.vision.mount_calibration import MountFit, fit_mount
-from minorloop.head.vision.targets import ANOTHER, SeenTarget, Target
+from minorloop.head.vision.targets import ANOTHER, FEWEST, SeenTarget, Target
 from minorloop.head.vision.video import frames, names
 from minorloop.lab.columns import find_column, read_headers, read_table, split_header
 
@@ -229,9 +229,11 @@ def calibrate_leds(
         poses: list[TargetPose] = []
         spots = []
         for each in pictures.seen:
-            if each.name in pictures.reflections:
-                poses.append(target_pose(lens, each, corner_sd))
-                spots.append(pictures.reflections[each.name])
+            spot = pictures.reflections.get(each.name)
+            kept = None if spot is None else each.away_from(spot)
+            if kept is not None and len(kept.points) >= FEWEST:
+                poses.append(target_pose(lens, kept, corner_sd))
+                spots.append(spot)
         try:
             position, sd = fit_led(lens, poses, np.array(spots).reshape(-1, 2), name)
         except RecordError as error:

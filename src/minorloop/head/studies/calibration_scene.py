@@ -98,9 +98,9 @@ class CalibrationScene:
     def mount(self, folder: Path, steps: int = 4) -> list[tuple[str, float, float]]:
         """Write pictures at pairs of joint angles; return names, and pan and tilt in degrees."""
         rows = []
-        corner = np.array([*(-self.target.size / 2), self._distance])
-        for pan in np.linspace(-18.0, 18.0, steps):
-            for tilt in np.linspace(-15.0, 15.0, steps):
+        corner = np.array([*(-self.target.size / 2), 1.3 * self._distance])
+        for pan in np.linspace(-15.0, 15.0, steps):
+            for tilt in np.linspace(-12.0, 12.0, steps):
                 pose = self.truth.mount.pose(np.radians(pan), np.radians(tilt))
                 turn = pose.rotation @ rotation_z(np.radians(self.truth.camera_roll))
                 self._camera.hold(turn.T, turn.T @ (corner - pose.position))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import RecordError, counted
@@ -20,8 +21,10 @@ _SECOND = 0.3
 """Largest share that the second largest saturated spot may have of the largest."""
 _FARTHEST = 0.05
 """Largest distance of an LED from the lens, in metres."""
-_LARGEST_RMS = 5.0
-"""Largest rms distance of reflections from the fit, in pixels."""
+_SPOT = 0.3
+"""Standard deviation of the centre of a reflection, in pixels."""
+_LARGEST_SPREAD = 5.0
+"""Largest rms distance of reflections from the fit, in standard deviations."""
 
 
 def find_reflection(image: Image) -> FloatArray | None:
@@ -79,28 +82,50 @@ def fit_led(
             f"{LEAST_REFLECTIONS} or more, so dark that only the reflection is white, with the "
             "target at different distances and tilts"
         )
-    normals = np.array([pose.rotation[:, 2] for pose in poses])
-    places = np.array([pose.position for pose in poses])
-    distances = (normals * places).sum(axis=1)
-
-    def mirrored(led: FloatArray) -> FloatArray:
-        image: FloatArray = led + 2 * (distances - normals @ led)[:, None] * normals
-        return image
+    roots = [_root(lens, pose) for pose in poses]
 
     def misfit(led: FloatArray) -> FloatArray:
-        image = mirrored(led)
-        image[:, 2] = np.maximum(image[:, 2], 1e-4)
-        off: FloatArray = (lens.project(image) - pixels).ravel()
-        return off
+        return np.concatenate(
+            [
+                root @ (_seen(lens, pose.rotation, pose.position, led) - spot)
+                for root, pose, spot in zip(roots, poses, pixels, strict=True)
+            ]
+        )
 
     found = least_squares(misfit, np.zeros(3), x_scale=1e-3)
-    rms = float(np.sqrt(2 * found.cost / len(poses)))
-    if rms > _LARGEST_RMS or np.linalg.norm(found.x) > _FARTHEST:
+    spread = float(np.sqrt(2 * found.cost / (found.fun.size - 3)))
+    if spread > _LARGEST_SPREAD or np.linalg.norm(found.x) > _FARTHEST:
         raise RecordError(
-            f"the reflections of {name} are not those of one LED (rms {rms:.2g} px); switch the "
-            "others and the light of the room off"
+            f"the reflections of {name} are not those of one LED (they differ by {spread:.2g} "
+            "standard deviations); switch the others and the light of the room off"
         )
-    variance = 2 * found.cost / max(found.fun.size - 3, 1)
     jacobian = np.asarray(found.jac)
-    covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
+    covariance = max(spread, 1.0) ** 2 * np.linalg.inv(jacobian.T @ jacobian)
     return found.x, np.sqrt(np.diag(covariance))
+
+
+def _seen(lens: Pinhole, rotation: FloatArray, position: FloatArray, led: FloatArray) -> FloatArray:
+    """Return the pixel (2,) of the reflection of an LED in a target."""
+    normal = rotation[:, 2]
+    image = led + 2 * (normal @ (position - led)) * normal
+    image[2] = max(image[2], 1e-4)
+    return lens.project(image)
+
+
+def _root(lens: Pinhole, pose: TargetPose) -> FloatArray:
+    """Return the root (2, 2) of the inverse covariance of a reflection, by that of the pose.
+
+    A target that is turned by an angle turns the reflection by twice as much.
+    """
+    steps = np.repeat([1e-5, 1e-6], 3)
+    slopes = np.empty((2, 6))
+    led = np.zeros(3)
+    for k, step in enumerate(steps):
+        off = np.zeros(6)
+        off[k] = step
+        turned = Rotation.from_rotvec(off[:3]).as_matrix() @ pose.rotation
+        moved = _seen(lens, turned, pose.position + off[3:], led)
+        slopes[:, k] = (moved - _seen(lens, pose.rotation, pose.position, led)) / step
+    covariance = slopes @ np.linalg.inv(pose.information) @ slopes.T + _SPOT**2 * np.eye(2)
+    root: FloatArray = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    return root

@@ -150,12 +150,14 @@ def _check(poses: Sequence[TargetPose], joints: FloatArray) -> None:
                 f"the {axis} of the pictures is within {extent:.2g} degrees; take pictures over "
                 f"{_LEAST_RANGE:g} degrees or more"
             )
-    misfit = Rotation.align_vectors(said, turned)[1] / np.sqrt(len(poses))
-    if np.degrees(misfit) > _LARGEST_MISFIT:
+    camera, misfit = Rotation.align_vectors(said, turned)
+    misfit /= np.sqrt(len(poses))
+    # With one sign wrong, a camera that looks backwards would fit.
+    if np.degrees(misfit) > _LARGEST_MISFIT or camera.as_matrix()[2, 2] < 0:
         raise RecordError(
-            f"camera and joints turned by different angles (rms {np.degrees(misfit):.2g} degrees); "
-            "check units, signs (pan to the right and tilt up are positive), the order of the "
-            "pictures, and that the target stood still"
+            f"camera and joints turned differently (by {np.degrees(misfit):.2g} degrees rms, or in "
+            "opposite directions); check units, signs (pan to the right and tilt up are "
+            "positive), the order of the pictures, and that the target stood still"
         )
 
 
