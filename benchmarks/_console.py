@@ -119,8 +119,8 @@ class Page:
                 self.state_times.append(now)
                 self.seen += 1
                 self.late.append(content["late"])
-                if content["heard"] and self.grant:
-                    self.answers.append(content["t"] - content["heard"]["t"])
+                if content["received"] and self.grant:
+                    self.answers.append(content["t"] - content["received"]["t"])
             self._changed.set()
 
     async def until(self, holds, seconds: float = 60.0) -> None:
@@ -149,7 +149,7 @@ async def piloted(server: Server):
         await page.until(lambda: page.grant)
         taken = time.monotonic()
         tasks.append(asyncio.create_task(page.steer()))
-        await page.until(lambda: page.state["heard"] and page.state["heard"]["t"] > taken)
+        await page.until(lambda: page.state["received"] and page.state["received"]["t"] > taken)
         while page.state["mode"] != "HEAD":  # more than once on a busy machine
             await page.send("mode", grant=page.grant, mode="HEAD")
             with contextlib.suppress(TimeoutError):

@@ -181,5 +181,7 @@ def try_page(page, capsys):
                 assert not shown or agree(shown, printed), f"{where}: {command}\n{printed}"
         elif block.language == "json":
             json.loads(block.text)
+        elif block.language == "toml":
+            tomllib.loads(block.text)
         else:
             assert block.language in SHOWN, f"{where}: what is {block.language!r}?"

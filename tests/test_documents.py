@@ -15,7 +15,9 @@ from documents import PAGES, ROOT, name_of
 
 DOCS = ROOT / "docs"
 REFERENCE = DOCS / "reference"
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+DEVICES = {"home_made_plant", "simulated_board"}
+"""Examples that need a device, or are one; the tests of drivers use them."""
+EXAMPLES = sorted(each for each in (ROOT / "examples").glob("*.py") if each.stem not in DEVICES)
 OPTIONAL = {"control", "cv2", "distributed", "fmpy", "jax", "openpyxl", "pandas", "sklearn"}
 TRIED = [page for page in PAGES if documents.blocks(page)]
 

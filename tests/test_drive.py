@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from minorloop.connect import connect
-from minorloop.drive import TargetDrive, saturation_of
+from minorloop.drive import Arrival, DriveResult, TargetDrive, saturation_of
 from minorloop.errors import InstrumentError, NotInvertibleError, ParameterError, UnreachableError
 from minorloop.lab.actuator import Channel
 from minorloop.lab.run import run
@@ -69,6 +69,19 @@ def test_the_offset_of_a_sensor_is_found_and_subtracted(absolute):
     np.testing.assert_allclose(result.errors, 0, atol=1e-12)
 
 
+def test_a_large_offset_of_the_sensor_is_said():
+    def shifted(share):
+        def plant(memory, u):
+            y, after = MODEL.step(memory, u)
+            return y + share * np.subtract(*MODEL.range[::-1]), after
+
+        return driven(drive(), plant).advice
+
+    assert "which is 50% of the range of the model" in shifted(-0.5)[0]
+    assert "check the offset of its conversion" in shifted(0.5)[0]
+    assert shifted(0.1) == []
+
+
 def weak(memory, u):
     """A plant of 90 % of the model's output."""
     y, after = MODEL.step(memory, u)
@@ -114,6 +127,9 @@ def test_targets_that_are_missed_are_counted_and_explained():
     assert f"{len(result.missed)} of 5 targets ended off by more than" in result.advice[0]
     assert "--corrections" in result.advice[0]
     assert driven(drive(nrmse=0.2), weak).advice == []
+    missed = (Arrival(1.0, 0.0, 2.0, 0.0, 4, "settled"),)
+    said = DriveResult(0.0, missed, 0.5, corrections=3).advice[0]
+    assert "correct more often (--corrections, now 3)" in said
     assert driven(drive(corrections=8, within=1e-3), weak).missed == []
 
 

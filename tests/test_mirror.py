@@ -36,6 +36,7 @@ ELSEWHERE = {
     "head/twins/mounted.py": "head/twins/test_camera.py",
     "head/vision/measured.py": "head/procedures/test_head_file.py",
     "head/vision/imaging.py": "head/console/test_server.py",
+    "lab/drivers/parts.py": "lab/drivers/test_bench.py",
     "lab/readings.py": "lab/test_reduction.py",
     "lab/text_tables.py": "lab/test_columns.py",
     "operators/operator.py": "dynamics/test_cascade.py",

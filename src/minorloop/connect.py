@@ -8,13 +8,17 @@ package can add to both.
 from __future__ import annotations
 
 import inspect
+import os
 import sys
-from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
-from minorloop.errors import ParameterError
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.lab.actuator import Actuator
+from minorloop.lab.drivers.bench import Bench
+from minorloop.lab.limited_actuator import with_limits
+from minorloop.lab.registry import loaded, registered
 
 SCHEMES, TWINS = "minorloop.actuators", "minorloop.twins"
 
@@ -33,10 +37,11 @@ def connect(
     ----------
     address : str
         A simulated actuator: ``twin:ipmc``, ``twin:fibre``, ``twin:wire``, ``twin:head`` or
-        ``twin:catheter``. Or real instruments: ``visa:FILE``, a file that describes them as
-        `minorloop.lab.drivers.visa` says. Installed packages can add schemes and simulated
-        actuators; the entry point of a scheme is called with ``NAME`` and the options. If it has
-        an option ``specimen``, it is a simulation and gets specimen, noise and seed too.
+        ``twin:catheter``. Or real instruments: ``bench:FILE``, a file that describes them as
+        `minorloop.lab.drivers.bench_file` says (``visa:FILE`` for one channel), or
+        ``module:package.factory``, see `open_module`. Installed packages can add schemes and
+        simulated actuators; the entry point of a scheme is called with ``NAME`` and the options.
+        If it has an option ``specimen``, it is a simulation and gets specimen, noise and seed too.
     specimen : int, optional
         Seed of the specimen; nominal parameters without it.
     noise : float
@@ -66,7 +71,7 @@ def connect(
     schemes = registered(SCHEMES)
     if scheme not in schemes or not name:
         raise ParameterError(_nothing_at(address))
-    opener = _loaded(schemes[scheme], address)
+    opener = loaded(schemes[scheme], address)
     if "specimen" in inspect.signature(opener).parameters:
         options = {"specimen": specimen, "noise": noise, "seed": seed, **options}
     elif specimen is not None or noise != 0 or seed != 0:
@@ -100,10 +105,80 @@ def open_twin(
     twins = registered(TWINS)
     if name not in twins:
         raise ParameterError(_nothing_at(f"twin:{name}"))
-    kind = _loaded(twins[name], f"twin:{name}")
+    kind = loaded(twins[name], f"twin:{name}")
     _check_options(f"twin:{name}", kind, options, ("specimen", "noise", "seed"))
     twin: Actuator = kind(specimen, noise, seed, **options)
     return twin
+
+
+def open_module(name: str) -> Actuator:
+    """Return the actuator that a function of a Python module makes.
+
+    A `Bench` is made safe and read first; any other is put behind the limits of its channels.
+
+    Parameters
+    ----------
+    name : str
+        ``package.factory``, or ``package.factory:ARGUMENT`` for a factory with an argument. The
+        package is installed, or in the current folder.
+
+    Returns
+    -------
+    Actuator
+
+    Raises
+    ------
+    ParameterError
+        If there is no such function, or what it returns is no actuator.
+    InstrumentError
+        If it fails.
+    """
+    path, colon, argument = name.partition(":")
+    made = _made(factory(path), path, [argument] if colon else [])
+    if isinstance(made, Bench):
+        made.check()
+        return made
+    try:
+        return with_limits(made)
+    except ParameterError as error:
+        raise ParameterError(f"module:{name}: {error}") from None
+
+
+def factory(path: str) -> Callable[..., Any]:
+    """Return a function by its module and name, such as ``package.function``.
+
+    The current folder is searched last, also in the processes of the console.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such function.
+    """
+    module, _, function = path.rpartition(".")
+    folder = os.getcwd()
+    if folder not in sys.path:
+        sys.path.append(folder)
+    try:
+        found = getattr(import_module(module), function)
+    except (ImportError, AttributeError, ValueError, SyntaxError) as error:
+        raise ParameterError(
+            f"module:{path} cannot be loaded: {error}; give module:PACKAGE.FUNCTION of an "
+            "installed package or a file in this folder"
+        ) from None
+    if not callable(found):
+        raise ParameterError(f"module:{path} is no function")
+    made: Callable[..., Any] = found
+    return made
+
+
+def _made(make: Callable[..., Any], path: str, given: list[str]) -> Any:
+    try:
+        return make(*given)
+    except MinorloopError:
+        raise
+    except Exception as error:
+        said = f"{type(error).__name__}: {error}"
+        raise InstrumentError(f"module:{path} failed: {said}") from error
 
 
 def addresses() -> list[str]:
@@ -113,26 +188,6 @@ def addresses() -> list[str]:
     """
     twins = [f"twin:{name}" for name in registered(TWINS)]
     return [*twins, *(f"{name}:NAME" for name in registered(SCHEMES) if name != "twin")]
-
-
-def registered(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group, by name."""
-    return _read(group, tuple(sys.path))
-
-
-@lru_cache(maxsize=8)
-def _read(group: str, path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Return the entry points of the packages on a path; reading them takes 10 ms."""
-    return {point.name: point for point in entry_points(group=group)}
-
-
-def _loaded(point: EntryPoint, address: str) -> Any:
-    try:
-        return point.load()
-    except ModuleNotFoundError as error:
-        raise ParameterError(f"{address} needs {error.name}, which is not installed") from None
-    except (ImportError, AttributeError) as error:
-        raise ParameterError(f"the driver of {address} cannot be loaded: {error}") from None
 
 
 def _nothing_at(address: object) -> str:

@@ -46,6 +46,8 @@ LEAST_GAIN, MOST_GAIN = 1 / 3, 3.0
 sensor or its conversion is wrong."""
 _LEAST_ALLOWED = 0.05
 """Share of the model's range up to which an error is never a missed target."""
+_LARGE_OFFSET = 0.25
+"""Share of the model's range from which an offset of the sensor is worth a word."""
 _TELLING = 0.1
 """Share of the model's range that the predicted outputs must span for that gain to count."""
 _CLEAR = 10.0
@@ -97,11 +99,17 @@ class DriveResult:
         The targets that are done, in order.
     allowed : float
         Error of a target beyond which it counts as missed.
+    corrections : int
+        Most further holds of a target.
+    width : float
+        Range of the outputs of the model.
     """
 
     offset: float
     arrivals: tuple[Arrival, ...]
     allowed: float = float("inf")
+    corrections: int = 0
+    width: float = float("inf")
 
     @property
     def errors(self) -> FloatArray:
@@ -119,17 +127,35 @@ class DriveResult:
 
     @property
     def advice(self) -> list[str]:
-        """What to do about targets that were missed; empty where none were."""
+        """What to do about a large offset of the sensor, and about targets that were missed."""
+        return [*self._about_offset(), *self._about_missed()]
+
+    def _about_offset(self) -> list[str]:
+        share = abs(self.offset) / self.width
+        if not share > _LARGE_OFFSET:
+            return []
+        return [
+            f"the sensor reads {self.offset:+.4g} more than the model in saturation, which is "
+            f"{share:.0%} of the range of the model: correct if the sensor has another zero than "
+            "when the model was measured; otherwise check the offset of its conversion, such as "
+            "that of --linear, and that the actuator was saturated"
+        ]
+
+    def _about_missed(self) -> list[str]:
         if not (missed := self.missed):
             return []
         worst = max(missed, key=lambda index: abs(self.arrivals[index].error))
         count = len(self.arrivals)
+        more = (
+            f"correct more often (--corrections, now {self.corrections})"
+            if self.corrections
+            else "correct by the sensor (--corrections)"
+        )
         return [
             f"{len(missed)} of {counted(count, 'target')} ended off by more than "
             f"{self.allowed:.3g}, the error that this model lets expect; the worst is target "
-            f"{worst + 1}, by {self.arrivals[worst].error:+.3g}: correct by the sensor "
-            "(--corrections), hold longer (--hold), check the conversion of the sensor, or "
-            "identify this actuator anew"
+            f"{worst + 1}, by {self.arrivals[worst].error:+.3g}: {more}, hold longer (--hold), "
+            "check the conversion of the sensor, or identify this actuator anew"
         ]
 
     def summary(self) -> dict[str, float | None]:
@@ -359,7 +385,13 @@ class TargetDrive:
         """Return what the points so far show."""
         state = self._replayed(points)
         allowed = max(3 * self.nrmse, _LEAST_ALLOWED) * self._width
-        return DriveResult(state.offset, tuple(state.arrivals), max(allowed, self.within))
+        return DriveResult(
+            state.offset,
+            tuple(state.arrivals),
+            max(allowed, self.within),
+            self.corrections,
+            self._width,
+        )
 
     def _replayed(self, points: Sequence[Point]) -> _DriveState:
         memory, predicted = _saturated(self.model, self.saturation)

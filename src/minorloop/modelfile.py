@@ -192,6 +192,10 @@ class Identified(Protocol):
         """Samples by which the output follows the model."""
 
     @property
+    def lag_seconds(self) -> float:
+        """The same in seconds; 0 where it is not known."""
+
+    @property
     def scores(self) -> Mapping[str, float | None]:
         """Scores by name."""
 
@@ -207,7 +211,7 @@ def save(
     input: str | Quantity = "input",
     output: str | Quantity = "output",
     lag: int | None = None,
-    lag_seconds: float = 0.0,
+    lag_seconds: float | None = None,
     provenance: Provenance | Mapping[str, Any] | None = None,
     warnings: Sequence[str] | None = None,
     force: bool = False,
@@ -226,8 +230,9 @@ def save(
     lag : int, optional
         Samples by which the output follows the model; that of the identification, or 0, if not
         given.
-    lag_seconds : float
-        The same in seconds, where it is known; for records with other intervals.
+    lag_seconds : float, optional
+        The same in seconds, where it is known, for records with other intervals; that of the
+        identification if not given.
     provenance : Provenance or mapping, optional
         Origin of the model; a mapping has the keys of `Provenance`.
     warnings : sequence of str, optional
@@ -247,6 +252,7 @@ def save(
     complete = _complete(provenance)
     if isinstance(model, Identified):
         lag = model.lag if lag is None else lag
+        lag_seconds = model.lag_seconds if lag_seconds is None else lag_seconds
         warnings = model.warnings if warnings is None else warnings
         complete = {**complete, "scores": {**model.scores, **complete["scores"]}}
         model = model.model

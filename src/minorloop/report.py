@@ -180,6 +180,7 @@ def identification_report(
     rows = [
         *score_rows(result),
         ("rms error on fitted data", f"{result.rmse:.4g}"),
+        *([("smoothness", f"{result.smoothness:g}")] if result.posterior is None else []),
         *_band_rows(result),
     ]
     chosen = [f"Chosen {choice}." for choice in result.choices]
@@ -187,12 +188,10 @@ def identification_report(
     report.add("How good it is", text=chosen, table=table, notes=result.advice)
     figure = result.plot(input_label=labels[0], output_label=labels[1], time=time)
     grey = "" if result.posterior else ", cells that the record does not excite in grey"
-    banded = result.posterior is not None or result.scatter is not None
-    band = ", with the band in which 90 % of the readings should lie" if banded else ""
     caption = (
         f"Measured loop with the model; density on the Preisach plane{grey}; the record in time, "
-        f"with held-out samples shaded; the residual in time{band}; its size by the amplitude and "
-        "by the rate of the input."
+        "with held-out samples shaded; the residual in time, with the band in which 90 % of the "
+        "readings should lie; its size by the amplitude and by the rate of the input."
     )
     report.add("What it looks like", pictures=[Picture(figure, caption)])
     if result.curve_accuracy:
@@ -331,9 +330,7 @@ def frequency_report(
 
 
 def _band_rows(result: Identification) -> list[tuple[str, str]]:
-    """Return the smoothness, or the width of the bands and how many readings lie within."""
-    if result.posterior is None and result.scatter is None:
-        return [("smoothness", f"{result.smoothness:g}")]
+    """Return the width of the bands, and how many readings lie within."""
     import numpy as np
 
     from minorloop.identification.bands import PER_DEVIATION

@@ -21,7 +21,7 @@ IDENTIFY = "identify good.csv --input voltage --output length --levels 8"
 KEYS = (
     "nrmse_train nrmse_holdout baseline_nrmse_holdout lag_samples unknowns rank "
     "excited_fraction kkt seconds advice smoothness samples levels range "
-    "relative_rms_train worst_holdout loop_area_train free_parameters curves"
+    "relative_rms_train worst_holdout loop_area_train free_parameters effective_parameters curves"
 )
 
 
@@ -43,7 +43,12 @@ def test_from_a_file_to_a_model_with_its_origin(run):
     assert origin.sha256 == hashlib.sha256(Path("good.csv").read_bytes()).hexdigest()
     errors = {"nrmse", "relative_rms", "worst", "loop_area"}
     both = {f"{error}_{part}" for error in errors for part in ("train", "holdout")}
-    assert set(origin.scores) == both | {"baseline_nrmse", "free_parameters", "kkt"}
+    assert set(origin.scores) == both | {
+        "baseline_nrmse",
+        "free_parameters",
+        "effective_parameters",
+        "kkt",
+    }
     assert origin.scores["nrmse_holdout"] < 0.01
     page = Path("new.html").read_text()
     assert "good.csv" in page

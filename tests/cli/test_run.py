@@ -1,9 +1,12 @@
 import csv
+import shlex
 from pathlib import Path
 
 import pytest
 
+from board_process import commands, simulated_board
 from minorloop.cli.run import _unsettled
+from minorloop.lab.store import Store
 
 PLAN = "plan decaying --low -1.2 --high 1.2 --levels 4 --hold 30"
 RUN = "run --actuator twin:ipmc --plan plan.csv --noise 0.05 --specimen 3 --seed 4"
@@ -36,9 +39,20 @@ def test_from_a_plan_to_a_model(run, answer):
         assert from_store[key] == from_csv[key]
 
 
+def test_readings_are_converted_as_by_reduce_and_resume_continues_so(run, answer):
+    laser = RUN.replace("twin:ipmc", "twin:ipmc-laser").replace("0.05", "0.0028")
+    assert run(f"{laser} --laser 30,15,0,0.1 --store l.sqlite")[0] == 0
+    found = answer("runs show --store l.sqlite")
+    assert found["output"] == "curvature [1/m]"
+    assert found["conversion"] == {"laser": "30,15,0,0.1"}
+    assert -12 < min(found["columns"]["curvature [1/m]"]) < -2
+    assert answer("resume --store l.sqlite")["output"] == "curvature [1/m]"
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [
+        (f"{RUN} --laser 30,15 --linear 2 --store a", "--laser and --linear are given"),
         (f"{RUN} --store good.csv", "good.csv exists already"),
         (f"{RUN} --store plan.csv", "plan.csv exists already"),
         (f"{RUN} --store no/runs.sqlite", "the folder no does not exist"),
@@ -133,3 +147,27 @@ def test_refuses_too_few_hours_and_holdouts_of_adaptive_runs(run, refused):
     run(f"{ADAPTIVE} --holds 3 --store a.sqlite")
     assert "leave --rows, --skip and --holdout out" in refused("identify a.sqlite --holdout 0.3")
     assert "nosuch.sqlite does not exist" in refused("identify nosuch.sqlite")
+
+
+def test_one_channel_of_a_bench_with_several_is_run_and_resumed(run, tmp_path):
+    pytest.importorskip("pyvisa_py", reason="needs pyvisa-py: minorloop[instruments]")
+    Path("tilt.csv").write_text("tilt current [A],hold [s]\n0,0.3\n0.4,0.3\n")
+    Path("other.csv").write_text("current [A],hold [s]\n0,0.3\n")
+    with simulated_board(tmp_path) as (address, _):
+        begin = f"run --actuator {shlex.quote(address)} --interval 0.03"
+        status, _, error = run(f"{begin} --plan other.csv --store no.sqlite")
+        assert status == 2
+        assert "the inputs 'pan current [A]', 'tilt current [A]'; choose one with --input" in error
+        status, _, _ = run(f"{begin} --plan tilt.csv --store a.sqlite")
+        assert status == 0
+        status, _, _ = run(f"{begin} --plan tilt.csv --store b.sqlite --output pan")
+        assert status == 0
+        assert run("resume --store a.sqlite")[0] == 0
+    with Store.open("a.sqlite") as store:
+        assert (store.setup.input, store.setup.output) == ("tilt current [A]", "tilt [deg]")
+        assert store.finished
+    with Store.open("b.sqlite") as store:
+        assert store.setup.output == "pan [deg]"
+    sent = [words for words in commands(tmp_path) if words[0] == "SET"]
+    assert ["SET", "0", "0.4"] in sent
+    assert not [words for words in sent if words[1] != "0"]

@@ -37,6 +37,15 @@ def test_rows_after_a_clock_was_set_back_are_said_to_be_left_out(answer):
     assert "leave --time out" in said
 
 
+def test_uneven_samples_are_said_without_time_too(answer):
+    t = np.cumsum(np.random.default_rng(1000).uniform(0.005, 0.015, 900))
+    _log(t, U, MODEL.simulate(U), COLUMNS.replace("time [s]", "clock [ms]"))
+    said = answer(f"{LINE} --lag 0")["advice"][0]
+    assert "samples are uneven" in said
+    assert "name the column with --time" in said
+    assert "uneven" not in " ".join(answer(f"{LINE} --lag 0 --time clock")["advice"][1:])
+
+
 def test_curves_whose_memory_is_reset_have_no_gaps(answer):
     t = np.where(np.arange(900) < 450, T, T + 1000)
     y = np.concatenate([MODEL.simulate(U[:450]), MODEL.simulate(U[450:])])

@@ -16,8 +16,8 @@ from faults.instruments import KINDS, LONGEST, SIGNALS, TROUBLES, Fault, Supply
 from minorloop.lab.store import Store
 from offspring import started
 
-PLAN = "voltage [V],hold [s]\n0.5,0.1\n-0.25,0.1\n"
-RUN = "run --actuator visa:bench.json --plan plan.csv --interval 0.01 --store s.sqlite"
+PLAN = "voltage [V],hold [s]\n0.5,0.2\n-0.25,0.2\n"
+RUN = "run --actuator visa:bench.json --plan plan.csv --interval 0.02 --store s.sqlite"
 RESUME = "resume --store s.sqlite"
 ENDS = (0, 2, 130)
 """Exit statuses of a run that left its source off, as it says."""

@@ -98,3 +98,10 @@ def test_the_piezo_stage_as_recorded(shared_data):
     assert found.holdout_nrmse <= 0.005
     assert found.lag == 3
     assert [one.name for one in found.choices] == ["lag", "structure", "levels"]
+
+
+def test_the_prior_of_a_record_whose_first_rows_are_compared_is_compared_too(monkeypatch):
+    monkeypatch.setattr(choosing, "_MOST_ROWS", 150)
+    u, y = a_record(200)
+    found = identify(u, y, levels=20, diagonal="auto")
+    assert [choice.name for choice in found.choices] == ["structure", "prior"]

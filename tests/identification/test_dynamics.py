@@ -99,6 +99,8 @@ def test_finds_dynamics_before_the_operator():
     assert found.model.first == "linear"
     np.testing.assert_allclose(found.model.linear.time_constants[0], 12e-3, rtol=0.03)
     assert found.nrmse < 3e-3
+    assert found.model.linear.delay == 0
+    assert "dead time                none" in str(found)
 
 
 def test_finds_dead_time_and_a_resonance():

@@ -23,6 +23,12 @@ def test_good_points_of_a_steep_branch_are_not_set_aside(seed):
     assert identify(*steep(seed), levels=8).suspects == ()
 
 
+@pytest.mark.parametrize("curve", [np.exp, np.copy])
+def test_samples_of_a_curve_without_memory_are_no_outliers(curve):
+    u = np.linspace(-1, 1, 150)
+    assert identify(u, curve(u), levels=10).suspects == ()
+
+
 def test_an_outlier_of_a_steep_branch_is_set_aside():
     u, y = steep(1005)
     y[25] += 3 * np.ptp(y)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from long_branches import a_record_with_long_branches
-from minorloop.identification import identify, likelihood, prior_system
+from minorloop.identification import identify, likelihood, posterior, prior_system
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
 from minorloop.identification.posterior import SparsePosterior
 from minorloop.identification.prior import Hyperparameters, PlanePrior
@@ -27,9 +27,21 @@ def test_the_posterior_is_that_of_a_gaussian_process():
     )
     covariance = whole - gain @ rows @ whole
     np.testing.assert_allclose(found.factor @ found.factor.T, covariance, atol=1e-10)
+    assert found.determined == pytest.approx(np.trace(rows @ gain))
     at, _ = likelihood.regressors(spec, new, np.ones(6, dtype=bool), "negative")
     expected = np.sqrt(np.einsum("ij,jk,ik->i", at, covariance, at) + h.discrepancy**2)
     np.testing.assert_allclose(found.deviation(new, "negative"), expected, rtol=1e-6)
+
+
+def test_deviations_of_many_outputs_are_computed_in_parts(monkeypatch):
+    spec, u = PlaneSpec(np.linspace(0, 1, 5)), np.random.default_rng(0).uniform(0, 1, 30)
+    measured = u > 0.4
+    found = posterior_after(
+        spec, Hyperparameters(), likelihood.regressors(spec, u, ~measured, "negative")
+    )
+    whole = found.deviation(u, "negative", measured)
+    monkeypatch.setattr(posterior, "_TOGETHER", 7)
+    np.testing.assert_allclose(found.deviation(u, "negative", measured), whole, rtol=1e-12)
 
 
 def test_a_sparse_posterior_has_the_factor_of_its_variances(monkeypatch):

@@ -149,6 +149,11 @@ def test_data_that_determine_the_plane_are_reproduced():
         ({"prior": "gaussian", "smoothness": 0.1}, "give one of them"),
         ({"noise": -1.0}, "noise is -1.0; give a standard deviation >= 0"),
         ({"noise": np.nan}, "noise is nan"),
+        (
+            {"mean": "ridge", "prior": "none"},
+            'mean of a prior, and there is none with prior "none"',
+        ),
+        ({"mean": "ridge", "smoothness": 0.1}, "there is none with smoothness 0.1"),
     ],
 )
 def test_refuses(options, says):

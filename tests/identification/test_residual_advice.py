@@ -38,6 +38,39 @@ def test_a_drift_is_named_with_its_size():
     assert "warm up" in said
 
 
+def test_a_shift_of_the_sensor_is_named_with_its_row_and_size():
+    u, y = record()
+    first, size = int(0.55 * y.size), 0.05 * np.ptp(y)
+    found = identify(u, y + size * (np.arange(y.size) >= first), levels=16)
+    assert found.residual.step.sample == first
+    assert found.residual.step.size == pytest.approx(0.05, rel=0.4)
+    said = " ".join(found.advice)
+    assert f"from sample {first} on the output is shifted by +" in said
+    assert "drifts" not in said
+    assert "autocorrelation" not in said
+
+
+def test_readings_far_from_the_model_of_a_long_record_are_named():
+    u, y = record()
+    far = [y.size // 3, y.size // 2 + 7, y.size - 40]
+    y[far] += np.array([0.1, -0.15, 0.12]) * np.ptp(y)
+    found = identify(u, y, levels=8, prior="none")
+    assert found.residual.outliers == tuple(far)
+    assert "3 readings are far from the model" in " ".join(found.advice)
+
+
+def test_groups_that_differ_are_named_and_not_taken_for_rate_or_creep():
+    u, y = record()
+    groups = np.repeat(np.arange(4), y.size)
+    u, y = np.tile(u, 4), np.tile(y, 4) * (1 + 0.03 * groups)
+    found = identify(u, y, levels=8, curves=groups, start_of_curve="negative")
+    said = " ".join(found.advice)
+    assert found.residual.groups.share > 0.5
+    assert "the 4 groups differ from one another" in said
+    assert "rate" not in said
+    assert "drifts" not in said
+
+
 def test_an_error_that_grows_with_the_loop_or_the_rate_is_named():
     noise = np.random.default_rng(0).normal(size=1000)
     u = sine()
@@ -66,3 +99,4 @@ def test_the_startup_of_the_piezo_stage_is_named(shared_data):
     found = identify(*columns.values(), lag=3)
     assert found.residual.startup.share > 0.8
     assert "start-up" in found.advice[0]
+    assert found.residual.step is None

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from minorloop.errors import ParameterError
 from minorloop.identification import identify
 from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_record
@@ -33,11 +32,11 @@ def test_an_inversion_has_standard_deviations(fit):
     assert fit.model.invert(targets).sd is None
 
 
-def test_a_model_without_the_prior_has_no_bands():
+def test_a_model_without_the_prior_has_bands():
     plain = identify(U, MODEL.simulate(U), levels=8, prior="none")
-    with pytest.raises(ParameterError, match="prior gaussian"):
-        plain.predict(U, bands=0.9)
-    assert plain.invert([0.0], unreachable="clip").sd is None
+    assert (plain.predict(U, bands=0.9).sd > 0).all()
+    assert plain.invert([0.0], unreachable="clip").sd > 0
+    assert plain.band_sd == pytest.approx(plain.predict(U, bands=0.9).sd.mean())
 
 
 def test_the_record_is_drawn_with_bands_between_the_samples(fit):

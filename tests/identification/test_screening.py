@@ -6,6 +6,7 @@ from minorloop.errors import SignalError
 from minorloop.identification import identify
 from minorloop.identification.curves import Curves
 from minorloop.identification.screening import record_faults
+from minorloop.operators.relays import RelayModel
 
 
 @pytest.mark.parametrize("unit", [1e-7, 1.0, 1e6])
@@ -41,6 +42,14 @@ def test_a_first_reading_that_the_rough_model_misses_is_no_outlier():
 def test_an_output_that_follows_its_input_far_out_is_no_outlier():
     u = np.r_[0.3 + 0.02 * np.sin(np.arange(300) / 5), np.linspace(0.3, 1, 3), 0.3]
     assert "outlier" not in kinds(u, plant(u))
+
+
+@pytest.mark.parametrize("each", [5, 8, 12])
+def test_readings_around_the_jump_of_a_coarsely_sampled_relay_are_no_outliers(each):
+    ends = np.concatenate([[-1.2, 1.2, -1.2], np.random.default_rng(1000).uniform(-1.2, 1.2, 25)])
+    u = np.interp(np.arange(27 * each) / each, np.arange(ends.size), ends)
+    y = RelayModel([-0.3, 0.3], np.diag([1.0], -1)).simulate(u) + 0.3 * u
+    assert "outlier" not in {one.kind for one in record_faults(u, y, Curves.whole("negative"), 0)}
 
 
 @pytest.mark.parametrize("code", [9.9e37, -9.9e37, 9.91e37, 3.4e38, -9999.0, 999.99, 32767.0])

@@ -112,7 +112,7 @@ def test_a_decimal_comma_beside_other_commas_or_points_is_refused(table, text):
         "time (s),voltage (V),curvature\n,[V],(1/m)\n0,0.5,1\n1,0.6,2\n2,0.7,3\n",
     ],
 )
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-8-sig"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])
 def test_comments_units_and_encodings_are_understood(table, text, encoding):
     file = table(text.encode(encoding))
     read = read_columns(file, ["voltage", "curvature"])

@@ -119,6 +119,21 @@ def test_readings_beyond_the_range_are_not_used(long):
     np.testing.assert_allclose(found.record().y, truth, atol=0.03)
 
 
+def test_spikes_are_counted_and_not_used(long):
+    log, truth = long
+    chance = np.random.default_rng(1000)
+    at = np.flatnonzero(chance.random(len(log)) < 0.01)
+    y = log.y.copy()
+    y[at] += chance.choice([-1, 1], at.size) * chance.uniform(0.5, 5.0, at.size)
+    found = reduce(Record(log.t, log.u, y, log.inputs, log.outputs), conversion=LASER)
+    count = int(found.notes[0].split()[0])
+    assert 0.9 * at.size <= count <= at.size
+    assert f"are far from the readings around them, first {y[at[0]]:g} at" in found.notes[0]
+    assert found.count("settled") == LEVELS.size
+    assert np.sqrt(np.mean((found.record().y - truth) ** 2)) <= 0.01
+    assert not any("readings around" in note for note in reduce(log, conversion=LASER).notes)
+
+
 def test_a_saturated_sensor_is_noticed(long):
     log, _ = long
     clipped = Record(log.t, log.u, np.maximum(log.y, 19.0), log.inputs, log.outputs)

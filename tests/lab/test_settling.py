@@ -264,6 +264,20 @@ class TestNoise:
         assert np.mean(called[truly]) >= 0.95
         assert np.mean(called[~truly]) <= 0.05
 
+    @pytest.mark.parametrize(("share", "count"), [(0.005, 40), (0.01, 40), (0.02, 400)])
+    def test_holds_that_end_before_the_last_decay_has_faded_are_not_settled(self, share, count):
+        """Holds of 40 s of an output with time constants of 6 and 25 s, in noise."""
+        chance, t = np.random.default_rng(1000), np.linspace(0, 40, count + 1)[1:]
+        called, inside = [], []
+        for step in chance.uniform(-1, 1, 100):
+            y = -step * (0.5 * np.exp(-t / 6) + 0.5 * np.exp(-t / 25))
+            moved = y[-1] * (1 - np.exp(-40 / 25))
+            end = judge(t, y + share * chance.normal(size=count), tolerance=0.002 / 40, window=4.0)
+            inside.append(abs(end.value) <= 3 * end.sd)
+            called.append(end.verdict == "settled" and abs(moved) > 0.002)
+        assert np.mean(called) <= 0.1
+        assert np.mean(inside) >= 0.85
+
 
 class TestHonesty:
     """|value - truth| is within three standard deviations, whatever the verdict."""

@@ -1,3 +1,5 @@
+from datetime import datetime
+
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -76,6 +78,22 @@ class TestExcel:
         found = read_columns(file, ["u", "y"], gaps=["y"])
         np.testing.assert_array_equal(found["u"], [0.5, 0.25])
         np.testing.assert_array_equal(found["y"], [1.5, np.nan])
+
+    @pytest.mark.parametrize("unit", [[], [["s", "V", "um"]]])
+    @pytest.mark.parametrize(
+        "title",
+        [
+            [["Strip 7, annealed"], ["operator", "A. Smith", "room 3"], []],
+            [["sample", 7], ["date", datetime(2026, 3, 1)], ["bench", "left"]],
+        ],
+    )
+    def test_its_header_row_is_found_below_titles(self, workbook, title, unit):
+        body = [["clock", "u", "y"], *unit, [0.0, 0.5, None], [1.0, 0.25, 2.0], [2.0, 0.5, 3.0]]
+        file = workbook([*title, *body])
+        assert [header.split()[0] for header in read_headers(file)] == ["clock", "u", "y"]
+        found = read_columns(file, ["u", "y"], gaps=["y"])
+        np.testing.assert_array_equal(found["u"], [0.5, 0.25, 0.5])
+        np.testing.assert_array_equal(found["y"], [np.nan, 2.0, 3.0])
 
     def test_text_in_it_is_named(self, workbook):
         with pytest.raises(RecordError, match=r"column 'u' of .* has the text 'x' in row 3"):

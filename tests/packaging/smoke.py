@@ -107,6 +107,34 @@ try:
 except InstrumentError as error:
     assert "cannot be opened" in str(error)
 """,
+    "daqmx": """
+from minorloop.errors import InstrumentError
+from minorloop.lab.drivers.daqmx import open_device
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan
+voltage = DeviceChannel("voltage", {"channel": "ao0"}, low=0.0, high=1.0)
+try:
+    open_device(DevicePlan("card", {"device": "NoSuchDevice"}, (voltage,)))
+except InstrumentError as error:
+    assert "cannot be used" in str(error)
+""",
+    "labjack": """
+from minorloop.errors import InstrumentError
+from minorloop.lab.drivers.device import DevicePlan
+from minorloop.lab.drivers.labjack import open_device
+try:
+    open_device(DevicePlan("jack", {}))
+except InstrumentError as error:
+    assert "cannot be used" in str(error)
+""",
+    "modbus": """
+from minorloop.errors import InstrumentError
+from minorloop.lab.drivers.device import DevicePlan
+from minorloop.lab.drivers.modbus import open_device
+try:
+    open_device(DevicePlan("box", {"host": "127.0.0.1", "port": 1}))
+except InstrumentError as error:
+    assert "127.0.0.1:1" in str(error)
+""",
     "head": """
 import cv2
 import numpy as np
@@ -134,6 +162,9 @@ SAYS = {
         "dask.distributed",
     ),
     "instruments": (USES["instruments"], "pyvisa"),
+    "daqmx": (USES["daqmx"], "nidaqmx"),
+    "labjack": (USES["labjack"], "labjack-ljm"),
+    "modbus": (USES["modbus"], "pymodbus"),
     "head": ("import minorloop.head.console.server", "starlette"),
 }
 """What each extra is asked for by, and what is said to be missing without it."""
@@ -143,7 +174,7 @@ CORE_TESTS = ["pytest", "pytest-xdist", "hypothesis"]
 
 ABSENT = """
 import importlib.util as search
-packages = "cv2 starlette uvicorn websockets trimesh pandas distributed pyvisa".split()
+packages = "cv2 starlette uvicorn websockets trimesh pandas distributed pyvisa pymodbus".split()
 assert not [name for name in packages if search.find_spec(name)]
 """
 

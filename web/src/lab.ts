@@ -138,6 +138,7 @@ async function identify(): Promise<void> {
     holdout: Number(value("holdout")),
     lag: lag === "auto" ? lag : Number(lag),
     spacing: value("spacing"),
+    dynamics: value("dynamics"),
   });
   const button = byId<HTMLButtonElement>("identify");
   button.disabled = true;

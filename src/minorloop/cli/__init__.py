@@ -15,6 +15,7 @@ from minorloop.cli import (
     _completion,
     console,
     demo,
+    devices,
     drive,
     export,
     fleet,
@@ -54,7 +55,7 @@ app = typer.Typer(
 )
 _VERBS = (
     *(reduce, identify, simulate, invert, plan, run_verb, drive, resume, runs, frequency),
-    *(export, fleet, study, inspect, console, demo),
+    *(export, fleet, study, inspect, console, devices, demo),
 )
 for _verb in _VERBS:
     _kind = getattr(_verb, "COMMAND", None)

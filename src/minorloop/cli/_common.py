@@ -97,9 +97,17 @@ Address = Annotated[
     str,
     typer.Option(
         show_default=False,
-        help="Its address, such as twin:ipmc or visa:bench.json.",
+        help="Its address, such as twin:ipmc or bench:head.toml; see minorloop devices.",
         autocompletion=one_of(addresses),
     ),
+]
+Input = Annotated[
+    str | None,
+    typer.Option(help="Input of an actuator with several; the one in the plan without it."),
+]
+Output = Annotated[
+    str | None,
+    typer.Option(help="Output of an actuator with several; that of the input without it."),
 ]
 Time = Annotated[
     str | None,

@@ -1,4 +1,4 @@
-"""Options that convert the readings of a sensor, for ``reduce`` and ``drive``."""
+"""Options that convert the readings of a sensor, for ``reduce``, ``run`` and ``drive``."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from minorloop.cli._common import numbers
 from minorloop.errors import ParameterError
 
 if TYPE_CHECKING:
+    from minorloop.lab.actuator import Actuator, Channel
     from minorloop.lab.conversion import CalibrationTable, Conversion
     from minorloop.lab.records import Quantity
+    from minorloop.lab.store import Setup
 
 _POWERS = range(2, 21)
 _LASER = "D0,H0[,SD,SD]"
@@ -74,6 +76,27 @@ class ConversionOptions:
             raise ParameterError(
                 "--laser gives curvature [1/m]; leave --name, --unit and --calibration-sd out"
             )
+
+    @classmethod
+    def of_setup(cls, setup: Setup) -> ConversionOptions:
+        """Return the options that a store keeps, also one of an earlier version."""
+        design = setup.design or {}
+        kept = setup.options.get("conversion", design.get("conversion"))
+        return cls(**({"laser": design.get("laser")} if kept is None else kept))
+
+    def for_setup(self, reading: Channel) -> dict[str, Any]:
+        """Return what a store keeps for `of_setup`, with the name of what is converted."""
+        fields = self.to_json()
+        return {"conversion": fields, "reading": str(reading)} if fields else {}
+
+    def converted(self, plant: Actuator) -> Actuator:
+        """Return the actuator with its readings converted, where options are given."""
+        from minorloop.lab.converted_actuator import with_conversion
+        from minorloop.lab.records import Quantity
+
+        reading = plant.outputs[0]
+        conversion = self.conversion(Quantity(reading.name, reading.unit))
+        return plant if conversion is None else with_conversion(plant, conversion)
 
     def conversion(self, reading: Quantity) -> Conversion | None:
         """Return the conversion of a reading; None if nothing was given."""

@@ -46,22 +46,19 @@ class Done:
     of_time: tuple[str, ...] = ()
     dynamic: DynamicIdentification | None = None
     sd: str | None = None
-    interval: float | None = None
     lag_given: float | None = None
 
     @property
     def lag_seconds(self) -> float:
         """Lag in seconds, as given or from rows of a known interval; 0 where neither is known."""
-        if self.lag_given is not None:
-            return self.lag_given
-        return self.result.lag * (self.interval or 0.0)
+        return self.result.lag_seconds if self.lag_given is None else self.lag_given
 
     @property
     def lag(self) -> int:
         """Lag in whole rows, also where it was given in seconds."""
-        if self.lag_given is None or not self.interval:
+        if self.lag_given is None or not self.result.interval:
             return self.result.lag
-        return round(self.lag_given / self.interval)
+        return round(self.lag_given / self.result.interval)
 
     @property
     def advice(self) -> list[str]:
@@ -185,6 +182,8 @@ def identified(
             seconds = time.perf_counter() - began
             static = found.static
             return Done(record, static, provenance, seconds, (), (), part.start, of_time, found)
+        if columns.time is not None and log.check is not None:
+            settings["interval"] = log.check.interval
         result = identify(record.u[part], record.y[part], progress=_shown(now, part), **settings)
         seconds = time.perf_counter() - began
         raw = _raw(logged, columns)
@@ -197,7 +196,6 @@ def identified(
             first=part.start,
             of_time=of_time,
             sd=(columns.sd or "sd") if "noise" in beside else None,
-            interval=None if columns.time is None or log.check is None else log.check.interval,
             lag_given=lag_seconds,
         )
 
@@ -253,7 +251,7 @@ def _timed(
                 "--time, or the lag in rows"
             )
         advice = "name the column with --time to take this into account"
-        return log.record, (*log.of_file, *(f"{note}; {advice}" for note in log.breaks))
+        return log.record, (*log.of_file, *(f"{note}; {advice}" for note in log.irregular))
     notes = log.notes + log.left_out
     if lag_seconds is not None:
         return log.without_lag(lag_seconds), notes

@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from minorloop.identification import DynamicIdentification, Identification
 
 _RANK_LIMIT = 3000
-_OF_OPERATOR = (
-    *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters", "rank"),
-    *("cells excited", "optimality (KKT)"),
-)
-"""Rows about the operator that are shown beside dynamics."""
 
 
 def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
@@ -30,8 +25,8 @@ def save_model(done: Done, path: Path, force: bool, as_json: bool) -> None:
 
     dynamic = done.dynamic if done.dynamic is not None and done.dynamic.dynamic else None
     lag: dict[str, Any] = {}
-    if dynamic is None:
-        lag = {"lag": done.lag, "lag_seconds": done.lag_seconds}
+    if dynamic is None and done.lag_given is not None:
+        lag = {"lag": done.lag, "lag_seconds": done.lag_given}
     modelfile.save(
         done.result if dynamic is None else dynamic,
         path,
@@ -74,6 +69,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         **scores_of(result.accuracy, result.holdout_accuracy),
         "curves": [asdict(curve) for curve in result.curve_accuracy],
         "free_parameters": result.free_parameters,
+        "effective_parameters": result.effective_parameters,
         "baseline_nrmse_holdout": result.baseline_nrmse if held else None,
         "baseline_nrmse": result.baseline_nrmse,
         "rmse_train": result.rmse,
@@ -92,7 +88,7 @@ def _figures(result: Identification, seconds: float, rank: bool) -> dict[str, An
         "smoothness": result.smoothness,
         "prior": "none" if result.posterior is None else "gaussian",
         "ridge": None if result.ridge is None else asdict(result.ridge),
-        "band_sd": _band_sd(result),
+        "band_sd": result.band_sd,
         "suspects": list(result.suspects),
         "kkt": result.kkt,
         "range": list(result.model.range),
@@ -119,18 +115,10 @@ def _dynamic_figures(found: DynamicIdentification) -> dict[str, Any]:
     }
 
 
-def _band_sd(result: Identification) -> float | None:
-    """Return the mean standard deviation of the predicted outputs; None without the prior."""
-    if result.posterior is None and result.scatter is None:
-        return None
-    if result.scatter is not None:
-        return float(result.deviation(result.fitted.nonzero()[0]).mean())
-    return float(result.predict(result.u, bands=0.9).sd.mean())
-
-
 def _print(done: Done, figures: dict[str, Any]) -> None:
     from minorloop.identification.scores import (
         CURVE_COLUMNS,
+        OF_OPERATOR,
         curve_rows,
         curve_title,
         score_rows,
@@ -142,11 +130,10 @@ def _print(done: Done, figures: dict[str, Any]) -> None:
         lag = f"{counted(done.lag, 'sample')}, {done.lag_seconds:.4g} s"
         rows = [(name, lag if name == "lag" else value) for name, value in rows]
     if done.dynamic is not None:
-        rows = [*done.dynamic.rows, *(row for row in rows if row[0] in _OF_OPERATOR)]
+        rows = [*done.dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
     if done.left_out:
         rows.append(("outliers left out", ", ".join(f"hold {k + 1}" for k in done.left_out)))
-    if figures["band_sd"] is not None:
-        rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
+    rows.append(("standard deviation predicted", f"{figures['band_sd']:.3g}"))
     rows.append(("time", f"{figures['seconds']:.2f} s"))
     record = done.record
     title = f"{record.output} against {record.input}: Preisach, {figures['levels']} bands"

@@ -6,12 +6,15 @@ import re
 import socket
 import ssl
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from minorloop.cli import _common
 from minorloop.errors import OutputError, ParameterError
+
+if TYPE_CHECKING:
+    from minorloop.head.procedures.head_file import HeadFile
 
 NAME = "console"
 EXAMPLE = "minorloop console --folder inspections"
@@ -25,7 +28,10 @@ _WAITING = 128
 _Port = Annotated[int, _common.whole_option("Port to listen on; 0 takes any that is free.")]
 _Plant = Annotated[
     str,
-    typer.Option(help="The plant: twin:pipe, a simulated head in a pipe, with camera and probe."),
+    typer.Option(
+        help="The plant: twin:pipe, a simulated head in a pipe, with camera and probe; or a head "
+        "with --camera and --head: bench:FILE, module:PACKAGE.FACTORY and so on."
+    ),
 ]
 _Folder = Annotated[Path, typer.Option(help="Folder for recorded sessions.")]
 _Specimen = Annotated[
@@ -84,11 +90,10 @@ def run(
     camera: _Camera = None,
 ) -> None:
     """Steer the head of a catheter in a pipe, and identify models, in a browser."""
-    from minorloop.head.console.settings import STATIC, LoopSettings, check_address
+    from minorloop.head.console.settings import STATIC, LoopSettings
 
     if not 0 <= port <= 65535:
         raise ParameterError(f"--port is {port}; give 0 to 65535")
-    check_address(plant)
     for option, number in (("--specimen", specimen or 0), ("--seed", seed)):
         if number < 0:
             raise ParameterError(f"{option} is {number}; give 0 or more")
@@ -109,11 +114,7 @@ def run(
     from minorloop.head.console.processes import Serving, supervised
     from minorloop.head.console.tracker import listening_for
 
-    known = None
-    if head is not None:
-        from minorloop.head.console.plant import head_at
-
-        known = head_at(plant, specimen, head)
+    known, interval = _head(plant, specimen, head, camera)
     if camera is not None:
         from minorloop.head.vision.video import check_camera
 
@@ -125,6 +126,7 @@ def run(
         folder=str(folder),
         timeout=timeout,
         camera=camera,
+        interval=interval,
     )
     tracking = None if tracker is None else listening_for(tracker)
     listening = _listen(host, port)
@@ -145,6 +147,30 @@ def run(
     supervised(
         settings, serving, lambda said: typer.echo(f"note: {said}", err=True), tracking, known
     )
+
+
+def _head(
+    plant: str, specimen: int | None, file: Path | None, camera: str | None
+) -> tuple[HeadFile | None, float]:
+    """Return the file of the head at an address, and the tick of the plant; probe the plant."""
+    from minorloop.head.console.plant import head_at, open_plant
+    from minorloop.head.console.settings import LoopSettings, is_pipe
+
+    if is_pipe(plant):
+        known = None if file is None else head_at(plant, specimen, file)[0]
+        return known, LoopSettings.interval
+    if plant.startswith("twin:"):
+        open_plant(plant, specimen=specimen)
+    if file is None or camera is None:
+        raise ParameterError(
+            f"--plant {plant} needs --camera, and --head with a file that minorloop head identify "
+            "writes; only twin:pipe needs neither"
+        )
+    known, interval = head_at(plant, specimen, file)
+    known.control(interval=interval)
+    if known.calibration is None:
+        raise ParameterError(f"{file} has no calibration of the camera; calibrate it first")
+    return known, interval
 
 
 def _check_pair(certificate: Path, key: Path) -> None:

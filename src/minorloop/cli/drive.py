@@ -94,7 +94,8 @@ def run(
     known = modelfile.read(model)
     targets = _common.read_column(file, target, known.output.unit)
     with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
-        plant = _seen(plant, options)
+        channel = _channel(plant, str(known.input))
+        plant = options.converted(channel)
         names = str(plant.inputs[0]), str(plant.outputs[0])
         _check_units(known, plant)
         chosen = TargetDrive(
@@ -110,8 +111,9 @@ def run(
         chosen.check(plant.inputs[0])
         plan = chosen.plan(hold, input=names[0], tolerance=tolerance)
         check_plan(plant, plan)
-        design = {"drive": chosen.to_json(), "laser": laser, "conversion": options.to_json()}
-        setup = Setup(actuator, *names, specimen, seed, {"noise": noise}, design)
+        design = {"drive": chosen.to_json()}
+        given = {"noise": noise, **options.for_setup(channel.outputs[0])}
+        setup = Setup(actuator, *names, specimen, seed, given, design)
         _common.print_warnings(known.warnings)
         with Store.create(store, plan, setup) as opened:
             _carried(plant, opened, as_json, report, force)
@@ -119,9 +121,14 @@ def run(
 
 def carry_out(plant: Actuator, store: Store, as_json: bool) -> None:
     """Carry out the rest of a drive in a store, and print the targets with what was achieved."""
-    design = store.setup.design or {}
-    options = _conversion.ConversionOptions(**design.get("conversion", {"laser": design["laser"]}))
-    _carried(_seen(plant, options), store, as_json)
+    _carried(plant, store, as_json)
+
+
+def _channel(plant: Actuator, input: str) -> Actuator:
+    """Return the input with a name, and its output, of an actuator with several inputs."""
+    from minorloop.lab.single_channel import single_channel
+
+    return plant if len(plant.inputs) == 1 else single_channel(plant, input)
 
 
 def _error_of(known: ModelFile) -> float:
@@ -129,16 +136,6 @@ def _error_of(known: ModelFile) -> float:
     scores = known.provenance.scores
     found = [scores.get(name) for name in ("nrmse_holdout", "nrmse_train")]
     return next((score for score in found if score is not None), 0.0)
-
-
-def _seen(plant: Actuator, options: _conversion.ConversionOptions) -> Actuator:
-    """Return the actuator with its readings converted, where options are given."""
-    from minorloop.lab.converted_actuator import with_conversion
-    from minorloop.lab.records import Quantity
-
-    reading = plant.outputs[0]
-    conversion = options.conversion(Quantity(reading.name, reading.unit))
-    return plant if conversion is None else with_conversion(plant, conversion)
 
 
 def _carried(

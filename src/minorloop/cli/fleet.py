@@ -54,7 +54,7 @@ def run(
         str,
         typer.Option(
             help="gaussian, none, or auto: gaussian where a record has fewer than three samples "
-            "for each cell. gaussian also gives bands, and takes up to twice as long."
+            "for each cell. gaussian takes up to twice as long."
         ),
     ] = "auto",
     start: _common.Start = "negative",

@@ -86,7 +86,7 @@ _Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for non
 _Prior = Annotated[
     str | None,
     typer.Option(
-        help="gaussian (a prior on the plane, with bands), none, or auto (where samples are few).",
+        help="gaussian (a prior on the plane), none, or auto (where samples are few).",
         show_default="auto",
     ),
 ]

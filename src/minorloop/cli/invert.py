@@ -59,7 +59,7 @@ def run(
         known = modelfile.read(model)
         targets = _common.read_column(file, target, known.output.unit)
         times, check = ({}, None) if time is None else _common.times_of(known, file, time)
-        notes = [] if check is None else [*_gaps(check), *check.others]
+        notes = [] if check is None else [*_gaps(check), *check.of_steps, *check.others]
         now(f"inverting {targets.size} targets")
         result = _inverted(known, model, times, targets, start, clip)
         if save is not None:

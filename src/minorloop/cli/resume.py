@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from minorloop.cli import _common, _sines, drive
+from minorloop.cli._conversion import ConversionOptions
 from minorloop.cli.run import carry_out
 
 NAME = "resume"
@@ -19,12 +20,18 @@ def run(
     as_json: _common.Json = False,
 ) -> None:
     """Continue a run after its last settled point, whatever stopped it."""
+    from minorloop.lab.single_channel import single_channel
     from minorloop.lab.store import Store
 
     with Store.open(store, write=True) as opened:
         setup = opened.setup
         options = {"specimen": setup.specimen, "seed": setup.seed, **setup.options}
-        with _common.connected(setup.address, **options) as plant:
+        options.pop("conversion", None)
+        reading = options.pop("reading", None)
+        with _common.connected(setup.address, **options) as whole:
+            conversion = ConversionOptions.of_setup(setup)
+            output = reading if conversion.to_json() else setup.output
+            plant = conversion.converted(single_channel(whole, setup.input, output))
             if drive.is_drive(setup):
                 drive.carry_out(plant, opened, as_json)
             elif _sines.is_sines(setup):

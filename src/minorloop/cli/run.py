@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from minorloop.cli import _adaptive, _common, _sines
+from minorloop.cli import _adaptive, _common, _conversion, _sines
 from minorloop.cli._watch import watching
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.durations import as_duration
@@ -56,6 +56,14 @@ def run(
         ),
     ],
     store: Annotated[Path, typer.Option(show_default=False, help="New file for the points.")],
+    input: _common.Input = None,
+    output: _common.Output = None,
+    laser: _conversion.Laser = None,
+    linear: _conversion.Linear = None,
+    polynomial: _conversion.Polynomial = None,
+    table: _conversion.Table = None,
+    name: _conversion.Name = None,
+    unit: _conversion.Unit = None,
     specimen: _common.Specimen = None,
     noise: _common.Noise = 0.0,
     seed: _common.Seed = 0,
@@ -116,6 +124,7 @@ def run(
     """Carry out a plan: levels held until the output settles, or sines; resume continues it."""
     from minorloop.lab.run import answer_time, check_plan
     from minorloop.lab.sines import is_sine_plan
+    from minorloop.lab.single_channel import single_channel
     from minorloop.lab.store import Setup, Store
 
     given = locals()
@@ -126,16 +135,19 @@ def run(
     settings: dict[str, Any] = {"tolerance": tolerance, "sample_interval": interval}
     if shortest is not None:
         settings["shortest"] = shortest
-    with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as plant:
+    conversion = _conversion.ConversionOptions(laser, linear, polynomial, table, name, unit)
+    with _common.connected(actuator, specimen=specimen, noise=noise, seed=seed) as whole:
+        channel = single_channel(whole, _input(whole, plan, input), output)
+        plant = conversion.converted(channel)
         _common.check_new_store(store)
         _common.check_outputs([store], inputs=[] if adaptive else [Path(plan)], force=False)
         names = str(plant.inputs[0]), str(plant.outputs[0])
+        given_to = {"noise": noise, **conversion.for_setup(channel.outputs[0])}
+        setup = Setup(actuator, *names, specimen, seed, given_to)
         if not adaptive and is_sine_plan(plan):
             _sines.refuse_options({**settings, "shortest": shortest})
-            known = Setup(actuator, *names, specimen, seed, {"noise": noise})
-            _sines.begin(plant, plan, store, known, as_json)
+            _sines.begin(plant, plan, store, setup, as_json)
             return
-        setup = Setup(actuator, *names, specimen, seed, {"noise": noise})
         if adaptive:
             setup = replace(setup, design=_adaptive.design_of(plant, options))
         wanted = _wanted(plan, setup, _common.HOLD if hold is None else hold, settings)
@@ -144,6 +156,17 @@ def run(
         check_plan(plant, wanted)
         with Store.create(store, wanted, setup) as opened:
             carry_out(plant, opened, as_json)
+
+
+def _input(plant: Actuator, plan: str, given: str | None) -> str | None:
+    """Return the input as given, or the one of several that a column of the plan has."""
+    from minorloop.lab.columns import read_headers
+
+    if given is not None or len(plant.inputs) == 1 or plan == "adaptive":
+        return given
+    headers = read_headers(Path(plan))
+    found = [str(channel) for channel in plant.inputs if str(channel) in headers]
+    return found[0] if len(found) == 1 else None
 
 
 def _wanted(plan: str, setup: Setup, longest: float, settings: dict[str, Any]) -> Plan:

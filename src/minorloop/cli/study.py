@@ -24,7 +24,7 @@ _MOST, _MOST_SCENES = 1000, 100_000
 
 
 def _studies() -> list[str]:
-    from minorloop.connect import registered
+    from minorloop.lab.registry import registered
 
     return list(registered(STUDIES))
 
@@ -111,7 +111,7 @@ def _check_surfaces(name: str) -> None:
 
 def _module_of(name: str) -> str:
     """Return the module of a study; the module of its report has ``_report`` at the end."""
-    from minorloop.connect import registered
+    from minorloop.lab.registry import registered
 
     studies = registered(STUDIES)
     if name not in studies:

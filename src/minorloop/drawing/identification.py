@@ -177,13 +177,10 @@ def _residual(result: Identification) -> tuple[FloatArray, float]:
 def _draw_residual(axes: Axes, result: Identification, clock: FloatArray) -> None:
     residual, unit = _residual(result)
     _plot_dots(axes, clock, residual, ms=_size(clock), color="C0")
-    if result.posterior is not None or result.scatter is not None:
-        shown = np.unique(np.linspace(0, clock.size - 1, _MOST_BANDS).astype(np.int64))
-        reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
-        axes.fill_between(
-            clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band"
-        )
-        axes.legend(framealpha=0.9, loc="upper right")
+    shown = np.unique(np.linspace(0, clock.size - 1, _MOST_BANDS).astype(np.int64))
+    reach = 100 * PER_DEVIATION * result.deviation(shown) / unit
+    axes.fill_between(clock[shown], -reach, reach, color="C0", alpha=0.15, lw=0, label="90 % band")
+    axes.legend(framealpha=0.9, loc="upper right")
     axes.axhline(0.0, color="0.3", lw=0.8)
     _shade_held_out(axes, result, clock)
     _shade_startup(axes, result, residual, clock)

@@ -9,7 +9,9 @@ parent, itself a sample) plus one Everett difference, which reads at most six no
 
     row(t) = row(parent[t]) + sum over c of coefficient[t, c] * node[index[t, c]]
 
-Parent -1 is negative saturation, where nothing is on.
+Parent -1 is negative saturation, where nothing is on. Reversals with the same parent at the same
+input have the same memory, and the first of them is the parent of what follows any of them: curves
+that all begin demagnetised share the reversals of the demagnetisation.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from minorloop.operators._kernels import band_of
 from minorloop.operators._memory_kernels import wipes_out
 
 ROOT = -1
+_SEARCHED = 64
+"""Reversals with the same parent, the newest ones, that are compared."""
 
 
 @njit(cache=True, nogil=True)
@@ -57,12 +61,31 @@ def everett_terms(index, coefficient, i, s, j, f, sign, spread):
 
 
 @njit(cache=True, nogil=True)
+def shared(newest, older, at, parent, sample, value):
+    """Earlier reversal with the same memory; this one, which is then compared too, if none is."""
+    if sample == ROOT:
+        return ROOT
+    above = parent[sample] + 1
+    node = newest[above]
+    for _ in range(_SEARCHED):
+        if node == ROOT:
+            break
+        if at[node] == value:
+            return node
+        node = older[node]
+    at[sample], older[sample], newest[above] = value, newest[above], sample
+    return sample
+
+
+@njit(cache=True, nogil=True)
 def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, parent, corner):
     """Fill the tree for an input that begins at negative saturation.
 
     ``corner`` becomes the cell in which the present branch ends: where this sample looks at the
     Everett surface; -1 where it does not.
     """
+    newest, older = np.full(u.size + 1, ROOT, np.int32), np.empty(u.size, np.int32)
+    at = np.empty(u.size)
     values, bands = np.empty(u.size + 2), np.empty(u.size + 2, dtype=np.int64)
     fractions, samples = np.empty(u.size + 2), np.empty(u.size + 2, dtype=np.int64)
     top, value, band, fraction, sample = 0, levels[0], 0, 0.0, ROOT
@@ -74,6 +97,7 @@ def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, pa
             continue
         rising = x > value
         if rising == (top & 1 == 0):
+            sample = shared(newest, older, at, parent, sample, value)
             values[top], bands[top], fractions[top], samples[top] = value, band, fraction, sample
             top += 1
         while top >= 2 and wipes_out(x, top, values[top - 2], rising):
@@ -89,6 +113,16 @@ def trace(levels, per_band, buckets, per_unit, spread, u, index, coefficient, pa
             i, s, j, f, sign = j, f, i, s, -1.0
         everett_terms(index[t], coefficient[t], i, s, j, f, sign, spread)
         corner[t] = packed(i - 1 if s == 0.0 else i, j)
+
+
+@njit(cache=True, nogil=True)
+def lead_to(measured, parent):
+    """Samples that are measured, or parents of such: the others have no use."""
+    used = measured.copy()
+    for t in range(parent.size - 1, -1, -1):
+        if used[t] and parent[t] != ROOT:
+            used[parent[t]] = True
+    return used
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from minorloop.errors import are, counted
 from minorloop.identification import active_set
-from minorloop.identification.baseline import nrmse, percent, polynomial_nrmse
+from minorloop.identification.baseline import percent, polynomial_nrmse, rms
 from minorloop.identification.refinement import UNSETTLED
 from minorloop.identification.residual_advice import residual_advice
 from minorloop.lab.codes import codes
@@ -120,7 +120,8 @@ def _excitation(result: Fit) -> Iterator[str]:
         yield f"{result.samples} samples for {result.unknowns} unknowns: the rest is {smooth}"
     low, high = result.model.levels[[0, -1]]
     beyond = int(np.count_nonzero((result.u < low) | (result.u > high)))
-    if beyond:
+    # With dynamics, the levels follow inputs that were filtered otherwise.
+    if beyond and result.measured is None:
         yield (
             f"{counted(beyond, 'input')} {are(beyond)} beyond the levels [{low:g}, {high:g}], "
             "where the relays are saturated; widen the levels"
@@ -142,7 +143,7 @@ def _pattern(result: Fit) -> str:
 
 def _accuracy(result: Fit) -> Iterator[str]:
     held_out, base = result.holdout_accuracy, result.baseline_nrmse
-    span = float(np.ptp(result.y[result.fitted])) or 1.0
+    span = result.span(result.fitted)
     if held_out is None and result.groups_nrmse is not None:
         if result.groups_nrmse > _OVERFIT * max(result.nrmse, _ROUNDING):
             yield (
@@ -219,11 +220,11 @@ def _errors_without_outliers(result: Fit) -> tuple[dict[str, float], float, floa
     scored = scored & known
     residual = result.prediction - result.y
     samples = {"fitted": result.fitted & known, "held-out": result.held_out & known}
-    errors = {name: nrmse(residual[x], result.y[x]) for name, x in samples.items() if x.any()}
+    errors = {name: rms(residual[x]) / result.span(x) for name, x in samples.items() if x.any()}
     base = result.baseline_nrmse
     if (result.held_out | result.fitted)[~known].any():
         base = polynomial_nrmse(result.u, result.y, result.fitted & known, scored, result.curves)
-    return errors, nrmse(residual[scored], result.y[scored]), base
+    return errors, rms(residual[scored]) / result.span(scored), base
 
 
 def _falls(result: Fit) -> bool:

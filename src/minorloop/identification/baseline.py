@@ -87,9 +87,14 @@ def _errors(basis: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(y @ y - np.cumsum(explained))[min(DEGREES) :]
 
 
+def rms(residual: FloatArray) -> float:
+    """Root-mean-square of a residual."""
+    return float(np.sqrt(np.mean(residual**2)))
+
+
 def nrmse(residual: FloatArray, y: FloatArray) -> float:
     """Root-mean-square residual over the peak-to-peak range of the output."""
-    return float(np.sqrt(np.mean(residual**2)) / (np.ptp(y) or 1.0))
+    return rms(residual) / (float(np.ptp(y)) or 1.0)
 
 
 def percent(share: float, digits: int = 3) -> str:

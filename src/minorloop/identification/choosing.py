@@ -158,6 +158,7 @@ def choose(
         other = replace(spec, levels=finer)
         spec, found = _choose_levels(spec, other, settled, lag, spread, say)
         choices += found
+    fold = np.append(fold, np.full(record.u.size - fold.size, -1))  # the first rows were compared
     return Chosen(spec, lag, tuple(choices), fold)
 
 
@@ -190,7 +191,7 @@ def choose_prior(
     spec = fit.regression.matrix.spec
     if fit.posterior is None or fit.regression.y.size < _FEWEST or spec.bands > MOST_DENSE:
         return fit, ()
-    smooth = fitting.fit_smooth(spec, record, lag, "auto")
+    smooth = fitting.fit_smooth(spec, record, lag, "auto", fold)
     errors = {
         name: _left_out_error(one, record, lag, fold)
         for name, one in (("gaussian", fit), ("none", smooth))

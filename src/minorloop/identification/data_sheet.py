@@ -75,6 +75,11 @@ class DataSheetModel(NotebookView):
         return 0
 
     @property
+    def lag_seconds(self) -> float:
+        """0."""
+        return 0.0
+
+    @property
     def scores(self) -> dict[str, float | None]:
         """The given loop and the mean width of the bands, which a model file keeps."""
         return {

@@ -81,6 +81,11 @@ class PlaneSpec:
             slope=float(x[-1]) if self.slope else 0.0,
         )
 
+    def unknowns_of(self, model: Preisach) -> FloatArray:
+        """(n,) unknowns of an operator of this structure."""
+        levels = [model.offset] * self.offset + [model.slope] * self.slope
+        return np.append(pack(model.weights), levels)
+
 
 class DesignMatrix:
     """Linear map from the unknowns of a `PlaneSpec` to the outputs at the measured samples.
@@ -133,6 +138,16 @@ class DesignMatrix:
         self.measured = np.concatenate([np.zeros(past.size, dtype=np.bool_), measured])
         self.swing, self.shift = swing(spec.relay), -off_output(spec.relay)
         self.corner = corner[self.measured]
+        self._keep(_kernels.lead_to(self.measured, self.parent))
+
+    def _keep(self, used: BoolArray) -> None:
+        """Leave the other inputs out of the tree."""
+        if used.all():
+            return
+        number = np.append(np.cumsum(used, dtype=np.int32) - 1, np.int32(_kernels.ROOT))
+        self.parent = number[self.parent[used]]
+        self.index, self.coefficient = self.index[used], self.coefficient[used]
+        self.measured = self.measured[used]
 
     @property
     def samples(self) -> int:
@@ -242,6 +257,13 @@ class DesignMatrix:
         return DesignMatrix(
             replace(self.spec, levels=frozen(self.spec.levels[kept])), *self._record
         )
+
+    def at_most(self, bands: int) -> DesignMatrix:
+        """Design matrix of the same samples on a plane of at most so many bands."""
+        matrix = self
+        while matrix.spec.bands > bands:
+            matrix = matrix.coarser()
+        return matrix
 
     def dense(self) -> FloatArray:
         """(M, n) dense matrix; for small problems only."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +15,6 @@ from minorloop.errors import counted
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification.accuracy import Accuracy, accuracy, scores_of
 from minorloop.identification.baseline import percent
-from minorloop.identification.residual_advice import WITH_TIMES
 from minorloop.identification.result import Identification
 from minorloop.identification.scores import accuracy_rows
 from minorloop.operators.inversion import Unreachable
@@ -78,7 +75,8 @@ class DynamicIdentification(NotebookView):
     model : Cascade
         The model. Its linear part has DC gain 1, and so has its creep.
     static : Identification
-        The operator, with what it alone would have given plus the residual of the model.
+        The operator, with what it alone would have given plus the residual of the model, and the
+        measured outputs, over whose range its errors are given.
     t, u, y : (T,) arrays
         The record; y is NaN where nothing was measured.
     fitted, held_out : (T,) arrays of bool
@@ -127,6 +125,11 @@ class DynamicIdentification(NotebookView):
     def lag(self) -> int:
         """0: dead time is a part of the model."""
         return 0
+
+    @property
+    def lag_seconds(self) -> float:
+        """0, as `lag`."""
+        return 0.0
 
     @property
     def scores(self) -> dict[str, float | None]:
@@ -207,8 +210,7 @@ class DynamicIdentification(NotebookView):
     @cached_property
     def advice(self) -> tuple[str, ...]:
         """Sentences about what is weak and what to do; empty if nothing is weak."""
-        # Levels that were not given follow the filtered input of an earlier round.
-        texts = [text for text in self._of_record(self.static.advice) if "beyond the l" not in text]
+        texts = list(self.static.advice)
         times = self.model.linear.time_constants
         interval, seconds = float(self.t[1] - self.t[0]), float(self.t[-1])
         if times.size and times[-1] < interval:
@@ -238,23 +240,7 @@ class DynamicIdentification(NotebookView):
     @property
     def warnings(self) -> tuple[str, ...]:
         """The part of the advice that says why the model is not to be trusted."""
-        return tuple(self._of_record(self.static.warnings))
-
-    def _of_record(self, texts: Sequence[str]) -> list[str]:
-        """Return sentences about the operator with the errors of the whole model instead."""
-        # The residual is the same; the range of the record is not that of the operator alone.
-        rows, error = self.held_out, self.static.holdout_nrmse
-        own = np.ptp(self.static.y[self.fitted]) / np.ptp(self.y[self.fitted])
-        others = [(self.static.nrmse, self.nrmse)]
-        if error is not None and self.holdout_nrmse is not None:
-            late = error * np.ptp(self.static.y[rows]) / np.ptp(self.static.y[self.fitted])
-            others += [(error, self.holdout_nrmse), (late, late * own)]
-        replaced = {percent(static): percent(whole) for static, whole in others}
-        pattern = re.compile(rf"(?<![\d.])(?:{'|'.join(map(re.escape, replaced))})")
-        return [
-            pattern.sub(lambda found: replaced[found[0]], text.replace(WITH_TIMES, ""))
-            for text in texts
-        ]
+        return self.static.warnings
 
     @property
     def rows(self) -> list[tuple[str, str]]:
@@ -269,7 +255,7 @@ class DynamicIdentification(NotebookView):
             ("order", "operator, then dynamics" if after else "dynamics, then operator"),
             *self._margin(),
             ("time constants", times),
-            ("dead time", f"{linear.delay:.4g} s"),
+            ("dead time", f"{linear.delay:.4g} s" if linear.delay else "none"),
         ]
         oscillating = linear.poles[linear.poles.imag > 0]
         if oscillating.size:

@@ -46,8 +46,8 @@ _BETTER = 0.95
 gains much less by one parameter."""
 _BETTER_WITH_CREEP = 0.8
 """The same for creep, which has several parameters and follows other slow errors too."""
-_NO_DELAY = 0.5
-"""Dead time in samples that counts as none where there are no poles."""
+_NO_DELAY, _LEAST_DELAY = 0.5, 1e-3
+"""Dead time in samples that counts as none where there are no poles, and with poles."""
 _DELAYS = 12
 """Delays that a search begins with, from 0 to a tenth of the record."""
 _ROUNDS, _SETTLED = 25, 2e-3
@@ -578,7 +578,9 @@ def _refined(
         result = identify(*known, **plane | {"prior": "gaussian"})
         y = found.dynamics.outputs(record, result.model)
         found = replace(found, result=result, error=record.error(y, record.fitted))
-    dynamics, measured = found.dynamics, np.isfinite(record.y)
+    if found.dynamics.delay < _LEAST_DELAY:
+        found = replace(found, dynamics=replace(found.dynamics, delay=0.0))
+    dynamics, finite = found.dynamics, np.isfinite(record.y)
     u = dynamics.filtered(record.u) if dynamics.first == "linear" else record.u
     residual = record.y - dynamics.outputs(record, found.operator)
     operator = replace(
@@ -587,9 +589,10 @@ def _refined(
         y=found.operator.simulate(u, record.start) + residual,
         fitted=record.fitted,
         held_out=record.held_out,
-        skipped=int(np.count_nonzero(measured & ~record.fitted & ~record.held_out)),
+        skipped=int(np.count_nonzero(finite & ~record.fitted & ~record.held_out)),
         choices=chosen.choices,
         codes=record.codes,
         searched=True,
+        measured=record.y,
     )
     return found, operator

@@ -52,6 +52,7 @@ def identify(
     start_of_curve: StartOfCurve | None = None,
     groups: npt.ArrayLike | None = None,
     skip: int = 0,
+    interval: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Identify a Preisach model from inputs and measured outputs.
@@ -86,11 +87,11 @@ def identify(
         `minorloop.identification.least_squares`; 0.0 for none. ``"auto"`` chooses by prediction
         of contiguous segments held out of the fitted samples.
     prior : {"auto", "gaussian", "none"}
-        Whether to fit with the prior of `minorloop.identification.prior`, which also gives
-        predictive bands. ``"auto"`` uses it for fewer than three samples per unknown, except
-        where a smoothness is given, where the output jumps, where the samples determine a plane
-        that reproduces them to rounding, or where the input reverses so often that a plane of more
-        than 64 levels would need large dense matrices.
+        Whether to fit with the prior of `minorloop.identification.prior`. ``"auto"`` uses it for
+        fewer than three samples per unknown, except where a smoothness is given, where the output
+        jumps, where the samples determine a plane that reproduces them to rounding, for more than
+        300 bands, or where the input reverses so often that a plane of more than 64 levels would
+        need large dense matrices.
     noise : float or (T,) array_like, optional
         Standard deviation of the measured outputs, in their unit, where it is known. One number is
         used by the prior only. Of an array, one for each output, NaN where it is not known and
@@ -99,7 +100,8 @@ def identify(
     mean : {"zero", "ridge"}
         Mean of the prior. ``"ridge"``: a parametric ridge fitted to the record, of the kind of
         greatest marginal likelihood, or zero if none is more likely; about it the weights vary. It
-        helps where the record leaves much of the plane open, such as one major loop.
+        helps where the record leaves much of the plane open, such as one major loop; the record is
+        then fitted with the prior.
     lag : int or "auto"
         Whole samples by which y follows u; ``"auto"`` tries 0 to 20 on the fitted samples, and
         keeps the best if it reduces the error on left-out parts by a fifth; 0 otherwise.
@@ -121,6 +123,8 @@ def identify(
         the others, and bands include the scatter of three or more groups.
     skip : int
         Rows at the start of the record, and of each curve, that set the memory and are not fitted.
+    interval : float, optional
+        Sampling interval in seconds, so that the lag is known in seconds too.
     progress : callable, optional
         Called with what is done next, as text.
 
@@ -146,11 +150,14 @@ def identify(
     check_option("relay", relay, (*RELAYS, "auto"))
     check_option("diagonal", diagonal, ("uniform", "reversible", "auto"))
     checks.check_flags(slope=False if slope == "auto" else slope, signed=signed, offset=offset)
-    checks.check_prior(prior, smoothness)
     check_option("mean", mean, get_args(Mean))
+    checks.check_prior(prior, smoothness, mean)
+    if mean == "ridge":
+        prior = "gaussian"
     parts = as_curves(curves, inputs.size, start, start_of_curve)
     group = _as_groups(curves, groups, inputs.size)
     skipped = checks.as_skip(skip, parts.positions(inputs.size))
+    checks.check_interval(interval)
     fitted, held_out = checks.split(outputs, holdout, len(coded), skipped)
     sensor, sd = checks.as_noise(noise, fitted)
     record = FitRecord(inputs, outputs, fitted, parts, bool(signed), sd)
@@ -169,7 +176,8 @@ def identify(
     if jumps and spec.bands + 2 * len(jumps) <= MOST_DENSE:
         spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
-    found = fit_plane(spec, record, delay, smoothness, prior, sensor, group, mean)
+    apart = group if group is not None or not chosen.fold.size else chosen.fold
+    found = fit_plane(spec, record, delay, smoothness, prior, sensor, apart, mean)
     if automatic and prior == "auto":
         if found.posterior is not None:
             say("comparing the prior with smoothing")
@@ -189,13 +197,15 @@ def identify(
         y=outputs,
         fitted=found.fitted,
         held_out=held_out,
-        matrix=found.regression.matrix,
+        regression=found.regression,
         posterior=found.posterior,
         suspects=found.suspects,
         codes=coded,
         searched=lag == "auto",
         left_out=left_out,
         scatter=scatter,
+        groups=group,
+        interval=interval,
         skipped=int(np.count_nonzero(skipped)),
         choices=choices,
         jumps=jumps,

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray
+from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification import diagnosis, residuals
 from minorloop.identification.accuracy import (
     Accuracy,
@@ -20,8 +20,10 @@ from minorloop.identification.baseline import nrmse, polynomial_nrmse
 from minorloop.identification.choosing import Choice
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import DesignMatrix
+from minorloop.identification.fitting import Regression
 from minorloop.identification.jumps import Jump
 from minorloop.identification.leave_out import GroupScatter
+from minorloop.identification.plain_posterior import plain_posterior
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.residuals import ResidualSummary
 from minorloop.identification.ridge import Ridge
@@ -52,8 +54,8 @@ class Fit:
         The record; y is NaN where nothing was measured.
     fitted, held_out : (T,) arrays of bool
         Samples that the model was fitted to, and those held out.
-    matrix : DesignMatrix
-        Regressors of the fitted samples.
+    regression : Regression
+        Regressors and outputs of the fitted samples.
     posterior : Posterior, optional
         Posterior distribution of the unknowns; None without the prior.
     suspects : tuple of int
@@ -66,6 +68,12 @@ class Fit:
         Output of each fitted row, predicted by a fit without its group; None without groups.
     scatter : GroupScatter, optional
         Scatter of left-out groups; None for fewer than three.
+    groups : (T,) array of int, optional
+        Number of the group of each row; None without groups.
+    measured : (T,) array, optional
+        Outputs with dynamics, over whose range errors are given; ``y`` if None.
+    interval : float, optional
+        Sampling interval in seconds, where it is known.
     skipped : int
         Rows that set the memory and were not fitted.
     choices : tuple of Choice
@@ -87,7 +95,7 @@ class Fit:
     y: FloatArray
     fitted: BoolArray
     held_out: BoolArray
-    matrix: DesignMatrix
+    regression: Regression
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     codes: tuple[Code, ...] = ()
@@ -95,15 +103,42 @@ class Fit:
     converged: bool = True
     left_out: FloatArray | None = None
     scatter: GroupScatter | None = None
+    groups: IntArray | None = None
+    measured: FloatArray | None = None
+    interval: float | None = None
     skipped: int = 0
     choices: tuple[Choice, ...] = ()
     jumps: tuple[Jump, ...] = ()
     ridge: Ridge | None = None
 
     @property
+    def matrix(self) -> DesignMatrix:
+        """Regressors of the fitted samples."""
+        return self.regression.matrix
+
+    @cached_property
+    def uncertainty(self) -> Posterior:
+        """Distribution of the unknowns that the bands are from; `plain_posterior` without prior."""
+        if self.posterior is not None:
+            return self.posterior
+        determined = 0.0 if self.smoothness else float(self.free_parameters)
+        x = self.matrix.spec.unknowns_of(self.model)
+        return plain_posterior(self.regression, x, determined)
+
+    @property
     def start(self) -> Start:
         """Memory before the first sample, and before each curve."""
         return self.curves.start
+
+    @property
+    def lag_seconds(self) -> float:
+        """Lag in seconds; 0 where the sampling interval is not known."""
+        return self.lag * (self.interval or 0.0)
+
+    def span(self, rows: BoolArray) -> float:
+        """Return the range of the measured outputs in some rows, which errors are over."""
+        outputs = self.y if self.measured is None else self.measured
+        return float(np.ptp(outputs[rows])) or 1.0
 
     @cached_property
     def prediction(self) -> FloatArray:
@@ -113,14 +148,17 @@ class Fit:
     @cached_property
     def accuracy(self) -> Accuracy:
         """Errors on the fitted samples."""
-        return accuracy(self.u, self.y, self.prediction, self.fitted, self.curves)
+        return self._accuracy(self.fitted)
 
     @cached_property
     def holdout_accuracy(self) -> Accuracy | None:
         """Errors on the samples held out; None if none were."""
         if not self.held_out.any():
             return None
-        return accuracy(self.u, self.y, self.prediction, self.held_out, self.curves)
+        return self._accuracy(self.held_out)
+
+    def _accuracy(self, rows: BoolArray) -> Accuracy:
+        return accuracy(self.u, self.y, self.prediction, rows, self.curves, self.span(rows))
 
     @cached_property
     def curve_accuracy(self) -> tuple[CurveAccuracy, ...]:
@@ -166,6 +204,7 @@ class Fit:
             **scores_of(self.accuracy, self.holdout_accuracy),
             "baseline_nrmse": self.baseline_nrmse,
             "free_parameters": self.free_parameters,
+            "effective_parameters": self.effective_parameters,
             "kkt": self.kkt,
         }
 
@@ -175,10 +214,21 @@ class Fit:
 
         Without prior and smoothness, they are as many as the data determine (Meyer and Woodroofe,
         On the degrees of freedom in shape-restricted regression, Annals of Statistics 28, 2000);
-        otherwise the data determine fewer.
+        otherwise the data determine fewer: `effective_parameters`.
         """
         spec = self.matrix.spec
         return int(np.count_nonzero(self.model.weights)) + spec.offset + spec.slope
+
+    @property
+    def effective_parameters(self) -> float | None:
+        """Trace of the matrix from measured to fitted outputs; None without the prior.
+
+        It is the number of unknowns that the data determine (MacKay, Bayesian interpolation, Neural
+        Computation 4, 1992, section 4), without sign constraints, at most `free_parameters`.
+        """
+        if self.posterior is None:
+            return None
+        return min(self.posterior.determined, float(self.free_parameters))
 
     @property
     def unknowns(self) -> int:
@@ -228,9 +278,10 @@ class Fit:
                 used[list(fault.samples)] = False
         if not used.any():
             used = self.fitted
-        span = float(np.ptp(self.y[used])) or 1.0
+        span = self.span(used)
         applied = self.curves.delayed(self.u, self.lag)
-        return residuals.summary(applied, (self.prediction - self.y) / span, used)
+        error = (self.prediction - self.y) / span
+        return residuals.summary(applied, error, used, self.y / span, self.groups)
 
     @cached_property
     def _rank_and_condition(self) -> tuple[int, float]:

@@ -13,7 +13,7 @@ from minorloop.errors import SignalError
 from minorloop.identification.active_set import ACCEPTABLE
 from minorloop.identification.condensing import LONG, Condensed, condense
 from minorloop.identification.curves import Curves
-from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec
+from minorloop.identification.design_matrix import MOST_DENSE, DesignMatrix, PlaneSpec
 from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
 from minorloop.identification.likelihood import regressors
 from minorloop.identification.posterior import Posterior
@@ -46,6 +46,10 @@ _STEEP = 2.0
 """Slope of a steep branch, in ranges of the output over ranges of the input."""
 _FEWEST_EACH_SUSPECT = 8
 """Samples for each outlier: more outliers than that are no outliers."""
+_NEXT = 2
+"""Rows between outliers of one branch up to which both are none."""
+_STAYS = 0.1
+"""Step of the output after a jump, or before it, over the jump, up to which it stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +182,13 @@ class Regression:
 
     def squared_error(self, x: FloatArray) -> float:
         """Sum of squared errors, without that within condensed samples."""
-        off = self.matrix.forward(x) - self.y
-        return float(off @ off if self.matrix.counts is None else self.matrix.counts @ off**2)
+        return float(self.weight @ (self.matrix.forward(x) - self.y) ** 2)
+
+    @property
+    def weight(self) -> FloatArray:
+        """(M,) number of samples that each output stands for, or weight."""
+        counts = self.matrix.counts
+        return np.ones(self.y.size) if counts is None else counts
 
     @cached_property
     def dense(self) -> tuple[FloatArray, FloatArray] | None:
@@ -239,18 +248,19 @@ def _fit_once(
     labels: IntArray | None,
     mean: Mean,
 ) -> FittedPlane:
+    regression = record.regression(spec, lag, labels)
     if prior == "gaussian":
-        return _fit_with_prior(spec, record, lag, noise, mean)
-    samples = record.rows(lag).size
+        return _fit_with_prior(regression, record, lag, noise, mean)
+    samples = regression.matrix.measurements
     if prior == "none" or smoothness != "auto" or not needs_prior(spec, samples):
-        return fit_smooth(spec, record, lag, smoothness, labels)
-    if not is_quick(record.regression(spec, lag).matrix):
-        return fit_smooth(spec, record, lag, smoothness, labels)
+        return _smooth(regression, record, smoothness)
+    if not is_quick(regression.matrix):
+        return _smooth(regression, record, smoothness if spec.bands <= MOST_DENSE else 0.0)
     if samples >= spec.unknowns:
-        found = fit_smooth(spec, record, lag, 0.0)
-        if reproduces(found.regression.matrix, found.x, found.regression.y):
+        found = _smooth(regression, record, 0.0)
+        if reproduces(regression.matrix, found.x, regression.y):
             return found
-    return _fit_with_prior(spec, record, lag, noise, mean)
+    return _fit_with_prior(regression, record, lag, noise, mean)
 
 
 def needs_prior(spec: PlaneSpec, samples: int) -> bool:
@@ -266,7 +276,10 @@ def fit_smooth(
     labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with smoothness."""
-    regression = record.regression(spec, lag, labels)
+    return _smooth(record.regression(spec, lag, labels), record, smoothness)
+
+
+def _smooth(regression: Regression, record: FitRecord, smoothness: Smoothness) -> FittedPlane:
     fit: FittedUnknowns = Problem(regression.matrix, regression.y, record.signed).fit(smoothness)
     return FittedPlane(
         fit.x, fit.kkt, regression, record.fitted, fit.smoothness, converged=fit.converged
@@ -274,40 +287,62 @@ def fit_smooth(
 
 
 def _fit_with_prior(
-    spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None, mean: Mean
+    regression: Regression, record: FitRecord, lag: int, noise: float | None, mean: Mean
 ) -> FittedPlane:
-    """Fit, and leave out one outlier after the other."""
-    suspects: list[int] = []
-    regression, found = _with_prior(spec, record, lag, noise)
-    ridge: Ridge | None = None
+    """Fit, and leave outliers out."""
+    found, ridge = _with_prior(regression, record, noise), None
     if mean == "ridge":
-        found, ridge = _with_ridge(found, spec, record, lag, noise)
-    centre = found.posterior.centre
-    while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
-        worst = _suspect(found, on_steep_branch(record)[regression.rows])
-        if worst is None:
-            break
-        sample = int(regression.rows[worst])
-        others = record.without(sample)
-        reduced, without = _with_prior(spec, others, lag, noise, found.learnt, centre)
-        if not _is_outlier(without, regression, worst):
-            break
-        suspects.append(sample)
-        record, regression, found = others, reduced, without
+        found, ridge = _with_ridge(found, regression, record, noise)
+    suspects, record, regression, found = _without_outliers(record, regression, found, lag, noise)
     return FittedPlane(
         found.x,
         found.kkt,
         regression,
         record.fitted,
         posterior=found.posterior,
-        suspects=tuple(suspects),
+        suspects=suspects,
         converged=found.kkt <= ACCEPTABLE,
         ridge=ridge,
     )
 
 
+def _without_outliers(
+    record: FitRecord, regression: Regression, found: PriorFit, lag: int, noise: float | None
+) -> tuple[tuple[int, ...], FitRecord, Regression, PriorFit]:
+    """Leave out one outlier after the other, but none if two of them are next to each other.
+
+    Outliers stand alone; a plane cannot follow a branch on which neighbours within a band are off.
+    """
+    whole, suspects = (record, regression, found), list[int]()
+    spec, centre = regression.matrix.spec, found.posterior.centre
+    inputs = record.curves.delayed(record.u, lag)
+    while len(suspects) < regression.rows.size // _FEWEST_EACH_SUSPECT:
+        worst = _suspect(found, on_steep_branch(record)[regression.rows])
+        if worst is None:
+            break
+        sample = int(regression.rows[worst])
+        others = record.without(sample)
+        reduced = others.regression(spec, lag)
+        without = _with_prior(reduced, others, noise, found.learnt, centre)
+        if not _is_outlier(without, regression, worst):
+            break
+        if any(_on_one_branch(spec, inputs, sample, other) for other in suspects):
+            return (), *whole
+        suspects.append(sample)
+        record, regression, found = others, reduced, without
+    return tuple(suspects), record, regression, found
+
+
+def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool:
+    """Whether two samples are next to each other on a branch, less than a mean band apart."""
+    first, last = min(one, other), max(one, other)
+    steps = np.diff(u[first : last + 1])
+    band = float(spec.levels[-1] - spec.levels[0]) / spec.bands
+    return last - first <= _NEXT and 0 < np.abs(steps.sum()) == np.abs(steps).sum() < band
+
+
 def _with_ridge(
-    plain: PriorFit, spec: PlaneSpec, record: FitRecord, lag: int, noise: float | None
+    plain: PriorFit, regression: Regression, record: FitRecord, noise: float | None
 ) -> tuple[PriorFit, Ridge | None]:
     """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
 
@@ -315,28 +350,25 @@ def _with_ridge(
     ridge must raise the logarithm of the likelihood by half that of the number of samples.
     """
     best, chosen, least = plain, None, plain.likelihood
-    regression = record.regression(spec, lag)
     if regression.rows.size < FEWEST_FOR_RIDGE:
         return plain, None
     penalty = PARAMETERS * np.log(regression.rows.size) / 2
     for kind in KINDS:
         fitted = fit_ridge(regression.matrix, regression.y, (kind,))
-        _, found = _with_prior(spec, record, lag, noise, plain.learnt, fitted.x)
+        found = _with_prior(regression, record, noise, plain.learnt, fitted.x)
         if found.likelihood - penalty > least:
             best, chosen, least = found, fitted.ridge, found.likelihood - penalty
     return best, chosen
 
 
 def _with_prior(
-    spec: PlaneSpec,
+    regression: Regression,
     record: FitRecord,
-    lag: int,
     noise: float | None,
     guess: Hyperparameters | None = None,
     centre: FloatArray | None = None,
-) -> tuple[Regression, PriorFit]:
-    regression = record.regression(spec, lag)
-    found = fit_prior(
+) -> PriorFit:
+    return fit_prior(
         regression.matrix,
         regression.y,
         regression.dense,
@@ -347,7 +379,6 @@ def _with_prior(
         within=regression.within,
         centre=centre,
     )
-    return regression, found
 
 
 def _suspect(found: PriorFit, plausible: BoolArray) -> int | None:
@@ -384,7 +415,8 @@ def on_steep_branch(record: FitRecord) -> BoolArray:
     inputs, outputs = np.diff(record.u), np.diff(y)
     ratio = float(np.nanmax(y) - np.nanmin(y)) / (float(np.ptp(record.u)) or 1.0)
     steep = np.abs(outputs[1:] + outputs[:-1]) >= _STEEP * ratio * np.abs(inputs[1:] + inputs[:-1])
-    between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= 0) & steep
+    least = -_STAYS * np.maximum(outputs[1:] ** 2, outputs[:-1] ** 2)
+    between[1:-1] = (inputs[1:] * inputs[:-1] > 0) & (outputs[1:] * outputs[:-1] >= least) & steep
     begins = record.curves.begins
     between[np.concatenate([begins, np.maximum(begins - 1, 0)])] = False
     return between

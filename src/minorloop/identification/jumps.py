@@ -19,7 +19,7 @@ _HEIGHT = 0.02
 """Least height of a jump over the range of the output."""
 _STEEP = 4.0
 """Height of a jump over the largest change of the output in its neighbourhood that its slope does
-not explain."""
+not explain, and over the resolution of the output where another jump is near."""
 _NEAR = 5
 """Steps before and after a jump that are its neighbourhood."""
 _SEEN = 3
@@ -131,9 +131,18 @@ def _stand_out(moved: FloatArray, changed: FloatArray, steps: IntArray) -> BoolA
     du, dy = moved[places], np.where(inside, changed[places], np.nan)
     known = np.isfinite(dy)
     slope = _median(dy / du)
-    usual = np.max(np.abs(np.where(known, dy - slope[:, None] * du, 0.0)), axis=1, initial=0.0)
+    changes = np.abs(np.where(known, dy - slope[:, None] * du, 0.0))
+    second, first = np.partition(changes, [-2, -1], axis=1)[:, -2:].T
     excess = np.abs(changed[steps] - slope * moved[steps])
+    # The first may be another jump, but not if the sensor has such steps.
+    usual = np.where(np.abs(changed[steps]) > _STEEP * _resolution(changed), second, first)
     return np.asarray((known.sum(axis=1) >= _NEAR) & (excess >= _STEEP * usual))
+
+
+def _resolution(changed: FloatArray) -> float:
+    """Least change of the output; 0 if it never changes."""
+    sizes = np.abs(changed[np.isfinite(changed) & (changed != 0)])
+    return float(sizes.min()) if sizes.size else 0.0
 
 
 def _median(values: FloatArray) -> FloatArray:

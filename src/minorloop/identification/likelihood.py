@@ -299,6 +299,14 @@ def triangular_solve(
     return np.asarray(found)
 
 
+def triangular_inverse(lower: FloatArray) -> FloatArray:
+    """Inverse of a lower triangular matrix."""
+    from scipy.linalg import lapack
+
+    # The lower triangle in C order is the upper one in Fortran order.
+    return np.asarray(lapack.dtrtri(lower.T, lower=0)[0].T)
+
+
 def cholesky(matrix: FloatArray) -> FloatArray:
     """Lower triangular factor of a positive definite matrix."""
     return np.asarray(np.linalg.cholesky(matrix))

@@ -15,6 +15,9 @@ from minorloop.identification.likelihood import LEARNT, cholesky, regressors
 from minorloop.identification.prior import Hyperparameters
 from minorloop.operators.memory import Start
 
+_TOGETHER = 8192
+"""Outputs whose dense regressors are in memory at once."""
+
 
 @dataclass(frozen=True, eq=False)
 class Posterior(ABC):
@@ -31,6 +34,8 @@ class Posterior(ABC):
     samples : int
         Measurements that the hyperparameters were learnt from. Variances are multiplied by
         samples / (samples - 7), at most by 2, because seven hyperparameters were learnt.
+    determined : float
+        Trace of the hat matrix without sign constraints: number of unknowns that they determined.
     centre : (n,) array, optional
         Mean of the prior; zero if None.
     """
@@ -39,6 +44,7 @@ class Posterior(ABC):
     hyperparameters: Hyperparameters
     unit: float
     samples: int
+    determined: float
     centre: FloatArray | None = field(default=None, kw_only=True)
 
     @property
@@ -82,8 +88,15 @@ class DensePosterior(Posterior):
 
     def variances(self, u: FloatArray, measured: BoolArray, start: Start) -> FloatArray:
         """(M,) variances of outputs, from dense regressors."""
-        rows, _ = regressors(self.spec, u, measured, start)
-        return np.asarray(np.einsum("tk,tk->t", *[rows @ self.dense] * 2))
+        places = np.flatnonzero(measured)
+        out = np.empty(places.size)
+        for begin in range(0, places.size, _TOGETHER):
+            some = places[begin : begin + _TOGETHER]
+            wanted = np.zeros(int(some[-1]) + 1, dtype=np.bool_)
+            wanted[some] = True
+            rows, _ = regressors(self.spec, u[: wanted.size], wanted, start)
+            out[begin : begin + _TOGETHER] = np.einsum("tk,tk->t", *[rows @ self.dense] * 2)
+        return out
 
 
 @dataclass(frozen=True, eq=False)

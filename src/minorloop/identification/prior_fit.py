@@ -136,7 +136,7 @@ def fit_few(
 
     Where ``coarse`` is given, the hyperparameters are searched on that plane.
     """
-    scaled, unit, shift = _scaled(spec, y)
+    scaled, unit, shift = scale_outputs(spec, y)
     mean = _scaled_centre(spec, centre, unit, shift)
     scaled = scaled - dense[0] @ mean
     with one_thread(spec.unknowns):
@@ -145,21 +145,22 @@ def fit_few(
         if coarse is not None:
             small = Evidence.of_few(coarse[0], scaled, (coarse[1], dense[1]))
         learnt = search(small, _scaled_noise(noise, unit), guess)
-        h, plane = _on_finer_plane(learnt, small.spec, spec), PlanePrior(spec)
+        h, plane = on_finer_plane(learnt, small.spec, spec), PlanePrior(spec)
         if small is not found:
             h = _with_best_nugget(h, lambda h: likelihood_of_few(plane, found, h))
-        leave_one_out = _leave_one_out(plane, dense, scaled, h)
+        leave_one_out, determined = _leave_one_out(plane, dense, scaled, h)
         h, x, kkt, system, likelihood = _solve(
             lambda h: dense_system(plane, found, h, signed, mean),
             h,
             lambda x: float(np.mean((scaled - dense[0] @ x) ** 2)),
         )
-        posterior = replace(system.posterior(unit, y.size), centre=centre)
+        posterior = system.posterior(unit, y.size, determined)
+    posterior = replace(posterior, centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
     return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
 
 
-def _on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hyperparameters:
+def on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hyperparameters:
     """Hyperparameters of a plane from those of a coarser one.
 
     The independent part of a coarse cell is the mean of those of its fine cells.
@@ -176,36 +177,37 @@ def _fit_many(
     within: float,
     centre: FloatArray | None,
 ) -> PriorFit:
-    spec, (scaled, unit, shift) = matrix.spec, _scaled(matrix.spec, y)
+    spec, (scaled, unit, shift) = matrix.spec, scale_outputs(matrix.spec, y)
     known, within = _scaled_noise(noise, unit), within / unit**2
     mean = _scaled_centre(spec, centre, unit, shift)
     if centre is not None:
         scaled = scaled - matrix.forward(mean)
     weight = np.ones(y.size) if matrix.counts is None else matrix.counts
-    small = matrix
-    while small.spec.bands > MOST_SEARCH_BANDS:
-        small = small.coarser()
+    small = matrix.at_most(MOST_SEARCH_BANDS)
     learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
-    h = _on_finer_plane(learnt, small.spec, spec)
+    h = on_finer_plane(learnt, small.spec, spec)
     system_at = systems(matrix, scaled, weight, signed, mean)
 
     def mean_square(x: FloatArray) -> float:
         return float(weight @ (scaled - matrix.forward(x)) ** 2 / weight.sum()) + within
 
-    def with_residual_variance(h: Hyperparameters) -> Hyperparameters:
+    def with_variance_of_residuals(h: Hyperparameters) -> tuple[Hyperparameters, float]:
         system, count = system_at(h), float(weight.sum())
-        left = mean_square(system.mean) * count
-        return _with_residual_variance(h, left, count - system.determined, known)
+        left, determined = mean_square(system.mean) * count, system.determined
+        return with_residual_variance(h, left, count - determined, known), determined
 
-    if small is not matrix:
-        h = with_residual_variance(h)
+    if small is matrix:
+        determined = system_at(h).determined
+    else:
+        h, _ = with_variance_of_residuals(h)
         h = _with_best_nugget(h, lambda h: system_at(h).likelihood)
-        h = with_residual_variance(h)
+        h, determined = with_variance_of_residuals(h)
     leave_one_out = None
     if weight.sum() <= MOST_SCREENED + 0.5:
         leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
-    posterior = replace(system.posterior(unit, round(weight.sum())), centre=centre)
+    posterior = system.posterior(unit, round(weight.sum()), determined)
+    posterior = replace(posterior, centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
     return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
 
@@ -259,7 +261,8 @@ def posterior_after(
     Its mean is not used: the covariance does not depend on the outputs.
     """
     found = Evidence.of_few(spec, np.zeros(dense[0].shape[0]), dense)
-    return dense_system(PlanePrior(spec), found, h, signed=True).posterior(1.0, MANY)
+    system = dense_system(PlanePrior(spec), found, h, signed=True)
+    return system.posterior(1.0, MANY, system.determined)
 
 
 def coarse_rows(
@@ -269,9 +272,7 @@ def coarse_rows(
 
     None if the plane of ``matrix`` is coarse enough.
     """
-    small = matrix
-    while small.spec.bands > MOST_SEARCH_BANDS:
-        small = small.coarser()
+    small = matrix.at_most(MOST_SEARCH_BANDS)
     return None if small is matrix else (small.spec, regressors(small.spec, u, measured, start)[0])
 
 
@@ -302,16 +303,16 @@ def _leave_one_out(
     dense: tuple[FloatArray, FloatArray],
     y: FloatArray,
     h: Hyperparameters,
-) -> FloatArray:
-    """(M,) leave-one-out residuals over their standard deviations.
+) -> tuple[FloatArray, float]:
+    """(M,) leave-one-out residuals over their standard deviations, and the trace of the hat matrix.
 
     Sundararajan and Keerthi, Predictive approaches for choosing hyperparameters in Gaussian
     processes, Neural Computation 13, 2001.
     """
-    rows = dense[0] * plane.scale(h)
-    covariance = rows @ plane.covariance(h) @ rows.T + disturbance(dense[1], h)
-    inverse = cholesky_inverse(cholesky(covariance))
-    return np.asarray((inverse @ y) / np.sqrt(inverse.diagonal()))
+    rows, own = dense[0] * plane.scale(h), disturbance(dense[1], h)
+    inverse = cholesky_inverse(cholesky(rows @ plane.covariance(h) @ rows.T + own))
+    determined = y.size - float(np.sum(inverse * own))
+    return np.asarray((inverse @ y) / np.sqrt(inverse.diagonal())), determined
 
 
 def _leave_one_out_of_many(
@@ -347,7 +348,7 @@ def _with_best_nugget(
     return replace(h, nugget=float(np.exp(found.x)))
 
 
-def _with_residual_variance(
+def with_residual_variance(
     h: Hyperparameters, left: float, freedom: float, noise: float | None
 ) -> Hyperparameters:
     """Replace discrepancy and noise by the residual variance on the fine plane.
@@ -372,7 +373,8 @@ def _with_residual_discrepancy(h: Hyperparameters, mean_square: float) -> Hyperp
     return replace(h, discrepancy=float(np.sqrt(rest)))
 
 
-def _scaled(spec: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
+def scale_outputs(spec: PlaneSpec, y: FloatArray) -> tuple[FloatArray, float, float]:
+    """(M,) outputs with a range of 1, about their mean where an offset is fitted; unit and mean."""
     unit = float(np.ptp(y)) or 1.0
     shift = float(y.mean()) if spec.offset else 0.0
     return (y - shift) / unit, unit, shift

@@ -18,6 +18,7 @@ from minorloop.identification.likelihood import (
     Evidence,
     cholesky,
     cholesky_inverse,
+    triangular_inverse,
     triangular_solve,
 )
 from minorloop.identification.posterior import DensePosterior, Posterior, SparsePosterior
@@ -27,6 +28,8 @@ MOST_DENSE_CELLS = 2100
 """Cells up to which dense matrices are quick."""
 _MOST_CELLS = 5050
 """Cells up to which they are used where the sparse system has too much fill."""
+_MOST_QUICK = 300
+"""Bands up to which a fit on the sparse system takes less than a minute."""
 _LEAST_SPARSE, _SHARE = 300, 0.5
 """Cells from which the sparse system is used, and reversals for each cell up to which it is."""
 _MOST_REVERSALS, _BRANCH = 1500, 5
@@ -66,7 +69,7 @@ class PriorSystem(ABC):
         """(M,) variances of outputs, from the uncertainty of the unknowns alone."""
 
     @abstractmethod
-    def posterior(self, unit: float, samples: int) -> Posterior:
+    def posterior(self, unit: float, samples: int, determined: float) -> Posterior:
         """Posterior of outputs of range ``unit``."""
 
 
@@ -109,8 +112,7 @@ class _DenseSystem(PriorSystem):
     @cached_property
     def factor(self) -> FloatArray:
         """F, where F F' is the covariance of the unknowns."""
-        inverse = triangular_solve(self._root, np.eye(self._scale.size))
-        return self._scale[:, None] * inverse.T
+        return self._scale[:, None] * triangular_inverse(self._root).T
 
     @cached_property
     def _root(self) -> FloatArray:
@@ -133,8 +135,9 @@ class _DenseSystem(PriorSystem):
         half = matrix.dense() @ self.factor
         return np.asarray(np.einsum("mn,mn->m", half, half))
 
-    def posterior(self, unit: float, samples: int) -> DensePosterior:
-        return DensePosterior(self._plane.spec, self._h, unit, samples, self.factor * unit)
+    def posterior(self, unit: float, samples: int, determined: float) -> DensePosterior:
+        factor = self.factor * unit
+        return DensePosterior(self._plane.spec, self._h, unit, samples, determined, factor)
 
 
 class _SparseSystem(PriorSystem):
@@ -208,10 +211,10 @@ class _SparseSystem(PriorSystem):
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         return self._variance * self._factorise(self._variance).variances(matrix)
 
-    def posterior(self, unit: float, samples: int) -> SparsePosterior:
-        system = self._factorise(self._variance)
+    def posterior(self, unit: float, samples: int, determined: float) -> SparsePosterior:
+        system, h = self._factorise(self._variance), self._h
         variance = self._variance * unit**2
-        return SparsePosterior(system.matrix.spec, self._h, unit, samples, system, variance)
+        return SparsePosterior(system.matrix.spec, h, unit, samples, determined, system, variance)
 
     def _gradient(self, x: FloatArray) -> FloatArray:
         """Scaled gradient of the cost at deviations (n,)."""
@@ -228,7 +231,7 @@ def dense_system(
     h: Hyperparameters,
     signed: bool,
     centre: FloatArray | None = None,
-) -> PriorSystem:
+) -> _DenseSystem:
     """Normal equations on dense matrices.
 
     Parameters
@@ -294,6 +297,8 @@ def systems(
 
 def is_quick(matrix: DesignMatrix) -> bool:
     """Whether a fit with the prior takes seconds."""
+    if matrix.spec.bands > _MOST_QUICK:
+        return False
     return matrix.spec.cells <= MOST_DENSE_CELLS or _few_reversals(matrix)
 
 

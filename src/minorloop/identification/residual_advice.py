@@ -5,13 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from minorloop.identification.residuals import PARTS, ResidualSummary, Startup
+from minorloop.errors import are, counted
+from minorloop.identification.residuals import (
+    PARTS,
+    GroupDifference,
+    OffsetStep,
+    ResidualSummary,
+    Startup,
+)
 
 if TYPE_CHECKING:
     from minorloop.identification.fitted import Fit
 
 _LEAST_DRIFT = 0.005
-"""Least drift that is reported, in ranges."""
+"""Least drift or step that is reported, in ranges."""
+_SHOWN = 6
 _ALIKE, _LEAST_ERROR = 0.8, 0.005
 """Autocorrelation of a residual that is no noise; and its least size in ranges."""
 _UNEVEN = 2.5
@@ -25,6 +33,10 @@ def residual_advice(result: Fit) -> Iterator[str]:
     found = result.residual
     if found.startup is not None:
         yield _startup_text(found.startup)
+    if found.outliers:
+        yield _outliers_text(found.outliers, result)
+    if found.step is not None and abs(found.step.size) > _LEAST_DRIFT:
+        yield _step_text(found.step)
     if abs(found.drift) > _LEAST_DRIFT:
         yield (
             f"the residual drifts by {abs(found.drift):.2%} of range along the record: let "
@@ -32,23 +44,27 @@ def residual_advice(result: Fit) -> Iterator[str]:
         )
     if result.nrmse < _LEAST_ERROR:
         return
+    if found.groups is not None:
+        yield _groups_text(found.groups)
     yield from _uneven(found, result)
-    if found.autocorrelation > _ALIKE:
+    explained = found.groups or found.step or found.drift
+    if found.autocorrelation > _ALIKE and not explained:
         yield (
             f"neighbouring residuals are alike (autocorrelation {found.autocorrelation:.2f}), so "
             f"they are an error of the model and no noise: {_remedy(result)}"
         )
 
 
-WITH_TIMES = "; identify_dynamics (--time COLUMN --dynamics auto) shows whether rate or creep"
-"""What is not said where dynamics were identified."""
-
-
 def _remedy(result: Fit) -> str:
     if any(choice.name == "structure" for choice in result.choices):
+        more = (
+            "; identify_dynamics (--time COLUMN --dynamics auto) shows whether rate or creep"
+            if result.measured is None
+            else ""
+        )
         return (
             "the options that were compared do not remove it, so it may depend on the rate, creep "
-            f"or temperature{WITH_TIMES}"
+            f"or temperature{more}"
         )
     lag = "" if result.searched else ' or lag="auto" (--lag auto)'
     return f'other levels, slope="auto" (--slope){lag} may reduce it'
@@ -62,6 +78,35 @@ def _startup_text(startup: Startup) -> str:
         "squared error, a start-up that the model does not follow: let them set the memory without "
         f"being fitted, skip={startup.rows} (--skip {startup.rows}), or give the start state that "
         "the record has"
+    )
+
+
+def _outliers_text(samples: tuple[int, ...], result: Fit) -> str:
+    shown = ", ".join(f"sample {k} ({result.y[k]:.6g})" for k in samples[:_SHOWN])
+    more = f" and {len(samples) - _SHOWN} more" if len(samples) > _SHOWN else ""
+    one = len(samples) == 1
+    return (
+        f"{counted(len(samples), 'reading')} {are(len(samples))} far from the model and from the "
+        f"readings around {'it' if one else 'them'}: {shown}{more}; empty "
+        f"{'this cell, which then counts' if one else 'these cells, which then count'} as not "
+        "measured, and check the cable and the trigger of the sensor"
+    )
+
+
+def _step_text(step: OffsetStep) -> str:
+    return (
+        f"from sample {step.sample} on the output is shifted by {step.size:+.2%} of range: the "
+        "sensor or its mount moved, or its zero was set anew; identify the rows before and behind "
+        "apart (--rows), or subtract the shift from the output"
+    )
+
+
+def _groups_text(found: GroupDifference) -> str:
+    return (
+        f"the {found.groups} groups differ from one another, by offsets of up to "
+        f"{found.offset:.2%} of range and gains of up to {found.gain:.1%}, which are "
+        f"{found.share:.0%} of the squared error: no option of one model removes it; identify each "
+        "group by itself (minorloop fleet identify), or correct the offset of the sensor"
     )
 
 

@@ -1,4 +1,4 @@
-"""What the residual of a fit shows: a start-up, drift, and where the error is large."""
+"""What the residual of a fit shows: a start-up, drift, a step, outliers, and where it is large."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 
@@ -17,10 +18,28 @@ _WINDOW, _SHARE_OF_ROWS, _SHARE_OF_ERROR = 100, 0.1, 0.3
 of the rows, and at least the share of the squared error."""
 _TIMES = 4.0
 """Error of a start-up over that of the other rows."""
-_DRIFT = 0.5
-"""Share of the variance of the residual that a drift explains."""
+_BLOCKS, _LEAST_BLOCK = 40, 5
+"""Blocks of rows whose means show drift and steps, and least rows of one."""
+_DRIFT, _SURE = 0.4, 4.0
+"""Share of the variance of these means that a drift explains, and how many of its standard
+deviations it is."""
+_STEP, _MORE = 0.35, 1.3
+"""The same share for a step, and over that of a straight line."""
+_JUMP, _BESIDE, _NEARLY = 5.0, 7, 0.8
+"""How many times a step is the usual change between the medians of so many neighbours on both
+sides; and its share of the variance over that at the best row."""
+_STAYS, _WIDE = 0.5, 4
+"""Share of a step that is left between medians of so many times more rows."""
+_OUTLIER, _LEAST_OUTLIER, _OVERSHOOT = 10.0, 0.02, 0.5
+"""Error of an outlier over the usual one, and in ranges; share of it by which the reading is
+outside those before and after it."""
+_LARGE_RECORD = 200
+"""Residuals below which outliers are left to the bands of the fit."""
+_OF_GROUPS = 0.5
+"""Share of the squared error that an offset and a gain of each group explain."""
 PARTS = 3
 """Parts of equal size by amplitude and by rate."""
+_ROUNDING = 1e-12
 _MOST = 50_000
 """Samples by whose amplitude and rate errors are sorted, about."""
 
@@ -44,6 +63,44 @@ class Startup:
     share: float
 
 
+@dataclass(frozen=True)
+class OffsetStep:
+    """A place from which on all outputs are shifted.
+
+    Parameters
+    ----------
+    sample : int
+        First sample behind it.
+    size : float
+        Change of the measured output against the model, in ranges.
+    """
+
+    sample: int
+    size: float
+
+
+@dataclass(frozen=True)
+class GroupDifference:
+    """How the outputs of groups differ from the model, each with an offset and a gain of its own.
+
+    Parameters
+    ----------
+    groups : int
+        Number of groups.
+    share : float
+        Share of the squared error that these offsets and gains explain.
+    offset : float
+        Largest offset, in ranges.
+    gain : float
+        Largest difference of a gain from one.
+    """
+
+    groups: int
+    share: float
+    offset: float
+    gain: float
+
+
 @dataclass(frozen=True, eq=False)
 class ResidualSummary:
     """What the residual on the fitted samples shows; errors are in ranges of the output.
@@ -59,7 +116,14 @@ class ResidualSummary:
     startup : Startup, optional
         A start-up that the model does not follow.
     drift : float
-        Change along the record where the residual changes steadily; 0 otherwise.
+        Change of the measured output against the model along the record, where it is steady; 0
+        otherwise.
+    step : OffsetStep, optional
+        A shift of all outputs from a row on.
+    outliers : tuple of int
+        Samples of a long record that are far from the model and from the readings around them.
+    groups : GroupDifference, optional
+        What the groups differ by, where this is most of the error.
     by_amplitude : tuple of (float, float, float)
         Of samples by the size of their loop: its least and greatest size, and the error.
     by_rate : tuple of (float, float, float)
@@ -71,11 +135,20 @@ class ResidualSummary:
     autocorrelation: float
     startup: Startup | None = None
     drift: float = 0.0
+    step: OffsetStep | None = None
+    outliers: tuple[int, ...] = ()
+    groups: GroupDifference | None = None
     by_amplitude: tuple[tuple[float, float, float], ...] = ()
     by_rate: tuple[tuple[float, float, float], ...] = ()
 
 
-def summary(u: FloatArray, error: FloatArray, used: BoolArray) -> ResidualSummary:
+def summary(
+    u: FloatArray,
+    error: FloatArray,
+    used: BoolArray,
+    y: FloatArray,
+    groups: IntArray | None = None,
+) -> ResidualSummary:
     """Summarise the residual of a fit.
 
     Parameters
@@ -86,6 +159,10 @@ def summary(u: FloatArray, error: FloatArray, used: BoolArray) -> ResidualSummar
         Model less measured, in ranges of the output.
     used : (T,) array of bool
         Fitted samples without outliers.
+    y : (T,) array
+        Measured outputs, in ranges.
+    groups : (T,) array of int, optional
+        Number of the group of each row.
     """
     rows = np.flatnonzero(used)
     left = error[rows]
@@ -95,13 +172,21 @@ def summary(u: FloatArray, error: FloatArray, used: BoolArray) -> ResidualSummar
     startup = find_startup(left, rows)
     later = rows >= (startup.rows if startup else 0)
     rest, places = left[later], rows[later]
+    far = _outliers(rest, y[places])
+    outliers = tuple(places[far].tolist())
+    rest, places = rest[~far], places[~far]
+    differ = None if groups is None else _differences(rest, y[places], groups[places])
+    step = None if differ else _step(rest, places)
     some, error_of_some = _thin(places), _thin(rest)
     return ResidualSummary(
         int(rows[worst]),
         float(left[worst]),
         _autocorrelation(rest, places),
         startup,
-        _drift(rest, places),
+        0.0 if differ or step else _drift(rest),
+        step,
+        outliers,
+        differ,
         _by(amplitudes(u)[some], error_of_some),
         _by(np.abs(u[some] - u[np.maximum(some - 1, 0)]), error_of_some),
     )
@@ -145,16 +230,107 @@ def _autocorrelation(error: FloatArray, rows: IntArray) -> float:
     return float(np.mean((centred[1:] * centred[:-1])[next_to]) / square)
 
 
-def _drift(error: FloatArray, rows: IntArray) -> float:
-    """Change of the residual along the record if a straight line explains much of it."""
-    time = rows - rows.mean()
-    square = float(time @ time)
-    centred = error - error.mean()
-    if not square or not np.any(centred):
-        return 0.0
-    slope = float(time @ centred) / square
-    explained = slope**2 * square / float(centred @ centred)
-    return slope * float(np.ptp(rows)) if explained >= _DRIFT else 0.0
+def _outliers(error: FloatArray, y: FloatArray) -> BoolArray:
+    """Return which readings of a long record are far from the model, and their neighbours not."""
+    found = np.zeros(error.size, dtype=np.bool_)
+    if error.size < _LARGE_RECORD:
+        return found
+    usual = float(np.median(np.abs(error - np.median(error)))) / 0.6745
+    alone = _above_neighbours(error)
+    found[1:-1] = (alone > max(_OUTLIER * usual, _LEAST_OUTLIER)) & (
+        _above_neighbours(y) > _OVERSHOOT * alone
+    )
+    return found
+
+
+def _above_neighbours(values: FloatArray) -> FloatArray:
+    """(T - 2,) distance from the nearer of both neighbours, where both are on the same side."""
+    before, after = values[1:-1] - values[:-2], values[1:-1] - values[2:]
+    return np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+
+
+def _step(error: FloatArray, rows: IntArray) -> OffsetStep | None:
+    """Find a row from which on the residual is shifted, at once and for the rest of the record."""
+    means = _block_means(error)
+    share = float(max(_shares_of_steps(means), default=0.0))
+    if share < max(_STEP, _MORE * _line(means)[1]) or error.size < 4 * _BESIDE:
+        return None
+    middle = np.median(sliding_window_view(error, _BESIDE), axis=1)
+    changes = middle[_BESIDE:] - middle[:-_BESIDE]
+    usual = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745
+    likely = _shares_of_steps(error)[_BESIDE - 1 :][: changes.size]
+    best = int(np.argmax(likely)) + _BESIDE
+    rise = np.sign(error[best:].mean() - error[:best].mean()) * changes
+    place = int(np.argmax(np.where(likely >= _NEARLY * likely.max(), rise, 0.0)))
+    if rise[place] <= max(_JUMP * usual, _ROUNDING):
+        return None
+    near = slice(place + 1, place + 2 * _BESIDE)
+    first = near.start + int(np.argmax(np.abs(np.diff(error[place : near.stop]))))
+    wide = _WIDE * _BESIDE
+    stays = np.median(error[first : first + wide]) - np.median(error[max(first - wide, 0) : first])
+    if abs(stays) < _STAYS * rise[place]:
+        return None
+    return OffsetStep(int(rows[first]), -float(changes[place]))
+
+
+def _drift(error: FloatArray) -> float:
+    """Change of the measured output along the record if a straight line explains the residual."""
+    means = _block_means(error)
+    change, share = _line(means)
+    left = max(1 - share, _ROUNDING)
+    sure = share * (means.size - 2) >= _SURE**2 * left
+    return -change if share >= _DRIFT and sure else 0.0
+
+
+def _line(values: FloatArray) -> tuple[float, float]:
+    """Change along a straight line through the values, and its share of their variance."""
+    centred = values - values.mean()
+    squares = float(centred @ centred)
+    if values.size < 2 or squares == 0:
+        return 0.0, 0.0
+    time = np.linspace(-0.5, 0.5, values.size)
+    change = float(time @ centred) / float(time @ time)
+    return change, change**2 * float(time @ time) / squares
+
+
+def _block_means(error: FloatArray) -> FloatArray:
+    """Return means of the residual in blocks of about the same number of rows."""
+    blocks = min(_BLOCKS, max(error.size // _LEAST_BLOCK, 1))
+    return np.array([part.mean() for part in np.array_split(error, blocks)])
+
+
+def _shares_of_steps(values: FloatArray) -> FloatArray:
+    """(n - 1,) share of the variance that a step before each value but the first explains."""
+    centred = values - values.mean()
+    squares = float(centred @ centred)
+    if values.size < 2 or squares == 0:
+        return np.zeros(max(values.size - 1, 0))
+    before = np.arange(1, values.size)
+    sums = np.cumsum(centred)[:-1]
+    return np.asarray(sums**2 * (1 / before + 1 / (values.size - before)) / squares)
+
+
+def _differences(error: FloatArray, y: FloatArray, groups: IntArray) -> GroupDifference | None:
+    """Return offsets and gains of the groups, if they explain most of the residual."""
+    names = np.unique(groups)
+    left = error.copy()
+    offsets, gains = [], []
+    for name in names:
+        rows = groups == name
+        x = y[rows] - y.mean()
+        if np.count_nonzero(rows) < _LEAST_BLOCK or not np.ptp(x):
+            continue
+        gain, offset = np.polyfit(x, error[rows], 1)
+        left[rows] -= offset + gain * x
+        offsets.append(abs(float(offset)))
+        gains.append(abs(float(gain)))
+    squares = float(error @ error)
+    if len(offsets) < 2 or squares == 0:
+        return None
+    share = 1 - float(left @ left) / squares
+    if share < _OF_GROUPS:
+        return None
+    return GroupDifference(len(names), share, max(offsets), max(gains))
 
 
 def amplitudes(u: FloatArray) -> FloatArray:

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, Samples
-from minorloop.errors import ParameterError
 from minorloop.figures import NotebookView, figure_of
 from minorloop.identification import advising
 from minorloop.identification.bands import BAND, Prediction, as_probability
 from minorloop.identification.baseline import delayed
 from minorloop.identification.curves import Curves, as_curves
 from minorloop.identification.fitted import Fit
+from minorloop.identification.rough_model import few
 from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
@@ -58,8 +58,7 @@ class Identification(Fit, NotebookView):
         Raises
         ------
         ParameterError
-            If bands are wanted and the model was identified without the prior and without
-            groups, or they are not between 0 and 1.
+            If bands are not between 0 and 1.
         """
         if bands is None and curves is None:
             return delayed(self.model.simulate(u, self.start), self.lag)
@@ -92,12 +91,10 @@ class Identification(Fit, NotebookView):
         Returns
         -------
         Inversion
-            With ``sd`` where the model has bands, and with the warnings about this model.
+            With ``sd``, and with the warnings about this model.
         """
         begin = self.start if start is None else start
         found = replace(self.model.invert(targets, begin, unreachable), warnings=self.warnings)
-        if self.posterior is None and self.scatter is None:
-            return found
         samples = np.arange(found.u.size)
         return replace(found, sd=self._deviation(found.u, Curves.whole(begin), samples, lag=0))
 
@@ -112,16 +109,11 @@ class Identification(Fit, NotebookView):
         Returns
         -------
         (M,) array
-
-        Raises
-        ------
-        ParameterError
-            If the model was identified without the prior and without groups.
         """
         sd = self._deviation(self.u, self.curves, np.asarray(samples, dtype=np.int64))
-        if self.posterior is None or self.scatter is not None:
+        if self.scatter is not None:
             return sd
-        return np.hypot(sd, self.posterior.hyperparameters.noise * self.posterior.unit)
+        return np.hypot(sd, self.uncertainty.hyperparameters.noise * self.uncertainty.unit)
 
     def _deviation(
         self,
@@ -134,18 +126,20 @@ class Identification(Fit, NotebookView):
         """Standard deviation at some samples of an input, in increasing order."""
         inputs, places = curves.driven(u, self.model.levels, self.lag if lag is None else lag)
         known = np.zeros(samples.size)
-        if self.posterior is not None:
+        if self.posterior is not None or self.scatter is None:
             wanted = np.zeros(inputs.size, dtype=np.bool_)
             wanted[places[samples]] = True
-            known = self.posterior.deviation(inputs, curves.start, wanted)
-        if self.scatter is not None:
-            return self.scatter.deviation(inputs[places[samples]], known, probability)
-        if self.posterior is None:
-            raise ParameterError(
-                'this model has no bands; identify with prior="gaussian" (--prior gaussian) or '
-                "with three groups or more (--groups)"
-            )
-        return known
+            known = self.uncertainty.deviation(inputs, curves.start, wanted)
+        if self.scatter is None:
+            return known
+        return self.scatter.deviation(inputs[places[samples]], known, probability)
+
+    @cached_property
+    def band_sd(self) -> float:
+        """Mean standard deviation of up to 800 predicted outputs; of readings with groups."""
+        grouped = self.scatter is not None
+        samples = np.flatnonzero(self.fitted) if grouped else np.arange(self.u.size)
+        return float(self._deviation(self.u, self.curves, few(samples)).mean())
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -14,6 +14,12 @@ MOST_CURVES = 10
 CURVE_COLUMNS = ("curve", "samples", "error", "of its rms", "worst", "loop area", "left out")
 """Headings of a table of curves."""
 
+OF_OPERATOR = (
+    *("samples fitted", "samples held out", "rows skipped", "unknowns", "free parameters"),
+    *("effective parameters", "rank", "cells excited", "optimality (KKT)"),
+)
+"""Rows about the operator that are shown beside dynamics."""
+
 
 def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
     """Return the scores as rows of a table, label and value.
@@ -41,11 +47,17 @@ def score_rows(found: Fit, *, rank: str = "") -> list[tuple[str, str]]:
         *([("mean of the prior", f"{found.ridge.kind} ridge")] if found.ridge else []),
         ("unknowns", f"{found.unknowns}"),
         ("free parameters", f"{found.free_parameters}"),
+        *_effective_row(found),
         *([("rank", rank)] if rank else []),
         ("cells excited", f"{found.excited_fraction:.0%}"),
         ("optimality (KKT)", f"{found.kkt:.1e}{'' if found.converged else ', not converged'}"),
         *_residual_rows(found),
     ]
+
+
+def _effective_row(found: Fit) -> list[tuple[str, str]]:
+    number = found.effective_parameters
+    return [] if number is None else [("effective parameters", f"{number:.1f}")]
 
 
 def accuracy_rows(fitted: Accuracy, held_out: Accuracy | None) -> list[tuple[str, str]]:

@@ -22,6 +22,9 @@ for each width by which its input is outside."""
 _OFF_SD, _OFF, _UNUSUAL = 8.0, 0.2, 0.5
 """Error of an outlier against the rough model, in robust deviations and in ranges; and the distance
 of its input from the middle 90 % above which the rough model is not reliable."""
+_STAYS, _STRAIGHT = 0.25, 0.5
+"""Step of the output after a jump, or before it, over the jump, up to which it stays; and distance
+from the line between the neighbours, over the least error, up to which a reading is on it."""
 
 
 def record_faults(
@@ -90,7 +93,23 @@ def _off_rough_model(record: RoughRecord) -> IntArray:
     np.minimum(middle, np.abs(off[1:-1]), out=middle)
     limit = max(_OFF_SD * spread(off), _OFF * float(np.ptp(record.values)))
     usual = _outside(record.u[record.places]) < _UNUSUAL
-    return _if_few(record.places[(alone > limit) & usual], record)
+    places = np.flatnonzero((alone > limit) & usual)
+    return _if_few(record.places[places[~_follows(record, places, limit)]], record)
+
+
+def _follows(record: RoughRecord, places: IntArray, height: float) -> BoolArray:
+    """Whether readings follow their neighbours: on a straight line, or before or after a jump.
+
+    The rough model is smooth: it is wrong around a jump.
+    """
+    u, y = record.u[record.places], record.values
+    before, after = y[places] - y[places - 1], y[places + 1] - y[places]
+    jump = np.maximum(np.abs(before), np.abs(after))
+    stays = (jump > height) & (np.minimum(np.abs(before), np.abs(after)) < _STAYS * jump)
+    came, goes = u[places] - u[places - 1], u[places + 1] - u[places]
+    share = came / np.where(came + goes == 0, 1.0, came + goes)
+    line = np.abs(before - share * (before + after)) < _STRAIGHT * height
+    return np.asarray(stays | (line & (came * goes > 0)))
 
 
 def _if_few(places: IntArray, record: RoughRecord) -> IntArray:

@@ -74,9 +74,11 @@ class Log:
         return self.of_file + (self.check.notes if self.check else ())
 
     @property
-    def breaks(self) -> tuple[str, ...]:
-        """What was found about gaps and clock jumps only."""
-        return self.check.of_breaks if self.check else ()
+    def irregular(self) -> tuple[str, ...]:
+        """What was found about gaps and clock jumps, and about uneven steps of raw samples."""
+        if self.check is None:
+            return ()
+        return self.check.of_breaks + (self.check.of_steps if self.sd is None else ())
 
     @property
     def left_out(self) -> tuple[str, ...]:

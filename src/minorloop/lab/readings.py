@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import ParameterError, are
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
+from minorloop.lab.holds import FoundHold
 from minorloop.lab.records import Record
+from minorloop.lab.spikes import spikes
 
-__all__ = ["converted", "usable"]
+__all__ = ["converted", "usable", "without_spikes"]
 
 _STUCK = 4
 """Equal readings in a row, at an end of the range of the output, that count as saturated."""
@@ -54,6 +58,26 @@ def usable(record: Record, limits: tuple[float, float] | None) -> tuple[FloatArr
         )
         y = np.where(saturated, np.nan, y)
     return y, notes
+
+
+def without_spikes(
+    record: Record, readings: FloatArray, holds: Sequence[FoundHold]
+) -> tuple[FloatArray, list[str]]:
+    """Return the readings, NaN where they are spikes within a hold; and notes."""
+    found = np.zeros(readings.size, dtype=np.bool_)
+    for hold in holds:
+        found[hold.begin : hold.end] = spikes(readings[hold.begin : hold.end])
+    count = int(np.count_nonzero(found))
+    if not count:
+        return readings, []
+    first = int(np.argmax(found))
+    note = (
+        f"{count} of {readings.size} readings of {record.output} {are(count)} far from the "
+        f"readings around {'it' if count == 1 else 'them'}, first {readings[first]:g} at sample "
+        f"{first}; {'it is' if count == 1 else 'they are'} not used: check the cable and the "
+        "trigger of the sensor"
+    )
+    return np.where(found, np.nan, readings), [note]
 
 
 def _saturated(y: FloatArray) -> list[tuple[float, BoolArray]]:

@@ -20,7 +20,7 @@ from minorloop.files import PathLike, check_writable, table_text, write_atomical
 from minorloop.lab.codes import codes
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.holds import FoundHold, find_holds, turning_points
-from minorloop.lab.readings import converted, usable
+from minorloop.lab.readings import converted, usable, without_spikes
 from minorloop.lab.records import Quantity, Record
 from minorloop.lab.settling import SPAN_SHARE, judge, trend
 from minorloop.lab.timebase import known_memory
@@ -276,6 +276,8 @@ def reduce(
         )
     readings, notes = usable(record, limits)
     check_magnitude("output", readings)
+    readings, spiked = without_spikes(record, readings, holds)
+    notes += spiked
     y, common = readings, np.zeros(readings.size)
     quantity = record.output
     if conversion is not None:

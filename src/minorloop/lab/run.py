@@ -23,6 +23,7 @@ from minorloop.lab.plan import Plan
 from minorloop.lab.records import Quantity
 from minorloop.lab.settling import SPAN_SHARE, judge, trend
 from minorloop.lab.signals import Allowed, Deferred, Stopped, ended_by_signals
+from minorloop.lab.spikes import spikes
 from minorloop.lab.store import Point, Store
 
 __all__ = [
@@ -333,7 +334,8 @@ def _stored_point(
 ) -> Point:
     """Judge a finished hold, and write its point to the store."""
     t, y = hold.trace
-    end = judge(t, y, tolerance=tolerance, window=store.plan.window)
+    sound = np.where(spikes(y), np.nan, y)
+    end = judge(t, sound, tolerance=tolerance, window=store.plan.window)
     point = Point(
         index=len(points),
         input=level,

@@ -3,21 +3,20 @@
 A line through the trailing window gives the slope with its uncertainty. An output whose slope is
 not known to be small is extrapolated by a fit of decaying exponentials with fixed, log-spaced time
 constants. It counts as settled too if the whole hold shows that it hardly moves any more, or if it
-cannot be distinguished from a constant.
+cannot be distinguished from a constant and the exponentials say that little is likely to remain.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, stdtr
+from scipy.special import betainc, ndtr, stdtr
 
 from minorloop.arrays import FloatArray
 
@@ -41,14 +40,16 @@ TRUST = 0.1
 which has no limit, exceeds it."""
 FADING = 0.5
 """Assumed time constant of the slope at the end of a hold, as a share of the hold."""
-HIDDEN = 0.5
-"""Share of the noise of a sample by which a settled output may still change."""
+LIKELY = 0.6
+"""Least probability that no more remains, where noise hides whether the output still moves."""
 STRETCH = 2.5
 """Windows over which a noisy output has to be constant."""
 CHANCE = 1e-4
 """Probability that the noise of a constant counts as movement, in each of two tests."""
 FEWEST_STILL = 8
 """Least samples that distinguish movement from noise."""
+_SLOW = 1 + len(TIME_CONSTANTS)
+"""Choices with the slower time constant: alone, and with each of the others."""
 _FEWEST = 4
 _FEWEST_TAIL = 12
 _MOST = 2000
@@ -77,7 +78,7 @@ class Trend:
         return abs(self.slope) + SURE * self.slope_sd <= tolerance
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Extrapolation:
     """The limit of exponentials fitted to a hold.
 
@@ -85,6 +86,8 @@ class Extrapolation:
     ----------
     value, sd : float
         Settled value and its standard deviation, in the unit of the output.
+    least_sd : float
+        The same without what a slower decay may leave.
     remaining : float
         Change from the end of the hold to the limit.
     trusted : bool
@@ -92,13 +95,27 @@ class Extrapolation:
         change of the fitted tail.
     noise : float
         Standard deviation of a sample about the fit.
+    changes, change_sds, likelihoods : (C,) array
+        For each choice of time constants, slower ones included: the change of the output in
+        another such hold, its standard deviation, and the likelihood of the choice, of sum one.
     """
 
     value: float
     sd: float
+    least_sd: float
     remaining: float
     trusted: bool
     noise: float
+    changes: FloatArray
+    change_sds: FloatArray
+    likelihoods: FloatArray
+
+    def probability(self, limit: float) -> float:
+        """Return how likely another such hold changes the output by no more than a limit > 0."""
+        spread = np.maximum(self.change_sds, np.finfo(float).tiny)
+        edges = np.array([[limit], [-limit]]) - self.changes
+        upper, lower = ndtr(edges / spread)
+        return float(self.likelihoods @ (upper - lower))
 
 
 @dataclass(frozen=True)
@@ -113,9 +130,11 @@ class Settling:
     verdict : str
         ``settled``: the slope was below the tolerance, and ``value`` is the end of the trend; or
         the exponentials know the limit, and the change up to it, to what the tolerance allows in
-        another such hold, and ``value`` is the limit; or noise hides so small a change, and
-        ``value`` is the limit if that is trusted, otherwise the end of a longer trend.
-        ``extrapolated``: the output still moves, and ``value`` is the limit of the exponentials.
+        another such hold, and ``value`` is the limit; or noise hides so small a change, a larger
+        one is unlikely, and ``value`` is the limit if that is trusted, otherwise the end of a
+        longer trend.
+        ``extrapolated``: the output still moves, or noise hides whether it does, and ``value`` is
+        the limit of the exponentials.
         ``unsettled``: the limit is not trusted; ``value`` is the end of the trend.
         Where ``value`` is the end of the trend, ``sd`` includes the change that seems to remain.
     slope, slope_sd : float
@@ -235,7 +254,9 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
         return None
     x = TAIL * (times - times[0]) / (times[-1] - times[0])
     last = float(values[-1])
-    fits = [_least_squares(basis, values - last) for basis in _decays(x.tobytes())]
+    choices = _decays(x.tobytes())
+    every = [_least_squares(choice.basis, values - last) for choice in choices]
+    fits = every[:-_SLOW]
     weight = _likelihoods(fits, times.size)
     goals = np.array([fit.weights[0] for fit in fits])
     value = float(weight @ goals)
@@ -244,13 +265,21 @@ def extrapolate(t: npt.ArrayLike, y: npt.ArrayLike) -> Extrapolation | None:
     remaining = value - float(weight @ [fit.fitted[-1] for fit in fits])
     sd = math.sqrt(float(weight @ doubts) + (DOUBT * remaining) ** 2)
     moved = float(weight @ [np.ptp(fit.fitted) for fit in fits])
-    trusted = sd <= max(best.noise, TRUST * moved)
-    if abs(remaining) > sd:
-        # The longest of the time constants also fits a slower decay, of which more remains.
-        slower = [_least_squares(basis, values - last) for basis in _slower_decays(x.tobytes())]
-        slow = float(_likelihoods([*fits, *slower], times.size)[len(fits) :].sum())
-        sd = math.hypot(sd, slow * remaining)
-    return Extrapolation(value + last, sd, remaining, trusted, best.noise)
+    likelihoods = _likelihoods(every, times.size)
+    # The longest of the time constants also fits a slower decay, of which more remains.
+    away = [abs(fit.weights[0] - value) for fit in every[-_SLOW:]]
+    pairs = list(zip(choices, every, strict=True))
+    return Extrapolation(
+        value=value + last,
+        sd=math.hypot(sd, float(likelihoods[-_SLOW:] @ away)),
+        least_sd=sd,
+        remaining=remaining,
+        trusted=sd <= max(best.noise, TRUST * moved),
+        noise=best.noise,
+        changes=np.array([choice.ahead @ fit.weights for choice, fit in pairs]),
+        change_sds=np.array([choice.ahead_spread * fit.sd for choice, fit in pairs]),
+        likelihoods=likelihoods,
+    )
 
 
 def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float) -> Settling:
@@ -283,10 +312,11 @@ def judge(t: npt.ArrayLike, y: npt.ArrayLike, *, tolerance: float, window: float
     if end is not None and not known:
         allowed = tolerance * float(np.ptp(_measured(t, y)[0]))
         left = abs(end.remaining)
-        near = left <= allowed and end.sd <= allowed
-        hidden = still and left <= max(allowed, HIDDEN * end.noise)
-        if near or end.trusted:
-            verdict: Verdict = "settled" if near or hidden else "extrapolated"
+        near = left <= allowed and end.least_sd <= allowed
+        hidden = still and end.probability(allowed) >= LIKELY
+        if near or end.trusted or (still and not hidden):
+            settled = near or (hidden and left <= allowed)
+            verdict: Verdict = "settled" if settled else "extrapolated"
             return Settling(end.value, end.sd, verdict, *slopes)
     if still:
         line = trend(t, y, STRETCH * window) or line
@@ -342,29 +372,37 @@ def _least_squares(basis: _Basis, y: FloatArray) -> _Fit:
     return _Fit(weights, basis.spread, fitted, squares, noise, (1 + like) / (1 - like))
 
 
+@dataclass(frozen=True, eq=False)
+class _DecayChoice:
+    """Exponentials with a choice of time constants: a constant and one column for each.
+
+    ``ahead`` (unknowns,) times the weights is the change of the output in another such hold, with
+    ``ahead_spread`` times the noise as standard deviation.
+    """
+
+    basis: _Basis
+    ahead: FloatArray
+    ahead_spread: float
+
+
 @lru_cache(maxsize=4)
-def _decays(grid: bytes) -> list[_Basis]:
-    """Return the exponentials of each choice at times (T,) that are shares of the hold.
+def _decays(grid: bytes) -> list[_DecayChoice]:
+    """Return the choices at times (T,) that are shares of the hold; the slower ones are the last.
 
     The holds of a plan have the same times, so that the factors serve for all of them.
     """
     pairs = itertools.combinations(TIME_CONSTANTS, 2)
-    return _bases(grid, [*((share,) for share in TIME_CONSTANTS), *pairs])
+    usual = [*((share,) for share in TIME_CONSTANTS), *pairs]
+    slower = [(SLOWER,), *((share, SLOWER) for share in TIME_CONSTANTS)]
+    return [_choice(np.frombuffer(grid), shares) for shares in [*usual, *slower]]
 
 
-@lru_cache(maxsize=4)
-def _slower_decays(grid: bytes) -> list[_Basis]:
-    """Return the choices with a decay that is slower than all of them."""
-    return _bases(grid, [(SLOWER,), *((share, SLOWER) for share in TIME_CONSTANTS)])
-
-
-def _bases(grid: bytes, choices: Sequence[tuple[float, ...]]) -> list[_Basis]:
-    x = np.frombuffer(grid)
-    columns = {share: np.exp(-x / share) for share in (*TIME_CONSTANTS, SLOWER)}
-    return [
-        _Basis.of(np.column_stack([np.ones_like(x), *(columns[share] for share in chosen)]))
-        for chosen in choices
-    ]
+def _choice(x: FloatArray, shares: tuple[float, ...]) -> _DecayChoice:
+    columns = [np.exp(-x / share) for share in shares]
+    basis = _Basis.of(np.column_stack([np.ones_like(x), *columns]))
+    ahead = [math.exp(-(TAIL + 1) / share) - math.exp(-TAIL / share) for share in shares]
+    change = np.array([0.0, *ahead])
+    return _DecayChoice(basis, change, float(np.linalg.norm(change @ basis.inverse)))
 
 
 def _likelihoods(fits: list[_Fit], count: int) -> FloatArray:

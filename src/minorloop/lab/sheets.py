@@ -17,6 +17,8 @@ from minorloop.lab.text_tables import MAX_COLUMNS, check_file, check_headers, wi
 
 MAX_ROWS = 20_000_000
 """Most rows that are read."""
+_FEWEST_NUMBERS = 2
+"""Numbers in the first row of data, and texts in a row of headers, at least; a title has one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +137,8 @@ def _workbook(file: Path) -> Sheet:
     rows = [rows[k - 1] for k in numbers]
     if not rows:
         return Sheet(file, (), (), ())
+    first = _header_row(rows)
+    rows, numbers = rows[first:], numbers[first:]
     headers = [_as_text(cell).strip() for cell in rows[0]]
     while headers and not headers[-1]:
         headers.pop()
@@ -145,6 +149,28 @@ def _workbook(file: Path) -> Sheet:
         headers, body, numbers = units, body[1:], numbers[1:]
     columns = tuple([row[k] for row in body] for k in range(len(headers)))
     return Sheet(file, tuple(headers), columns, numbers)
+
+
+def _header_row(rows: Sequence[Sequence[Any]]) -> int:
+    """Return the last row of texts above the first row of numbers, or the row of units' above."""
+    for number, row in enumerate(rows):
+        if sum(map(_is_number, row)) < _FEWEST_NUMBERS:
+            continue
+        above = [k for k in range(number) if _is_text(rows[k])]
+        if len(above) > 1 and with_units(*(list(map(_as_text, rows[k])) for k in above[-2:])):
+            above.pop()
+        return above[-1] if above else 0
+    return 0
+
+
+def _is_number(cell: Any) -> bool:
+    return isinstance(cell, int | float) and not isinstance(cell, bool)
+
+
+def _is_text(row: Sequence[Any]) -> bool:
+    """Whether a row has several cells, and all are texts."""
+    cells = [cell for cell in row if cell is not None]
+    return len(cells) >= _FEWEST_NUMBERS and all(isinstance(cell, str) for cell in cells)
 
 
 def _as_text(cell: Any) -> str:

@@ -56,6 +56,8 @@ _SLACK, _CELLS = 100, 10_000_000
 _LONGEST_CELL = 1000
 """Most lines of a quoted cell; more mean a missing quotation mark."""
 _MOST_COMMENTS = 1000
+_BEGIN, _ZEROS = 1024, 0.9
+"""Bytes at the begin of a file that tell UTF-16, and their share of zeros at one of two places."""
 _SQLITE = b"SQLite format 3\0"
 """Begin of an experiment store."""
 _LOOKED_AT = 50
@@ -247,7 +249,7 @@ def is_number(text: str) -> bool:
 
 
 def encoding_of(path: PathLike) -> str:
-    """Return the encoding of a text file: UTF-16 with its mark, UTF-8, otherwise Windows-1252.
+    """Return the encoding of a text file: UTF-16, UTF-8, otherwise Windows-1252.
 
     Raises
     ------
@@ -256,8 +258,14 @@ def encoding_of(path: PathLike) -> str:
     """
     decoder = codecs.getincrementaldecoder("utf-8")()
     with Path(path).open("rb") as raw:
-        if raw.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        begin = raw.read(_BEGIN)
+        if begin.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return "utf-16"
+        # Without its mark, UTF-16 has zeros at every second place of plain letters and digits.
+        zeros = [np.mean(np.frombuffer(begin[k::2], np.uint8) == 0) for k in (0, 1) if begin[k:]]
+        for name, more, fewer in (("utf-16-be", 0, 1), ("utf-16-le", 1, 0)):
+            if len(zeros) == 2 and zeros[more] > _ZEROS and zeros[fewer] == 0:
+                return name
         raw.seek(0)
         try:
             while chunk := raw.read(BLOCK):

@@ -65,8 +65,8 @@ class TimeCheck:
         Samples after which the clock was set back.
     uneven : float
         Share of the other steps that differ from the interval by more than a tenth of it.
-    of_breaks, others : tuple of str
-        Findings about gaps and jumps, and the others, one sentence each.
+    of_breaks, of_steps, others : tuple of str
+        Findings about gaps and jumps, about uneven steps, and the others, one sentence each.
     """
 
     t: FloatArray
@@ -75,12 +75,13 @@ class TimeCheck:
     jumps: IntArray
     uneven: float
     of_breaks: tuple[str, ...] = ()
+    of_steps: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """All findings."""
-        return self.of_breaks + self.others
+        return self.of_breaks + self.of_steps + self.others
 
     @property
     def breaks(self) -> IntArray:
@@ -163,7 +164,7 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
             "another column, or leave it out"
         )
     interval = float(np.median(forward))
-    notes, others = [], []
+    notes, of_steps = [], []
     if back.size:
         first = int(back[0])
         notes.append(
@@ -188,12 +189,14 @@ def check_times(t: npt.ArrayLike, *, name: str = "time", unit: str = "s") -> Tim
     usual = np.delete(steps, np.concatenate([gaps, back]))
     uneven = float(np.mean(np.abs(usual - interval) > UNEVEN * interval)) if usual.size else 0.0
     if uneven > 0.01:
-        others.append(
+        of_steps.append(
             f"samples are uneven: {uneven:.0%} of the steps differ from the usual interval of "
             f"{interval:.4g} s by more than {UNEVEN:.0%}"
         )
-    others += _implausible(interval, name, unit)
-    return TimeCheck(times, interval, gaps, back, uneven, tuple(notes), tuple(others))
+    others = _implausible(interval, name, unit)
+    return TimeCheck(
+        times, interval, gaps, back, uneven, tuple(notes), tuple(of_steps), tuple(others)
+    )
 
 
 def _implausible(interval: float, name: str, unit: str) -> list[str]:

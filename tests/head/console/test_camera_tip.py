@@ -51,3 +51,13 @@ def test_the_camera_is_exposed_and_the_lights_are_those_of_the_tip():
     tip.expose(2e-3, 1.5)
     tip.switch((True, False, False))
     assert done == [("expose", 2e-3, 1.5), ("switch", (True, False, False))]
+
+
+def test_pictures_of_the_time_before_the_lights_were_switched_are_left_out(monkeypatch):
+    monkeypatch.setattr("minorloop.head.console.camera_tip.time.monotonic", lambda: 10.0)
+    waiting = [Frame(10.03, SMOOTH), Frame(10.07, SMOOTH + 1)]
+    camera = SimpleNamespace(address="camera:0", frame=lambda: waiting.pop(0))
+    own = SimpleNamespace(switch=lambda lights: None, settling=0.04)
+    tip = CameraTip(own, camera, LENS)
+    tip.switch((True, False, False))
+    assert tip.frame().t == 10.07

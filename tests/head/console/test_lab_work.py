@@ -1,8 +1,11 @@
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from minorloop import modelfile
+from minorloop.dynamics.cascade import Cascade
 from minorloop.errors import MinorloopError, ParameterError, RecordError
 from minorloop.head.console import lab_work
 from minorloop.lab import columns
@@ -48,6 +51,46 @@ def test_the_standard_deviations_of_reduced_points_are_used(folder):
         assert said == ("sd [um]" in header)
         errors.append(found["scores"]["fit"])
     assert errors[0] > errors[1]  # of all samples alike
+
+
+def _timed(late):
+    """Write the record with times, its output late by some rows."""
+    u, y = np.loadtxt("run.csv", delimiter=",", skiprows=1).T
+    u, y = np.repeat(u, 4), np.repeat(y, 4)
+    y = np.concatenate([np.full(late, y[0]), y[: y.size - late]])
+    table = np.column_stack([0.01 * np.arange(u.size), u, y])
+    np.savetxt("run.csv", table, delimiter=",", header="t [s],u [V],y [um]", comments="")
+
+
+def test_the_model_file_has_the_lag_in_seconds(folder):
+    _timed(3)
+    options = {"time": "t", "levels": 5, "prior": "none", "slope": False, "diagonal": "uniform"}
+    list(lab_work.identify_file(folder, "run.csv", "u", "y", lag=3, **options))
+    known = modelfile.read("model.json")
+    assert known.lag == 3
+    assert known.lag_seconds == pytest.approx(0.03)
+
+
+def test_dynamics_are_identified_shown_and_kept(folder, monkeypatch):
+    quick = partial(lab_work.identify_dynamics, first="operator", poles=0, creep=False)
+    monkeypatch.setattr(lab_work, "identify_dynamics", quick)
+    _timed(3)
+    found = result(folder, time="t", levels=3, dynamics="auto", last=160)
+    rows = dict(found["table"])
+    assert rows["order"].startswith("operator")
+    assert rows["dead time"].endswith(" s")
+    assert rows["samples fitted"] == "160"
+    known = modelfile.read("model.json")
+    assert isinstance(known.model, Cascade)
+    assert 0.01 < known.model.linear.delay < 0.05
+    (moved,) = lab_work.move(folder, None, 1.0)
+    assert moved["y"] == pytest.approx(known.operator.range[1], rel=0.05)
+    for options, said in (
+        ({}, "choose the column of time"),
+        ({"time": "t", "curves": "u"}, "none"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            result(folder, levels=5, dynamics="auto", **options)
 
 
 def test_columns_are_described_with_few_points(folder):

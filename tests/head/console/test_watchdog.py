@@ -2,14 +2,19 @@ import multiprocessing
 import socket
 import threading
 from multiprocessing import Pipe
+from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
-from minorloop.errors import LimitError
+from minorloop.errors import InstrumentError, LimitError, MissingExtraError, SafetyError
+from minorloop.head.console import watchdog
+from minorloop.head.console.bench_lines import LineCommand
 from minorloop.head.console.channel import NewestPipe
+from minorloop.head.console.settings import LoopSettings
 from minorloop.head.console.supervisor import ProcessHandle
-from minorloop.head.console.watchdog import RemotePlant, WatchedPlant
+from minorloop.head.console.watchdog import Command, RemotePlant, WatchedPlant
 
 HELD = np.array([0.3, 0.2, 1.0, 0.0])
 
@@ -140,3 +145,85 @@ def test_a_plant_that_does_not_answer_costs_one_wait_and_reads_nothing():
     assert not theirs.poll()  # nothing was sent before its first word
     theirs.close()
     assert np.isnan(plant.exchange(HELD)).all()
+
+
+class Dim(Wires):
+    """A plant with lights that may not confirm that it is safe."""
+
+    def __init__(self):
+        super().__init__()
+        self.lost = False
+
+    def safe(self):
+        if self.lost:
+            raise SafetyError("the source may still be on, switch it off by hand: no answer")
+        super().safe()
+
+    def light(self, lights):
+        self.done.append(("lights", *lights))
+
+    def flood(self, on):
+        raise InstrumentError("no pump")
+
+
+def test_a_plant_that_does_not_confirm_is_reported_and_made_safe_as_soon_as_it_does():
+    wires = Dim()
+    watched = WatchedPlant(wires, 60.0)
+    wires.lost = True
+    watched._carry_out(Command(0.0, [9.0, 0.0, 0.0, 0.0]))
+    assert not watched._answer().safe
+    assert "switch it off by hand" in watched.why
+    ours, theirs = Pipe()
+    for _ in range(2):
+        ours.send_bytes(msgspec.msgpack.encode(Command(watched.safe_at, HELD.tolist())))
+        watched._answer_next(theirs)
+        assert wires.done == ["safe"]  # nothing is applied meanwhile
+        assert not msgspec.msgpack.decode(ours.recv_bytes())[-1]
+    wires.lost = False
+    ours.send_bytes(msgspec.msgpack.encode(Command(watched.safe_at, HELD.tolist())))
+    watched._answer_next(theirs)
+    assert wires.done == ["safe", "safe"]
+    assert watched._answer().safe
+    assert watched.why == "a device of the head was lost, and is back"
+
+
+def test_lights_are_switched_between_two_commands_of_the_loop():
+    wires, (loop, theirs), (camera, lines) = Dim(), Pipe(), Pipe()
+    watched = WatchedPlant(wires, 60.0)
+    watched._lines = NewestPipe(lines)
+    camera.send_bytes(msgspec.msgpack.encode(LineCommand(lights=[True, False])))
+    watched._switch(lines)
+    assert camera.recv_bytes() == b""
+    camera.send_bytes(msgspec.msgpack.encode(LineCommand(pump=True)))
+    watched._switch(lines)
+    assert camera.recv_bytes() == b"no pump"
+    camera.close()
+    watched._switch(lines)
+    assert lines.closed
+    loop.send_bytes(msgspec.msgpack.encode(Command(0.0, HELD.tolist())))
+    watched._answer_next(theirs)
+    assert wires.done == ["safe", ("lights", True, False), tuple(HELD)]
+
+
+def test_a_plant_that_is_missing_is_opened_as_soon_as_it_is_there_and_the_loop_knows(monkeypatch):
+    ours, theirs = Pipe()
+    problems = [InstrumentError("the port cannot be opened"), MissingExtraError("pyvisa", "x")]
+
+    def open_plant(address, specimen, seed):
+        if problems:
+            raise problems.pop(0)
+        return Wires()
+
+    monkeypatch.setattr(watchdog, "open_plant", open_plant)
+    monkeypatch.setattr(watchdog, "_AGAIN", 0.0)
+    handle = SimpleNamespace(beat=lambda: None)
+    settings = LoopSettings(address="bench:head.toml", interval=0.02)
+    plant = watchdog._opened(settings, NewestPipe(theirs), handle, threading.Event())
+    assert plant.done == [(0.0,) * 4]
+    remote = RemotePlant(NewestPipe(ours), 60.0)
+    assert remote.meet(60.0)
+    assert (remote.tick, remote.made_safe, remote.answer.safe) == (0.02, True, False)
+    assert remote.answer.why == "the port cannot be opened"
+    over = threading.Event()
+    over.set()
+    assert watchdog._opened(settings, NewestPipe(), handle, over) is None

@@ -1,4 +1,5 @@
 import socket
+import sys
 import threading
 from contextlib import closing, contextmanager
 
@@ -176,3 +177,41 @@ def test_files_that_are_no_pictures_are_refused(tmp_path):
             list(frames(str(tmp_path / name)))
     with pytest.raises(ParameterError, match="is a camera"):
         list(frames("camera:0"))
+
+
+HOME_MADE = """
+import numpy as np
+from minorloop.lab.actuator import Frame
+
+class Camera:
+    exposures = []
+
+    def frame(self):
+        return Frame(0.0, np.full((48, 64, 3), 60, np.uint8))
+
+    def expose(self, exposure, gain):
+        self.exposures.append((exposure, gain))
+        raise ValueError("no such exposure")
+
+def nobody():
+    raise OSError("no cable")
+"""
+
+
+def test_a_function_of_a_module_makes_a_camera_whose_failures_are_sentences(tmp_path, monkeypatch):
+    (tmp_path / "home_camera.py").write_text(HOME_MADE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path])
+    check_camera("module:home_camera.Camera")
+    with closing(LiveCamera("module:home_camera.Camera", patience=20.0)) as camera:
+        assert camera.frame().image.shape == SIZE
+        camera.expose(2e-3, 1.5)
+        while "no such exposure" not in camera._problem:
+            camera.frame()
+        assert "module:home_camera.Camera failed: ValueError" in camera._problem
+    assert sys.modules["home_camera"].Camera.exposures[0] == (2e-3, 1.5)
+    with (
+        closing(LiveCamera("module:home_camera.nobody", patience=0.2)) as camera,
+        pytest.raises(InstrumentError, match=r"nobody failed: OSError: no cable|no picture yet"),
+    ):
+        camera.frame()

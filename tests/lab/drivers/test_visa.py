@@ -60,7 +60,7 @@ def test_a_meter_that_talks_nonsense_leaves_the_source_safe(opened):
     plant._meter._link = VisaLink("ASRL3::INSTR", library=LIBRARY, timeout=0.2)
     with pytest.raises(InstrumentError, match=r"ASRL3::INSTR answers '\?\?\?'"):
         plant.exchange(0.5)
-    assert float(plant._source._link.ask("VOLT?")) == 0.0
+    assert float(plant._source.source._link.ask("VOLT?")) == 0.0
     with pytest.raises(InstrumentError, match=r"'\?\?\?'"):
         opened(meter={"resource": "ASRL3::INSTR"})
 
@@ -70,7 +70,7 @@ def test_a_meter_that_does_not_answer_leaves_the_source_safe(opened):
     plant._meter._read = "NOTHING"
     with pytest.raises(InstrumentError, match=r"ERROR|no answer"):
         plant.exchange(0.5)
-    assert float(plant._source._link.ask("VOLT?")) == 0.0
+    assert float(plant._source.source._link.ask("VOLT?")) == 0.0
 
 
 def test_silence_is_an_error_and_what_comes_late_is_forgotten():

@@ -15,6 +15,7 @@ import msgspec
 
 from minorloop.errors import InstrumentError, MinorloopError
 from minorloop.head.console import messages
+from minorloop.head.console.bench_lines import RemoteWires
 from minorloop.head.console.camera_protocol import (
     PICTURED,
     CameraCommand,
@@ -25,10 +26,12 @@ from minorloop.head.console.camera_tip import CameraTip
 from minorloop.head.console.channel import NewestPipe, Outbox
 from minorloop.head.console.perception import Later, Perception
 from minorloop.head.console.plant import open_tip
-from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.settings import PIPE, LoopSettings, is_pipe
 from minorloop.head.console.supervisor import ProcessHandle
 from minorloop.head.console.units import to_shown
+from minorloop.head.procedures.actuator_plant import BenchTip
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.values import Tip
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.candidates import compile_outlines
 from minorloop.head.vision.imaging import opencv
@@ -49,18 +52,20 @@ def run(
     Parameters
     ----------
     handle : ProcessHandle
-        Gives pipes to the control loop, and to the server for pictures and jobs.
+        Gives pipes to the control loop, to the server for pictures and jobs, and to the plant for
+        the lights of a bench.
     settings : LoopSettings
     calibration : HeadCalibration, optional
         Of camera and probe; that of the tip without it.
     """
-    server, loop = NewestPipe(), NewestPipe()
-    stop = handle.begin(server=server, loop=loop)
+    server, loop, plant = NewestPipe(), NewestPipe(), NewestPipe()
+    stop = handle.begin(server=server, loop=loop, plant=plant)
     with contextlib.suppress(OSError, AttributeError):
         os.nice(-5)  # few systems allow it; it helps where other programs use the same cores
     try:
-        tip, view = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed)
-        view = calibration or view
+        # That of the pipe is simulated, and compiles what the first pictures would wait for.
+        tip, own = open_tip(PIPE, specimen=settings.specimen, seed=settings.seed)
+        view = calibration or own
         camera = None if settings.camera is None else LiveCamera(settings.camera)
         opencv()
     except (MinorloopError, ImportError) as error:
@@ -68,10 +73,12 @@ def run(
         return
     pool = ThreadPoolExecutor(1)
     pool.submit(getattr(tip, "prepare", lambda: None))
-    perception = Perception(tip, view, _in(pool))
+    real = not is_pipe(settings.address)
+    perception = Perception(tip, own if real else view, _in(pool))
     _warm_up(perception)
     if camera is not None:
-        perception = Perception(CameraTip(tip, camera, view.lens), view, _in(pool))
+        carrying: Tip = BenchTip(RemoteWires(plant)) if real else tip
+        perception = Perception(CameraTip(carrying, camera, view.lens), view, _in(pool))
     gc.collect()
     gc.freeze()
     _serve(perception, view.to_dict(), loop, server, handle, stop)

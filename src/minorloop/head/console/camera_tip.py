@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 
 from minorloop.errors import InstrumentError
@@ -33,7 +34,7 @@ class CameraTip:
     def __init__(self, tip: Tip, camera: LiveCamera, lens: Pinhole) -> None:
         self._tip, self._camera, self._lens = tip, camera, lens
         self._before: Image | None = None
-        self._lit = True
+        self._lit, self._settled = True, 0.0
 
     def frame(self) -> Frame:
         """Return the newest picture.
@@ -45,6 +46,8 @@ class CameraTip:
             torn, or is no picture.
         """
         found = self._camera.frame()
+        while found.t < self._settled:  # it was taken before the lights were switched
+            found = self._camera.frame()
         verdict = check_frame(found.image, self._lens, self._before, lit=self._lit)
         self._before = found.image
         if verdict == WRONG_SIZE:
@@ -62,6 +65,9 @@ class CameraTip:
         """Set which lights are on from the next frame."""
         self._lit = any(lights)
         self._tip.switch(lights)
+        settling = getattr(self._tip, "settling", None)
+        if settling is not None:
+            self._settled = time.monotonic() + settling
 
     def expose(self, exposure: float, gain: float = 1.0) -> None:
         """Set exposure time in seconds and gain of the camera."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
-from minorloop.head.console.settings import check_address
+from minorloop.errors import ParameterError
+from minorloop.head.console.settings import PIPE, is_pipe
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.heating import (
     identify_coupling,
@@ -34,7 +35,11 @@ def head_of(address: str, specimen: int | None) -> HeadControl:
     ParameterError
         If nothing can be steered at the address.
     """
-    check_address(address)
+    if not is_pipe(address):
+        raise ParameterError(
+            f"there is nothing to steer at {address!r} without the file of the head, which "
+            f"minorloop head identify writes; {PIPE} needs none"
+        )
     from minorloop.head.twins.head import Head
 
     head = Head(specimen, 0.05, 1)

@@ -56,6 +56,7 @@ class _Choice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     spacing: Literal["uniform", "adaptive"] = "uniform"
     relay: Literal["bipolar", "unipolar"] = "bipolar"
     signed: bool = False
+    dynamics: Literal["none", "auto"] = "none"
 
 
 class _Move(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -22,9 +22,14 @@ from minorloop.drawing.identification import loop_points
 from minorloop.errors import ParameterError, RecordError
 from minorloop.files import table_text, write_atomically
 from minorloop.head.console.uploads import INPUTS, MODEL, REPORT
-from minorloop.identification import Identification, identify
+from minorloop.identification import (
+    DynamicIdentification,
+    Identification,
+    identify,
+    identify_dynamics,
+)
 from minorloop.identification.choosing import LEVELS as DEFAULT_LEVELS
-from minorloop.identification.scores import score_rows
+from minorloop.identification.scores import OF_OPERATOR, score_rows
 from minorloop.lab.columns import (
     deviation_column,
     find_column,
@@ -105,6 +110,7 @@ def identify_file(
     last: int | None = None,
     curves: str | None = None,
     groups: str | None = None,
+    dynamics: str = "none",
     **options: Any,
 ) -> Reports:
     """Identify a model; report stages, the result, and the end of the report.
@@ -117,6 +123,8 @@ def identify_file(
         Columns.
     first, last : int
         Rows to use, counted from 0, ``last`` not included.
+    dynamics : {"none", "auto"}
+        Whether to identify dead time, poles and creep too; this needs times.
     **options
         Options of `minorloop.identify`.
     """
@@ -153,30 +161,46 @@ def identify_file(
         advice.append("each sample counts by its standard deviation, in the column sd")
     yield {"stage": f"fitting {cells} cells to {measured} of {len(record)} rows"}
     began = perf_counter()
-    result = identify(np.asarray(record.u), np.asarray(record.y), **options)
+    if log.check is not None:
+        options["interval"] = log.check.interval
+    dynamic = None if dynamics == "none" else _with_dynamics(record, options)
+    result = dynamic.static if dynamic else identify(record.u, record.y, **options)
     seconds = perf_counter() - began
     yield {"stage": "scoring"}
     modelfile.save(
-        result,
+        dynamic if dynamic and dynamic.dynamic else result,
         MODEL,
         provenance=modelfile.Provenance.of(Path(name)),
         input=record.input,
         output=record.output,
         force=True,
     )
-    shown = _shown(result, record, seconds)
+    shown = _shown(result, record, seconds, dynamic)
     yield {"result": {**shown, "advice": [*advice, *shown["advice"]]}}
     yield {"stage": "drawing the report"}
     from minorloop.report import identification_report
 
     identification_report(
         result,
+        dynamic=dynamic,
         source=name,
         input_label=str(record.input),
         output_label=str(record.output),
         time=record.t if record.timed else None,
     ).write(REPORT, force=True)
     yield {"report": True}
+
+
+def _with_dynamics(record: Record, options: dict[str, Any]) -> DynamicIdentification:
+    """Return an operator with dynamics, identified from a record with times."""
+    if not record.timed:
+        raise ParameterError("dynamics need times; choose the column of time")
+    for option in ("curves", "groups"):
+        if option in options:
+            raise ParameterError(f"{option} cannot be combined with dynamics; choose none")
+    left_out = ("lag", "interval", "start_of_curve", "noise")
+    given = {name: value for name, value in options.items() if name not in left_out}
+    return identify_dynamics(record.t - record.t[0], record.u, record.y, **given)
 
 
 def _part(record: Record, first: int, last: int | None) -> Record:
@@ -219,23 +243,32 @@ def invert(folder: str, targets: list[float], start: str) -> Reports:
     }
 
 
-def _shown(result: Identification, record: Record, seconds: float) -> dict[str, Any]:
+def _shown(
+    result: Identification,
+    record: Record,
+    seconds: float,
+    dynamic: DynamicIdentification | None = None,
+) -> dict[str, Any]:
     """Return what the page shows of a result.
 
     Lines of the loop are interrupted at null. In ``rows`` are times where they are known, and
-    ``held`` is the first of them that was held out.
+    ``held`` is the first of them that was held out. With dynamics, the loop is that of the operator
+    and the others are of the whole model.
     """
     shown = _few(result.u.size, _SHOWN)
-    model = result.model
+    model, whole = result.model, dynamic or result
+    rows = score_rows(result)
+    if dynamic:
+        rows = [*dynamic.rows, *(row for row in rows if row[0] in OF_OPERATOR)]
     (u, y), (_, fit) = (loop_points(result, each) for each in (result.y, result.prediction))
     drawn = _few(u.size, _SHOWN)
     x = record.t if record.timed else np.arange(result.u.size, dtype=np.float64)
     return {
         "input": str(record.input),
         "output": str(record.output),
-        "u": _listed(result.u[shown]),
-        "y": _listed(result.y[shown]),
-        "fit": _listed(result.prediction[shown]),
+        "u": _listed(whole.u[shown]),
+        "y": _listed(whole.y[shown]),
+        "fit": _listed(whole.prediction[shown]),
         "loop": {
             "u": _listed(u[drawn]),
             "y": _listed(y[drawn]),
@@ -249,8 +282,8 @@ def _shown(result: Identification, record: Record, seconds: float) -> dict[str, 
         "weights": [_listed(row[: k + 1]) for k, row in enumerate(model.weights)],
         "range": list(model.range),
         "scores": {
-            "fit": result.nrmse,
-            "holdout": result.holdout_nrmse,
+            "fit": whole.nrmse,
+            "holdout": whole.holdout_nrmse,
             "polynomial": result.baseline_nrmse,
             "lag": result.lag,
             "samples": result.samples,
@@ -258,10 +291,10 @@ def _shown(result: Identification, record: Record, seconds: float) -> dict[str, 
             "excited": result.excited_fraction,
             "seconds": seconds,
         },
-        "table": score_rows(result),
+        "table": rows,
         "choices": [str(choice) for choice in result.choices],
-        "advice": list(result.advice),
-        "warnings": list(result.warnings),
+        "advice": list(whole.advice),
+        "warnings": list(whole.warnings),
     }
 
 
@@ -279,8 +312,8 @@ def _loaded(file: str, changed: int) -> modelfile.ModelFile:
 
 
 def _preisach(known: modelfile.ModelFile) -> Preisach:
-    assert isinstance(known.model, Preisach)  # the only kind that is identified here
-    return known.model
+    assert isinstance(known.operator, Preisach)  # the only kind that is identified here
+    return known.operator
 
 
 def _few(count: int, most: int) -> npt.NDArray[np.intp]:

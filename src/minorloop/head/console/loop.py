@@ -227,14 +227,17 @@ class _Loop:
         """Hold if the plant does not answer, and rest if it was made safe."""
         lost = not self._plant.responds
         if lost and (not self._plant_lost or self._session.state.mode != "HOLD"):
-            self._session.hold("the plant does not answer; press a mode when it is back")
+            answer = self._plant.answer
+            why = "the plant does not answer" if answer.safe else answer.why
+            self._session.hold(f"{why}; press a mode when it is back")
         self._plant_lost = lost
         if self._plant.made_safe:
             self._plant.accept()
-            self._session.rest(
-                f"{self._plant.answer.why}, and the head was made safe: its wires cool; press "
-                "Head (1) to bring it back to the middle"
-            )
+            done = "and the head was made safe: its wires cool; press Head (1) to bring it back to"
+            if self._plant.answer.safe:
+                self._session.rest(f"{self._plant.answer.why}, {done} the middle")
+            else:
+                self._session.rest(f"{self._plant.answer.why}; press Head (1) when it is back")
 
     def _record(self, on: bool) -> None:
         """Start or end a recording."""

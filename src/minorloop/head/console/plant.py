@@ -7,16 +7,20 @@ and the ultrasonic probe. The wires are known as identified, camera and probe as
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from minorloop.connect import connect
+from minorloop.errors import ParameterError
 from minorloop.files import PathLike
-from minorloop.head.console.settings import check_address
+from minorloop.head.console.settings import PIPE, SAFE_WITHIN, is_pipe
 from minorloop.head.console.units import Position
 from minorloop.head.geometry import Mount
+from minorloop.head.procedures.actuator_plant import ActuatorPlant
 from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
 
@@ -36,23 +40,49 @@ def reading_at(position: Position, **known: Any) -> Reading:
     return Reading(**{"t": 0.0, **known}, angles=angles, place=place)
 
 
-def head_at(address: str, specimen: int | None, file: PathLike) -> HeadFile:
-    """Return the content of a file, which has to be of the head at an address.
+def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFile, float]:
+    """Return the file of the head at an address, and the tick of its plant in seconds.
+
+    A head that is not simulated is made safe and read.
 
     Raises
     ------
     ParameterError
-        If nothing can be steered at the address.
+        As `probed`.
     ModelFileError
         If the file is not valid, is of another head, or is older than its calibration.
     """
-    check_address(address)
     from minorloop.head.procedures.head_file import read_head
     from minorloop.head.twins.head import Head
 
     found = read_head(file)
-    found.check_fits(Head(specimen).serial, file)
-    return found
+    simulated = Head(specimen)
+    known = (simulated.serial, simulated.tick) if is_pipe(address) else probed(address, specimen)
+    found.check_fits(known[0], file)
+    return found, known[1]
+
+
+def probed(address: str, specimen: int | None = None) -> tuple[str | None, float]:
+    """Return serial number and tick of the plant at an address, which is made safe and closed.
+
+    Raises
+    ------
+    ParameterError
+        If nothing can be steered at the address, or it takes too long to make it safe.
+    InstrumentError
+        If a device is missing, busy, or does not answer.
+    """
+    with contextlib.closing(_actuator_plant(address, specimen)) as plant:
+        longest = getattr(plant.actuator, "safe_within", 0.0)
+        if longest > SAFE_WITHIN:
+            raise ParameterError(
+                f"{address} has safe_within {longest:g} s; the console needs up to "
+                f"{SAFE_WITHIN:g} s"
+            )
+        plant.safe()
+        plant.exchange(np.zeros(4))
+        plant.safe()
+        return plant.serial, plant.tick
 
 
 def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> Plant:
@@ -63,7 +93,8 @@ def open_plant(address: str, *, specimen: int | None = None, seed: int = 0) -> P
     ParameterError
         If nothing can be steered at the address.
     """
-    check_address(address)
+    if not is_pipe(address):
+        return _actuator_plant(address, specimen, seed)
     from minorloop.head.twins.catheter import Catheter
     from minorloop.head.twins.head import Head
     from minorloop.head.twins.rig import Rig
@@ -89,7 +120,8 @@ def open_tip(
     ParameterError
         If nothing can be steered at the address.
     """
-    check_address(address)
+    if not is_pipe(address):
+        raise ParameterError(f"{address!r} has no camera; give one, or {PIPE}, which has")
     from minorloop.head.twins.camera import LENS
     from minorloop.head.twins.rig import SimulatedTip
 
@@ -108,6 +140,18 @@ def open_tip(
         temperature=ROOM_TEMPERATURE + float(rng.normal(0.0, _TEMPERATURE)),
     )
     return tip, view
+
+
+def _actuator_plant(address: str, specimen: int | None = None, seed: int = 0) -> ActuatorPlant:
+    """Return the head at an address as a plant."""
+    actuator = connect(address, specimen=specimen, seed=seed)
+    try:
+        return ActuatorPlant(actuator)
+    except ParameterError as error:
+        getattr(actuator, "close", lambda: None)()
+        raise ParameterError(
+            f"there is nothing to steer at {address!r}: {error}; {PIPE} is always there"
+        ) from None
 
 
 def _pipe(seed: int) -> Any:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from minorloop.errors import MissingExtraError
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.channel import NewestPipe
-from minorloop.head.console.settings import LoopSettings
+from minorloop.head.console.settings import LoopSettings, is_pipe
 from minorloop.head.console.supervisor import Part, ProcessHandle, Supervisor
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 PIPES = (("loop", "plant"), ("loop", "camera"), ("loop", "server"), ("camera", "server"))
 """Processes that have a pipe to each other."""
+_LINES = ("plant", "camera")
+"""The pipe for lights and pump of a bench."""
 
 for _name in ("starlette", "uvicorn"):
     if find_spec(_name) is None:
@@ -74,14 +76,17 @@ def supervised(
     head : HeadFile, optional
         Of the head, which is identified at the start without it.
     """
-    control, calibration = (None, None) if head is None else (head.control(), head.calibration)
+    control, calibration = None, None
+    if head is not None:
+        control, calibration = head.control(interval=settings.interval), head.calibration
     parts = [
-        Part(name="plant", target=run_plant, args=(settings,)),
+        Part(name="plant", target=run_plant, args=(settings,), patience=settings.plant_patience),
         Part(name="loop", target=run_loop, args=(settings, tracking, control)),
         Part(name="camera", target=run_camera, args=(settings, calibration), patience=2.0),
         Part(name="server", target=serve, args=(settings, how), patience=2.0),
     ]
-    supervisor = Supervisor(parts, PIPES, notify=notify)
+    pipes = PIPES if is_pipe(settings.address) else (*PIPES, _LINES)
+    supervisor = Supervisor(parts, pipes, notify=notify)
     try:
         with _ended_by_signals():
             supervisor.start()

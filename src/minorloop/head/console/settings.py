@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from minorloop.errors import ParameterError
 from minorloop.head.console.head_pose import HeadPoseMap
 from minorloop.head.console.joystick import StickMap
 from minorloop.head.console.modes import TeleopConfig
 
-ADDRESSES = ("twin:pipe",)
+PIPE = "twin:pipe"
+"""Address of the simulated head in a simulated pipe, the only plant with a tip of its own."""
 STATIC = Path(__file__).parent / "static"
 """Folder of the pages."""
 _SAFE_AFTER = 0.16
@@ -18,6 +18,8 @@ _SAFE_AFTER = 0.16
 _BLIND_AFTER = 0.12
 """Three pictures of 40 ms: a camera that stops is noticed within 160 ms. A picture takes 30 ms,
 which leaves 90 ms on a busy machine."""
+SAFE_WITHIN = 2.0
+"""Longest time in seconds in which a plant may confirm that it is safe."""
 _MOST_PATIENT = 1.0
 """Most seconds of both, however long the timeout is."""
 
@@ -37,19 +39,27 @@ class LoopSettings:
         Age in seconds of the operator's pose and last message beyond which the head holds.
     camera : str, optional
         Address of the camera, see `minorloop.head.vision.video`; that of the plant without it.
+    interval : float
+        Tick of the plant in seconds.
     """
 
-    address: str = "twin:pipe"
+    address: str = PIPE
     specimen: int | None = None
     seed: int = 0
     folder: str = "console"
     timeout: float = 0.1
     camera: str | None = None
+    interval: float = 0.04
 
     @property
     def patience(self) -> float:
         """Seconds without a command after which the plant is made safe."""
         return max(_SAFE_AFTER, min(self.timeout, _MOST_PATIENT))
+
+    @property
+    def plant_patience(self) -> float:
+        """Seconds without a heartbeat after which the process of the plant counts as hanging."""
+        return 1.0 if is_pipe(self.address) else 2 * SAFE_WITHIN
 
     def teleop_config(self) -> TeleopConfig:
         """Return the settings of the teleoperation."""
@@ -60,14 +70,6 @@ class LoopSettings:
         )
 
 
-def check_address(address: str) -> None:
-    """Refuse an address at which nothing can be steered.
-
-    Raises
-    ------
-    ParameterError
-        If nothing can be steered there.
-    """
-    if address not in ADDRESSES:
-        known = ", ".join(f"'{name}'" for name in ADDRESSES)
-        raise ParameterError(f"there is nothing to steer at {address!r}; what exists is {known}")
+def is_pipe(address: str) -> bool:
+    """Return whether the plant at an address has camera and probe of its own."""
+    return address == PIPE

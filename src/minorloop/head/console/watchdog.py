@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 import threading
 import time
+from multiprocessing import connection
 from multiprocessing.connection import Connection
 
 import msgspec
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.errors import MinorloopError
+from minorloop.errors import MinorloopError, SafetyError
+from minorloop.head.console.bench_lines import carry_out
 from minorloop.head.console.channel import NewestPipe
 from minorloop.head.console.plant import open_plant
 from minorloop.head.console.settings import LoopSettings
@@ -29,7 +32,10 @@ _REST = np.zeros(4)
 _SILENT = "no command came from the control loop for {:g} s"
 _ENDED = "the control loop ended"
 _RESTARTED = "its process was restarted"
+_BACK = "a device of the head was lost, and is back"
 _POLL = 0.1
+_AGAIN = 0.5
+"""Seconds until a plant that is missing is opened again."""
 
 
 class Command(msgspec.Struct, frozen=True, array_like=True):
@@ -52,6 +58,8 @@ class Answer(msgspec.Struct, frozen=True, array_like=True):
         In seconds.
     y, stance : list of float
         As of `Plant`; NaN where a sensor is lost, and where nothing was read.
+    safe : bool
+        Whether the plant has confirmed that it is safe, when it was last made safe.
     """
 
     safe_at: float
@@ -59,6 +67,7 @@ class Answer(msgspec.Struct, frozen=True, array_like=True):
     tick: float
     y: list[float]
     stance: list[float]
+    safe: bool = True
 
 
 # Made while the module is imported: see `minorloop.head.console.messages`.
@@ -68,21 +77,57 @@ _answers = msgspec.msgpack.Decoder(Answer)
 
 def run(handle: ProcessHandle, settings: LoopSettings) -> None:
     """Pass commands on to the plant until the supervisor ends; for a process of its own."""
-    loop = NewestPipe()
-    stop = handle.begin(loop=loop)
-    try:
-        plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
-    except (MinorloopError, ImportError):
-        while not stop.wait(_POLL):  # the loop reports the error
-            handle.beat()
+    loop, camera = NewestPipe(), NewestPipe()
+    stop = handle.begin(loop=loop, camera=camera)
+    plant = _opened(settings, loop, handle, stop)
+    if plant is None:
         return
-    plant.exchange(_REST)  # compiles what the first command would wait for
     raise_priority()
     watched = WatchedPlant(plant, settings.patience, _RESTARTED if handle.again else "")
     try:
-        watched.serve(loop, handle, stop)
+        watched.serve(loop, handle, stop, camera)
     finally:
+        _end(plant)
+
+
+def _end(plant: Plant) -> None:
+    """Make the plant safe, and close its devices; say so if it may still be on."""
+    try:
         plant.safe()
+    except SafetyError as error:
+        print(f"error: {error}", file=sys.stderr)
+    finally:
+        _close(plant)
+
+
+def _close(plant: Plant | None) -> None:
+    """Close the devices of a plant that has any."""
+    getattr(plant, "close", lambda: None)()
+
+
+def _opened(
+    settings: LoopSettings, loop: NewestPipe, handle: ProcessHandle, stop: threading.Event
+) -> Plant | None:
+    """Return the plant as soon as it can be opened, and tell loops why it cannot."""
+    last = None
+    while not stop.is_set():
+        handle.beat()
+        plant = None
+        try:
+            plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
+            plant.exchange(_REST)  # compiles what the first command would wait for
+            return plant
+        except (MinorloopError, ImportError) as error:
+            why = str(error)
+            _close(plant)
+        pipe = loop.next(last, _AGAIN)
+        if pipe is not None:
+            last = pipe
+            missing = Answer(time.monotonic(), why, settings.interval, list(_LOST), [], safe=False)
+            with contextlib.suppress(OSError):
+                pipe.send_bytes(msgspec.msgpack.encode(missing))
+        stop.wait(_AGAIN)
+    return None
 
 
 class WatchedPlant:
@@ -99,15 +144,31 @@ class WatchedPlant:
 
     def __init__(self, plant: Plant, patience: float, why: str = "") -> None:
         self._plant, self._patience = plant, patience
-        self.safe_at, self.why = 0.0, ""
+        self.safe_at, self.why, self.is_safe = 0.0, "", True
         self._y, self._used = list(_LOST), False
-        plant.safe()
-        if why:
-            self._make_safe(why)
+        self._lines: NewestPipe | None = None
+        self._make_safe(why)
+        if not why and self.is_safe:
+            self.safe_at = 0.0
 
-    def serve(self, loop: NewestPipe, handle: ProcessHandle, stop: threading.Event) -> None:
-        """Answer one loop after the other until the event is set."""
-        last = None
+    def serve(
+        self,
+        loop: NewestPipe,
+        handle: ProcessHandle,
+        stop: threading.Event,
+        lines: NewestPipe | None = None,
+    ) -> None:
+        """Answer one loop after the other until the event is set.
+
+        Parameters
+        ----------
+        loop : NewestPipe
+        handle : ProcessHandle
+        stop : Event
+        lines : NewestPipe, optional
+            Commands for lights and pump.
+        """
+        self._lines, last = lines, None
         while not stop.is_set():
             handle.beat()
             pipe = loop.next(last, _POLL)
@@ -115,6 +176,8 @@ class WatchedPlant:
                 continue
             last = pipe
             with contextlib.suppress(EOFError, OSError):
+                while pipe.poll():  # sent while the plant was missing
+                    pipe.recv_bytes()
                 pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
                 while not stop.is_set():
                     handle.beat()
@@ -122,13 +185,35 @@ class WatchedPlant:
             self._stop(_ENDED)
 
     def _answer_next(self, pipe: Connection) -> None:
-        if not pipe.poll(self._patience):
+        if not self._waited(pipe):
             self._stop(_SILENT.format(self._patience))
             return
         command = _commands.decode(pipe.recv_bytes())
-        if command.known == self.safe_at:
+        if not self.is_safe:
+            self._make_safe(_BACK)
+        elif command.known == self.safe_at:
             self._carry_out(command)
         pipe.send_bytes(msgspec.msgpack.encode(self._answer()))
+
+    def _waited(self, pipe: Connection) -> bool:
+        """Return whether a command comes in time; switch lights and pump meanwhile."""
+        deadline = time.monotonic() + self._patience
+        while True:
+            lines = None if self._lines is None else self._lines.next(None, 0.0)
+            waiting = [pipe] if lines is None or lines.closed else [pipe, lines]
+            ready = connection.wait(waiting, max(deadline - time.monotonic(), 0.0))
+            if pipe in ready:
+                return True
+            if not ready:
+                return False
+            self._switch(waiting[1])
+
+    def _switch(self, lines: Connection) -> None:
+        """Switch lights and pump; after a failure the plant was made safe."""
+        try:
+            carry_out(self._plant, lines)  # type: ignore[arg-type]
+        except (EOFError, OSError):
+            lines.close()
 
     def _carry_out(self, command: Command) -> None:
         self._used = True
@@ -144,12 +229,20 @@ class WatchedPlant:
             self._make_safe(why)
 
     def _make_safe(self, why: str) -> None:
-        self._plant.safe()
+        """Make the plant safe; where it does not confirm, the next command tries again."""
+        was_safe, self.is_safe = self.is_safe, True
+        try:
+            self._plant.safe()
+        except SafetyError as error:
+            self.is_safe = False
+            if not was_safe:
+                return
+            why = str(error)
         self.safe_at, self.why, self._used = time.monotonic(), why, False
 
     def _answer(self) -> Answer:
         stance = list(self._plant.stance())
-        return Answer(self.safe_at, self.why, self._plant.tick, self._y, stance)
+        return Answer(self.safe_at, self.why, self._plant.tick, self._y, stance, self.is_safe)
 
 
 class RemotePlant:

@@ -30,10 +30,10 @@ from minorloop.head.control.heating import (
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.head_file import CheckedAxis, IdentifiedWires
 from minorloop.identification import excitation
-from minorloop.lab.actuator import Actuator, Value
+from minorloop.lab.actuator import Actuator
 from minorloop.lab.plan import Plan
-from minorloop.lab.records import Record
-from minorloop.lab.run import Described, Restorable, ResumeMode, answer_time
+from minorloop.lab.run import ResumeMode
+from minorloop.lab.single_channel import single_channel
 from minorloop.lab.store import Setup, Store
 
 AXES = ("pan", "tilt")
@@ -93,65 +93,6 @@ class HeadExcitation:
     def plan(self, levels: FloatArray, name: str) -> Plan:
         """Return the plan that holds levels of an input, by its name, one after the other."""
         return Plan(levels, self.hold, sample_interval=self.hold / _SAMPLES, input=name)
-
-
-class SingleAxis:
-    """One axis of a head: one current, with the others at zero, and one of the sensors.
-
-    Parameters
-    ----------
-    head : Actuator
-        With a current and an angle for each axis.
-    axis, sensor : int
-        Which current, and which sensor.
-    """
-
-    def __init__(self, head: Actuator, axis: int, sensor: int) -> None:
-        self._head, self._axis, self._sensor = head, axis, sensor
-        self.inputs, self.outputs = (head.inputs[axis],), (head.outputs[sensor],)
-        self.tick = head.tick
-
-    @property
-    def description(self) -> dict[str, Any] | None:
-        """The instruments, as the head describes them; None if it does not."""
-        return self._head.description if isinstance(self._head, Described) else None
-
-    def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds; 0 where the head does not say."""
-        return answer_time(self._head)
-
-    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold the current of the axis, and return a record of it and the sensor."""
-        found = self._head.apply(self._all(u), duration, sample_interval)
-        u, y = np.atleast_2d(found.u)[self._axis], np.atleast_2d(found.y)[self._sensor]
-        names = str(self.inputs[0]), str(self.outputs[0])
-        return Record(found.t, u, y, *names, found.time, found.timing)
-
-    def exchange(self, u: Value) -> Value:
-        """Hold the current of the axis for one tick, and return the sensor at its end."""
-        return float(np.atleast_1d(self._head.exchange(self._all(u)))[self._sensor])
-
-    def safe(self) -> None:
-        """Make the whole head safe."""
-        self._head.safe()
-
-    def _all(self, u: Value) -> FloatArray:
-        every = np.zeros(len(self._head.inputs))
-        every[self._axis] = float(np.ravel(u)[0])
-        return every
-
-
-class SingleTwinAxis(SingleAxis):
-    """One axis of a head that is restored, and not replayed."""
-
-    def checkpoint(self) -> dict[str, Any]:
-        """Return the state of the head."""
-        state: dict[str, Any] = self._head.checkpoint()  # type: ignore[attr-defined]
-        return state
-
-    def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Bring the head back to a state."""
-        self._head.restore(checkpoint)  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,8 +191,8 @@ class HeadMeasurement:
                     return _settled(store)
         with self.connect(seed) as head:
             check_head(head)
-            kind = SingleTwinAxis if isinstance(head, Restorable) else SingleAxis
-            plant = kind(head, axis, axis if sensor is None else sensor)
+            output = head.outputs[axis if sensor is None else sensor].name
+            plant = single_channel(head, head.inputs[axis].name, output)
             names = str(plant.inputs[0]), str(plant.outputs[0])
             plan, setup = self.excitation.plan(levels, names[0]), self._setup(seed, names)
             with self._opened(path, plan, setup) as store:

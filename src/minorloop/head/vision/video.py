@@ -4,7 +4,9 @@ An address is one of
 
 - ``camera:0`` or ``camera:/dev/video2``: a camera of this machine;
 - ``camera:rtsp://...``, ``camera:http://...`` or ``https``: a camera in the network (MJPEG);
-- a video file, or a folder of images, which are taken in the order of their names.
+- a video file, or a folder of images, which are taken in the order of their names;
+- ``module:package.function``, a function that returns a `FrameSource`, and ``SCHEME:NAME`` of
+  another package, whose entry point of the group ``minorloop.cameras`` returns one for the name.
 
 Pictures are converted to grey.
 """
@@ -14,18 +16,22 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from minorloop.errors import InstrumentError, ParameterError
+from minorloop.connect import factory
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.imaging import opencv
-from minorloop.lab.actuator import Frame
+from minorloop.lab.actuator import Frame, FrameSource
+from minorloop.lab.registry import loaded, registered
 
-SCHEME = "camera:"
+SCHEME, CAMERAS = "camera:", "minorloop.cameras"
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 """Endings of the images in a folder."""
+_Target: TypeAlias = int | str | Path | Callable[[], FrameSource]
 _STREAMS = ("rtsp://", "http://", "https://")
 _RATE = 25.0
 """Images of a folder in a second, and of a video that does not say."""
@@ -52,7 +58,16 @@ def check_camera(address: str) -> None:
 
 def is_live(address: str) -> bool:
     """Return whether an address is of a camera, and not of files."""
-    return address.startswith(SCHEME)
+    return address.startswith(SCHEME) or address.partition(":")[0] in registered(CAMERAS)
+
+
+def open_module(name: str) -> FrameSource:
+    """Return the camera that a function of a Python module makes, by ``package.function``.
+
+    The module is installed or in the current folder.
+    """
+    made: FrameSource = factory(name)()
+    return made
 
 
 def frames(address: str) -> Iterator[Frame]:
@@ -148,7 +163,7 @@ class LiveCamera:
                     self._play()
                     return
                 self._watch()
-            except (InstrumentError, ParameterError) as error:
+            except MinorloopError as error:
                 self._problem = str(error)
             self._over.wait(_AGAIN)
 
@@ -165,7 +180,7 @@ class LiveCamera:
     def _watch(self) -> None:
         """Receive pictures until the camera is lost."""
         cv2 = self._cv2
-        camera = _opened(self._target)
+        camera = _opened(self._target, self.address)
         try:
             if not camera.isOpened():
                 raise InstrumentError(f"{self.address} cannot be opened")
@@ -181,7 +196,9 @@ class LiveCamera:
     def _set_exposure(self, camera: Any) -> None:
         """Set what was asked for since the last picture."""
         wanted, self._wanted = self._wanted, None
-        if wanted is not None and not isinstance(self._target, str):
+        if wanted is not None and isinstance(camera, _SourceCapture):
+            camera.expose(*wanted)
+        elif wanted is not None and not isinstance(self._target, str):
             cv2 = self._cv2
             camera.set(cv2.CAP_PROP_AUTO_EXPOSURE, _BY_HAND)
             camera.set(cv2.CAP_PROP_EXPOSURE, wanted[0] * _EXPOSURE_UNITS)
@@ -193,8 +210,42 @@ class LiveCamera:
             self._changed.notify_all()
 
 
-def _target(address: str) -> int | str | Path:
-    """Return the number of a camera, its address in the network, or a path."""
+class _SourceCapture:
+    """A `FrameSource` as OpenCV has cameras."""
+
+    def __init__(self, open_source: Callable[[], FrameSource], address: str) -> None:
+        self._address = address
+        self._source: Any = self._done(open_source)
+
+    def isOpened(self) -> bool:
+        return hasattr(self._source, "frame")
+
+    def read(self) -> tuple[bool, Image]:
+        return True, self._done(lambda: self._source.frame().image)
+
+    def expose(self, exposure: float, gain: float) -> None:
+        if hasattr(self._source, "expose"):
+            self._done(lambda: self._source.expose(exposure, gain))
+
+    def release(self) -> None:
+        getattr(self._source, "close", lambda: None)()
+
+    def _done(self, work: Callable[[], Any]) -> Any:
+        try:
+            return work()
+        except MinorloopError:
+            raise
+        except Exception as error:
+            said = f"{type(error).__name__}: {error}"
+            raise InstrumentError(f"{self._address} failed: {said}") from error
+
+
+def _target(address: str) -> _Target:
+    """Return the number of a camera, its address in the network, a path, or what opens it."""
+    scheme, _, name = address.partition(":")
+    if scheme in registered(CAMERAS):
+        open_source = loaded(registered(CAMERAS)[scheme], address)
+        return partial(open_source, name)
     if not is_live(address):
         if Path(address).exists():
             return Path(address)
@@ -214,7 +265,9 @@ def _target(address: str) -> int | str | Path:
     )
 
 
-def _opened(target: int | str | Path) -> Any:
+def _opened(target: _Target, address: str = "") -> Any:
+    if callable(target):
+        return _SourceCapture(target, address)
     cv2 = opencv()
     if not isinstance(target, str):
         return cv2.VideoCapture(target if isinstance(target, int) else str(target))

@@ -1,25 +1,26 @@
-"""Make an actuator of a source and a meter, with limits, timing and a safe end."""
+"""Make an actuator of sources and sensors, with limits, timing and a safe end."""
 
 from __future__ import annotations
 
 import math
-import sys
-import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from statistics import median
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from minorloop.errors import InstrumentError, ParameterError, SafetyError
+from minorloop.arrays import FloatArray
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError, SafetyError
 from minorloop.lab.actuator import Channel, Value, check_input, rounded_up
-from minorloop.lab.drivers.link import Link
+from minorloop.lab.drivers.limited import LimitedSource
+from minorloop.lab.drivers.parts import Clock, Closable, Lines, Meter, Source, WallClock
 from minorloop.lab.records import Quantity, Record, Timing
 from minorloop.lab.signals import Deferred, ended_by_signals
 
-__all__ = ["Bench", "Clock", "Meter", "Source", "WallClock"]
+__all__ = ["Bench", "Clock", "Closable", "Lines", "Meter", "Source", "WallClock"]
 
 OVERLOAD = 9e37
 """Readings from here mean that the instrument is overloaded (IEEE 488.2: 9.9E37)."""
@@ -36,45 +37,6 @@ _PAUSE, _PAUSES = 0.05, 0.5
 """Seconds between the first two attempts to make safe, and at most between any two."""
 
 
-class Source(Protocol):
-    """Sets the input of a plant."""
-
-    def set(self, value: float) -> None:
-        """Apply an input; return only when it is on."""
-
-    def safe(self) -> None:
-        """Go to a safe state; raise an error unless this is confirmed."""
-
-
-class Meter(Protocol):
-    """Reads the output of a plant."""
-
-    def read(self) -> float:
-        """Return the output now."""
-
-
-class Clock(Protocol):
-    """Time in seconds."""
-
-    def now(self) -> float:
-        """Return the time since some origin."""
-
-    def sleep(self, seconds: float) -> None:
-        """Wait."""
-
-
-class WallClock:
-    """The clock of the machine."""
-
-    def now(self) -> float:
-        """Return the time since some origin, in seconds."""
-        return time.monotonic()
-
-    def sleep(self, seconds: float) -> None:
-        """Wait for a number of seconds."""
-        time.sleep(seconds)
-
-
 @dataclass(frozen=True)
 class _Span:
     """The middle of an exchange and half its length, in seconds on the clock of the bench."""
@@ -88,27 +50,28 @@ class _Span:
 
 
 class Bench:
-    """An actuator made of a source and a meter.
+    """An actuator made of sources and sensors.
 
-    After any error the source is made safe before the error is raised. An input beyond a limit is
+    After any error the sources are made safe before the error is raised. An input beyond a limit is
     refused and nothing is applied. A change faster than the rate limit is made in steps, one for
-    each tick; a hold begins when its input is reached.
+    each tick; a hold begins when its input is reached. Every command passes a `LimitedSource`,
+    which refuses what is beyond the limits whoever sends it.
 
     The clock determines how long a hold lasts. Each reading has the time of the middle of its
-    exchange. A meter that takes longer than the sample interval is read as often as it answers.
+    exchange. Sensors that take longer than the sample interval are read as often as they answer.
 
     Parameters
     ----------
     source : Source
-        Sets the input.
+        Sets the inputs.
     meter : Meter
-        Reads the output.
-    input : Channel
-        The input; both its limits are finite.
-    output : Channel
-        The output; a reading beyond its limits is an error.
-    rest : float
-        The input that is on when the source is safe, in its unit.
+        Reads the outputs.
+    input : Channel, or sequence of them
+        The inputs; their limits are finite.
+    output : Channel, or sequence of them
+        The outputs; a reading beyond their limits is an error.
+    rest : float or (inputs,) array
+        The inputs that are on when the source is safe, in their units.
     tick : float
         How long one ``exchange`` takes, in seconds.
     clock : Clock, optional
@@ -118,50 +81,56 @@ class Bench:
         bench of another description.
     safe_within : float
         How long to try to make the source safe, in seconds.
-    links : sequence of Link
+    links : sequence of Closable
         Connections to the instruments, which `close` closes.
     warnings : sequence of str
         What the user of the bench must know.
+    measures : sequence of int, optional
+        For each output the input that it belongs to; the one of its number if not given.
+    lines : Lines, optional
+        Digital lines; the source switches them as it needs when it is made safe.
+    serial : str, optional
+        Serial number of the plant.
 
     Raises
     ------
     ParameterError
-        If the input has no limits, rest is beyond them, or a time is not positive.
+        If an input has no limits, rest is beyond them, or a time is not positive.
     """
 
     def __init__(
         self,
         source: Source,
         meter: Meter,
-        input: Channel,
-        output: Channel,
+        input: Channel | Sequence[Channel],
+        output: Channel | Sequence[Channel],
         *,
-        rest: float = 0.0,
+        rest: Value = 0.0,
         tick: float = 0.05,
         clock: Clock | None = None,
         description: dict[str, Any] | None = None,
         safe_within: float = 10.0,
-        links: Sequence[Link] = (),
+        links: Sequence[Closable] = (),
         warnings: Sequence[str] = (),
+        measures: Sequence[int] | None = None,
+        lines: Lines | None = None,
+        serial: str | None = None,
     ) -> None:
-        if not (math.isfinite(input.low) and math.isfinite(input.high)):
-            raise ParameterError(f"{input} has no limits; give the least and greatest input")
-        if not input.low <= rest <= input.high:
-            raise ParameterError(
-                f"rest {rest:g} is beyond the limits [{input.low:g}, {input.high:g}] of {input}"
-            )
+        self._inputs, self._outputs = _channels(input), _channels(output)
+        resting = np.broadcast_to(np.asarray(rest, dtype=np.float64), len(self._inputs)).copy()
+        _check_rest(self._inputs, resting)
         if not 0 < tick < math.inf:
             raise ParameterError(f"tick is {tick!r} s; give a positive time")
         if not 0 < safe_within <= 3600:
             raise ParameterError(f"safe_within is {safe_within!r} s; give a time of up to an hour")
-        self._source, self._meter = source, meter
-        self._inputs, self._outputs = (input,), (output,)
-        self._rest, self._tick = float(rest), float(tick)
+        self._tick, self._meter = float(tick), meter
+        self._clock = WallClock() if clock is None else clock
+        self._source = LimitedSource(source, self._inputs, resting, self._tick, self._clock)
         self._description, self._links = description, tuple(links)
         self._safe_within, self._warnings = float(safe_within), tuple(warnings)
-        self._clock = WallClock() if clock is None else clock
+        self.measures = tuple(range(len(self._outputs)) if measures is None else measures)
+        self._lines, self.serial = lines, serial
         self._began = self._clock.now()
-        self._present, self._changed = self._rest, -math.inf
         self._set: _Span | None = None
         self._doubt = 0.0  # half the exchange that set the present input
         self._answers: deque[float] = deque(maxlen=_LATEST)
@@ -169,13 +138,23 @@ class Bench:
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """The input."""
+        """The inputs."""
         return self._inputs
 
     @property
     def outputs(self) -> tuple[Channel, ...]:
-        """The output."""
+        """The outputs."""
         return self._outputs
+
+    @property
+    def rest(self) -> FloatArray:
+        """(inputs,) inputs that are on when the source is safe."""
+        return self._source.rest.copy()
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Names of the digital lines."""
+        return () if self._lines is None else self._lines.names
 
     @property
     def tick(self) -> float:
@@ -188,19 +167,24 @@ class Bench:
         return self._description
 
     @property
+    def safe_within(self) -> float:
+        """How long to try to make the source safe, in seconds."""
+        return self._safe_within
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the user of the bench must know."""
         return self._warnings
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
-        """Hold an input, and return a record of input and output.
+        """Hold inputs, and return a record of inputs and outputs.
 
         Parameters
         ----------
-        u : float
-            The input, in its unit.
+        u : float or (inputs,) array
+            The inputs, in their units.
         duration : float
-            How long to hold it, in seconds, from when it is reached.
+            How long to hold them, in seconds, from when they are reached.
         sample_interval : float
             Time between samples, in seconds; the last sample is taken at the end of the hold.
             Where a reading takes longer, there are fewer samples.
@@ -213,62 +197,105 @@ class Bench:
         Raises
         ------
         LimitError
-            If the input is beyond a limit; nothing is applied then.
+            If an input is beyond a limit; nothing is applied then.
         ParameterError
             If a time is not positive, or there would be more than twenty million samples.
         InstrumentError
             If an instrument fails; the source is safe then.
         """
-        wanted = float(check_input(self._inputs, u)[0])
+        wanted = check_input(self._inputs, u)
         count = _count(duration, sample_interval)
-        try:
+        with self._safe_after_errors():
             self._set = None
             self._go(wanted, math.inf)
             on = self._set or _Span(self._clock.now(), 0.0)
             readings = self._sample(on.middle, duration, sample_interval, count)
             self._wait(on.middle + duration)
             ended = self._clock.now()
-        except BaseException:
-            self._leave()
-            raise
         t = np.maximum.accumulate([span.middle for span, _ in readings]) - self._began
         timing = Timing(
             began=on.middle - self._began,
             ended=ended - self._began,
             uncertainty=self._doubt + max(span.half for span, _ in readings),
         )
-        names = [Quantity(c.name, c.unit) for c in (*self._inputs, *self._outputs)]
-        u_held, y = np.full(t.size, self._present), [value for _, value in readings]
-        return Record(t, u_held, y, names[0], names[1], timing=timing)
+        held = np.repeat(self._source.present[:, None], t.size, axis=1)
+        y = np.array([values for _, values in readings]).T
+        return Record(
+            t,
+            held if len(held) > 1 else held[0],
+            y if len(y) > 1 else y[0],
+            [Quantity(c.name, c.unit) for c in self._inputs],
+            [Quantity(c.name, c.unit) for c in self._outputs],
+            timing=timing,
+        )
 
-    def exchange(self, u: Value) -> float:
-        """Hold an input for one tick, and return the output at its end.
+    def exchange(self, u: Value) -> Value:
+        """Hold inputs for one tick, and return the outputs at its end.
 
         Raises
         ------
         LimitError
-            If the input is beyond a limit; nothing is applied then.
+            If an input is beyond a limit; nothing is applied then.
         ParameterError
             If the meter takes longer than a tick; nothing is applied then.
         InstrumentError
             If an instrument fails; the source is safe then.
         """
-        wanted = float(check_input(self._inputs, u)[0])
+        wanted = check_input(self._inputs, u)
         if self._found > self._tick:
             raise ParameterError(
                 f"the meter takes {self._found:.3g} s for an answer, and a tick is {self._tick:g} "
                 f"s; give a tick of at least {rounded_up(self._found):g} s, or a faster meter"
             )
-        try:
+        with self._safe_after_errors():
             end = self._clock.now() + self._tick
             self._go(wanted, end)
             self._wait(end - self._usual())
-            _, value = self._read_timed()
+            _, values = self._read_timed()
             self._wait(end)
-        except BaseException:
-            self._leave()
-            raise
-        return value
+        return _value(values)
+
+    def at_once(self, u: Value) -> Value:
+        """Apply inputs, and return the outputs at once, for a loop that keeps its own time.
+
+        The inputs change as far as their rate limits allow since the last call.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond a limit; nothing is applied then.
+        InstrumentError
+            If an instrument fails; the source is safe then.
+        """
+        wanted = check_input(self._inputs, u)
+        with self._safe_after_errors():
+            self._put(self._source.nearest(wanted))
+            _, values = self._read_timed()
+        return _value(values)
+
+    def switch(self, values: Mapping[str, bool]) -> None:
+        """Switch digital lines on or off.
+
+        Parameters
+        ----------
+        values : mapping of str to bool
+            The lines by their names; others stay as they are.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such line.
+        InstrumentError
+            If the instrument fails; the source is safe then.
+        """
+        for name in values:
+            if name not in self.lines:
+                known = ", ".join(self.lines) or "none"
+                raise ParameterError(f"there is no line {name!r}; there is {known}")
+        if self._lines is None or not values:
+            return
+        with self._safe_after_errors():
+            self._lines.switch(values)
 
     def answer_time(self) -> float:
         """Return how long one reading takes, in seconds: the median of the latest.
@@ -290,11 +317,11 @@ class Bench:
         u : float
             The input, in its unit.
         """
-        written = getattr(self._source, "written", None)
+        written = getattr(self._source.source, "written", None)
         return u if written is None else float(written(u))
 
-    def check(self) -> float:
-        """Make the source safe, and read the output a few times; return the last reading.
+    def check(self) -> Value:
+        """Make the source safe, and read the outputs a few times; return the last readings.
 
         This also measures the answer time of the meter.
 
@@ -305,9 +332,9 @@ class Bench:
         """
         self.safe()
         for _ in range(_READINGS):
-            _, value = self._read_timed()
+            _, values = self._read_timed()
         self._found = self._usual()
-        return value
+        return _value(values)
 
     def safe(self) -> None:
         """Make the source safe; try until it confirms or a deadline is over.
@@ -327,7 +354,6 @@ class Bench:
                 except Exception as error:
                     last = error
                 else:
-                    self._present = self._rest
                     return
                 if waited >= self._safe_within or self._clock.now() >= end:
                     break
@@ -343,34 +369,30 @@ class Bench:
         for link in self._links:
             link.close()
 
-    def _go(self, wanted: float, end: float) -> None:
-        """Change the input towards a value, at the allowed rate, until a time."""
-        most = self._inputs[0].rate * self._tick
-        while self._present != wanted:
-            ready = self._changed + self._tick if math.isfinite(most) else -math.inf
-            if ready > end:
+    def _go(self, wanted: FloatArray, end: float) -> None:
+        """Change the inputs towards values, at the allowed rates, until a time."""
+        while (self._source.present != wanted).any():
+            if self._source.due > end:
                 break
-            self._wait(ready)
-            following = min(max(wanted, self._present - most), self._present + most)
-            self._put(following)
-            self._present, self._changed = following, self._clock.now()
+            self._wait(self._source.due)
+            self._put(self._source.nearest(wanted))
 
-    def _put(self, value: float) -> None:
+    def _put(self, values: FloatArray) -> None:
         """Set the source, and note the time."""
         asked = self._clock.now()
-        self._source.set(value)
+        self._source.set(values)
         self._set = _Span.between(asked, self._clock.now())
         self._doubt = self._set.half
 
     def _sample(
         self, began: float, duration: float, interval: float, count: int
-    ) -> list[tuple[_Span, float]]:
+    ) -> list[tuple[_Span, FloatArray]]:
         """Return readings that end at each interval and at the end of the hold.
 
         A slower meter is asked again as soon as it has answered. A reading that could not end in
         time is not begun, except for the first.
         """
-        readings: list[tuple[_Span, float]] = []
+        readings: list[tuple[_Span, FloatArray]] = []
         k = -1
         while k < count - 1:
             answer, gone = self._usual(), self._clock.now() - began
@@ -384,13 +406,13 @@ class Bench:
             readings.append(self._read_timed())
         return readings
 
-    def _read_timed(self) -> tuple[_Span, float]:
-        """Return a reading, and when it was taken."""
+    def _read_timed(self) -> tuple[_Span, FloatArray]:
+        """Return a reading of each output, and when they were taken."""
         asked = self._clock.now()
-        value = self._read()
+        values = self._read()
         span = _Span.between(asked, self._clock.now())
         self._answers.append(2 * span.half)
-        return span, value
+        return span, values
 
     def _usual(self) -> float:
         """Return how long the latest readings took, in seconds; 0 before the first."""
@@ -401,26 +423,64 @@ class Bench:
         if left > 0:
             self._clock.sleep(left)
 
-    def _read(self) -> float:
-        value = float(self._meter.read())
-        channel = self._outputs[0]
-        if not math.isfinite(value) or abs(value) >= OVERLOAD:
-            raise InstrumentError(f"the meter reads {value}: overloaded, or not connected")
-        if not channel.low <= value <= channel.high:
+    def _read(self) -> FloatArray:
+        values = np.atleast_1d(np.asarray(self._meter.read(), dtype=np.float64))
+        if values.shape != (len(self._outputs),):
             raise InstrumentError(
-                f"the meter reads {value:g} {channel.unit}, beyond the limits of {channel.name}, "
-                f"[{channel.low:g}, {channel.high:g}]; check sensor and wiring"
+                f"the meter gives {values.size} readings for {len(self._outputs)} outputs"
             )
-        return value
+        for channel, value in zip(self._outputs, values.tolist(), strict=True):
+            _check_reading(channel, value)
+        return values
 
-    def _leave(self) -> None:
+    @contextmanager
+    def _safe_after_errors(self) -> Iterator[None]:
         """Make the source safe after an error; a `SafetyError` mentions that error."""
-        cause = sys.exception()
         try:
-            self.safe()
-        except SafetyError as error:
-            reason = str(cause) or type(cause).__name__
-            raise SafetyError(f"{error}; the error before: {reason}") from cause
+            yield
+        except BaseException as error:
+            try:
+                self.safe()
+            except SafetyError as unsafe:
+                reason = str(error) or type(error).__name__
+                raise SafetyError(f"{unsafe}; the error before: {reason}") from error
+            if isinstance(error, MinorloopError) or not isinstance(error, Exception):
+                raise
+            said = f"{type(error).__name__}: {error}"
+            raise InstrumentError(f"the driver failed: {said}") from error
+
+
+def _channels(given: Channel | Sequence[Channel]) -> tuple[Channel, ...]:
+    return (given,) if isinstance(given, Channel) else tuple(given)
+
+
+def _value(values: FloatArray) -> Value:
+    """Return a number for one channel, the array for several."""
+    return float(values[0]) if values.size == 1 else values
+
+
+def _check_rest(inputs: Sequence[Channel], rest: FloatArray) -> None:
+    """Refuse inputs without limits, and rest beyond them."""
+    for input, value in zip(inputs, rest.tolist(), strict=True):
+        if not (math.isfinite(input.low) and math.isfinite(input.high)):
+            raise ParameterError(f"{input} has no limits; give the least and greatest input")
+        if not input.low <= value <= input.high:
+            raise ParameterError(
+                f"rest {value:g} is beyond the limits [{input.low:g}, {input.high:g}] of {input}"
+            )
+
+
+def _check_reading(channel: Channel, value: float) -> None:
+    """Refuse a reading that cannot be."""
+    if not math.isfinite(value) or abs(value) >= OVERLOAD:
+        raise InstrumentError(
+            f"the meter reads {value} for {channel.name}: overloaded, or not connected"
+        )
+    if not channel.low <= value <= channel.high:
+        raise InstrumentError(
+            f"the meter reads {value:g} {channel.unit}, beyond the limits of {channel.name}, "
+            f"[{channel.low:g}, {channel.high:g}]; check sensor and wiring"
+        )
 
 
 def _count(duration: float, interval: float) -> int:

@@ -187,6 +187,7 @@ class VisaLink:
             if self._baud is not None:
                 resource.baud_rate = self._baud
             self._send_at_once(resource)
+            self._keep_others_out(resource)
         except Exception as error:
             raise InstrumentError(f"{self.name} cannot be opened: {_short(error)}") from None
         self._resource = resource
@@ -207,10 +208,23 @@ class VisaLink:
 
             resource.set_visa_attribute(ResourceAttribute.tcpip_nodelay, True)
 
+    def _keep_others_out(self, resource: Any) -> None:
+        """Lock a serial port, if PyVISA-py has opened one; refuse one that another program has."""
+        port = getattr(self._session(resource), "interface", None)
+        if port is not None and hasattr(port, "exclusive"):
+            try:
+                port.exclusive = True
+            except OSError:
+                resource.close()
+                raise InstrumentError("another program uses it; end that program") from None
+
+    def _session(self, resource: Any) -> Any:
+        """Return the session of a resource, if PyVISA-py has opened one."""
+        return getattr(self._manager.visalib, "sessions", {}).get(resource.session)
+
     def _wire(self, resource: Any) -> socket.socket | None:
         """Return the socket of a resource, if PyVISA-py has opened one."""
-        sessions = getattr(self._manager.visalib, "sessions", {})
-        wire = getattr(sessions.get(resource.session), "interface", None)
+        wire = getattr(self._session(resource), "interface", None)
         return wire if isinstance(wire, socket.socket) else None
 
     def _settle(self) -> None:

@@ -31,6 +31,7 @@ import threading
 import time
 import weakref
 import zlib
+from collections.abc import Sequence
 from contextlib import suppress
 
 from minorloop.errors import InstrumentError, counted
@@ -38,7 +39,7 @@ from minorloop.lab.drivers.link import Link
 from minorloop.lab.drivers.scpi import number
 from minorloop.lab.signals import Deferred
 
-__all__ = ["Board", "parse", "write"]
+__all__ = ["Board", "BoardLine", "parse", "write"]
 
 VERSION = 2
 _LINE = re.compile(r"(\d{1,5}) (OK|ERR)((?: [!-)+-~]{1,40}){0,8}) \*([0-9A-F]{8})")
@@ -67,8 +68,8 @@ def parse(line: str, sequence: int) -> tuple[bool, list[str]] | None:
     return found[2] == "OK", found[3].split()
 
 
-class Board:
-    """A board with the firmware of the C export: a source and a meter in one.
+class BoardLine:
+    """The line to a board: questions, answers, and keeping the board alive.
 
     Parameters
     ----------
@@ -77,71 +78,17 @@ class Board:
 
     Attributes
     ----------
-    low : float
-        Lower limit of the input in the firmware, in its unit.
-    high : float
-        Upper limit.
+    hello : list of str
+        Answer of the board to ``HELLO``.
     patience : float
         Seconds without a question until the board goes to its safe input.
-
-    Raises
-    ------
-    InstrumentError
-        If the answer is not that of such a board.
     """
 
     def __init__(self, link: Link) -> None:
         self._link, self._sequence = link, 0
         self._turn, self._on, self._asked = threading.Lock(), False, -math.inf
-        words = self._ask("HELLO")
-        if len(words) != 5 or words[:2] != ["minorloop", str(VERSION)]:
-            raise InstrumentError(
-                f"{link.name} answers {' '.join(words)!r}; its firmware has another protocol "
-                f"than minorloop {VERSION}: export it again"
-            )
-        self.low, self.high, patience = (number(word, link.name) for word in words[2:])
-        if not 1 <= patience <= _LONGEST:
-            raise InstrumentError(
-                f"{link.name} has a patience of {patience:g} ms; set it to 1 to {_LONGEST}"
-            )
-        self.patience = 1e-3 * patience
-
-    def set(self, value: float) -> None:
-        """Apply an input.
-
-        Raises
-        ------
-        InstrumentError
-            If the board refuses it, has gone to its safe input by itself, or answers another
-            input.
-        """
-        self._on = True
-        found = self._number("SET", repr(float(value)))
-        if abs(found - value) > 1e-6 * max(1.0, abs(value)):
-            raise InstrumentError(f"{self._link.name} was set to {value:g} and answers {found:g}")
-
-    def read(self) -> float:
-        """Return the reading of the sensor."""
-        return self._number("GET")
-
-    def step(self, u: float) -> float:
-        """Return the output of the model in the firmware for an input, and update its memory."""
-        return self._number("STEP", repr(float(u)))
-
-    def aim(self, y: float) -> float:
-        """Return the input of the model in the firmware for a target."""
-        return self._number("AIM", repr(float(y)))
-
-    def safe(self) -> None:
-        """Go to the safe input.
-
-        Raises
-        ------
-        InstrumentError
-            If the board does not confirm. Without questions it goes there after its patience.
-        """
-        self._on = False
-        self._ask("SAFE")
+        self.patience = 1.0
+        self.hello = self._ask("HELLO")
 
     def keep_alive(self) -> None:
         """Send questions while an input is on, as long as this program runs.
@@ -150,6 +97,15 @@ class Board:
         program is stopped or ends, or the cable is pulled, the board receives nothing.
         """
         threading.Thread(target=_keep, args=(weakref.ref(self),), daemon=True).start()
+
+    def _wait_at_most(self, patience: str) -> None:
+        """Note the patience of the board, in ms as it is written."""
+        found = number(patience, self._link.name)
+        if not 1 <= found <= _LONGEST:
+            raise InstrumentError(
+                f"{self._link.name} has a patience of {found:g} ms; set it to 1 to {_LONGEST}"
+            )
+        self.patience = 1e-3 * found
 
     def _stay(self) -> float:
         """Send a question if it is due; return how long to wait for the next."""
@@ -163,16 +119,28 @@ class Board:
             self._ask("GET")
         return every
 
-    def _number(self, *words: str) -> float:
+    def _numbers(self, count: int, *words: str) -> list[float]:
+        """Return the numbers of an answer, which has so many."""
         answer = self._ask(*words)
-        if len(answer) != 1:
+        if len(answer) != count:
             raise InstrumentError(
                 f"{self._link.name} answers {words[0]} with {counted(len(answer), 'word')}"
             )
-        value = number(answer[0], self._link.name)
-        if not math.isfinite(value):
-            raise InstrumentError(f"{self._link.name} answers {words[0]} with {value}")
-        return value
+        values = [number(word, self._link.name) for word in answer]
+        for value in values:
+            if not math.isfinite(value):
+                raise InstrumentError(f"{self._link.name} answers {words[0]} with {value}")
+        return values
+
+    def _apply(self, values: Sequence[float], *words: str) -> None:
+        """Set the inputs; refuse an answer with others."""
+        self._on = True
+        found = self._numbers(len(values), "SET", *words)
+        for value, answer in zip(values, found, strict=True):
+            if abs(answer - value) > 1e-6 * max(1.0, abs(value)):
+                raise InstrumentError(
+                    f"{self._link.name} was set to {value:g} and answers {answer:g}"
+                )
 
     def _ask(self, *words: str) -> list[str]:
         """Return the words of the answer to this question."""
@@ -204,7 +172,74 @@ class Board:
         )
 
 
-def _keep(kept: weakref.ref[Board]) -> None:
+class Board(BoardLine):
+    """A board with the firmware of the C export: a source and a meter in one.
+
+    Parameters
+    ----------
+    link : Link
+        The connection to the board.
+
+    Attributes
+    ----------
+    low : float
+        Lower limit of the input in the firmware, in its unit.
+    high : float
+        Upper limit.
+
+    Raises
+    ------
+    InstrumentError
+        If the answer is not that of such a board.
+    """
+
+    def __init__(self, link: Link) -> None:
+        super().__init__(link)
+        words = self.hello
+        if len(words) != 5 or words[:2] != ["minorloop", str(VERSION)]:
+            raise InstrumentError(
+                f"{link.name} answers {' '.join(words)!r}; its firmware has another protocol "
+                f"than minorloop {VERSION}: export it again"
+            )
+        self.low, self.high = (number(word, link.name) for word in words[2:4])
+        self._wait_at_most(words[4])
+
+    def set(self, value: float) -> None:
+        """Apply an input.
+
+        Raises
+        ------
+        InstrumentError
+            If the board refuses it, has gone to its safe input by itself, or answers another
+            input.
+        """
+        self._apply([value], repr(float(value)))
+
+    def read(self) -> float:
+        """Return the reading of the sensor."""
+        return self._numbers(1, "GET")[0]
+
+    def step(self, u: float) -> float:
+        """Return the output of the model in the firmware for an input, and update its memory."""
+        return self._numbers(1, "STEP", repr(float(u)))[0]
+
+    def aim(self, y: float) -> float:
+        """Return the input of the model in the firmware for a target."""
+        return self._numbers(1, "AIM", repr(float(y)))[0]
+
+    def safe(self) -> None:
+        """Go to the safe input.
+
+        Raises
+        ------
+        InstrumentError
+            If the board does not confirm. Without questions it goes there after its patience.
+        """
+        self._on = False
+        self._ask("SAFE")
+
+
+def _keep(kept: weakref.ref[BoardLine]) -> None:
     """Keep a board alive as long as it is referenced."""
     while (board := kept()) is not None:
         wait = board._stay()

@@ -1,0 +1,189 @@
+"""A head at an address as the plant of procedures and console, and the tip that it carries."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import InstrumentError, ParameterError
+from minorloop.lab.actuator import Actuator, Frame, Shot
+
+PUMP = "pump"
+"""Name of the digital line that floods the pipe."""
+_LED = re.compile(r"led (\d+)")
+_INPUTS, _OUTPUTS = ("A", "A", "mm/s", "deg/s"), ("deg", "deg", "mm", "deg")
+_DEGREE = math.radians(1.0)
+_FACTORS = np.array([1.0, 1.0, 1e-3, _DEGREE]), np.array([_DEGREE, _DEGREE, 1e-3, _DEGREE])
+"""SI units of the channels of a head and its catheter, in and out."""
+_SETTLING = 0.04
+"""Seconds after a switch of the lights in which a picture that arrives may be of the time before:
+one frame interval."""
+
+
+class Wires(Protocol):
+    """Lights and pump, wherever they are wired."""
+
+    def light(self, lights: Sequence[bool]) -> None:
+        """Switch the lights on or off; return only when they are."""
+
+    def flood(self, on: bool) -> None:
+        """Switch the pump on or off; return only when it is."""
+
+
+class ActuatorPlant:
+    """A head that an actuator drives, with or without a catheter that moves it.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Two currents in A, two angles in degrees; with a catheter also advance in mm/s and mm and
+        roll in deg/s and deg. Without one, advance and roll stay 0.
+
+    Raises
+    ------
+    ParameterError
+        If the actuator has other channels.
+    """
+
+    def __init__(self, actuator: Actuator) -> None:
+        units = tuple(c.unit for c in actuator.inputs), tuple(c.unit for c in actuator.outputs)
+        if units not in ((_INPUTS[:2], _OUTPUTS[:2]), (_INPUTS, _OUTPUTS)):
+            known = ", ".join(str(channel) for channel in (*actuator.inputs, *actuator.outputs))
+            raise ParameterError(
+                f"the actuator has {known}; a head has two currents in A and two angles in deg, "
+                "and perhaps rates of advance and roll in mm/s and deg/s, in mm and deg"
+            )
+        self.actuator = actuator
+        self._count = len(units[0])
+        self._exchange = getattr(actuator, "at_once", actuator.exchange)
+        found = [(int(m[1]), name) for name in self._lines if (m := _LED.fullmatch(name))]
+        self._leds = [name for _, name in sorted(found)]
+
+    @property
+    def tick(self) -> float:
+        """Duration of one ``exchange``, in seconds."""
+        return self.actuator.tick
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the head; None if the actuator does not know it."""
+        found: str | None = getattr(self.actuator, "serial", None)
+        return found
+
+    def exchange(self, u: FloatArray) -> FloatArray:
+        """Hold pan and tilt currents in A, advance in m/s and roll in rad/s for a tick.
+
+        Returns
+        -------
+        (4,) array
+            Pan and tilt of the joints, advance and roll, in rad and m.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond its limits; nothing is applied then.
+        InstrumentError
+            If a device fails; the head is safe then.
+        """
+        count, read = self._count, np.zeros(4)
+        read[:count] = self._exchange(np.asarray(u, dtype=np.float64)[:count] / _FACTORS[0][:count])
+        return np.asarray(read * _FACTORS[1])
+
+    def stance(self) -> tuple[float, ...]:
+        """Return nothing: the tip of a head that is not simulated needs no pose."""
+        return ()
+
+    def safe(self) -> None:
+        """Make the head safe."""
+        self.actuator.safe()
+
+    def light(self, lights: Sequence[bool]) -> None:
+        """Switch the lines ``led 1``, ``led 2``, ...; lights without a line stay as they are."""
+        values = dict(zip(self._leds, map(bool, lights), strict=False))
+        if values:
+            self._switch(values)
+
+    def flood(self, on: bool) -> None:
+        """Switch the line ``pump``.
+
+        Raises
+        ------
+        InstrumentError
+            If there is no such line.
+        """
+        if PUMP not in self._lines:
+            raise InstrumentError(f"the bench has no line {PUMP!r}, so the pipe cannot be flooded")
+        self._switch({PUMP: bool(on)})
+
+    def close(self) -> None:
+        """Close the connections."""
+        getattr(self.actuator, "close", lambda: None)()
+
+    @property
+    def _lines(self) -> tuple[str, ...]:
+        found: tuple[str, ...] = getattr(self.actuator, "lines", ())
+        return found
+
+    def _switch(self, values: dict[str, bool]) -> None:
+        switch: Any = getattr(self.actuator, "switch", None)
+        if switch is not None:
+            switch(values)
+
+
+class BenchTip:
+    """The tip of a head on a bench: lights and a pump, and neither focus nor probe.
+
+    Its pictures come from a camera of its own, see `minorloop.head.console.camera_tip`.
+
+    Parameters
+    ----------
+    wires : Wires
+    """
+
+    settling = _SETTLING
+    """Seconds from a switch of the lights to the first picture that shows it."""
+
+    def __init__(self, wires: Wires) -> None:
+        self._wires = wires
+
+    def frame(self) -> Frame:
+        """Raise an error: the camera is not part of the bench.
+
+        Raises
+        ------
+        InstrumentError
+            Always.
+        """
+        raise InstrumentError("a bench has no camera; give one with --camera")
+
+    def switch(self, lights: Sequence[bool]) -> None:
+        """Switch lights on or off."""
+        self._wires.light(lights)
+
+    def expose(self, exposure: float, gain: float = 1.0) -> None:
+        """Do nothing; the camera is exposed by itself."""
+
+    def move_to(self, stance: tuple[float, ...]) -> None:
+        """Do nothing; the tip is where the head is."""
+
+    def focus_at(self, distance: float) -> None:
+        """Do nothing; the focus is fixed."""
+
+    def flood(self, on: bool) -> None:
+        """Fill the pipe with water, or drain it."""
+        self._wires.flood(on)
+
+    def shots(self, count: int) -> list[Shot]:
+        """Raise an error: there is no probe.
+
+        Raises
+        ------
+        InstrumentError
+            Always.
+        """
+        raise InstrumentError("this head has no ultrasonic probe")

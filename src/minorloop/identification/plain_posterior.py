@@ -1,0 +1,75 @@
+"""Bands of a fit without the prior.
+
+Their widths are those of the prior on a plane of at most 50 bands, with the variance of an output
+from the residuals of the fit. The squared difference between the fit and the mean of the prior's
+posterior is added to the variance: where the record leaves the plane open, both are guesses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from minorloop.arrays import FloatArray
+from minorloop.identification.design_matrix import PlaneSpec, pack, unpack
+from minorloop.identification.fitting import Regression
+from minorloop.identification.least_squares import reproduces
+from minorloop.identification.likelihood import MOST_SEARCH_BANDS, Evidence, search
+from minorloop.identification.posterior import Posterior
+from minorloop.identification.prior import PlanePrior
+from minorloop.identification.prior_fit import (
+    on_finer_plane,
+    scale_outputs,
+    with_residual_variance,
+)
+from minorloop.identification.prior_system import dense_system
+from minorloop.threads import one_thread
+
+_MOST_BANDS = 50
+"""Bands of the plane at most; the outputs hardly depend on what is finer."""
+_OVERFIT = 0.5
+"""Share of the samples from which so many determined unknowns leave no reliable residuals."""
+
+
+def plain_posterior(regression: Regression, x: FloatArray, determined: float) -> Posterior:
+    """Posterior of the prior, with the residuals of unknowns that were fitted without it.
+
+    Parameters
+    ----------
+    regression : Regression
+        What they were fitted to.
+    x : (n,) array
+        The unknowns.
+    determined : float
+        Number of unknowns that the samples determined, at least.
+    """
+    matrix, weight = regression.matrix, regression.weight
+    scaled, unit, middle = scale_outputs(matrix.spec, regression.y)
+    small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(_MOST_BANDS)
+    within, count = regression.within / unit**2, float(weight.sum())
+    left = regression.squared_error(x) / unit**2 + within * count
+    with one_thread():
+        learnt = search(Evidence.of_many(small, scaled, weight, within), None)
+        evidence, plane = Evidence.of_many(medium, scaled, weight), PlanePrior(medium.spec)
+        h = on_finer_plane(learnt, small.spec, medium.spec)
+        h = with_residual_variance(h, left, count, None)
+        determined = max(determined, dense_system(plane, evidence, h, signed=True).determined)
+        if determined > _OVERFIT * count and not reproduces(matrix, x, regression.y):
+            variance = learnt.discrepancy**2 + learnt.noise**2
+            left = max(left, max(count - determined, 1.0) * variance)
+        h = with_residual_variance(h, left, count - determined, None)
+        system = dense_system(plane, evidence, h, signed=True)
+        found = system.posterior(unit, round(count), determined)
+        other = _on_coarser_plane(matrix.spec, medium.spec, x)
+        if medium.spec.offset:
+            other[medium.spec.cells] -= middle
+        return replace(found, dense=np.column_stack([found.dense, other - unit * system.mean]))
+
+
+def _on_coarser_plane(fine: PlaneSpec, coarse: PlaneSpec, x: FloatArray) -> FloatArray:
+    """(n,) unknowns with the weights of fine cells summed; its levels are some of the fine ones."""
+    within = np.searchsorted(coarse.levels, fine.levels[:-1], side="right") - 1
+    weights = np.zeros((coarse.bands, coarse.bands))
+    np.add.at(weights, np.ix_(within, within), unpack(x[: fine.cells]))
+    return np.append(pack(weights), x[fine.cells :])

@@ -1,0 +1,181 @@
+"""An actuator of somebody else's making, behind the limits that it states."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from minorloop.arrays import FloatArray
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError, SafetyError
+from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed, Value, check_input
+from minorloop.lab.records import Record
+
+__all__ = ["LimitedActuator", "LimitedTwin", "with_limits"]
+
+
+class LimitedActuator:
+    """An actuator that is sent no input beyond its limits, and made safe after any error.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Its inputs have finite limits.
+
+    Raises
+    ------
+    ParameterError
+        If a channel, a method or a limit is missing.
+    """
+
+    def __init__(self, actuator: Any) -> None:
+        _check_actuator(actuator)
+        self._actuator: Actuator = actuator
+        self.inputs: tuple[Channel, ...] = tuple(actuator.inputs)
+        self.outputs: tuple[Channel, ...] = tuple(actuator.outputs)
+        self.warnings: tuple[str, ...] = tuple(getattr(actuator, "warnings", ()))
+        self.serial: str | None = getattr(actuator, "serial", None)
+        self._present: FloatArray | None = None
+
+    @property
+    def tick(self) -> float:
+        """How long one ``exchange`` takes, in seconds."""
+        return self._actuator.tick
+
+    @property
+    def description(self) -> dict[str, Any] | None:
+        """The instruments, as the actuator describes them; None if it does not."""
+        found: dict[str, Any] | None = getattr(self._actuator, "description", None)
+        return found
+
+    def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
+        """Hold inputs as the actuator does.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond a limit; nothing is applied then.
+        InstrumentError
+            If the actuator fails; it is safe then.
+        """
+        values = check_input(self.inputs, u)
+        record: Record = self._done(lambda: self._actuator.apply(u, duration, sample_interval))
+        self._present = values
+        return record
+
+    def exchange(self, u: Value) -> Value:
+        """Hold inputs for one tick as the actuator does, and return the outputs at its end.
+
+        Raises
+        ------
+        LimitError
+            If an input is beyond a limit or a rate limit; nothing is applied then.
+        InstrumentError
+            If the actuator fails, or gives no numbers; it is safe then.
+        """
+        values = check_input(self.inputs, u, before=self._present, interval=self.tick)
+        y: Value = self._done(lambda: self._read(self._actuator.exchange(u)))
+        self._present = values
+        return y
+
+    def safe(self) -> None:
+        """Make the actuator safe.
+
+        Raises
+        ------
+        SafetyError
+            If it fails.
+        """
+        self._present = None
+        try:
+            self._actuator.safe()
+        except SafetyError:
+            raise
+        except Exception as error:
+            raise SafetyError(
+                f"the actuator may still be on, switch it off by hand: {_said(error)}"
+            ) from error
+
+    def answer_time(self) -> float:
+        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
+        return self._actuator.answer_time() if isinstance(self._actuator, Timed) else 0.0
+
+    def written(self, u: float) -> float:
+        """Return the input that the source writes for ``u``; nothing is applied."""
+        return self._actuator.written(u) if isinstance(self._actuator, Rounding) else u
+
+    def close(self) -> None:
+        """Close the connections of the actuator, if it has any."""
+        getattr(self._actuator, "close", lambda: None)()
+
+    def _done(self, work: Any) -> Any:
+        """Return what was done; after an error the actuator is safe."""
+        try:
+            return work()
+        except BaseException as error:
+            self.safe()
+            if isinstance(error, MinorloopError) or not isinstance(error, Exception):
+                raise
+            raise InstrumentError(f"the actuator failed: {_said(error)}") from error
+
+    def _read(self, y: npt.ArrayLike) -> Value:
+        values = np.asarray(y, dtype=np.float64).reshape(-1)
+        if values.size != len(self.outputs):
+            raise InstrumentError(
+                f"the actuator gives {values.size} readings for {len(self.outputs)} outputs"
+            )
+        return float(values[0]) if values.size == 1 else values
+
+
+class LimitedTwin(LimitedActuator):
+    """Such an actuator whose state can be saved and restored."""
+
+    _actuator: Any
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Return the state, ready for JSON."""
+        found: dict[str, Any] = self._actuator.checkpoint()
+        return found
+
+    def restore(self, checkpoint: dict[str, Any]) -> None:
+        """Go back to a saved state."""
+        self._present = None
+        self._actuator.restore(checkpoint)
+
+
+def with_limits(actuator: Any) -> LimitedActuator:
+    """Return an actuator that is sent no input beyond its limits.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        Its inputs have finite limits.
+
+    Raises
+    ------
+    ParameterError
+        If a channel, a method or a limit is missing.
+    """
+    return (LimitedTwin if hasattr(actuator, "restore") else LimitedActuator)(actuator)
+
+
+def _check_actuator(actuator: Any) -> None:
+    needed = "inputs", "outputs", "tick", "apply", "exchange", "safe"
+    missing = [name for name in needed if not hasattr(actuator, name)]
+    if missing:
+        raise ParameterError(
+            f"{type(actuator).__name__} is no actuator: it has no {', '.join(missing)}; see "
+            "minorloop.Actuator"
+        )
+    for channel in (*actuator.inputs, *actuator.outputs):
+        if not isinstance(channel, Channel):
+            raise ParameterError(f"{channel!r} is no channel; give a minorloop.Channel")
+    for channel in actuator.inputs:
+        if not (math.isfinite(channel.low) and math.isfinite(channel.high)):
+            raise ParameterError(f"{channel} has no limits; give the least and greatest input")
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -1,0 +1,95 @@
+"""Find spikes: single readings far from those around them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+
+from minorloop.arrays import BoolArray, FloatArray
+
+__all__ = ["spikes"]
+
+_WIDTH = 7
+"""Readings of the running median, which follows every rise or fall exactly."""
+_FAR, _STEPS = 8.0, 4.0
+"""Distance of a spike from it, in standard deviations of the noise, and in steps of the sensor."""
+_AROUND, _TIMES = 21, 8.0
+"""Readings around a spike, over whose usual distance its own is so many times: in an oscillation
+all are off."""
+_ALONE, _TWICE, _LONGEST = 0.8, 3.0, 2
+"""Least and greatest difference of a spike from its neighbours over its distance; what lies between
+two spikes differs by more. And most readings of a spike."""
+_LARGE = 0.25
+"""Distance over the largest, of those that are found at once."""
+_MOST = 0.1
+"""Share of the readings above which they are no spikes, but how the output is."""
+_FEWEST = 20
+"""Readings below which noise cannot be distinguished from spikes."""
+
+
+def spikes(y: npt.ArrayLike) -> BoolArray:
+    """Return which readings are spikes, as those of a disturbed line or a lost echo.
+
+    Parameters
+    ----------
+    y : (T,) array_like
+        Readings of a sensor while its input is constant; NaN where nothing was measured.
+
+    Returns
+    -------
+    (T,) array of bool
+        All False for fewer than twenty readings, and where more than a tenth would be spikes.
+    """
+    values = np.asarray(y, dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(values))
+    found = np.zeros(values.size, dtype=np.bool_)
+    if known.size < _FEWEST:
+        return found
+    left = known
+    while (more := _largest(values[left])).any():  # a large one shifts the median beside it
+        found[left[more]] = True
+        left = left[~more]
+    return found if np.count_nonzero(found) <= _MOST * known.size else np.zeros_like(found)
+
+
+def _largest(y: FloatArray) -> BoolArray:
+    """Return the largest spikes: far from a running median, and from both neighbours alike."""
+    away = y - median_filter(y, _WIDTH, mode="mirror")
+    usual = median_filter(np.abs(away), _AROUND, mode="mirror")
+    noise = max(_FAR * _spread(y), _STEPS * _step(y))
+    limit = np.maximum(noise, _TIMES * usual)
+    size = np.zeros(y.size)
+    for way in (1, -1):
+        begins, ends = _runs(way * away > limit)
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            far = float(np.abs(away[begin:end]).max())
+            rise = _least_rise(way * y, begin, end)
+            # The first readings of a hold may be those of the hold before.
+            if begin and end - begin <= _LONGEST and _ALONE * far <= rise <= _TWICE * far:
+                size[begin:end] = far
+    found: BoolArray = (size > 0) & (size >= _LARGE * size.max())
+    return found
+
+
+def _least_rise(y: FloatArray, begin: int, end: int) -> float:
+    """Return by how much the readings from begin to end are above their neighbours."""
+    next_to = [y[k] for k in (begin - 1, end) if k < y.size]
+    return float(y[begin:end].min() - max(next_to))
+
+
+def _spread(y: FloatArray) -> float:
+    """Return the standard deviation of noise in the readings, from second differences."""
+    return float(np.median(np.abs(np.diff(y, 2))) / (0.6745 * np.sqrt(6)))
+
+
+def _step(y: FloatArray) -> float:
+    """Return the least difference of two readings, 0 where all are equal."""
+    steps = np.diff(np.unique(y))
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _runs(marked: BoolArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return where runs of marked readings begin, and where they end."""
+    edges = np.diff(np.concatenate([[0], marked.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from long_branches import a_record_with_long_branches
+from minorloop.identification import identify
+from minorloop.identification.bands import PER_DEVIATION
+from plane_records import a_plane
+
+
+def covered(found):
+    """Share of the held-out readings within their bands of 90 %."""
+    samples = np.flatnonzero(found.held_out)
+    off = (found.prediction - found.y)[samples]
+    return np.mean(np.abs(off) <= PER_DEVIATION * found.deviation(samples))
+
+
+@pytest.mark.parametrize("smoothness", ["auto", 0.0])
+def test_bands_of_many_random_samples_cover_held_out_ones(smoothness):
+    rng = np.random.default_rng(1000)
+    model = a_plane(12)
+    u = rng.uniform(*model.levels[[0, -1]], 900)
+    y = model.simulate(u)
+    y += 0.01 * np.ptp(y) * rng.normal(size=u.size)
+    found = identify(u, y, levels=model.levels, holdout=1 / 3, smoothness=smoothness)
+    assert found.posterior is None
+    assert 0.85 <= covered(found) <= 0.95
+
+
+def test_bands_of_long_branches_cover_held_out_ones():
+    shares = []
+    for seed in range(1000, 1006):
+        model, u, y = a_record_with_long_branches(seed, each=40)
+        shares.append(covered(identify(u, y, levels=model.levels, holdout=1 / 3, prior="none")))
+    assert 0.85 <= np.mean(shares) <= 0.95
+
+
+def test_bands_are_wide_where_nothing_was_measured():
+    model = a_plane(12)
+    low, high = model.levels[[0, -1]]
+    small = np.interp(
+        np.arange(600) / 20, np.arange(31), low + (high - low) * 0.3 * (np.arange(31) % 2)
+    )
+    y = model.simulate(small) + 1e-3 * np.random.default_rng(1000).normal(size=small.size)
+    found = identify(small, y, levels=model.levels, prior="none")
+    sd = found.predict([low, low + 0.2 * (high - low), high], bands=0.9).sd
+    assert sd[2] > 5 * sd[1]
+
+
+def test_few_samples_that_are_reproduced_have_bands_of_their_noise():
+    rng = np.random.default_rng(1000)
+    model = a_plane(12)
+    u = rng.uniform(*model.levels[[0, -1]], 60)
+    y = model.simulate(u)
+    noise = 0.05 * np.ptp(y)
+    found = identify(
+        u, y + noise * rng.normal(size=60), levels=model.levels, prior="none", smoothness=0.0
+    )
+    assert found.band_sd > 0.5 * noise
+
+
+def test_three_samples_that_determine_nothing_have_wide_bands():
+    found = identify([0.0, 1.0, 0.5], [0.0, 1.0, 0.7], prior="none")
+    assert found.predict([0.0, 1.0], bands=0.9).sd[1] > 1e-3

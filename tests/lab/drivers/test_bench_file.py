@@ -1,0 +1,200 @@
+import tomllib
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from board_process import EXAMPLES
+from minorloop.connect import connect
+from minorloop.errors import InstrumentError, LimitError, ParameterError, SafetyError
+from minorloop.lab.drivers import bench_file
+from minorloop.lab.drivers.bench_file import open_bench
+
+BENCH = """
+tick = 0.001
+safe_within = 0.001
+[devices.one]
+driver = "fake"
+port = 3
+[[sources]]
+name = "voltage"
+unit = "V"
+device = "one"
+low = -1.0
+high = 1.0
+rest = 0.5
+conversion = {linear = [1000.0, 5.0], reading = "mV"}
+pin = 7
+[[sensors]]
+name = "curvature"
+unit = "1/m"
+device = "one"
+low = -50.0
+high = 50.0
+conversion = {laser = [20.0, 5.0], reading = "mm"}
+[[sensors]]
+name = "force"
+unit = "N"
+device = "one"
+of = "voltage"
+conversion = {polynomial = [0.0, 1.0, 1.0]}
+[[lines]]
+name = "valve"
+device = "one"
+rest = true
+"""
+
+
+class Recorder:
+    """A device that keeps what it is asked to do."""
+
+    def __init__(self):
+        self.done, self.readings, self.broken = [], [19.9, 2.0], False
+
+    def set(self, values):
+        self.done.append(values.tolist())
+
+    def read(self):
+        return np.array(self.readings)
+
+    def switch(self, values):
+        self.done.append(dict(values))
+
+    def safe(self):
+        if self.broken:
+            raise InstrumentError("no answer")
+        self.done.append("safe")
+
+    def close(self):
+        self.done.append("closed")
+
+
+@pytest.fixture
+def opened(tmp_path, monkeypatch):
+    """Opens a bench of a text with one driver, which notes its plan."""
+    device, plans = Recorder(), []
+
+    def open_device(plan):
+        plans.append(plan)
+        return device
+
+    monkeypatch.setattr(bench_file, "registered", lambda group: {"fake": group})
+    monkeypatch.setattr(
+        bench_file, "loaded", lambda point, name: SimpleNamespace(open_device=open_device)
+    )
+
+    def opened(text=BENCH, name="bench.toml"):
+        (tmp_path / name).write_text(text)
+        return open_bench(tmp_path / name), device, plans
+
+    return opened
+
+
+def test_channels_are_converted_limited_and_wired_as_the_file_says(opened):
+    bench, device, (plan,) = opened()
+    assert device.done == ["safe"]
+    assert [str(channel) for channel in bench.outputs] == ["curvature [1/m]", "force [N]"]
+    assert (bench.measures, bench.lines, bench.rest.tolist()) == ((0, 0), ("valve",), [0.5])
+    (source,) = plan.sources
+    assert (source.low, source.high, source.rest) == (-995.0, 1005.0, 505.0)
+    assert (source.unit, source.keys, plan.keys) == ("mV", {"pin": 7}, {"port": 3})
+    assert [sensor.unit for sensor in plan.sensors] == ["mm", None]
+    assert plan.resting_lines == {0: True}
+    y = bench.exchange(0.25)
+    assert device.done[-1] == [255.0]
+    assert y == pytest.approx([2 * 1e-4 / (1e-4**2 + 5e-3**2), 6.0])
+    bench.switch({"valve": False})
+    assert device.done[-1] == {0: False}
+    with pytest.raises(ParameterError, match="there is no line 'led'; there is valve"):
+        bench.switch({"led": True})
+    bench.close()
+    assert device.done[-1] == "closed"
+
+
+@pytest.mark.parametrize("wrong", [1.1, -1.1, np.nan, np.inf, 1e308])
+def test_the_driver_is_sent_nothing_beyond_the_limits(opened, wrong):
+    bench, device, _ = opened()
+    for act in (bench.exchange, bench.at_once, bench._source.set):
+        with pytest.raises(LimitError):
+            act(wrong)
+    assert device.done == ["safe"]
+
+
+def test_a_reading_past_a_quarter_circle_makes_the_bench_safe(opened):
+    bench, device, _ = opened()
+    device.readings = [12.0, 2.0]
+    with pytest.raises(InstrumentError, match="reads nan for curvature"):
+        bench.exchange(0.25)
+    assert device.done[-1] == "safe"
+
+
+def test_a_bench_that_does_not_confirm_that_it_is_safe_is_not_opened(opened, monkeypatch):
+    monkeypatch.setattr(Recorder, "safe", lambda self: 1 / 0)
+    with pytest.raises(SafetyError, match="may still be on, switch it off by hand"):
+        opened()
+
+
+def test_a_driver_that_fails_is_one_sentence(opened, monkeypatch):
+    def loaded(point, name):
+        return SimpleNamespace(open_device=lambda plan: {}["port"])
+
+    monkeypatch.setattr(bench_file, "loaded", loaded)
+    with pytest.raises(InstrumentError, match="device 'one' cannot be opened: KeyError: 'port'"):
+        opened()
+
+
+def test_a_table_is_a_file_beside_the_bench_file(opened, tmp_path):
+    (tmp_path / "force.csv").write_text("reading [V],force [N]\n0,0\n10,5\n")
+    bench, _, _ = opened(BENCH.replace("polynomial = [0.0, 1.0, 1.0]", 'table = "force.csv"'))
+    assert bench.exchange(0.5)[1] == 1.0
+
+
+def test_the_description_has_all_but_times(opened):
+    bench, _, _ = opened()
+    expected = tomllib.loads(BENCH)
+    del expected["safe_within"]
+    assert bench.description == expected
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('driver = "fake"', 'driver = "usb"', "has driver 'usb'; the drivers are fake"),
+        ('device = "one"\nlow = -1.0', 'device = "two"\nlow = -1.0', "'two'; the devices are one"),
+        ("rest = 0.5", "rest = 1.5", r"rest 1.5 is beyond the limits \[-1, 1\] of voltage"),
+        ("low = -1.0\nhigh = 1.0", "low = 1.0\nhigh = -1.0", "give low below high"),
+        ('name = "force"', 'name = "curvature"', "two sensors 'curvature'"),
+        ('of = "voltage"', 'of = "current"', "is of 'current'; the sources are voltage"),
+        ('of = "voltage"', "", "say with of which source sensor 'force' belongs to"),
+        ("linear = [1000.0, 5.0]", "linear = [0.0, 5.0]", "the conversion of voltage: .*constant"),
+        ("linear = [1000.0, 5.0],", "", "conversion of voltage has nothing; give one of linear"),
+        ("low = -1.0\n", "", "source 'voltage' does not .* missing required field `low`"),
+        ("rest = true", "rest = 7", "line 'valve' does not .*Expected `bool`"),
+        ("tick = 0.001", "tock = 1", "unknown field `tock`; the fields there are devices, sen"),
+        ("tick = 0.001", "tick = 0.0", "tick is 0.0 s"),
+        ("[20.0, 5.0]", "[20.0, -5.0]", "conversion of curvature: h0 is -5 mm"),
+    ],
+)
+def test_files_that_describe_no_bench(opened, old, new, sentence):
+    assert old in BENCH
+    with pytest.raises(ParameterError, match=sentence) as found:
+        opened(BENCH.replace(old, new, 1))
+    assert "\n" not in str(found.value)
+
+
+def test_a_bench_without_sensors_is_refused(opened):
+    with pytest.raises(ParameterError, match="needs a source and a sensor"):
+        opened("devices = {}\nsources = []\nsensors = []")
+
+
+def test_a_file_with_one_channel_may_be_toml_too(tmp_path):
+    (tmp_path / "one.toml").write_text("[input]\nname='u'\nlow=0\nhigh=1\n[output]\nname='y'\n")
+    with pytest.raises(ParameterError, match="needs a source and a meter, or a board"):
+        connect(f"bench:{tmp_path / 'one.toml'}")
+
+
+def test_the_bench_of_the_examples_is_that_of_a_head():
+    described = tomllib.loads((EXAMPLES / "head.toml").read_text())
+    assert [source["unit"] for source in described["sources"]] == ["A", "A"]
+    assert [sensor["unit"] for sensor in described["sensors"]] == ["deg", "deg"]
+    assert all(source["rest"] == 0.0 for source in described["sources"])

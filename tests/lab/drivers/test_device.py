@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+from minorloop.errors import InstrumentError, LimitError
+from minorloop.lab.conversion import CalibrationTable, linear
+from minorloop.lab.drivers.device import DeviceChannel, DevicePlan, Wired, Wiring, all_done
+
+
+class FakeDevice:
+    def __init__(self, readings=(), broken=False):
+        self.readings, self.broken, self.done = np.array(readings), broken, []
+
+    def set(self, values):
+        self.done.append(values.tolist())
+
+    def read(self):
+        return self.readings
+
+    def switch(self, values):
+        self.done.append(dict(values))
+
+    def safe(self):
+        self.done.append("safe")
+        if self.broken:
+            raise InstrumentError("no answer")
+
+    def close(self):
+        self.done.append("closed")
+        raise OSError
+
+
+def wired(**options):
+    first, second = FakeDevice([1.0], **options), FakeDevice([2.0, 3.0])
+    parts = [Wired(first, (1,), (2,), ("pump",)), Wired(second, (0, 2), (0, 1), ("led 1", "led 2"))]
+    commands = [None, linear(10.0, 1.0), CalibrationTable(readings=(0, 1), values=(0, 5))]
+    readings = [None, linear(2.0), linear(100.0, -1.0)]
+    return Wiring(parts, commands, readings), first, second
+
+
+def test_each_channel_goes_to_its_device_in_the_numbers_of_the_instrument():
+    wiring, first, second = wired()
+    wiring.set(np.array([0.5, 0.2, 0.4]))
+    assert first.done == [[3.0]]
+    assert second.done == [[0.5, 2.0]]
+    np.testing.assert_array_equal(wiring.read(), [2.0, 6.0, 99.0])
+
+
+def test_lines_are_switched_by_their_names():
+    wiring, first, second = wired()
+    assert wiring.names == ("pump", "led 1", "led 2")
+    wiring.switch({"led 2": True, "led 1": False})
+    assert (first.done, second.done) == ([], [{0: False, 1: True}])
+
+
+def test_an_input_that_a_conversion_does_not_cover_is_not_sent_to_any_device():
+    wiring, first, second = wired()
+    with pytest.raises(LimitError, match=r"input 1.5 is not covered"):
+        wiring.set(np.array([0.5, 0.2, 1.5]))
+    assert first.done == second.done == []
+
+
+def test_all_are_made_safe_and_closed_even_if_one_fails():
+    wiring, first, second = wired(broken=True)
+    with pytest.raises(InstrumentError, match="no answer"):
+        wiring.safe()
+    wiring.close()
+    assert first.done == second.done == ["safe", "closed"]
+
+
+def test_a_device_with_another_number_of_readings_is_refused():
+    wiring, first, _ = wired()
+    first.readings = np.zeros(2)
+    with pytest.raises(InstrumentError, match="gives 2 readings for 1 sensors"):
+        wiring.read()
+
+
+def test_the_first_error_of_several_steps_is_raised_when_all_were_done():
+    done = []
+
+    def step(error):
+        done.append(error)
+        raise error
+
+    errors = OSError("a"), ValueError("b")
+    with pytest.raises(OSError, match="a"):
+        all_done([lambda: step(errors[0]), lambda: step(errors[1])])
+    assert tuple(done) == errors
+
+
+def test_a_plan_knows_the_rest_of_its_channels():
+    lines = (DeviceChannel("led", {}, rest=1.0), DeviceChannel("pump", {}))
+    plan = DevicePlan("board", {}, (DeviceChannel("u", {}, rest=0.3),), lines=lines)
+    assert plan.rest.tolist() == [0.3]
+    assert plan.resting_lines == {0: True, 1: False}

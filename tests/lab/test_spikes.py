@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from minorloop.lab.spikes import spikes
+
+T = np.linspace(0, 1, 400)
+
+
+def _output(seed, noise=1e-3):
+    return np.exp(-T / 0.3) + noise * np.random.default_rng(seed).normal(size=T.size)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("step", [0.0, 2e-3])
+def test_spikes_are_found_and_nothing_else(noise, step):
+    found = wanted = 0
+    for seed in range(10):
+        chance = np.random.default_rng(1000 + seed)
+        at = chance.random(T.size) < 0.01
+        y = _output(seed, noise) + at * chance.choice([-1, 1], T.size) * chance.uniform(
+            0.05, 1, T.size
+        )
+        y = np.round(y / step) * step if step else y
+        assert not (spikes(y) & ~at).any()
+        found, wanted = found + np.count_nonzero(spikes(y)), wanted + np.count_nonzero(at)
+    assert found >= 0.9 * wanted
+
+
+@pytest.mark.parametrize(
+    "y",
+    [
+        _output(1),
+        np.where(T < 0.5, 0.0, 1.0),
+        np.exp(-T / 0.1) * np.cos(2 * np.pi * T / 0.02),
+        np.round(_output(2), 2),
+        np.where(np.random.default_rng(3).random(T.size) < 0.2, 1.0, 0.0),
+        np.full(400, np.nan),
+        np.zeros(400),
+        [*np.zeros(9), 1.0, *np.zeros(9)],
+    ],
+    ids=["decay", "step", "swing", "coarse", "many", "nothing", "constant", "few"],
+)
+def test_there_are_none(y):
+    assert not spikes(y).any()
+
+
+def test_units_and_gaps_do_not_matter():
+    y = _output(4)
+    y[[50, 200, 201]] += 0.5
+    expected = np.isin(np.arange(T.size), [50, 200, 201])
+    np.testing.assert_array_equal(spikes(1e6 * y - 3e5), expected)
+    gaps = np.where(np.arange(T.size) % 7 == 3, np.nan, y)
+    np.testing.assert_array_equal(spikes(gaps), expected & np.isfinite(gaps))
