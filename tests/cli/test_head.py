@@ -87,7 +87,7 @@ def scene(tmp_path_factory):
     drawn = CalibrationScene(Target("charuco", 7, 5, 4e-3), 1000, LENS.scaled(0.5))
     drawn.lens(folder / "lens", 12)
     rows = drawn.mount(folder / "mount", 3)
-    drawn.leds(folder / "leds", 6)
+    drawn.leds(folder / "leds", 7)
     lines = "".join(f"{name},{pan},{tilt}\n" for name, pan, tilt in rows)
     (folder / "angles.csv").write_text(f"picture,pan [deg],tilt [deg]\n{lines}")
     (folder / "radians.csv").write_text(f"picture,pan [rad],tilt [rad]\n{lines}")

@@ -21,12 +21,14 @@ from minorloop.head.vision.led_calibration import find_reflection, fit_led
 from minorloop.head.vision.lens_calibration import LensFit, TargetPose, fit_lens, target_pose
 from minorloop.head.vision.measured import Measured
 from minorloop.head.vision.mount_calibration import MountFit, fit_mount
-from minorloop.head.vision.targets import ANOTHER, FEWEST, SeenTarget, Target
+from minorloop.head.vision.targets import ANOTHER, SeenTarget, Target
 from minorloop.head.vision.video import frames, names
 from minorloop.lab.columns import find_column, read_headers, read_table, split_header
 
 CORNER_SD = 0.1
 """Standard deviation of a corner in pixels, for a lens that was calibrated before."""
+_FEWEST = 6
+"""Corners away from a reflection that are enough for the pose of the target."""
 _IN_NAME = re.compile(r"pan([+-]?\d+(?:\.\d+)?)_?tilt([+-]?\d+(?:\.\d+)?)")
 _NAMED = 5
 """Pictures that a message names."""
@@ -231,7 +233,7 @@ def calibrate_leds(
         for each in pictures.seen:
             spot = pictures.reflections.get(each.name)
             kept = None if spot is None else each.away_from(spot)
-            if kept is not None and len(kept.points) >= FEWEST:
+            if kept is not None and len(kept.points) >= _FEWEST:
                 poses.append(target_pose(lens, kept, corner_sd))
                 spots.append(spot)
         try:

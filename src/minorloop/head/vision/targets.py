@@ -19,10 +19,10 @@ CELLS = 8
 """Cells along the side of a square of a ChArUco target; a marker with its border has 6."""
 _DICTIONARIES = (50, 100, 250, 1000)
 """Numbers of markers of 4 by 4 bits in the dictionaries of OpenCV."""
-FEWEST = 8
+_FEWEST = 8
 """Corners of a target that are enough for its pose and distortion to be checked."""
-_DISTURBED = 16.0
-"""Distance in pixels within which a reflection may shift a corner."""
+_DISTURBED = 0.4
+"""Distance in squares within which a reflection may shift a corner."""
 _BLURRED = (6.0, 0.01)
 """Largest width of an edge: in pixels, and in widths of the picture if that is more."""
 _MISFIT = 0.3
@@ -53,7 +53,8 @@ class SeenTarget:
 
     def away_from(self, spot: FloatArray) -> SeenTarget:
         """Return the target without the corners that a bright spot (2,) covers or disturbs."""
-        far = np.linalg.norm(self.pixels - spot, axis=1) > _DISTURBED
+        apart = np.linalg.norm(self.pixels[1:] - self.pixels[:-1], axis=1)
+        far = np.linalg.norm(self.pixels - spot, axis=1) > _DISTURBED * np.median(apart)
         return SeenTarget(self.name, self.points[far], self.pixels[far])
 
 
@@ -160,9 +161,9 @@ class Target:
         unknown = 0 if markers is None else (markers >= self.columns * self.rows // 2).sum()
         if unknown > 2:  # one may be a misreading
             return ANOTHER
-        if numbers is None or len(numbers) < FEWEST:
+        if numbers is None or len(numbers) < _FEWEST:
             # Markers in other places than those of this target give no corners.
-            return ANOTHER if markers is not None and len(markers) >= FEWEST else NONE
+            return ANOTHER if markers is not None and len(markers) >= _FEWEST else NONE
         return numbers.reshape(-1).astype(np.int64), pixels.reshape(-1, 2).astype(np.float64)
 
     def _chessboard(self, image: Image) -> Corners | str:
