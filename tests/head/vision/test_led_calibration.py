@@ -36,6 +36,8 @@ def test_refuses_few_reflections_and_those_of_several_leds():
         fit_led(LENS, poses[:3], pixels[:3], "LED 2")
     with pytest.raises(RecordError, match="not those of one LED"):
         fit_led(LENS, poses, pixels[::-1] + 40.0, "LED 2")
+    with pytest.raises(RecordError, match="all alike; hold the target at other distances"):
+        fit_led(LENS, poses[:1] * 5, np.tile(pixels[0], (5, 1)), "LED 2")
 
 
 def test_one_saturated_spot_is_a_reflection():

@@ -300,7 +300,6 @@ def calibrated_head(
     measured: tuple[Measured, ...] = (),
     radius: float | None = None,
     thickness: float | None = None,
-    now: datetime | None = None,
 ) -> tuple[HeadFile, tuple[str, ...]]:
     """Return the head with its new calibration, and advice.
 
@@ -315,7 +314,6 @@ def calibrated_head(
         Of the LEDs.
     radius, thickness : float, optional
         Of the pipe and its wall, in metres.
-    now : datetime, optional
 
     Raises
     ------
@@ -340,7 +338,7 @@ def calibrated_head(
     head = replace(
         before,
         calibration=base,
-        calibrated=now or datetime.now(UTC),
+        calibrated=datetime.now(UTC),
         measured=tuple(numbers.values()),
     )
     return head, tuple(_advice(head, old is None, lens, mount, leds))

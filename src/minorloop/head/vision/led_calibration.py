@@ -23,6 +23,8 @@ _FARTHEST = 0.05
 """Largest distance of an LED from the lens, in metres."""
 _SPOT = 0.3
 """Standard deviation of the centre of a reflection, in pixels."""
+_LARGEST_SD, _LARGEST_CONDITION = 3e-3, 1e4
+"""Of a position, in metres; and ratio of the best to the worst determined direction."""
 _LARGEST_SPREAD = 5.0
 """Largest rms distance of reflections from the fit, in standard deviations."""
 
@@ -100,8 +102,14 @@ def fit_led(
             "standard deviations); switch the others and the light of the room off"
         )
     jacobian = np.asarray(found.jac)
-    covariance = max(spread, 1.0) ** 2 * np.linalg.inv(jacobian.T @ jacobian)
-    return found.x, np.sqrt(np.diag(covariance))
+    covariance = max(spread, 1.0) ** 2 * np.linalg.pinv(jacobian.T @ jacobian)
+    sd = np.sqrt(np.diag(covariance))
+    if np.linalg.cond(jacobian) > _LARGEST_CONDITION or sd.max() > _LARGEST_SD:
+        raise RecordError(
+            f"the reflections of {name} are all alike; hold the target at other distances and "
+            "tilts too"
+        )
+    return found.x, sd
 
 
 def _seen(lens: Pinhole, rotation: FloatArray, position: FloatArray, led: FloatArray) -> FloatArray:

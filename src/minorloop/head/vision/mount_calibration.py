@@ -26,6 +26,8 @@ _LEAST_RANGE = 10.0
 """Least range of each joint, in degrees."""
 _LARGEST_MISFIT = 2.0
 """Largest rms difference between turns of camera and joints, in degrees."""
+_LARGEST_SD = {"deg": 1.0, "mm": 1.0}
+"""Largest uncertainties of results."""
 _LEVER = slice(9, 12)
 
 
@@ -107,7 +109,7 @@ def fit_mount(
     x = found.x
     freedom = max(6 * len(poses) - 13, 1)
     jacobian = np.asarray(found.jac)
-    covariance = np.linalg.inv(jacobian.T @ jacobian) * max(2 * found.cost / freedom, 1.0)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * max(2 * found.cost / freedom, 1.0)
     off = x[13:].reshape(-1, 2)
     each = found.fun[read.size :].reshape(-1, 6)
     return _result(x, covariance, -np.degrees(off), np.sqrt((each**2).mean(axis=1)), middle)
@@ -227,6 +229,11 @@ def _result(
         sign = -1 if name in ("tilt where level", "pan where straight") else 1
         sign = -1 if name == "target before the pivot" else sign
         measured.append(Measured(name, float(sign * scale * value), float(scale * sd), unit))
+    vague = [each.name for each in measured if each.sd > _LARGEST_SD[each.unit]]
+    if vague:
+        raise RecordError(
+            f"the pictures do not determine the {vague[0]}; take some at more angles of both joints"
+        )
     known = len(values) > 7
     return MountFit(
         measured=tuple(measured),

@@ -135,6 +135,8 @@ class Target:
             return found
         numbers, pixels = found
         inner = self.columns - 1
+        if np.ptp(numbers % inner) == 0 or np.ptp(numbers // inner) == 0:
+            return NONE  # corners on one line give no plane
         steps: FloatArray = np.stack([numbers % inner, numbers // inner], axis=1).astype(float) + 1
         misfit, spacing = _misfit(steps, pixels)
         if misfit > _MISFIT * spacing:
