@@ -86,7 +86,7 @@ def _drawn(figure: Any, kind: str) -> bytes:
     out = io.BytesIO()
     metadata = {"Software": None} if kind == "png" else {"Creator": None}
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "minorloop"}):
-        figure.savefig(out, format=kind, dpi=1200, metadata=metadata)
+        figure.savefig(out, format=kind, dpi=600, metadata=metadata)
     return out.getvalue()
 
 
