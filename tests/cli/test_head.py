@@ -128,6 +128,9 @@ def test_a_head_is_calibrated_from_pictures(run, scene):
     assert after.calibration.lens == known.calibration.lens
     assert after.calibration.radius == 12.5e-3
     assert np.abs(after.calibration.leds - truth.leds)[:, :2].max() < 0.4e-3
+    status, _, _ = run(f"{CALIBRATE} --leds 0,2.5,0 --force")
+    assert status == 0
+    assert len(read_head("head.json").measured) == len(printed)  # LEDs were entered, not measured
 
 
 @pytest.mark.parametrize(

@@ -178,7 +178,8 @@ def _summary(found: CalibratedHead) -> str:
 def _image_axes(lens: LensFit) -> Any:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.0, 6.0 * lens.lens.height / lens.lens.width + 0.5))
+    size = (6.0, 6.0 * lens.lens.height / lens.lens.width)
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.add_subplot(xlabel="u [px]", ylabel="v [px]", aspect="equal")
     axes.set(xlim=(-0.5, lens.lens.width - 0.5), ylim=(lens.lens.height - 0.5, -0.5))
     return axes

@@ -199,8 +199,8 @@ def calibrate(
     angles: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of angles in the names: table with the columns picture, pan [deg] and "
-            "tilt [deg]."
+            help="Instead of angles in the names: table with a row for each picture, its name in "
+            "the column picture, and pan and tilt in deg."
         ),
     ] = None,
     on_axis: Annotated[

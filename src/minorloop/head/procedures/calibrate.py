@@ -30,6 +30,8 @@ CORNER_SD = 0.1
 _FEWEST = 6
 """Corners away from a reflection that are enough for the pose of the target."""
 _IN_NAME = re.compile(r"pan([+-]?\d+(?:\.\d+)?)_?tilt([+-]?\d+(?:\.\d+)?)")
+_LED = "LED "
+"""Beginning of the names of results for LEDs."""
 _NAMED = 5
 """Pictures that a message names."""
 _ALIGNED, _ASIDE, _ZERO = 1.0, 0.3, 0.5
@@ -227,7 +229,7 @@ def calibrate_leds(
     positions, measured = [], []
     for number, pictures in enumerate(folders, 1):
         check_size(pictures, lens)
-        name = f"LED {number}"
+        name = f"{_LED}{number}"
         poses: list[TargetPose] = []
         spots = []
         for each in pictures.seen:
@@ -334,7 +336,8 @@ def calibrated_head(
         thickness=base.thickness if thickness is None else thickness,
     )
     fresh = [*(lens.measured if lens else ()), *(mount.measured if mount else ()), *measured]
-    numbers = {each.name: each for each in (*before.measured, *fresh)}
+    kept = [each for each in before.measured if leds is None or not each.name.startswith(_LED)]
+    numbers = {each.name: each for each in (*kept, *fresh)}
     head = replace(
         before,
         calibration=base,
