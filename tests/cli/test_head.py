@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -13,6 +14,7 @@ from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
+from minorloop.lab.actuator import Frame
 from wires import made_up
 
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
@@ -225,3 +227,46 @@ def test_places_of_leds_are_in_mm():
     ]
     with pytest.raises(ParameterError, match="separated by commas"):
         _calibration.led_places("one")
+
+
+class Still:
+    """A camera whose picture is grey; it counts how often it was asked."""
+
+    def __init__(self, address, patience):
+        self.closed = False
+
+    def frame(self):
+        return Frame(0.0, np.full((4, 6), 90, np.uint8))
+
+    def close(self):
+        self.closed = True
+
+
+def test_pictures_are_named_by_the_angles_of_the_joints(answer, monkeypatch):
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    monkeypatch.setattr("minorloop.head.vision.video.LiveCamera", Still)
+    take = "head photograph --camera camera:0"
+    shown = answer(f"{take} --out mount --actuator twin:head --steps 2 --hold 20")
+    assert shown["pictures"] == 4
+    names = sorted(path.name for path in Path("mount").iterdir())
+    angles = [tuple(map(float, re.search("pan(.*)_tilt(.*).png", name).groups())) for name in names]
+    assert angles[0][0] < 10 < 20 < angles[3][0]
+    assert angles[1][1] > angles[0][1] + 10
+
+
+def test_pictures_are_taken_by_hand(run, monkeypatch):
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    monkeypatch.setattr("minorloop.head.vision.video.LiveCamera", Still)
+    take = "head photograph --camera camera:0"
+    status, _, error = run(f"{take} --out lens --count 3 --every 0")
+    assert (status, error.count("hold the target")) == (0, 3)
+    assert sorted(path.name for path in Path("lens").iterdir()) == ["00.png", "01.png", "02.png"]
+    for options, sentence in (
+        ("--out lens", "lens"),
+        ("--out new --steps 1", "--steps is 1; give 2 to 20"),
+        ("--out new --exposure 0", "--exposure is 0; give 0.01 to 1000 ms"),
+        ("--out new2 --actuator twin:head --highest 9", "beyond the limits"),
+        ("--out new3 --actuator twin:ipmc", "two currents in A"),
+    ):
+        status, _, error = run(f"{take} {options}")
+        assert (status, sentence in error, error.count("\n")) == (2, True, 1), error

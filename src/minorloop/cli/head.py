@@ -1,4 +1,4 @@
-"""``minorloop head``: calibrate a head, identify its wires, and drive it."""
+"""``minorloop head``: photograph a target, calibrate a head, identify its wires, and drive it."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ app = typer.Typer(help=HELP)
 
 _AGAIN = "continue with the same command"
 _MM = 1e-3
+_PATIENCE = 3.0
+"""Seconds that a camera may take for a picture."""
 _File = Annotated[
     Path, typer.Option(show_default=False, help="File of the head, as head identify writes it.")
 ]
@@ -169,6 +171,69 @@ def drive(
     columns_shown = ("pan wanted", "tilt wanted", "pan", "tilt")
     _common.print_table(columns_shown, rows, "degrees at the end of each hold")
     typer.echo(f"error {float(np.sqrt(np.nanmean(error**2))):.2f} deg rms")
+
+
+@app.command(
+    epilog="Example: minorloop head photograph --camera camera:/dev/video2 "
+    "--actuator bench:head.toml --out mount"
+)
+def photograph(
+    camera: Annotated[
+        str, typer.Option(show_default=False, help="Address, such as camera:/dev/video2.")
+    ],
+    out: Annotated[
+        Path, typer.Option(show_default=False, help="New or empty folder for the pictures.")
+    ],
+    actuator: Annotated[
+        str | None,
+        typer.Option(help="Head to turn between pictures, such as bench:head.toml; none by hand."),
+    ] = None,
+    highest: Annotated[float, _common.number_option("With a head: largest current, in A.")] = 0.35,
+    steps: Annotated[int, _common.whole_option("With a head: levels of each current.")] = 4,
+    hold: Annotated[float, _common.number_option("With a head: time at each level, in s.")] = 40.0,
+    count: Annotated[int, _common.whole_option("By hand: pictures.")] = 16,
+    every: Annotated[float, _common.number_option("By hand: time for each, in s.")] = 4.0,
+    exposure: Annotated[
+        float | None, _common.number_option("Exposure in ms, where the camera offers it.")
+    ] = None,
+    as_json: _common.Json = False,
+) -> None:
+    """Take pictures for head calibrate, by hand or at several angles of the joints."""
+    from minorloop.cli import _photographs
+    from minorloop.files import make_folder
+    from minorloop.head.procedures.identify import check_head
+    from minorloop.head.vision.video import LiveCamera, check_camera
+
+    limits = {"steps": (steps, 2, 20), "count": (count, 1, 1000)}
+    limits |= {"hold": (hold, 1, 3600), "every": (every, 0, 3600)}
+    for name, (value, least, most) in limits.items():
+        if not least <= value <= most:
+            raise ParameterError(f"--{name} is {value:g}; give {least} to {most}")
+    if exposure is not None and not 0.01 <= exposure <= 1000:
+        raise ParameterError(f"--exposure is {exposure:g}; give 0.01 to 1000 ms")
+    check_camera(camera)
+    folder, taken = make_folder(out), 0
+    eye = LiveCamera(camera, patience=_PATIENCE)
+    try:
+        if exposure is not None:
+            eye.expose(1e-3 * exposure)
+        if actuator is None:
+            for name in _photographs.by_hand(count, every):
+                _photographs.keep(eye, folder / f"{name}.png")
+                taken += 1
+        else:
+            with _common.connected(actuator) as plant, _common.working("turning") as now:
+                check_head(plant)
+                for name, (pan, tilt) in _photographs.at_angles(plant, highest, steps, hold):
+                    _photographs.keep(eye, folder / f"{name}.png")
+                    taken += 1
+                    now(f"picture {taken} of {steps**2}: pan {pan:.1f}, tilt {tilt:.1f} deg")
+    finally:
+        eye.close()
+    if as_json:
+        _common.print_json({"folder": str(folder), "pictures": taken})
+        return
+    typer.echo(f"{taken} pictures in {folder}; next: minorloop head calibrate")
 
 
 @app.command(
