@@ -64,7 +64,7 @@ def wrong(change):
         (*wrong(lambda joints: joints * [1, -1]), "check units, signs"),
         (*wrong(lambda joints: np.roll(joints, 1, axis=0)), "the order of the pictures"),
         (*measured([(pan, 5) for pan in range(-12, 13, 4)]), "the tilt of the pictures is within"),
-        (*measured([(-10, -10), (10, 10)] * 3), "the pictures do not determine the "),
+        (*measured([(-10, -10), (10, 10)] * 3), "take pictures at several tilts for each pan"),
         (*measured(ANGLES[:5]), "5 pictures with a target at known joint angles; give 6 or more"),
     ],
     ids=["radians", "signs", "order", "one axis", "two places", "few"],
@@ -72,3 +72,8 @@ def wrong(change):
 def test_refuses_in_one_sentence(poses, joints, sentence):
     with pytest.raises(RecordError, match=sentence):
         fit_mount(poses, joints)
+
+
+def test_angles_that_are_hardly_known_determine_no_mount():
+    with pytest.raises(RecordError, match=r"do not determine the tilt where level"):
+        fit_mount(*measured(ANGLES[::2]), sd=9.0)

@@ -28,6 +28,8 @@ _LARGEST_MISFIT = 2.0
 """Largest rms difference between turns of camera and joints, in degrees."""
 _LARGEST_SD = {"deg": 1.0, "mm": 1.0}
 """Largest uncertainties of results."""
+_MOST_STEPS = 50
+"""Steps of the fit; it needs some ten."""
 _LEVER = slice(9, 12)
 
 
@@ -105,7 +107,7 @@ def fit_mount(
     scale = np.concatenate([np.full(3, 0.1), np.full(3, 0.01), np.full(3, 0.1), np.full(4, 0.01)])
     scales = np.concatenate([scale, np.full(read.size, spread)])
     begin = np.concatenate([start, np.zeros(read.size)])
-    found = least_squares(misfit, begin, x_scale=scales, method="trf")
+    found = least_squares(misfit, begin, x_scale=scales, max_nfev=_MOST_STEPS)
     x = found.x
     freedom = max(6 * len(poses) - 13, 1)
     jacobian = np.asarray(found.jac)
@@ -152,6 +154,10 @@ def _check(poses: Sequence[TargetPose], joints: FloatArray) -> None:
                 f"the {axis} of the pictures is within {extent:.2g} degrees; take pictures over "
                 f"{_LEAST_RANGE:g} degrees or more"
             )
+    if np.linalg.svd(said, compute_uv=False)[1] < np.radians(_LEAST_RANGE):
+        raise RecordError(
+            "pan and tilt changed only together; take pictures at several tilts for each pan"
+        )
     camera, misfit = Rotation.align_vectors(said, turned)
     misfit /= np.sqrt(len(poses))
     # With one sign wrong, a camera that looks backwards would fit.
