@@ -28,7 +28,7 @@ def at_angles(
     levels = np.linspace(0.0, highest, steps)
     try:
         for number, currents in enumerate(itertools.product(levels, levels)):
-            readings = np.asarray(plant.apply(list(currents), hold, hold / (2 * _LAST)).y)
+            readings = np.asarray(plant.apply(np.array(currents), hold, hold / (2 * _LAST)).y)
             pan, tilt = angles = readings[:, -_LAST:].mean(axis=1)
             yield f"{number:02d}_pan{pan:.2f}_tilt{tilt:.2f}", angles
     finally:

@@ -204,8 +204,12 @@ def photograph(
     from minorloop.head.procedures.identify import check_head
     from minorloop.head.vision.video import LiveCamera, check_camera
 
-    limits = {"steps": (steps, 2, 20), "count": (count, 1, 1000)}
-    limits |= {"hold": (hold, 1, 3600), "every": (every, 0, 3600)}
+    limits: dict[str, tuple[float, int, int]] = {
+        "steps": (steps, 2, 20),
+        "count": (count, 1, 1000),
+        "hold": (hold, 1, 3600),
+        "every": (every, 0, 3600),
+    }
     for name, (value, least, most) in limits.items():
         if not least <= value <= most:
             raise ParameterError(f"--{name} is {value:g}; give {least} to {most}")
