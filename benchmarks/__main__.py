@@ -19,6 +19,7 @@ PARTS = (
     "advice",
     "twins",
     "camera",
+    "calibration",
     "startup",
     "firmware",
     "fleet",

@@ -1,4 +1,6 @@
 import json
+import re
+import shutil
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -6,9 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from minorloop.cli import _calibration
+from minorloop.errors import ParameterError
+from minorloop.head.control.limits import WireLimits
 from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.calibration import HeadCalibration
-from minorloop.head.procedures.head_file import HeadFile, read_head, save_head
+from minorloop.head.procedures.head_file import HeadFile, IdentifiedWires, read_head, save_head
+from minorloop.lab.actuator import Frame
+from wires import made_up
 
 VIEW = HeadCalibration(lens=Pinhole(), leds=np.zeros((1, 3)))
 LATER = datetime(2226, 1, 1, tzinfo=UTC)
@@ -64,3 +71,202 @@ def test_refuses_in_one_sentence(run, command, sentence):
     assert sentence in error
     assert error.count("\n") == 1
     assert read_head("other.json").identified is None
+
+
+SMALL = "--squares 7x5 --side 4"
+CALIBRATE = f"head calibrate {SMALL} --head head.json --serial H-07"
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Folders of pictures from a small camera, and what they should give."""
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    from minorloop.head.studies.calibration_scene import CalibrationScene
+    from minorloop.head.twins.camera import LENS
+    from minorloop.head.vision.targets import Target
+
+    folder = tmp_path_factory.mktemp("pictures")
+    drawn = CalibrationScene(Target("charuco", 7, 5, 4e-3), 1000, LENS.scaled(0.5))
+    drawn.lens(folder / "lens", 12)
+    rows = drawn.mount(folder / "mount", 3)
+    drawn.leds(folder / "leds", 7)
+    lines = "".join(f"{name},{pan},{tilt}\n" for name, pan, tilt in rows)
+    (folder / "angles.csv").write_text(f"picture,pan [deg],tilt [deg]\n{lines}")
+    (folder / "radians.csv").write_text(f"picture,pan [rad],tilt [rad]\n{lines}")
+    return folder, drawn.truth
+
+
+def test_a_head_is_calibrated_from_pictures(run, scene):
+    folder, truth = scene
+    first = f"{CALIBRATE} --pictures {folder}/lens --mount {folder}/mount --on-axis --json"
+    status, out, error = run(f"{first} --leds 0,2.5,0;-2.2,-1.2,0 --report report.html")
+    assert (status, error) == (0, "")
+    printed = json.loads(out)["measured"]
+    true = {
+        "focal length": truth.lens.focal,
+        "principal point u": truth.lens.centre[0],
+        "principal point v": truth.lens.centre[1],
+        "pan where straight": truth.straight[0],
+        "tilt where level": truth.straight[1],
+        "camera roll": truth.camera_roll,
+        "lever": 1e3 * truth.mount.lever,
+        "roll of the base": np.degrees(truth.mount.roll),
+        "pivot right of the axis": 1e3 * truth.mount.offset[0],
+    }
+    for name, value in true.items():
+        each = printed[name]
+        assert abs(each["value"] - value) < 3.5 * each["sd"], name
+        assert each["unit"] != "deg" or abs(each["value"] - value) < 0.4, name
+    report = Path("report.html").read_text()
+    assert "ninths of the image" in report
+    known = read_head("head.json")
+    assert len(known.measured) == len(printed)
+    assert known.calibration.lever == pytest.approx(1e-3 * printed["lever"]["value"])
+    # Another part of it later: the rest is kept.
+    status, out, _ = run(f"{CALIBRATE} --led-pictures {folder}/leds --force --radius 12.5")
+    assert status == 0
+    assert "LED 3 x" in out
+    after = read_head("head.json")
+    assert after.calibration.lens == known.calibration.lens
+    assert after.calibration.radius == 12.5e-3
+    assert np.abs(after.calibration.leds - truth.leds)[:, :2].max() < 0.4e-3
+    status, _, _ = run(f"{CALIBRATE} --leds 0,2.5,0 --force")
+    assert status == 0
+    assert len(read_head("head.json").measured) == len(printed)  # LEDs were entered, not measured
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--mount mount --angles radians.csv", "column 'pan [rad]' of"),
+        ("--mount lens", "the name of 00.png has no angles; call it such as pan12.5_tilt-3.png"),
+        ("--mount lens --angles angles.csv", "has no row for 00.png"),
+        ("--pictures few", "few: 2 pictures with a target; give 8 or more; 1 is left out: "),
+        ("--pictures sizes", "8 by 8 pixels"),
+        ("--pictures lens --squares 6x6", "show not a charuco of 6 by 6 squares but another"),
+        ("--pictures none", "there is no folder"),
+    ],
+)
+def test_bad_pictures_are_refused_in_one_sentence(refused, scene, options, sentence):
+    import cv2
+
+    folder, _ = scene
+    for name in ("few", "sizes"):
+        Path(name).mkdir()
+        for number in ("00", "01"):
+            shutil.copy(folder / "lens" / f"{number}.png", name)
+    cv2.imwrite("few/dark.png", np.zeros((240, 320), np.uint8))
+    cv2.imwrite("sizes/small.png", np.zeros((8, 8), np.uint8))
+    for each in ("lens", "mount", "angles.csv", "radians.csv"):
+        Path(each).symlink_to(folder / each)
+    save_head(HeadFile(serial="H-07", calibration=HALF, calibrated=LATER), "head.json")
+    assert sentence in refused(f"{CALIBRATE} {options} --force")
+
+
+HALF = replace(VIEW, lens=Pinhole(320, 240, 260.0, (159.5, 119.5)))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ("--leds 1,2,3", "head.json exists already"),
+        ("--leds 1,2,3 --serial H-08 --force", "is of head 'H-07', and the head here is 'H-08'"),
+        ("--leds 1,2 --force", "give x,y,z in mm for each LED"),
+        ("--leds 1,2,300 --force", "within 50 mm of the lens"),
+        ("--force", "there is nothing to calibrate"),
+        ("--leds 1,2,3 --head new.json", "the lens is not calibrated; give its pictures"),
+        ("--leds 1,2,3 --angles a.csv --force", "those of the pictures of --mount"),
+        ("--leds 1,2,3 --force --radius 0", "--radius is 0.0; give 0.1 to 1000 mm"),
+        ("--leds 1,2,3 --squares 9", "--squares is '9'; give columns and rows such as 9x7"),
+        ("--print-target target.doc", "let it end in .pdf, .svg, .png"),
+    ],
+)
+def test_calibrate_refuses_in_one_sentence(refused, options, sentence):
+    save_head(HeadFile(serial="H-07", calibration=VIEW, calibrated=LATER), "head.json")
+    before = Path("head.json").read_bytes()
+    assert sentence in refused(f"head calibrate --head head.json --serial H-07 {options}")
+    assert Path("head.json").read_bytes() == before
+
+
+def test_wires_that_are_older_than_a_calibration_are_named(run):
+    wires = IdentifiedWires(
+        on=datetime(2026, 1, 1, tzinfo=UTC),
+        wires=(made_up(3), made_up(4)),
+        coupling=np.eye(2),
+        limits=WireLimits(),
+        highest=0.4,
+        stores={},
+    )
+    old = HeadFile(serial="H-07", calibration=VIEW, calibrated=LATER, identified=wires)
+    save_head(replace(old, calibrated=wires.on), "head.json")
+    status, out, _ = run("head calibrate --leds 1,2,3;4,5,6 --head head.json --force")
+    assert status == 0
+    assert "identify them again" in out
+    assert read_head("head.json").calibration.leds.shape == (2, 3)
+
+
+def test_a_printed_target_has_its_size(run):
+    cv2 = pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    from minorloop.head.vision.targets import SeenTarget, Target
+
+    status, out, _ = run(f"head calibrate --print-target t.png {SMALL}")
+    assert (status, "print it at 100 %" in out) == (0, True)
+    image = cv2.imread("t.png", cv2.IMREAD_GRAYSCALE)
+    small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    seen = Target("charuco", 7, 5, 4e-3).find(small, "t.png")
+    assert isinstance(seen, SeenTarget)
+    dots = 300 / 25.4e-3  # in a metre
+    sides = np.abs(np.diff(seen.pixels.reshape(4, 6, 2), axis=1)[..., 0]) / dots
+    assert np.abs(sides - 4e-3).max() < 0.1e-3
+
+
+def test_places_of_leds_are_in_mm():
+    assert _calibration.led_places("1,2,3;-4,5,0").tolist() == [
+        [1e-3, 2e-3, 3e-3],
+        [-4e-3, 5e-3, 0.0],
+    ]
+    with pytest.raises(ParameterError, match="separated by commas"):
+        _calibration.led_places("one")
+
+
+class Still:
+    """A camera whose picture is grey; it counts how often it was asked."""
+
+    def __init__(self, address, patience):
+        self.closed = False
+
+    def frame(self):
+        return Frame(0.0, np.full((4, 6), 90, np.uint8))
+
+    def close(self):
+        self.closed = True
+
+
+def test_pictures_are_named_by_the_angles_of_the_joints(answer, monkeypatch):
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    monkeypatch.setattr("minorloop.head.vision.video.LiveCamera", Still)
+    take = "head photograph --camera camera:0"
+    shown = answer(f"{take} --out mount --actuator twin:head --steps 2 --hold 20")
+    assert shown["pictures"] == 4
+    names = sorted(path.name for path in Path("mount").iterdir())
+    angles = [tuple(map(float, re.search("pan(.*)_tilt(.*).png", name).groups())) for name in names]
+    assert angles[0][0] < 10 < 20 < angles[3][0]
+    assert angles[1][1] > angles[0][1] + 10
+
+
+def test_pictures_are_taken_by_hand(run, monkeypatch):
+    pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+    monkeypatch.setattr("minorloop.head.vision.video.LiveCamera", Still)
+    take = "head photograph --camera camera:0"
+    status, _, error = run(f"{take} --out lens --count 3 --every 0")
+    assert (status, error.count("hold the target")) == (0, 3)
+    assert sorted(path.name for path in Path("lens").iterdir()) == ["00.png", "01.png", "02.png"]
+    for options, sentence in (
+        ("--out lens", "lens"),
+        ("--out new --steps 1", "--steps is 1; give 2 to 20"),
+        ("--out new --exposure 0", "--exposure is 0; give 0.01 to 1000 ms"),
+        ("--out new2 --actuator twin:head --highest 9", "beyond the limits"),
+        ("--out new3 --actuator twin:ipmc", "two currents in A"),
+    ):
+        status, _, error = run(f"{take} {options}")
+        assert (status, sentence in error, error.count("\n")) == (2, True, 1), error

@@ -15,6 +15,7 @@ from minorloop.head.procedures.head_file import (
     read_head,
     save_head,
 )
+from minorloop.head.vision.measured import Measured
 from wires import made_up
 
 LATE, EARLY = datetime(2026, 2, 1, 12, tzinfo=UTC), datetime(2026, 1, 1, tzinfo=UTC)
@@ -31,7 +32,8 @@ WIRES = IdentifiedWires(
 VIEW = HeadCalibration(
     lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.eye(3), radius=9e-3, offset=(1e-4, 0.0)
 )
-HEAD = HeadFile(serial="H-07", identified=WIRES, calibration=VIEW, calibrated=EARLY)
+FOUND = (Measured("focal length", 50.0, 0.1, "px"), Measured("lever", 8.0, 0.02, "mm"))
+HEAD = HeadFile(serial="H-07", identified=WIRES, calibration=VIEW, calibrated=EARLY, measured=FOUND)
 
 
 @pytest.fixture
@@ -51,6 +53,7 @@ def test_a_head_is_read_as_it_was_written(path):
     again = read_head(path)
     assert (again.serial, again.calibrated) == (HEAD.serial, EARLY)
     assert again.calibration.to_dict() == VIEW.to_dict()
+    assert again.measured == FOUND
     known = again.identified
     assert (known.on, known.limits, known.highest) == (LATE, WIRES.limits, 0.35)
     assert (known.check, known.stores, known.address) == (WIRES.check, WIRES.stores, "twin:head")

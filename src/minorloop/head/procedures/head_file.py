@@ -8,12 +8,15 @@
                     "wires": [{"kind": "heated-wire", ...}, ...],
                     "coupling": [[1, 0.07], [0.06, 1]], "limits": {"hottest": 150, ...},
                     "check": [{"rms": 0.4, "largest": 1.1}, ...], "advice": []},
-     "calibrated": {"on": "2026-01-30T09:00:00Z", "calibration": {"lens": {...}, ...}}}
+     "calibrated": {"on": "2026-01-30T09:00:00Z", "calibration": {"lens": {...}, ...},
+                    "measured": [{"name": "focal length", "value": 521.3, "sd": 0.2,
+                                  "unit": "px"}, ...]}}
 
 Wires are as in model files (`minorloop.modelfile`), pan first; ``coupling``, ``limits`` and
 ``calibration`` have the parameters of `HeadControl`, `WireLimits` and `HeadCalibration`. ``stores``
-are the runs that the wires were identified from, with digests; ``check`` has errors in degrees. A
-file may lack ``identified`` or ``calibrated``.
+are the runs that the wires were identified from, with digests; ``check`` has errors in degrees;
+``measured`` has the results of ``minorloop head calibrate`` with standard deviations. A file may
+lack ``identified`` or ``calibrated``.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from minorloop.files import PathLike, check_name, check_writable, write_atomical
 from minorloop.head.control.head import HeadControl, head_control
 from minorloop.head.control.limits import WireLimits
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.vision.measured import Measured
 from minorloop.version import __version__
 
 FORMAT, VERSION = "minorloop head", 1
@@ -109,12 +113,15 @@ class HeadFile:
         Of its camera and probe.
     calibrated : datetime, optional
         When they were calibrated.
+    measured : tuple of Measured
+        Results of the calibration.
     """
 
     serial: str
     identified: IdentifiedWires | None = None
     calibration: HeadCalibration | None = None
     calibrated: datetime | None = None
+    measured: tuple[Measured, ...] = ()
 
     def check_fits(self, serial: str | None, name: PathLike) -> None:
         """Refuse the file of another head, and wires older than the calibration.
@@ -193,6 +200,7 @@ class _Identified(_HeadPart):
 class _Calibrated(_HeadPart):
     on: Moment
     calibration: dict[str, Any]
+    measured: list[Measured] = []
 
 
 class _Content(_HeadPart):
@@ -234,6 +242,7 @@ def read_head(path: PathLike) -> HeadFile:
         identified=identified,
         calibration=view,
         calibrated=None if calibrated is None else calibrated.on,
+        measured=() if calibrated is None else tuple(calibrated.measured),
     )
 
 
@@ -272,6 +281,8 @@ def save_head(head: HeadFile, path: PathLike, *, force: bool = False) -> None:
     if head.calibration is not None and head.calibrated is not None:
         view = head.calibration.to_dict()
         content["calibrated"] = {"on": _moment(head.calibrated), "calibration": view}
+        if head.measured:
+            content["calibrated"]["measured"] = [asdict(each) for each in head.measured]
     write_atomically(target, f"{layout(content)}\n")
 
 
@@ -302,7 +313,9 @@ def _bytes_of(path: PathLike) -> bytes:
     file = Path(path)
     try:
         if not file.is_file():
-            raise ModelFileError(f"there is no file {path}; give one that head identify wrote")
+            raise ModelFileError(
+                f"there is no file {path}; give one that head identify or head calibrate wrote"
+            )
         if file.stat().st_size > _LARGEST:
             raise ModelFileError(f"{path} has more than {_LARGEST} bytes; it is of no head")
         return file.read_bytes()

@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+
+from .sighted_targets import LENS, MIDDLE, seen
+
+pytest.importorskip("cv2", reason="needs opencv: minorloop[head]")
+
+from minorloop.errors import RecordError
+from minorloop.head.geometry import Mount, rotation_z
+from minorloop.head.vision.lens_calibration import target_pose
+from minorloop.head.vision.mount_calibration import fit_mount
+
+MOUNT = Mount(lever=7.5e-3, offset=(0.4e-3, -0.6e-3), roll=0.2)
+STRAIGHT, ROLL = np.array([31.5, 28.7]), 2.0
+ANGLES = [(pan, tilt) for pan in (-15, -5, 5, 15) for tilt in (-12, 0, 12)]
+CORNER = np.array([0.0, 0.0, 0.04]) - MIDDLE
+
+
+def measured(angles=ANGLES, noise=0.1, mount=MOUNT):
+    """Poses of a target on the axis of the pipe, and the read angles."""
+    poses, rng = [], np.random.default_rng(1000)
+    for number, (pan, tilt) in enumerate(angles):
+        pose = mount.pose(*np.radians([pan, tilt]))
+        turn = (pose.rotation @ rotation_z(np.radians(ROLL))).T
+        picture = seen(f"{number}.png", turn, turn @ (CORNER - pose.position))
+        poses.append(target_pose(LENS, picture, 0.07))
+    return poses, np.array(angles) + STRAIGHT + rng.normal(0, noise, (len(angles), 2))
+
+
+def test_a_mount_is_found_within_its_uncertainty():
+    fit = fit_mount(*measured(), middle=MIDDLE[:2])
+    found = {each.name: each for each in fit.measured}
+    true = {
+        "lever": 7.5, "lens right of the axis": 0.0, "lens below the axis": 0.0,
+        "tilt axis before the pan axis": 0.0, "tilt where level": 28.7, "squint": 0.0,
+        "camera roll": 2.0, "pan where straight": 31.5, "roll of the base": np.degrees(0.2),
+        "lean of the base": 0.0, "pivot right of the axis": 0.4, "pivot below the axis": -0.6,
+        "target before the pivot": 40.0,
+    }  # fmt: skip
+    assert found.keys() == true.keys()
+    for name, value in true.items():
+        assert abs(found[name].value - value) < 3.5 * found[name].sd, name
+        if found[name].unit == "deg":
+            assert abs(found[name].value - value) < 0.3, name
+    assert abs(fit.lever - MOUNT.lever) < 0.2e-3
+    assert np.abs(fit.joints).max() < 0.4
+
+
+def test_without_a_target_on_the_axis_the_pipe_is_left_out():
+    fit = fit_mount(*measured())
+    assert (fit.roll, fit.offset) == (None, None)
+    assert "pan where straight" not in {each.name for each in fit.measured}
+
+
+def wrong(change):
+    poses, joints = measured()
+    return poses, change(joints)
+
+
+@pytest.mark.parametrize(
+    ("poses", "joints", "sentence"),
+    [
+        (*wrong(np.radians), "seem to be in radians; give them in degrees"),
+        (*wrong(lambda joints: joints * [1, -1]), "check units, signs"),
+        (*wrong(lambda joints: np.roll(joints, 1, axis=0)), "the order of the pictures"),
+        (*measured([(pan, 5) for pan in range(-12, 13, 4)]), "the tilt of the pictures is within"),
+        (*measured([(-10, -10), (10, 10)] * 3), "take pictures at several tilts for each pan"),
+        (*measured(ANGLES[:5]), "5 pictures with a target at known joint angles; give 6 or more"),
+    ],
+    ids=["radians", "signs", "order", "one axis", "two places", "few"],
+)
+def test_refuses_in_one_sentence(poses, joints, sentence):
+    with pytest.raises(RecordError, match=sentence):
+        fit_mount(poses, joints)
+
+
+def test_angles_that_are_hardly_known_determine_no_mount():
+    with pytest.raises(RecordError, match=r"do not determine the tilt where level"):
+        fit_mount(*measured(ANGLES[::2]), sd=9.0)
