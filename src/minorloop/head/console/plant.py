@@ -53,13 +53,19 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
         If the file is not valid, is of another head, or is older than its calibration.
     """
     from minorloop.head.procedures.head_file import read_head
-    from minorloop.head.twins.head import Head
 
     found = read_head(file)
-    simulated = Head(specimen)
-    known = (simulated.serial, simulated.tick) if is_pipe(address) else probed(address, specimen)
-    found.check_fits(known[0], file)
-    return found, known[1]
+    serial, tick = _simulated(specimen) if is_pipe(address) else probed(address, specimen)
+    found.check_fits(serial, file)
+    return found, tick
+
+
+def _simulated(specimen: int | None) -> tuple[str | None, float]:
+    """Return serial number and tick of the simulated head."""
+    from minorloop.head.twins.head import Head
+
+    head = Head(specimen)
+    return head.serial, head.tick
 
 
 def probed(address: str, specimen: int | None = None) -> tuple[str | None, float]:
