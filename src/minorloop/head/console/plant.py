@@ -19,12 +19,11 @@ from minorloop.errors import ParameterError
 from minorloop.files import PathLike
 from minorloop.head.console.settings import PIPE, SAFE_WITHIN, is_pipe
 from minorloop.head.console.units import Position
-from minorloop.head.geometry import Mount
 from minorloop.head.procedures.actuator_plant import ActuatorPlant
-from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
 
 if TYPE_CHECKING:
+    from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.head_file import HeadFile
 
 _LENGTH = 0.1024
@@ -128,6 +127,8 @@ def open_tip(
     """
     if not is_pipe(address):
         raise ParameterError(f"{address!r} has no camera; give one, or {PIPE}, which has")
+    from minorloop.head.geometry import Mount
+    from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
     from minorloop.head.twins.camera import LENS
     from minorloop.head.twins.rig import SimulatedTip
 
