@@ -13,6 +13,7 @@ import os
 import re
 import tempfile
 import time
+from collections import Counter
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -68,7 +69,8 @@ async def _started(folder: Path, options: list[str], when: str) -> Row:
 
 async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
     """Steer for a while; HEAD is pressed again where the machine has lost it."""
-    lost, memory = 0, []
+    lost: Counter[str] = Counter()
+    memory = []
     async with _steering(server) as page:
         await asyncio.sleep(settled)
         page.late.clear(), page.answers.clear(), page.ages.clear()
@@ -76,7 +78,7 @@ async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
         while (passed := time.monotonic() - began) < seconds:
             memory.append((passed, *_by_process(server)))
             if page.state["mode"] != "HEAD":
-                lost += 1
+                lost[re.split("[;,]", page.state["reason"])[0]] += 1
                 await _press(page)
             await asyncio.sleep(_EVERY)
     late = float(np.mean(np.array(page.late) > 10.0))
@@ -87,7 +89,8 @@ async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
             float(np.percentile(page.late, 99.9)) / 1e3,
             required="<= 0.1 %",
             met=late <= 1e-3,
-            accuracy=f"{late:.2%} of {len(page.late)}; held {lost} times; {_load()}",
+            accuracy=f"{late:.2%} of {len(page.late)}; {_load()}; held: "
+            f"{', '.join(f'{count} times {why}' for why, count in lost.items()) or 'never'}",
         ),
         within("picture age, p95", float(age), 0.12, f"{len(page.ages) / seconds:.1f} a second"),
         within("input to command, p99", float(answer), 0.05),
