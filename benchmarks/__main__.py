@@ -25,6 +25,7 @@ PARTS = (
     "fleet",
     "console",
     "console_depth",
+    "console_devices",
     "meter",
     "raw_logs",
     "fast_stage",

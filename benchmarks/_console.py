@@ -13,6 +13,7 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Container
 from pathlib import Path
 from typing import IO
 
@@ -60,15 +61,16 @@ class Server:
 
     def memory(self) -> float:
         """Resident memory of all processes of the console, in MiB."""
-        return sum(_resident(pid) for pid in self._pids()) / 2**20
+        return sum(_resident(pid) for pid in self.pids()) / 2**20
 
     def serving(self) -> float:
         """Resident memory of the server process, in MiB."""
         listens = _listening(int(self.host.rsplit(":", 1)[1]))
-        found = [_resident(pid) for pid in self._pids() if listens in _files(pid)]
+        found = [_resident(pid) for pid in self.pids() if listens in _files(pid)]
         return max(found, default=0.0) / 2**20
 
-    def _pids(self) -> list[int]:
+    def pids(self) -> list[int]:
+        """Ids of all processes of the console."""
         return [self.process.pid, *_offspring(self.process.pid)]
 
     def connect(self, **options):
@@ -90,6 +92,7 @@ class Page:
         self.state_times: list[float] = []
         self.late, self.answers, self.ages, self.seen = [], [], [], 0
         self.recording = None
+        self.first_picture, self.presses = 0.0, 0
         self.notices: list[str] = []
         self.failed: list[str] = []
         self._changed = asyncio.Event()
@@ -104,6 +107,7 @@ class Page:
             now = time.monotonic()
             if isinstance(message, bytes):
                 if message[0] == 1:
+                    self.first_picture = self.first_picture or now
                     self.ages.append(now - struct.unpack_from("<d", message, 8)[0])
                 continue
             content = json.loads(message)
@@ -160,6 +164,18 @@ async def piloted(server: Server):
         finally:
             for task in tasks:
                 task.cancel()
+
+
+def recorded(folder: Path, without: Container[Path] = ()) -> list[list[dict]]:
+    """The states of each recording in a folder, but for some files."""
+    from minorloop.head.console.recording import SUFFIX, TEXT, entries
+
+    found = []
+    for path in sorted(set(folder.glob(f"*{SUFFIX}"))):
+        if path not in without:
+            texts = (json.loads(content) for kind, _, content in entries(path) if kind == TEXT)
+            found.append([each for each in texts if each["type"] == "state"])
+    return found
 
 
 def _offspring(pid: int) -> list[int]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 import signal
 import tempfile
@@ -18,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks._console import Page, Server, piloted
+from benchmarks._console import Page, Server, piloted, recorded
 from benchmarks._console_parts import attacked, lab, painted, still
 from benchmarks._timing import Row
 
@@ -104,7 +103,7 @@ async def _cut_off(server: Server, folder: Path) -> list[Row]:
         cuts, found, jump = await _cut(server)
         await asyncio.sleep(0.5)
         watching.cancel()
-    recordings = _recorded(folder)
+    recordings = recorded(folder)
     states = sorted([*watcher.states, *chain(*recordings)], key=lambda state: state["t"])
     for name, began in cuts.items():
         first = next(s for s in states if s["t"] > began and s["mode"] == "HOLD")
@@ -179,16 +178,3 @@ def _held(name: str, seconds: float, *, stopped: bool = True) -> Row:
         met=seconds <= 0.2 and stopped,
         accuracy=word,
     )
-
-
-def _recorded(folder: Path) -> list[list[dict]]:
-    """Return the states of each recording."""
-    from minorloop.head.console.recording import TEXT, entries, listed
-
-    found = []
-    for name in listed(folder):
-        texts = (
-            json.loads(c) for kind, _, c in entries(folder / f"{name}.session") if kind == TEXT
-        )
-        found.append([each for each in texts if each["type"] == "state"])
-    return found

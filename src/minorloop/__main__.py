@@ -2,6 +2,7 @@
 
 import sys
 
-from minorloop.cli import main
+if __name__ == "__main__":  # processes that are started import this module too
+    from minorloop.cli import main
 
-sys.exit(main())
+    sys.exit(main())

@@ -5,8 +5,12 @@ import msgspec
 import numpy as np
 
 from minorloop.errors import InstrumentError
-from minorloop.head.console.camera_process import _warm_up, answer, newest
+from minorloop.head.console.camera_process import StillTip, _warm_up, answer, newest
 from minorloop.head.console.camera_protocol import CameraRequest
+from minorloop.head.console.perception import Perception
+from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.twins.camera import led_positions
 from minorloop.head.vision import _outline_kernels
 
 
@@ -31,6 +35,16 @@ def test_a_request_without_a_picture_is_not_answered():
     theirs.send_bytes(msgspec.msgpack.encode(CameraRequest(number=1, t=0.0, position=(0.0,) * 4)))
     assert answer(SimpleNamespace(tick=tick), ours, None) == "camera:0 gives no picture"
     assert not theirs.poll()
+
+
+def test_a_camera_compiles_with_pictures_that_are_good_enough_to_track_and_search(monkeypatch):
+    perception = Perception(
+        StillTip(Pinhole()), HeadCalibration(lens=Pinhole(), leds=led_positions())
+    )
+    told = []
+    monkeypatch.setattr(perception, "_report", lambda what, **found: told.append((what, found)))
+    _warm_up(perception)
+    assert told == [("picked", {}), ("found", {"count": 0, "verdict": "good"})]
 
 
 def test_outlines_are_compiled_before_a_picture_has_a_candidate(monkeypatch):

@@ -1,6 +1,9 @@
+import gc
 import json
 import socket
 import threading
+import weakref
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -201,3 +204,44 @@ def test_the_next_pilots_recording_begins_where_the_last_ones_ends(running):
     running.pipe.send_bytes(msgspec.msgpack.encode(messages.ControlsTaken()))
     running.order(messages.RecordSession, on=True)
     running.until("recording", lambda message: message["name"] not in (None, first))
+
+
+class Litter:
+    """A session that drops a reference cycle after a collection in which it was in use."""
+
+    interval, state = 0.0, SimpleNamespace(mode="HOLD")
+
+    class Cycle:
+        def __init__(self):
+            self.itself = self
+
+    def __init__(self, stop):
+        self.ticks, self.events, self.stop, self.used = 0, [], stop, self.Cycle()
+        self.left = weakref.ref(self.used)
+
+    def tick(self, now):
+        self.ticks += 1
+        if self.ticks == loop._COLLECT_EVERY + 1:
+            self.used = None
+        if self.ticks == 2 * loop._COLLECT_EVERY:
+            self.stop.set()
+
+    def report(self, now, **known):
+        return b""
+
+
+def test_garbage_that_was_in_use_during_a_collection_is_collected_later(monkeypatch, tmp_path):
+    monkeypatch.setattr(loop, "raise_priority", lambda: None)
+    gc.freeze()  # what other tests have left
+    session = Litter(stop := threading.Event())
+    plant = SimpleNamespace(responds=True, made_safe=False, answer=SimpleNamespace(safe_at=0.0))
+    settings = LoopSettings(folder=str(tmp_path), timeout=5.0)
+    it = loop._Loop(session, plant, SimpleNamespace(), NewestPipe(), settings)
+    it._receive_all = it._write = it._outbox.forward = lambda *_: None
+    gc.disable()
+    try:
+        it.run(SimpleNamespace(beat=lambda: None), stop)
+        assert session.left() is None
+    finally:
+        gc.enable()
+        gc.unfreeze()

@@ -7,7 +7,7 @@ from msgspec.structs import asdict, replace
 from starlette.websockets import WebSocketDisconnect
 
 from console_rig import SilentLoop, TestClient, text
-from minorloop.head.console import messages
+from minorloop.head.console import messages, workers
 from minorloop.head.console.auth import Authentication
 from minorloop.head.console.clients import SILENCE
 from minorloop.head.console.loop import LoopSettings
@@ -23,11 +23,11 @@ ADMITTED = "127.0.0.1"
 class Served:
     """A server without a control loop, and a browser that has sent the key."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, workers=0):
         self.authentication = Authentication(ADMITTED)
         settings = LoopSettings(folder=str(folder))
         console = Console(
-            authentication=self.authentication, loop=settings, link=self.linked, workers=0
+            authentication=self.authentication, loop=settings, link=self.linked, workers=workers
         )
         self.client = TestClient(console.app(), base_url=BASE)
         self.folder = folder
@@ -277,6 +277,28 @@ def test_a_dropped_finding_takes_its_fit_and_its_mesh_with_it(served):
         send(served, "findings", {"findings": []})
         assert page.until("depth")["stage"] == ""
     assert served.link.orders == []
+
+
+def test_no_worker_takes_time_and_memory_before_it_is_needed(tmp_path, monkeypatch):
+    begun = []
+
+    class Idle:
+        def __init__(self, tasks, nice):
+            begun.append(tasks.rpartition(".")[2])
+
+        def end(self):
+            pass
+
+    monkeypatch.setattr(workers, "_Worker", Idle)
+    served = Served(tmp_path, workers=2)
+    with served.client:
+        served.client.get("/", params={"key": served.authentication.key}, follow_redirects=False)
+        assert begun == []
+        send(served, "findings", {"findings": [asdict(FINDING)]})
+        assert begun == ["depth_work"]
+        served.client.get("/lab")
+        served.client.get("/lab")
+        assert begun == ["depth_work"] + 3 * ["lab_work"]
 
 
 def test_exported_findings_keep_their_numbers_and_what_echoes_have_not_decided(served):

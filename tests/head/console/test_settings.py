@@ -12,3 +12,5 @@ def test_a_timeout_lengthens_the_watchdogs_up_to_a_second(timeout, patience, pic
     config = settings.teleop_config()
     assert (settings.patience, config.pictures) == (patience, pictures)
     assert config.gaze.timeout == config.stick.timeout == timeout
+    slower = LoopSettings(timeout=timeout, camera="camera:0").teleop_config()
+    assert slower.pictures == max(pictures, 0.16)  # it waits for pictures after a switch

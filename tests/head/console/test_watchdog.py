@@ -208,18 +208,21 @@ def test_lights_are_switched_between_two_commands_of_the_loop():
 def test_a_plant_that_is_missing_is_opened_as_soon_as_it_is_there_and_the_loop_knows(monkeypatch):
     ours, theirs = Pipe()
     problems = [InstrumentError("the port cannot be opened"), MissingExtraError("pyvisa", "x")]
+    done = []
 
     def open_plant(address, specimen, seed):
+        done.append("opened")
         if problems:
             raise problems.pop(0)
         return Wires()
 
     monkeypatch.setattr(watchdog, "open_plant", open_plant)
     monkeypatch.setattr(watchdog, "_AGAIN", 0.0)
-    handle = SimpleNamespace(beat=lambda: None)
+    handle = SimpleNamespace(beat=lambda: done.append("beat"))
     settings = LoopSettings(address="bench:head.toml", interval=0.02)
     plant = watchdog._opened(settings, NewestPipe(theirs), handle, threading.Event())
     assert plant.done == [(0.0,) * 4]
+    assert done == ["opened", "beat"] * 2 + ["opened"]  # none before: it may take long to import
     remote = RemotePlant(NewestPipe(ours), 60.0)
     assert remote.meet(60.0)
     assert (remote.tick, remote.made_safe, remote.answer.safe) == (0.02, True, False)

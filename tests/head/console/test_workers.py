@@ -17,7 +17,7 @@ def told(task, *, longest=60.0, times=1, tasks=QUICK, **options):
 
     async def ask():
         pool = workers.Workers(1, longest=longest, tasks=tasks)
-        await pool.start()
+        pool.start()
         try:
             return [[each async for each in pool.run(task, **options)] for _ in range(times)]
         finally:
@@ -47,7 +47,7 @@ def test_what_takes_too_long_is_ended_and_the_next_is_served():
 async def asked_twice(signum, *, at_work):
     """Results of two tasks whose worker gets a signal, and the exit code of that worker."""
     pool = workers.Workers(1, tasks=QUICK)
-    await pool.start()
+    pool.start()
     try:
         (worker,) = pool._all
         if not at_work:
@@ -86,7 +86,7 @@ def serving(pids):
 
     async def serve():
         pool = workers.Workers(1, tasks=QUICK)
-        await pool.start()
+        pool.start()
         (worker,) = pool._all
         await worker.ready()
         pids.send(worker._process.pid)

@@ -1,15 +1,26 @@
+import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from minorloop.head.geometry import wall_point
+from minorloop.head.procedures.actuator_plant import ActuatorPlant, BenchTip
 from minorloop.head.procedures.calibration import STRAIGHT
-from minorloop.head.procedures.centre import CentreState
+from minorloop.head.procedures.camera_tip import CameraTip
+from minorloop.head.procedures.centre import CentreState, Centring
+from minorloop.head.procedures.extract import Acquisition
+from minorloop.head.procedures.focus import Focusing
 from minorloop.head.procedures.go import Go
+from minorloop.head.procedures.meter import Metering
 from minorloop.head.procedures.rig import InspectionRig
 from minorloop.head.procedures.values import Request
+from minorloop.head.vision.defects import SEQUENCE
+from minorloop.lab.actuator import Channel, Frame
+from minorloop.lab.drivers.bench import Bench
 
-from .fakes import CALIBRATION
+from .fakes import CALIBRATION, camera
 
 
 class Plant:
@@ -123,3 +134,66 @@ def test_the_log_has_times_and_actions():
     it.say("turn", "done")
     (step,) = it.log
     assert (step.what, step.outcome, step.t) == ("turn", "done", it.t)
+
+
+class Devices:
+    """Wires of 200 degrees an ampere, lines, a clock that they move, and a camera on them."""
+
+    names = ("led 1", "led 2", "led 3")
+
+    def __init__(self):
+        self.angles, self.time, self.lights = np.full(2, 30.0), 0.0, []
+
+    def now(self):
+        return self.time
+
+    def sleep(self, seconds):
+        self.time += seconds
+
+    def set(self, values):
+        self.angles = 200.0 * values
+
+    def read(self):
+        return self.angles
+
+    def safe(self):
+        self.angles = np.zeros(2)
+
+    def switch(self, values):
+        self.lights.append(tuple(values.values()))
+
+    def expose(self, exposure, gain):
+        """Do nothing: other tests use the same camera."""
+
+    def frame(self):
+        camera().switch(self.lights[-1] if self.lights else (True,) * 3)
+        camera().look(*(np.radians(self.angles) - STRAIGHT))
+        return Frame(time.monotonic(), camera().frame().image)
+
+
+class Weak(Control):
+    def step(self, state, reference, measurement):
+        return np.clip(reference / 200.0, 0.0, 0.4), state
+
+
+def test_procedures_run_on_a_bench_with_a_camera():
+    devices, view = Devices(), replace(CALIBRATION, latency=0.0)
+    currents = [Channel(f"{axis} current", "A", 0.0, 0.4) for axis in ("pan", "tilt")]
+    angles = [Channel(axis, "deg") for axis in ("pan", "tilt")]
+    options = {"tick": 0.04, "lines": devices, "clock": devices}
+    plant = ActuatorPlant(Bench(devices, devices, currents, angles, **options), devices)
+    it = InspectionRig(plant, CameraTip(BenchTip(plant), devices, view), Weak(), view)
+    place = np.array([0.5, 20e-3])
+    aim = view.camera_at((0.0, 0.0)).mount.aim(wall_point(*place, view.radius))
+    assert it.run(Go(), Go().begin(angles=np.array(aim) + 0.015)).reached
+    metered = it.run(Metering(calibration=view, seconds=0.3), Metering(calibration=view).begin())
+    centring = Centring(calibration=view, gain=1.8, patience=4.0, still=0.08)
+    centred = it.run(centring, centring.begin(place))
+    assert (centred.verdict, centred.error < centring.in_middle) == ("tracked", True)
+    assert it.angles == pytest.approx(aim, abs=0.01)
+    focusing = Focusing(lens=view.lens, tries=5, wait=0.0, travel=0.0, frames=1, sweeps=1)
+    assert it.run(focusing, focusing.begin((319.5, 239.5), 20e-3)).found is not None
+    frames = it.run(Acquisition(), Acquisition().begin(metered.gain)).frames
+    assert [frame.lights for frame in frames] == list(SEQUENCE)
+    assert devices.lights == list(SEQUENCE)
+    assert devices.time == pytest.approx(it.t, abs=0.05)  # each tick took its time, on their clock

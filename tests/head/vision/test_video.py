@@ -136,6 +136,26 @@ def test_a_camera_that_stalls_delays_nobody_longer_than_the_patience():
         assert number_of(first.image) == 0
 
 
+def test_a_camera_that_is_closed_reads_no_more(monkeypatch):
+    released = []
+
+    class Device:
+        def isOpened(self):
+            return True
+
+        def read(self):
+            return True, np.zeros(SIZE, np.uint8)
+
+        def release(self):
+            released.append(True)
+
+    monkeypatch.setattr("minorloop.head.vision.video._opened", lambda *_: Device())
+    camera = LiveCamera("camera:0", patience=60.0)
+    camera.frame()
+    camera.close()
+    assert released == [True]
+
+
 def test_a_camera_that_was_lost_is_opened_again():
     with served([0], [4]) as (address, go), live(address) as camera:
         assert number_of(camera.frame().image) == 0

@@ -6,14 +6,16 @@ import contextlib
 import gc
 import os
 import pickle
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from threading import Event, Thread
 from typing import Any
 
 import msgspec
+import numpy as np
 
-from minorloop.errors import InstrumentError, MinorloopError
+from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.bench_lines import RemoteWires
 from minorloop.head.console.camera_protocol import (
@@ -22,26 +24,30 @@ from minorloop.head.console.camera_protocol import (
     CameraRequest,
     request_decoder,
 )
-from minorloop.head.console.camera_tip import CameraTip
 from minorloop.head.console.channel import NewestPipe, Outbox
 from minorloop.head.console.perception import Later, Perception
 from minorloop.head.console.plant import open_tip
-from minorloop.head.console.settings import PIPE, LoopSettings, is_pipe
+from minorloop.head.console.settings import LoopSettings, is_pipe
 from minorloop.head.console.supervisor import ProcessHandle
 from minorloop.head.console.units import to_shown
+from minorloop.head.geometry import Pinhole
 from minorloop.head.procedures.actuator_plant import BenchTip
 from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.camera_tip import CameraTip
 from minorloop.head.procedures.values import Tip
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.candidates import compile_outlines
 from minorloop.head.vision.imaging import opencv
 from minorloop.head.vision.video import LiveCamera
+from minorloop.lab.actuator import Frame
 
 _QUALITY = 78
 """Of a JPEG, 1 to 100."""
 _RECORD_EVERY = 5
 """Pictures of which one is recorded: five a second."""
 _POLL = 0.1
+_WAVES = 50.0
+"""Radians of the texture from one edge of the picture to the other: some eight waves."""
 
 
 def run(
@@ -62,27 +68,38 @@ def run(
     stop = handle.begin(server=server, loop=loop, plant=plant)
     with contextlib.suppress(OSError, AttributeError):
         os.nice(-5)  # few systems allow it; it helps where other programs use the same cores
-    try:
-        # That of the pipe is simulated, and compiles what the first pictures would wait for.
-        tip, own = open_tip(PIPE, specimen=settings.specimen, seed=settings.seed)
-        view = calibration or own
-        camera = None if settings.camera is None else LiveCamera(settings.camera)
-        opencv()
-    except (MinorloopError, ImportError) as error:
-        _serve(None, {"failed": str(error)}, loop, server, handle, stop)
-        return
     pool = ThreadPoolExecutor(1)
-    pool.submit(getattr(tip, "prepare", lambda: None))
-    real = not is_pipe(settings.address)
-    perception = Perception(tip, own if real else view, _in(pool))
-    _warm_up(perception)
-    if camera is not None:
-        carrying: Tip = BenchTip(RemoteWires(plant)) if real else tip
-        perception = Perception(CameraTip(carrying, camera, view.lens), view, _in(pool))
-    gc.collect()
-    gc.freeze()
-    _serve(perception, view.to_dict(), loop, server, handle, stop)
-    pool.shutdown(wait=False, cancel_futures=True)
+    with contextlib.ExitStack() as ends:
+        try:
+            tip, view = _tip(settings, calibration, plant)
+            perception = trial = Perception(tip, view, _in(pool))
+            if settings.camera is not None:
+                camera = LiveCamera(settings.camera)
+                ends.callback(camera.close)
+                perception = Perception(CameraTip(tip, camera, view), view, _in(pool))
+                trial = Perception(StillTip(view.lens), view, _in(pool))
+            opencv()
+        except (MinorloopError, ImportError) as error:
+            _serve(None, {"failed": str(error)}, loop, server, handle, stop)
+            return
+        pool.submit(getattr(tip, "prepare", lambda: None))
+        _warm_up(trial)
+        gc.collect()
+        gc.freeze()
+        _serve(perception, view.to_dict(), loop, server, handle, stop)
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _tip(
+    settings: LoopSettings, calibration: HeadCalibration | None, plant: NewestPipe
+) -> tuple[Tip, HeadCalibration]:
+    """Return what carries the camera, and the calibration; only a simulated one has its own."""
+    if not is_pipe(settings.address):
+        if calibration is None:
+            raise ParameterError("the camera is not calibrated; give the file of the head")
+        return BenchTip(RemoteWires(plant)), calibration
+    tip, own = open_tip(settings.address, specimen=settings.specimen, seed=settings.seed)
+    return tip, calibration or own
 
 
 def _serve(
@@ -160,6 +177,32 @@ def _in(pool: ThreadPoolExecutor) -> Later:
         return lambda: future.result() if future.done() else None
 
     return later
+
+
+class StillTip(BenchTip):
+    """A tip without devices, whose camera shows a texture under its three lights.
+
+    Parameters
+    ----------
+    lens : Pinhole
+    """
+
+    def __init__(self, lens: Pinhole) -> None:
+        super().__init__(self)
+        self._rng, self._lit = np.random.default_rng(0), np.ones(3)
+        y, x = np.mgrid[0 : 1 : lens.height * 1j, 0 : 1 : lens.width * 1j]
+        texture = 110.0 + 25.0 * (np.sin(_WAVES * x + 9.0 * y) + np.sin(_WAVES * (y - x**2)))
+        self._pictures = texture * np.array([x, y, 1.0 - 0.5 * (x + y)]) / 1.5
+
+    def frame(self) -> Frame:
+        """Return a picture under the present lights, with noise."""
+        image = np.tensordot(self._lit, self._pictures, 1)
+        image += self._rng.uniform(4.0, 8.0, image.shape)
+        return Frame(0.0, image.astype(np.uint8))
+
+    def light(self, lights: Sequence[bool]) -> None:
+        """Switch the lights."""
+        self._lit = np.array(lights, dtype=np.float64)
 
 
 def _warm_up(perception: Perception) -> None:

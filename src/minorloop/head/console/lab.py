@@ -109,11 +109,14 @@ class LabPage:
         ]
 
     async def start(self) -> None:
-        """Make the folder of uploads, and start the workers."""
+        """Make the folder of uploads."""
         await self._uploads.start()
         self._expiring = asyncio.create_task(self._uploads.expire())
-        await self._workers.start()
-        await self._quick.start()
+
+    def prepare(self) -> None:
+        """Start the workers, for a user who has opened the page."""
+        self._workers.start()
+        self._quick.start()
 
     async def stop(self) -> None:
         """Stop the workers and remove the files."""

@@ -28,7 +28,6 @@ from minorloop.errors import MinorloopError, ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.camera_protocol import CameraReport, CameraRequest, RemoteCamera
 from minorloop.head.console.channel import NewestPipe, Outbox
-from minorloop.head.console.identified_head import head_of
 from minorloop.head.console.recording import PICTURE, TEXT, Recorder
 from minorloop.head.console.session import Session
 from minorloop.head.console.settings import LoopSettings
@@ -73,7 +72,7 @@ def run(
         os.nice(-10)  # few systems allow it; it helps where other programs use the same cores
     camera, plant = RemoteCamera(pictures), RemotePlant(wires, settings.patience / 2)
     try:
-        control = control or head_of(settings.address, settings.specimen)
+        control = control or _identified(settings)
         view = _introduced(camera, stop)
         _warm_up(view, control, settings)
     except (MinorloopError, ImportError) as error:
@@ -93,6 +92,13 @@ def run(
     finally:
         plant.safe()
         loop.close()
+
+
+def _identified(settings: LoopSettings) -> HeadControl:
+    """Identify the head; what this needs is not imported for one that is known."""
+    from minorloop.head.console.identified_head import head_of
+
+    return head_of(settings.address, settings.specimen)
 
 
 def _introduced(camera: RemoteCamera, stop: threading.Event) -> HeadCalibration:
@@ -186,7 +192,7 @@ class _Loop:
             handle.beat()
             due += interval
             if session.ticks % _COLLECT_EVERY == 0:
-                gc.collect(0)
+                gc.collect()  # all of it, in a tenth of a millisecond: what was there is frozen
             time.sleep(max(due - time.monotonic(), 0.0))
 
     def _tick(self, due: float, late: float) -> None:

@@ -19,12 +19,11 @@ from minorloop.errors import ParameterError
 from minorloop.files import PathLike
 from minorloop.head.console.settings import PIPE, SAFE_WITHIN, is_pipe
 from minorloop.head.console.units import Position
-from minorloop.head.geometry import Mount
 from minorloop.head.procedures.actuator_plant import ActuatorPlant
-from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
 from minorloop.head.procedures.values import Plant, Reading, Tip
 
 if TYPE_CHECKING:
+    from minorloop.head.procedures.calibration import HeadCalibration
     from minorloop.head.procedures.head_file import HeadFile
 
 _LENGTH = 0.1024
@@ -53,13 +52,19 @@ def head_at(address: str, specimen: int | None, file: PathLike) -> tuple[HeadFil
         If the file is not valid, is of another head, or is older than its calibration.
     """
     from minorloop.head.procedures.head_file import read_head
-    from minorloop.head.twins.head import Head
 
     found = read_head(file)
-    simulated = Head(specimen)
-    known = (simulated.serial, simulated.tick) if is_pipe(address) else probed(address, specimen)
-    found.check_fits(known[0], file)
-    return found, known[1]
+    serial, tick = _simulated(specimen) if is_pipe(address) else probed(address, specimen)
+    found.check_fits(serial, file)
+    return found, tick
+
+
+def _simulated(specimen: int | None) -> tuple[str | None, float]:
+    """Return serial number and tick of the simulated head."""
+    from minorloop.head.twins.head import Head
+
+    head = Head(specimen)
+    return head.serial, head.tick
 
 
 def probed(address: str, specimen: int | None = None) -> tuple[str | None, float]:
@@ -122,6 +127,8 @@ def open_tip(
     """
     if not is_pipe(address):
         raise ParameterError(f"{address!r} has no camera; give one, or {PIPE}, which has")
+    from minorloop.head.geometry import Mount
+    from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
     from minorloop.head.twins.camera import LENS
     from minorloop.head.twins.rig import SimulatedTip
 

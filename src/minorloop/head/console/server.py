@@ -108,7 +108,7 @@ class _Server:
         self._lab = LabPage(workers=self._workers)
         routes: list[BaseRoute] = [
             Route("/", _page("index.html")),
-            Route("/lab", _page("lab.html")),
+            Route("/lab", self._open_lab),
             WebSocketRoute("/ws", self._connect),
             Route("/api/recordings", self._recordings),
             Route("/api/findings.json", self._findings),
@@ -127,7 +127,6 @@ class _Server:
         self._events = asyncio.get_running_loop()
         self._link.start()
         await self._lab.start()
-        await self._fitters.start()
         watch = asyncio.create_task(self._watch())
         try:
             yield
@@ -136,6 +135,11 @@ class _Server:
             await self._lab.stop()
             await self._fitters.stop()
             await asyncio.to_thread(self._link.stop)
+
+    async def _open_lab(self, request: Request) -> Response:
+        """Return the lab page, and start its workers, which takes longer than to choose a file."""
+        self._lab.prepare()
+        return await _page("lab.html")(request)
 
     async def _watch(self) -> None:
         """Take the controls back from a silent pilot."""
@@ -196,8 +200,10 @@ class _Server:
             self._link.order(messages.KnownFindings(findings=findings))
 
     def _keep_known(self, numbers: set[int]) -> None:
-        """Drop fits and meshes of deleted findings."""
+        """Drop fits and meshes of deleted findings; be ready for a scan once there is one."""
         self._known = numbers
+        if numbers:
+            self._fitters.start()
         for number in set(self._meshes) - numbers:
             del self._meshes[number]
         for fitting, number in self._fitting.items():

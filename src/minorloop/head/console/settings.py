@@ -18,6 +18,9 @@ _SAFE_AFTER = 0.16
 _BLIND_AFTER = 0.12
 """Three pictures of 40 ms: a camera that stops is noticed within 160 ms. A picture takes 30 ms,
 which leaves 90 ms on a busy machine."""
+_CAMERA_BLIND_AFTER = 0.16
+"""Four pictures, for a camera of its own: it waits for a new picture where a simulated one draws it
+at once, and for another one after its lights were switched."""
 SAFE_WITHIN = 2.0
 """Longest time in seconds in which a plant may confirm that it is safe."""
 _MOST_PATIENT = 1.0
@@ -63,10 +66,11 @@ class LoopSettings:
 
     def teleop_config(self) -> TeleopConfig:
         """Return the settings of the teleoperation."""
+        blind = _BLIND_AFTER if self.camera is None else _CAMERA_BLIND_AFTER
         return TeleopConfig(
             gaze=HeadPoseMap(timeout=self.timeout),
             stick=StickMap(timeout=self.timeout),
-            pictures=max(_BLIND_AFTER, min(self.timeout, _MOST_PATIENT)),
+            pictures=max(blind, min(self.timeout, _MOST_PATIENT)),
         )
 
 

@@ -108,10 +108,12 @@ def _close(plant: Plant | None) -> None:
 def _opened(
     settings: LoopSettings, loop: NewestPipe, handle: ProcessHandle, stop: threading.Event
 ) -> Plant | None:
-    """Return the plant as soon as it can be opened, and tell loops why it cannot."""
+    """Return the plant as soon as it can be opened, and tell loops why it cannot.
+
+    The first heartbeat comes after the first attempt, which may have to import and compile.
+    """
     last = None
     while not stop.is_set():
-        handle.beat()
         plant = None
         try:
             plant = open_plant(settings.address, specimen=settings.specimen, seed=settings.seed)
@@ -120,6 +122,7 @@ def _opened(
         except (MinorloopError, ImportError) as error:
             why = str(error)
             _close(plant)
+        handle.beat()
         pipe = loop.next(last, _AGAIN)
         if pipe is not None:
             last = pipe

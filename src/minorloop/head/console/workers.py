@@ -47,10 +47,14 @@ class Workers:
         self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
         self._all: set[_Worker] = set()
 
-    async def start(self) -> None:
-        """Start the processes, which import and compile what they need."""
-        for _ in range(self._count):
-            self._add()
+    def start(self) -> None:
+        """Start the processes, which import and compile what they need, if they do not run.
+
+        The first task does it too; to start them earlier saves its user the wait.
+        """
+        if not self._all:
+            for _ in range(self._count):
+                self._add()
 
     async def stop(self) -> None:
         """Kill the processes."""
@@ -59,6 +63,7 @@ class Workers:
 
     async def run(self, task: str, **options: Any) -> AsyncIterator[dict[str, Any]]:
         """Yield the reports of a task; an error is ``{"error": sentence}``."""
+        self.start()
         if self._idle.empty():
             yield {"stage": "waiting for others to finish"}
         worker = await self._idle.get()

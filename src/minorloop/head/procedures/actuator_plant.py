@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, ParameterError
 from minorloop.lab.actuator import Actuator, Frame, Shot
+
+if TYPE_CHECKING:
+    from minorloop.lab.drivers.parts import Clock
 
 PUMP = "pump"
 """Name of the digital line that floods the pipe."""
@@ -20,9 +23,6 @@ _INPUTS, _OUTPUTS = ("A", "A", "mm/s", "deg/s"), ("deg", "deg", "mm", "deg")
 _DEGREE = math.radians(1.0)
 _FACTORS = np.array([1.0, 1.0, 1e-3, _DEGREE]), np.array([_DEGREE, _DEGREE, 1e-3, _DEGREE])
 """SI units of the channels of a head and its catheter, in and out."""
-_SETTLING = 0.04
-"""Seconds after a switch of the lights in which a picture that arrives may be of the time before:
-one frame interval."""
 
 
 class Wires(Protocol):
@@ -43,6 +43,8 @@ class ActuatorPlant:
     actuator : Actuator
         Two currents in A, two angles in degrees; with a catheter also advance in mm/s and mm and
         roll in deg/s and deg. Without one, advance and roll stay 0.
+    clock : Clock, optional
+        Keeps the ticks: an exchange begins a tick after the one before. Without it the caller does.
 
     Raises
     ------
@@ -50,7 +52,7 @@ class ActuatorPlant:
         If the actuator has other channels.
     """
 
-    def __init__(self, actuator: Actuator) -> None:
+    def __init__(self, actuator: Actuator, clock: Clock | None = None) -> None:
         units = tuple(c.unit for c in actuator.inputs), tuple(c.unit for c in actuator.outputs)
         if units not in ((_INPUTS[:2], _OUTPUTS[:2]), (_INPUTS, _OUTPUTS)):
             known = ", ".join(str(channel) for channel in (*actuator.inputs, *actuator.outputs))
@@ -58,7 +60,7 @@ class ActuatorPlant:
                 f"the actuator has {known}; a head has two currents in A and two angles in deg, "
                 "and perhaps rates of advance and roll in mm/s and deg/s, in mm and deg"
             )
-        self.actuator = actuator
+        self.actuator, self._clock, self._due = actuator, clock, -math.inf
         self._count = len(units[0])
         self._exchange = getattr(actuator, "at_once", actuator.exchange)
         found = [(int(m[1]), name) for name in self._lines if (m := _LED.fullmatch(name))]
@@ -90,6 +92,7 @@ class ActuatorPlant:
         InstrumentError
             If a device fails; the head is safe then.
         """
+        self._wait()
         count, read = self._count, np.zeros(4)
         read[:count] = self._exchange(np.asarray(u, dtype=np.float64)[:count] / _FACTORS[0][:count])
         return np.asarray(read * _FACTORS[1])
@@ -124,6 +127,12 @@ class ActuatorPlant:
         """Close the connections."""
         getattr(self.actuator, "close", lambda: None)()
 
+    def _wait(self) -> None:
+        """Wait until the next tick is due; a tick that is late moves those after it."""
+        if self._clock is not None:
+            self._clock.sleep(max(self._due - self._clock.now(), 0.0))
+            self._due = self._clock.now() + self.tick
+
     @property
     def _lines(self) -> tuple[str, ...]:
         found: tuple[str, ...] = getattr(self.actuator, "lines", ())
@@ -138,15 +147,12 @@ class ActuatorPlant:
 class BenchTip:
     """The tip of a head on a bench: lights and a pump, and neither focus nor probe.
 
-    Its pictures come from a camera of its own, see `minorloop.head.console.camera_tip`.
+    Its pictures come from a camera of its own, see `minorloop.head.procedures.camera_tip`.
 
     Parameters
     ----------
     wires : Wires
     """
-
-    settling = _SETTLING
-    """Seconds from a switch of the lights to the first picture that shows it."""
 
     def __init__(self, wires: Wires) -> None:
         self._wires = wires

@@ -18,6 +18,7 @@ from minorloop.head.vision.calibrated_camera import CalibratedCamera
 
 ROOM_TEMPERATURE = 20.0
 """Assumed temperature of the water in a flooded pipe, in degrees Celsius."""
+_LONGEST_LATENCY = 5.0
 STRAIGHT = math.radians(30.0)
 """Pan and tilt of the joints at which the camera looks along the pipe. A wire pulls in one
 direction only, so that half of its stroke is on either side."""
@@ -48,11 +49,15 @@ class HeadCalibration:
         Of the pipe and its wall, in metres.
     temperature : float
         Of the water with which the pipe is flooded, in degrees Celsius.
+    latency : float
+        Longest time in seconds from the exposure of a picture to its arrival. Pictures that arrive
+        within it after the lights were switched may show the lights before.
 
     Raises
     ------
     ParameterError
-        If the lights are not (N, 3) finite numbers, or a length is not positive.
+        If the lights are not (N, 3) finite numbers, a length is not positive, or the latency is
+        not 0 to 5 s.
     """
 
     lens: Pinhole
@@ -64,6 +69,7 @@ class HeadCalibration:
     radius: float = 10e-3
     thickness: float = 2e-3
     temperature: float = ROOM_TEMPERATURE
+    latency: float = 0.04
 
     def __post_init__(self) -> None:
         if self.leds.ndim != 2 or self.leds.shape[1] != 3 or not np.isfinite(self.leds).all():
@@ -71,6 +77,11 @@ class HeadCalibration:
         for name in ("radius", "thickness"):
             if not getattr(self, name) > 0:
                 raise ParameterError(f"{name} is {getattr(self, name)} m; give a positive length")
+        if not 0.0 <= self.latency <= _LONGEST_LATENCY:
+            raise ParameterError(
+                f"latency is {self.latency} s; give 0 to {_LONGEST_LATENCY:g} s, one interval "
+                "between two pictures where it is not known"
+            )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for messages and files."""

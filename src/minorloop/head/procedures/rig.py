@@ -1,4 +1,14 @@
-"""A loop without an operator: it runs procedures to their end on a plant and a tip."""
+"""A loop without an operator: it runs procedures to their end on a plant and a tip.
+
+On devices::
+
+    with left_safe(bench := connect("bench:head.toml")):
+        plant = ActuatorPlant(bench, WallClock())
+        tip = CameraTip(BenchTip(plant), LiveCamera("camera:0"), head.calibration)
+        control = head.control(interval=plant.tick)
+        rig = InspectionRig(plant, tip, control, head.calibration)
+        rig.run(Go(), Go().begin(angles=(0.1, 0.0)))
+"""
 
 from __future__ import annotations
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
 from minorloop.arrays import FloatArray
-from minorloop.head.vision.calibrated_camera import Image
 from minorloop.lab.actuator import FrameSource, Shot
+
+if TYPE_CHECKING:
+    from minorloop.head.vision.calibrated_camera import Image
 
 ALL_LIGHTS = (True, True, True)
 

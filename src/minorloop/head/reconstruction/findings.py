@@ -6,11 +6,14 @@ import os
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from minorloop.files import check_writable, table_text, write_atomically
-from minorloop.head.ultrasound.pits import PitDepth
+
+if TYPE_CHECKING:
+    from minorloop.head.ultrasound.pits import PitDepth
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
-from scipy.special import ndtr
 
 from minorloop.arrays import BoolArray, FloatArray
 from minorloop.errors import SignalError
@@ -161,7 +159,7 @@ def inside_probability(patch: Patch, pit: PitDepth, outline: npt.ArrayLike | Non
         np.nan_to_num(pit.place_sd) ** 2 + (np.nan_to_num(pit.diameter_sd) / 2) ** 2 + _LEAST_RIM**2
     )
     mouth = pit.diameter if np.isfinite(pit.diameter) else 1e-3
-    disc: FloatArray = ndtr((mouth / 2 - off) / rim)
+    disc = _normal_share((mouth / 2 - off) / rim)
     if outline is None:
         return disc
     seen = np.clip(np.asarray(outline, dtype=np.float64), 0.01, 0.99)
@@ -203,7 +201,7 @@ def outline_of(
     seen = np.isfinite(shade)
     inner = seen & (off < 0.35 * diameter)
     outer = seen & (off > 0.65 * diameter) & (off < 1.1 * diameter)
-    disc: FloatArray = ndtr((diameter / 2 - off) / (0.08 * diameter))
+    disc = _normal_share((diameter / 2 - off) / (0.08 * diameter))
     if inner.sum() < 4 or outer.sum() < 8:
         return np.where(seen, disc, np.nan)
     inside, around = float(np.median(shade[inner])), float(np.median(shade[outer]))
@@ -343,10 +341,19 @@ def _ties(
     return ties
 
 
+def _normal_share(x: FloatArray) -> FloatArray:
+    """Return the normal distribution function."""
+    from scipy.special import ndtr
+
+    return np.asarray(ndtr(x))
+
+
 def _solve(
     means: MeanDepths, mask: BoolArray, ties: FloatArray, mean: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and deviation of the texels inside."""
+    from scipy.linalg import cho_factor, cho_solve  # not for who only steers a probe
+
     weighted = means.footprints[:, mask] / means.sds[:, None]
     normal = weighted.T @ weighted + ties + np.diag(1 / spread**2)
     right = weighted.T @ (means.values / means.sds) + ties @ mean + mean / spread**2

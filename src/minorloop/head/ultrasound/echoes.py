@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
 
 from minorloop.arrays import FloatArray, as_finite
 from minorloop.errors import ParameterError, SignalError
@@ -131,6 +130,8 @@ def _numbers(values: object) -> FloatArray | None:
 
 def matched(trace: npt.ArrayLike, interval: float, pulse: Pulse) -> npt.NDArray[np.complex128]:
     """Return the analytic correlation (T,) of a trace with a pulse of unit energy."""
+    from scipy import fft  # not for who only steers a probe
+
     samples = pulse.samples(interval)
     samples = samples / np.linalg.norm(samples)
     filtered = np.convolve(np.asarray(trace, dtype=np.float64), samples[::-1], mode="same")

@@ -10,7 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import jn_zeros, jnp_zeros, jv
 
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import wrapped
@@ -65,6 +64,8 @@ class UnitDisc:
 @lru_cache(maxsize=4)
 def unit_disc(limit: float) -> UnitDisc:
     """Return the modes up to a limit of chi."""
+    from scipy.special import jn_zeros, jnp_zeros, jv  # not for who only steers a probe
+
     nodes, share = np.polynomial.legendre.leggauss(_RADII)
     radii = 0.5 * (nodes + 1)
     turn = 2 * np.pi * np.arange(_ANGLES) / _ANGLES

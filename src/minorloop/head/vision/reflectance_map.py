@@ -12,7 +12,6 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
@@ -222,6 +221,8 @@ def median(stack: Image32) -> Image32:
 
 def _ground(level: Image32, seen: np.ndarray[Any, np.dtype[np.bool_]]) -> Image32:
     """Return the local median, of blocks and then of their neighbours."""
+    from scipy import ndimage  # not for who only tracks
+
     filled = np.where(seen, level, np.float32(np.median(level[seen])))
     rows, columns = (-(-n // _BLOCK) for n in filled.shape)
     pad = (rows * _BLOCK - filled.shape[0], columns * _BLOCK - filled.shape[1])

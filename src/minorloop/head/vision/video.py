@@ -37,6 +37,8 @@ _RATE = 25.0
 """Images of a folder in a second, and of a video that does not say."""
 _OPENING, _READING = 3000, 1000
 """Longest time in ms until a stream opens, and until it gives a picture."""
+_CLOSING = 5.0
+"""Longest time in seconds until a camera is closed: it may be opening."""
 _AGAIN = 0.5
 """Seconds until a camera that was lost is opened again."""
 _EXPOSURE_UNITS = 1e4
@@ -153,8 +155,12 @@ class LiveCamera:
         self._wanted = (exposure, gain)
 
     def close(self) -> None:
-        """Close the camera; a read that is under way may take another second."""
+        """Close the camera, and wait until it is; a read that is under way may take a second.
+
+        A program that ends while OpenCV still reads in a thread is aborted.
+        """
         self._over.set()
+        self._thread.join(_CLOSING)
 
     def _receive(self) -> None:
         while not self._over.is_set():

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from minorloop.errors import InstrumentError
-from minorloop.head.console.camera_tip import CameraTip
 from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
+from minorloop.head.procedures.camera_tip import CameraTip
 from minorloop.lab.actuator import Frame
 
-LENS = Pinhole(64, 48, 50.0, (31.5, 23.5))
+VIEW = HeadCalibration(
+    lens=Pinhole(64, 48, 50.0, (31.5, 23.5)), leds=np.zeros((3, 3)), latency=0.06
+)
 SMOOTH = np.add.outer(np.arange(48), np.arange(64)).astype(np.uint8) + 40
 
 
@@ -21,7 +24,7 @@ def tip_of(*images):
         expose=lambda *numbers: done.append(("expose", *numbers)),
     )
     own = SimpleNamespace(switch=lambda lights: done.append(("switch", lights)))
-    return CameraTip(own, camera, LENS), done
+    return CameraTip(own, camera, VIEW), done
 
 
 def test_good_pictures_pass():
@@ -54,10 +57,10 @@ def test_the_camera_is_exposed_and_the_lights_are_those_of_the_tip():
 
 
 def test_pictures_of_the_time_before_the_lights_were_switched_are_left_out(monkeypatch):
-    monkeypatch.setattr("minorloop.head.console.camera_tip.time.monotonic", lambda: 10.0)
-    waiting = [Frame(10.03, SMOOTH), Frame(10.07, SMOOTH + 1)]
+    monkeypatch.setattr("minorloop.head.procedures.camera_tip.time.monotonic", lambda: 10.0)
+    waiting = [Frame(10.05, SMOOTH), Frame(10.07, SMOOTH + 1)]
     camera = SimpleNamespace(address="camera:0", frame=lambda: waiting.pop(0))
-    own = SimpleNamespace(switch=lambda lights: None, settling=0.04)
-    tip = CameraTip(own, camera, LENS)
+    own = SimpleNamespace(switch=lambda lights: None)
+    tip = CameraTip(own, camera, VIEW)
     tip.switch((True, False, False))
     assert tip.frame().t == 10.07

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 
 from minorloop.errors import InstrumentError
-from minorloop.head.geometry import Pinhole
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.values import Tip
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.frame_checks import FROZEN, NO_PICTURE, TORN, WRONG_SIZE, check_frame
@@ -27,12 +27,13 @@ class CameraTip:
     ----------
     tip : Tip
     camera : LiveCamera
-    lens : Pinhole
-        For which the camera was calibrated.
+    view : HeadCalibration
+        Of the camera.
     """
 
-    def __init__(self, tip: Tip, camera: LiveCamera, lens: Pinhole) -> None:
-        self._tip, self._camera, self._lens = tip, camera, lens
+    def __init__(self, tip: Tip, camera: LiveCamera, view: HeadCalibration) -> None:
+        self._tip, self._camera = tip, camera
+        self._lens, self._latency = view.lens, view.latency
         self._before: Image | None = None
         self._lit, self._settled = True, 0.0
 
@@ -65,9 +66,7 @@ class CameraTip:
         """Set which lights are on from the next frame."""
         self._lit = any(lights)
         self._tip.switch(lights)
-        settling = getattr(self._tip, "settling", None)
-        if settling is not None:
-            self._settled = time.monotonic() + settling
+        self._settled = time.monotonic() + self._latency
 
     def expose(self, exposure: float, gain: float = 1.0) -> None:
         """Set exposure time in seconds and gain of the camera."""
