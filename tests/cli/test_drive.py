@@ -92,8 +92,8 @@ def test_a_table_that_ends_too_early_says_what_it_covers(run):
     line = DRIVE.replace("twin:ipmc", "twin:ipmc-laser").replace("0.02", "0.0028")
     status, _, err = run(f"{line} --table table.csv")
     assert status == 2
-    assert "nothing was measured in saturation; check the sensor, its range and its conv" in err
-    assert "which covers the table, 0 to 5" in err
+    assert "covers none of the readings" in err
+    assert "covers the table, 0 to 5: check its numbers" in err
 
 
 @pytest.mark.parametrize(

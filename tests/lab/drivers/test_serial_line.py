@@ -164,13 +164,15 @@ class Listener(Script):
 
 
 def test_a_board_that_is_on_is_kept_alive_until_nobody_has_it():
-    link = Listener(3)
+    link, others = Listener(3), set(threading.enumerate())
     one = Board(link)
     one.keep_alive()
     one.set(0.25)
     assert link.enough.wait(20)
     one.safe()
     keepers = [thread for thread in threading.enumerate() if "_keep" in thread.name]
+    keepers = [thread for thread in keepers if thread not in others]
+    assert keepers
     del one
     for thread in keepers:
         thread.join(20)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from minorloop.arrays import FloatArray
 from minorloop.head.geometry import Mount, Pinhole, rotation_z
 from minorloop.head.procedures.calibration import joint_degrees
+from minorloop.head.studies import scoring
 from minorloop.head.twins.camera import LENS
 from minorloop.head.twins.target_view import TargetCamera
 from minorloop.head.vision.imaging import opencv
@@ -74,7 +75,7 @@ class CalibrationScene:
         leds = self._camera.leds + rng.normal(0.0, 0.1e-3, (3, 3))
         self._camera.leds = self._glossy.leds = leds
         self.truth = CalibrationTruth(
-            self._camera._optics,
+            scoring.true_lens(self._camera),
             Mount(
                 lever=8e-3 * rng.uniform(0.9, 1.1),
                 offset=tuple(rng.uniform(-1e-3, 1e-3, 2).tolist()),

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
-from minorloop.head.geometry import Mount, meet_wall, wall_point
+from minorloop.head.geometry import Mount, Pinhole, meet_wall, wall_point
 from minorloop.head.twins.camera import Camera
 from minorloop.head.twins.pipe import Bore
 from minorloop.head.twins.rig import Rig
@@ -90,6 +90,11 @@ def middle_of(mount: Mount, plant: Rig, place: npt.ArrayLike, radius: float) -> 
     phi, z = np.asarray(place, dtype=np.float64).tolist()
     pose = mount.pose(*line_of_sight(plant).tolist())
     return np.asarray(pose.to_camera(wall_point(phi, z, radius)))
+
+
+def true_lens(camera: Camera) -> Pinhole:
+    """Return the lens of a camera."""
+    return camera._optics
 
 
 def true_pixel(camera: Camera, phi: npt.ArrayLike, z: npt.ArrayLike) -> FloatArray:
