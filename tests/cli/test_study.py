@@ -1,4 +1,5 @@
 import sys
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -18,7 +19,8 @@ def test_prints_claim_run_and_verdict_and_writes_the_report(run):
     assert fibre.TITLE in html
 
 
-def test_figures_of_several_specimens_are_medians(answer):
+def test_figures_of_several_specimens_are_medians(answer, monkeypatch):
+    monkeypatch.setattr(fibre, "run_study", cache(fibre.run_study))
     found = answer("study fibre --specimens 2 --seed 4")
     each = [fibre.run_study(seed).figures() for seed in (4, 5)]
     expected = sum(one["steady"]["curves_nrmse"] for one in each) / 2

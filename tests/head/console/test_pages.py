@@ -174,7 +174,7 @@ def shoot(page, name, *, whole=False):
 def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
     with operating(browser, address) as operator:
         page = operator.page
-        step = "#guide li:nth-child({}).now"
+        at_step = "document.querySelector('#guide li:nth-child({}).now')"
         page.keyboard.press("t")
         operator.wait("document.body.dataset.pilot === 'yes'")
         operator.enter("1", "HEAD")
@@ -186,7 +186,8 @@ def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
         page.keyboard.up("ArrowDown")
         operator.pick()
         operator.enter("2", "TRACK")
-        page.wait_for_selector(step.format(4))  # it has come to the middle, and into focus
+        with operator.looking_away():
+            operator.wait(at_step.format(4))  # it has come to the middle, and into focus
         page.keyboard.press("m")
         page.wait_for_selector("#findings li")
         assert re.search(r"⌀ (0\.9|1\.0)\d ±", page.inner_text("#findings"))
@@ -196,9 +197,8 @@ def test_a_pit_is_inspected_with_the_keyboard_alone(browser, address):
         page.wait_for_selector("#guide progress:not([hidden])")
         with operator.looking_away():
             operator.in_mode("HOLD")
-            page.wait_for_function(
-                "document.querySelector('#guide li:nth-child(6).now')", polling=500, timeout=240_000
-            )  # the fit shares two cores
+            # The fit shares two cores.
+            page.wait_for_function(at_step.format(6), polling=500, timeout=240_000)
         finding = downloaded(page, "/api/findings.json")["findings"][0]
         assert finding["verdict"] == "measured"
         assert finding["diameter"] == pytest.approx(1e3 * PIT[2], abs=0.06)
