@@ -192,6 +192,14 @@ def make_folder(path: PathLike, *, force: bool = False) -> Path:
     return folder
 
 
+def write_folder(path: PathLike, files: Mapping[str, str], *, force: bool = False) -> Path:
+    """Write texts, by the names of their files, into a folder as `make_folder` accepts it."""
+    folder = make_folder(path, force=force)
+    for name, text in files.items():
+        write_atomically(folder / name, text)
+    return folder
+
+
 def _named(path: PathLike) -> Path:
     """Return the path; refuse one that cannot be the name of a file."""
     if "\0" in os.fspath(path):

@@ -22,7 +22,7 @@ from minorloop.errors import ParameterError
 from minorloop.export._tables import Numbers
 from minorloop.export._templates import render
 from minorloop.export.c99 import source
-from minorloop.files import PathLike, make_folder, write_atomically
+from minorloop.files import PathLike, write_folder
 from minorloop.lab.actuator import Channel
 from minorloop.operators.memory import ROOM
 from minorloop.operators.preisach import Preisach
@@ -130,9 +130,7 @@ class BoardSource:
         OutputError
             If the folder is not empty or cannot be written to.
         """
-        place = make_folder(folder, force=force)
-        for name, text in self.files.items():
-            write_atomically(place / name, text)
+        write_folder(folder, self.files, force=force)
 
 
 def board_source(

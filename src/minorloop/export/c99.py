@@ -20,7 +20,7 @@ from minorloop.export._relays import relay_parts
 from minorloop.export._selftest import asked_of, examples, selftest, width_of
 from minorloop.export._tables import Numbers, Parts, operator_tables, text_only
 from minorloop.export._templates import render
-from minorloop.files import PathLike, make_folder, write_atomically
+from minorloop.files import PathLike, write_folder
 from minorloop.operators.generalised_prandtl_ishlinskii import GeneralisedPrandtlIshlinskii
 from minorloop.operators.memory import LEAST_ROOM, MOST_ROOM, ROOM
 from minorloop.operators.prandtl_ishlinskii import PrandtlIshlinskii
@@ -82,10 +82,7 @@ class CSource:
         OutputError
             If the folder is not empty or cannot be written to.
         """
-        place = make_folder(folder, force=force)
-        for name, text in self.files.items():
-            write_atomically(place / name, text)
-        return place
+        return write_folder(folder, self.files, force=force)
 
 
 def export_c(model: Any, folder: PathLike, *, force: bool = False, **options: Any) -> CSource:

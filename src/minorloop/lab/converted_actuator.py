@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError, SignalError
-from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed, Value
+from minorloop.lab.actuator import Actuator, Channel, Value
 from minorloop.lab.conversion import Conversion
 from minorloop.lab.records import Quantity, Record
+from minorloop.lab.wrapped_actuator import WrappedActuator, WrappedTwin
 
 __all__ = ["ConvertedActuator", "ConvertedTwin", "with_conversion"]
 
 
-class ConvertedActuator:
+class ConvertedActuator(WrappedActuator):
     """An actuator that shows its converted output.
 
     Parameters
@@ -36,33 +35,17 @@ class ConvertedActuator:
             raise ParameterError(
                 f"the actuator has {len(actuator.outputs)} outputs; a conversion is for one"
             )
-        self._actuator, self._conversion = actuator, conversion
+        super().__init__(actuator)
+        self._conversion = conversion
         reading = Quantity(actuator.outputs[0].name, actuator.outputs[0].unit)
         quantity = conversion.quantity(reading)
-        self.outputs: tuple[Channel, ...] = (Channel(quantity.name, quantity.unit),)
-        self.warnings: tuple[str, ...] = tuple(getattr(actuator, "warnings", ()))
+        self.outputs = (Channel(quantity.name, quantity.unit),)
         self._covered_once = False
-
-    @property
-    def inputs(self) -> tuple[Channel, ...]:
-        """The inputs of the actuator."""
-        return self._actuator.inputs
 
     @property
     def covered(self) -> str:
         """Which readings are covered by the conversion, for a message."""
         return self._conversion.covered
-
-    @property
-    def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
-        return self._actuator.tick
-
-    @property
-    def description(self) -> dict[str, Any] | None:
-        """The instruments, as the actuator describes them; None if it does not."""
-        found: dict[str, Any] | None = getattr(self._actuator, "description", None)
-        return found
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold an input as the actuator does; the output of the record is converted.
@@ -90,32 +73,9 @@ class ConvertedActuator:
         reading: FloatArray = self._conversion.convert(np.atleast_1d(self._actuator.exchange(u)))
         return float(reading[0])
 
-    def safe(self) -> None:
-        """Make the actuator safe."""
-        self._actuator.safe()
 
-    def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
-        return self._actuator.answer_time() if isinstance(self._actuator, Timed) else 0.0
-
-    def written(self, u: float) -> float:
-        """Return the input that the source writes for ``u``; nothing is applied."""
-        return self._actuator.written(u) if isinstance(self._actuator, Rounding) else u
-
-
-class ConvertedTwin(ConvertedActuator):
+class ConvertedTwin(WrappedTwin, ConvertedActuator):
     """A converted actuator whose state can be saved and restored."""
-
-    _actuator: Any
-
-    def checkpoint(self) -> dict[str, Any]:
-        """Return the state, ready for JSON."""
-        found: dict[str, Any] = self._actuator.checkpoint()
-        return found
-
-    def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go back to a saved state."""
-        self._actuator.restore(checkpoint)
 
 
 def with_conversion(actuator: Actuator, conversion: Conversion) -> ConvertedActuator:

@@ -10,13 +10,14 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import InstrumentError, MinorloopError, ParameterError, SafetyError
-from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed, Value, check_input
+from minorloop.lab.actuator import Channel, Value, check_input
 from minorloop.lab.records import Record
+from minorloop.lab.wrapped_actuator import WrappedActuator, WrappedTwin
 
 __all__ = ["LimitedActuator", "LimitedTwin", "with_limits"]
 
 
-class LimitedActuator:
+class LimitedActuator(WrappedActuator):
     """An actuator that is sent no input beyond its limits, and made safe after any error.
 
     Parameters
@@ -32,23 +33,9 @@ class LimitedActuator:
 
     def __init__(self, actuator: Any) -> None:
         _check_actuator(actuator)
-        self._actuator: Actuator = actuator
-        self.inputs: tuple[Channel, ...] = tuple(actuator.inputs)
-        self.outputs: tuple[Channel, ...] = tuple(actuator.outputs)
-        self.warnings: tuple[str, ...] = tuple(getattr(actuator, "warnings", ()))
+        super().__init__(actuator)
         self.serial: str | None = getattr(actuator, "serial", None)
         self._present: FloatArray | None = None
-
-    @property
-    def tick(self) -> float:
-        """How long one ``exchange`` takes, in seconds."""
-        return self._actuator.tick
-
-    @property
-    def description(self) -> dict[str, Any] | None:
-        """The instruments, as the actuator describes them; None if it does not."""
-        found: dict[str, Any] | None = getattr(self._actuator, "description", None)
-        return found
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold inputs as the actuator does.
@@ -98,18 +85,6 @@ class LimitedActuator:
                 f"the actuator may still be on, switch it off by hand: {_said(error)}"
             ) from error
 
-    def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
-        return self._actuator.answer_time() if isinstance(self._actuator, Timed) else 0.0
-
-    def written(self, u: float) -> float:
-        """Return the input that the source writes for ``u``; nothing is applied."""
-        return self._actuator.written(u) if isinstance(self._actuator, Rounding) else u
-
-    def close(self) -> None:
-        """Close the connections of the actuator, if it has any."""
-        getattr(self._actuator, "close", lambda: None)()
-
     def _done(self, work: Any) -> Any:
         """Return what was done; after an error the actuator is safe."""
         try:
@@ -129,20 +104,13 @@ class LimitedActuator:
         return float(values[0]) if values.size == 1 else values
 
 
-class LimitedTwin(LimitedActuator):
+class LimitedTwin(WrappedTwin, LimitedActuator):
     """Such an actuator whose state can be saved and restored."""
-
-    _actuator: Any
-
-    def checkpoint(self) -> dict[str, Any]:
-        """Return the state, ready for JSON."""
-        found: dict[str, Any] = self._actuator.checkpoint()
-        return found
 
     def restore(self, checkpoint: dict[str, Any]) -> None:
         """Go back to a saved state."""
         self._present = None
-        self._actuator.restore(checkpoint)
+        super().restore(checkpoint)
 
 
 def with_limits(actuator: Any) -> LimitedActuator:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.errors import ParameterError
-from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed, Value
+from minorloop.lab.actuator import Actuator, Channel, Value
 from minorloop.lab.records import Record
+from minorloop.lab.wrapped_actuator import WrappedActuator, WrappedTwin
 
 __all__ = ["SingleChannel", "SingleTwinChannel", "single_channel"]
 
 
-class SingleChannel:
+class SingleChannel(WrappedActuator):
     """One input of an actuator, with the others at rest, and one of the outputs.
 
     Parameters
@@ -25,26 +24,14 @@ class SingleChannel:
     """
 
     def __init__(self, actuator: Actuator, input: int, output: int) -> None:
-        self._actuator, self._input, self._output = actuator, input, output
+        super().__init__(actuator)
+        self._input, self._output = input, output
         self.inputs = (actuator.inputs[input],)
         self.outputs = (actuator.outputs[output],)
-        self.tick = actuator.tick
-        self.warnings: tuple[str, ...] = tuple(getattr(actuator, "warnings", ()))
-
-    @property
-    def description(self) -> dict[str, Any] | None:
-        """The instruments, as the actuator describes them; None if it does not."""
-        found: dict[str, Any] | None = getattr(self._actuator, "description", None)
-        return found
-
-    def answer_time(self) -> float:
-        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
-        return self._actuator.answer_time() if isinstance(self._actuator, Timed) else 0.0
 
     def written(self, u: float) -> float:
         """Return the input that the source writes for ``u``; nothing is applied."""
-        only = isinstance(self._actuator, Rounding) and len(self._actuator.inputs) == 1
-        return self._actuator.written(u) if only else u  # type: ignore[attr-defined]
+        return super().written(u) if len(self._actuator.inputs) == 1 else u
 
     def apply(self, u: Value, duration: float, sample_interval: float) -> Record:
         """Hold the input, and return a record of it and the output."""
@@ -57,14 +44,6 @@ class SingleChannel:
         """Hold the input for one tick, and return the output at its end."""
         return float(np.atleast_1d(self._actuator.exchange(self._all(u)))[self._output])
 
-    def safe(self) -> None:
-        """Make the whole actuator safe."""
-        self._actuator.safe()
-
-    def close(self) -> None:
-        """Close the connections of the actuator, if it has any."""
-        getattr(self._actuator, "close", lambda: None)()
-
     def _all(self, u: Value) -> FloatArray:
         every: FloatArray = np.zeros(len(self._actuator.inputs))
         every[:] = getattr(self._actuator, "rest", 0.0)
@@ -72,17 +51,8 @@ class SingleChannel:
         return every
 
 
-class SingleTwinChannel(SingleChannel):
+class SingleTwinChannel(WrappedTwin, SingleChannel):
     """One input and one output of an actuator that is restored, and not replayed."""
-
-    def checkpoint(self) -> dict[str, Any]:
-        """Return the state of the actuator."""
-        state: dict[str, Any] = self._actuator.checkpoint()  # type: ignore[attr-defined]
-        return state
-
-    def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Bring the actuator back to a state."""
-        self._actuator.restore(checkpoint)  # type: ignore[attr-defined]
 
 
 def single_channel(

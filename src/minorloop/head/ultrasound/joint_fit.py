@@ -80,6 +80,7 @@ class JointFit:
         if far is None:
             far = np.argsort(-np.linalg.norm(self.model.off(), axis=1))[:FAR]
         self._k = self.model.sound.wavenumbers
+        self._received = as_parts(self.spectra.received)
         self._trial_turns = as_parts(np.exp(2j * self._k * _TRIALS[:, None]))
         self.shift = np.zeros(len(self.spectra.received))
         plain, received = self.model.plain[far], self.spectra.received[far]
@@ -204,9 +205,8 @@ class JointFit:
 
     def _misfit(self, model: ComplexArray) -> FloatArray:
         """Return the mean square residual (K,) over the noise, at the present shifts."""
-        power = np.empty(len(model))
-        received, expected = self.spectra.received, self.pulse * model
-        kernels.residual_power(as_parts(received), as_parts(expected), self._k, self.shift, power)
+        power, expected = np.empty(len(model)), as_parts(self.pulse * model)
+        kernels.residual_power(self._received, expected, self._k, self.shift, power)
         misfit: FloatArray = power / (2 * self.spectra.noise**2)
         return misfit
 

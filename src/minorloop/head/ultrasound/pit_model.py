@@ -166,7 +166,7 @@ class PitModel:
         disc, sound = self._disc, self.sound
         out = np.empty((len(pressure), disc.across.size, *pressure.shape[2:]))
         kernels.mode_squares(
-            pressure, shape, a, disc.waves[: _ANGLES // 2 + 1].copy(), disc.odd, disc.radial,
+            pressure, shape, a, disc.waves[: _ANGLES // 2 + 1], disc.odd, disc.radial,
             disc.wave, sound.first, sound.step, out,
         )  # fmt: skip
         return out

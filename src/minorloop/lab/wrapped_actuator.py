@@ -1,0 +1,67 @@
+"""What an actuator that stands before another passes on unchanged."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from minorloop.lab.actuator import Actuator, Channel, Rounding, Timed
+
+__all__ = ["WrappedActuator", "WrappedTwin"]
+
+
+class WrappedActuator:
+    """The base of actuators that change what another one takes or gives.
+
+    Parameters
+    ----------
+    actuator : Actuator
+        The other one.
+    """
+
+    def __init__(self, actuator: Actuator) -> None:
+        self._actuator = actuator
+        self.inputs: tuple[Channel, ...] = tuple(actuator.inputs)
+        self.outputs: tuple[Channel, ...] = tuple(actuator.outputs)
+        self.warnings: tuple[str, ...] = tuple(getattr(actuator, "warnings", ()))
+
+    @property
+    def tick(self) -> float:
+        """How long one ``exchange`` takes, in seconds."""
+        return self._actuator.tick
+
+    @property
+    def description(self) -> dict[str, Any] | None:
+        """The instruments, as the actuator describes them; None if it does not."""
+        found: dict[str, Any] | None = getattr(self._actuator, "description", None)
+        return found
+
+    def answer_time(self) -> float:
+        """Return how long one reading takes, in seconds; 0 where the actuator does not say."""
+        return self._actuator.answer_time() if isinstance(self._actuator, Timed) else 0.0
+
+    def written(self, u: float) -> float:
+        """Return the input that the source writes for ``u``; nothing is applied."""
+        return self._actuator.written(u) if isinstance(self._actuator, Rounding) else u
+
+    def safe(self) -> None:
+        """Make the actuator safe."""
+        self._actuator.safe()
+
+    def close(self) -> None:
+        """Close the connections of the actuator, if it has any."""
+        getattr(self._actuator, "close", lambda: None)()
+
+
+class WrappedTwin:
+    """What is added where the state of the actuator can be saved and restored."""
+
+    _actuator: Any
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Return the state, ready for JSON."""
+        found: dict[str, Any] = self._actuator.checkpoint()
+        return found
+
+    def restore(self, checkpoint: dict[str, Any]) -> None:
+        """Go back to a saved state."""
+        self._actuator.restore(checkpoint)
