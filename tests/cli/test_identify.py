@@ -37,7 +37,8 @@ def test_from_a_file_to_a_model_with_its_origin(run):
     assert "report written to new.html" in out
     found = modelfile.read("new.json")
     assert (str(found.input), str(found.output), found.lag) == ("voltage [V]", "length [um]", 0)
-    assert found.model == identify(*record(), levels=8, holdout=0.2).model
+    chosen = {"lag": "auto", "diagonal": "auto", "slope": "auto"}  # as the command does
+    assert found.model == identify(*record(), levels=8, holdout=0.2, **chosen).model
     origin = found.provenance
     assert (origin.data, origin.minorloop) == ("good.csv", __version__)
     assert origin.sha256 == hashlib.sha256(Path("good.csv").read_bytes()).hexdigest()
