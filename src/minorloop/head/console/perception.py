@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from minorloop.errors import MinorloopError, SignalError
-from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
+from minorloop.head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
 from minorloop.head.console.finder import Finder
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan_echoes import ScanEchoes
@@ -83,7 +83,7 @@ class Perception:
         self._picked: tuple[float, float] | None = None
         self._visible, self._score = False, 0.0
         self._work: _Work | None = None
-        self._all_lights = True
+        self._all_lights = self._framed = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._ticks = 0
         self._queue: list[Callable[[], None]] = []
@@ -106,7 +106,7 @@ class Perception:
         }
 
     def tick(self, request: CameraRequest) -> CameraReport:
-        """Carry out the commands, process a frame and report; ``image`` is the one to show."""
+        """Carry out the commands, process a frame and report; ``image`` is shown, if any."""
         self._position = request.position
         self._tip.move_to(request.stance)
         for name, numbers in request.commands:
@@ -116,14 +116,15 @@ class Perception:
         idle = self._work is None and self._echoes is None
         if idle and self._finder.at_rest_somewhere_new(request.position):
             self._find()
-        lit, free, fresh = self._all_lights, self._work is None, True
-        reading = self._reading(self._tip.frame().image)
-        if lit:
-            self.image = reading.image
-            fresh = self._picked is None
-            if not fresh:  # the track starts at this frame, so it is not followed in it
-                self._try(self._begin_track, [reading])
-        target = self._follow(reading, lit and fresh and free)
+        image = self._frame(request.number)
+        reading, seen = self._reading(image), image is not None and self._all_lights
+        usable = seen and self._work is None
+        if seen or image is None:
+            self.image = image
+        if seen and self._picked is not None:
+            self._try(self._begin_track, [reading])
+            usable = False  # the track starts at this frame, so it is not followed in it
+        target = self._follow(reading, usable)
         if self._work is not None:
             self._continue(self._work, reading)
         else:
@@ -138,6 +139,16 @@ class Perception:
             spots=self._finder.shown(request.position),
             events=events,
         )
+
+    def _frame(self, number: int) -> Image | None:
+        """Return the frame of a tick; a scan needs none, so that it has only those to show."""
+        scanning = self._echoes is not None and self._work is None
+        if scanning and self._framed and number % FEW_PICTURES:
+            return None
+        self._framed = False  # a camera that fails is asked again in the next tick
+        image = self._tip.frame().image
+        self._framed = True
+        return image
 
     def _reading(self, image: Image | None = None) -> Reading:
         return reading_at(self._position, t=self._ticks * _FRAME, image=image)
