@@ -3,6 +3,7 @@ import pytest
 
 from minorloop.errors import LimitError, ParameterError
 from minorloop.head.geometry import Mount, Probe, wall_point
+from minorloop.head.twins import _echo_kernels as kernels
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Pipe
 from minorloop.head.twins.sensor import Fault
 from minorloop.head.twins.ultrasound import Ultrasound
@@ -35,6 +36,13 @@ def test_it_implements_the_protocol_of_an_echo_source():
     first, second = sonar.shot(), sonar.shot()
     assert first.trace.shape == (2048,)
     assert second.t - first.t == pytest.approx(1e-3)
+
+
+def test_its_first_shot_at_a_pit_compiles_nothing(monkeypatch):
+    called, loop = [], kernels.pressure_at
+    monkeypatch.setattr(kernels, "pressure_at", lambda *given: (called.append(1), loop(*given)))
+    probe_at(Pipe(water=FULL, bores=(PIT,)))
+    assert called
 
 
 @pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0])

@@ -196,6 +196,8 @@ class Ultrasound(Mounted):
         quiet = (self._surface[0], 0.0 * self._surface[1], 0.0)
         spectrum = self._pulse() * self._wall(*squarely, _features(plain), quiet, -np.inf)[0]
         self._scale = 1 / np.abs(self._to_time(spectrum, 2 * stand_off / self._speed)).max()
+        # Compiled here, which takes a second once; in the first shot at a pit it would stop a scan.
+        self._pressure(np.array([[radius, 0.0, 0.0]]), *squarely)
 
     def _pulse(self) -> Spectrum:
         """Return the spectrum of the pulse there and back, reflected by steel in water."""
