@@ -42,7 +42,7 @@ _MOST = 0.9
 """Percentile of a row: neither a dark part of it nor glints in a tenth of it matter."""
 _EQUAL_ROWS, _ROW_GREY = 2, 4
 """Equal rows, and their least grey level, by which two frames share rows: noise of a grey level
-never repeats 160 pixels of a row, but near black it is cut off at 0. A strip has more than one row."""
+never repeats 160 pixels of a row, but near black it is cut off at 0. A strip has several rows."""
 
 
 def check_frame(
