@@ -196,8 +196,6 @@ class Ultrasound(Mounted):
         quiet = (self._surface[0], 0.0 * self._surface[1], 0.0)
         spectrum = self._pulse() * self._wall(*squarely, _features(plain), quiet, -np.inf)[0]
         self._scale = 1 / np.abs(self._to_time(spectrum, 2 * stand_off / self._speed)).max()
-        # Compiled here, which takes a second once; in the first shot at a pit it would stop a scan.
-        self._pressure(np.array([[radius, 0.0, 0.0]]), *squarely)
 
     def _pulse(self) -> Spectrum:
         """Return the spectrum of the pulse there and back, reflected by steel in water."""
@@ -340,6 +338,22 @@ class Ultrasound(Mounted):
         origin = axis * self.probe.face + np.array([0.0, 0.0, bore.z])
         spectrum = self._floor(bore, basis, origin, axis, -np.inf) * self._pulse()
         return float(np.abs(self._to_time(spectrum, 2 * self._stand_off / self._speed)).max())
+
+
+def compile_echoes() -> None:
+    """Compile the loops of an echo.
+
+    This takes seconds on a new machine, more than a camera in the same process may be late.
+    """
+    table, out = np.zeros((2, 2, 1), dtype=np.complex64), np.zeros(1, dtype=np.complex128)
+    origin, axis = np.zeros(3), np.array([1.0, 0.0, 0.0])
+    beam = table, np.ones(3), 1.0, 1.0, origin, axis
+    bores, dents = _features(Pipe())
+    surface = np.zeros((1, 1)), np.zeros((1, 1, 2)), 1.0, 0.0
+    kernels.echo_of_wall(
+        *beam, 1.0, 0.0, 1.0, -np.inf, bores, dents, *surface, 0.0, out, np.zeros_like(out)
+    )
+    kernels.pressure_at(*beam, 0.0, origin[None], out[None])
 
 
 def _speed_of_sound(temperature: float) -> float:
