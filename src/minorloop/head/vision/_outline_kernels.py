@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 
 RAYS = 48
-"""Rays of a polar profile: about one for each texel of the outline of the smallest hole. With 24 the
-radius scatters by 0.42 %, with 48 and with 96 by 0.40 %."""
+"""Rays of a polar profile: about one for each texel of the outline of the smallest hole. With 24
+the radius scatters by 0.42 %, with 48 and with 96 by 0.40 %."""
 FIRST = 2.0
 """Radius of the first sample in texels; nearer to the middle all rays see the same texels."""
 SPACING = 0.5
