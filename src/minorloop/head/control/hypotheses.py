@@ -13,8 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, IntArray
+from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.head.control import _hypotheses_kernels as _kernels
 from minorloop.head.control.observer import Estimate
 
 _EACH = 3000
@@ -24,8 +25,8 @@ _AMBIENTS, _COOLINGS = (-65.0, 30.0), (-0.3, 3.5)
 """Changes of the ambient in K and of the logarithm of the convection: from a cold room to a flooded
 pipe."""
 _RESISTANCE_SPREAD = 0.08
-"""Standard deviation of the cold over the hot resistance among wires; data sheets of nickel-titanium
-give 0.7 to 0.9."""
+"""Standard deviation of the cold over the hot resistance among wires; data sheets of
+nickel-titanium give 0.7 to 0.9."""
 _STEPS = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)
 """Steps of an even sequence in the unit cube: powers of the root of x**4 = x + 1."""
 _TABLE = 257
@@ -106,17 +107,22 @@ class Hypotheses:
 
     def step(self, bank: Bank, current: float, measurement: float, interval: float) -> Bank:
         """Return the bank after an interval with a current; the measurement may be NaN."""
-        place, share = self._place(bank.power)
-        angle = _between(bank.branch, place, share)
-        slope = (bank.branch[place + 1] - bank.branch[place]) * self._per_unit
-        gap = current**2 - self.cooling * (bank.power - self._equivalent(angle))
-        stiff = self.wire.lag + self.cooling * interval + self.wire.latent * slope
-        cost = bank.cost
-        if np.isfinite(measurement):
-            miss = np.minimum(np.abs(measurement - angle) / _MODEL_ERROR, _MOST_MISS)
-            news = miss**2 * (interval / _DECORRELATION)
-            cost = cost * np.exp(-interval / _MEMORY) + news
-        return Bank(bank.power + interval * gap / stiff, cost, bank.branch)
+        wire, decay = self.wire, float(np.exp(-interval / _MEMORY))
+        power, cost = _kernels.advance(
+            bank.power,
+            bank.cost,
+            bank.branch,
+            self._low,
+            self._per_unit,
+            self._around,
+            wire.operator.range,
+            (wire.lag, wire.latent),
+            current**2,
+            interval,
+            measurement,
+            (_MODEL_ERROR, _MOST_MISS, interval / _DECORRELATION, decay),
+        )
+        return Bank(power, cost, bank.branch)
 
     def weights(self, bank: Bank) -> FloatArray:
         """Return the weight (M,) of each hypothesis; they sum to 1."""
@@ -128,12 +134,18 @@ class Hypotheses:
 
         Its error at the present angle is assumed to remain.
         """
-        at = _between(bank.branch, *self._place(bank.power))
-        error = angle - at
-        for _ in range(_ITERATIONS):
-            power = self._equivalent(at) + current**2 / self.cooling
-            at = _between(bank.branch, *self._place(power))
-        return np.asarray(np.minimum(at + error, self.wire.operator.range[1]))
+        final: FloatArray = _kernels.settled(
+            bank.power,
+            bank.branch,
+            self._low,
+            self._per_unit,
+            self._around,
+            self.wire.operator.range,
+            current**2,
+            angle,
+            _ITERATIONS,
+        )
+        return final
 
     @staticmethod
     def independent(seconds: float) -> float:
@@ -143,7 +155,7 @@ class Hypotheses:
     @cached_property
     def ambient(self) -> FloatArray:
         """Power (M,) in A^2 to which the ambient of each hypothesis is equivalent, hot wire."""
-        return self._drawn[0] / self.rise
+        return np.asarray(self._drawn[0] / self.rise)
 
     @cached_property
     def cooling(self) -> FloatArray:
@@ -190,18 +202,6 @@ class Hypotheses:
     def _per_unit(self) -> float:
         return (_TABLE - 1) / (self._high - self._low)
 
-    def _place(self, power: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the position of powers in the table: index to the left, and share of the step."""
-        place = np.clip((power - self._low) * self._per_unit, 0.0, _TABLE - 1.000001)
-        left = place.astype(np.int64)
-        return left, place - left
-
-    def _equivalent(self, angle: FloatArray) -> FloatArray:
-        """Return the power to which each ambient is equivalent for a wire at an angle, in A^2."""
-        low, high = self.wire.operator.range
-        hot = np.clip((angle - low) / (high - low), 0.0, 1.0)
-        return self.ambient / (self.resistance + (1.0 - self.resistance) * hot)
-
-
-def _between(table: FloatArray, left: IntArray, share: FloatArray) -> FloatArray:
-    return np.asarray(table[left] + share * (table[left + 1] - table[left]))
+    @cached_property
+    def _around(self) -> FloatArray:
+        return np.array([self.ambient, self.cooling, self.resistance])
