@@ -75,7 +75,7 @@ def run(
             if settings.camera is not None:
                 camera = LiveCamera(settings.camera)
                 ends.callback(camera.close)
-                perception = Perception(CameraTip(tip, camera, view), view, _in(pool))
+                perception = Perception(CameraTip(tip, camera, view), view, _in(pool), live=True)
                 trial = Perception(StillTip(view.lens), view, _in(pool))
             opencv()
         except (MinorloopError, ImportError) as error:

@@ -71,10 +71,15 @@ class Perception:
         Their calibration.
     later : Later
         Runs longer computations.
+    live : bool
+        Whether the camera is a device. Its frames are taken during a scan too, so that one that
+        stops is noticed; a simulated one cannot stop, and draws only what is shown.
     """
 
-    def __init__(self, tip: Tip, view: HeadCalibration, later: Later = at_once) -> None:
-        self._tip, self.view, self._later = tip, view, later
+    def __init__(
+        self, tip: Tip, view: HeadCalibration, later: Later = at_once, *, live: bool = False
+    ) -> None:
+        self._tip, self.view, self._later, self._live = tip, view, later, live
         self._finder = Finder(view)
         self._centring = Centring(calibration=view)
         self._metering = Metering(calibration=view, seconds=math.inf)
@@ -83,7 +88,7 @@ class Perception:
         self._picked: tuple[float, float] | None = None
         self._visible, self._score = False, 0.0
         self._work: _Work | None = None
-        self._all_lights = self._framed = True
+        self._all_lights = True
         self._pending: list[tuple[Callable[[], Any | None], Callable[[Any], None]]] = []
         self._ticks = 0
         self._queue: list[Callable[[], None]] = []
@@ -141,14 +146,11 @@ class Perception:
         )
 
     def _frame(self, number: int) -> Image | None:
-        """Return the frame of a tick; a scan needs none, so that it has only those to show."""
+        """Return the frame of a tick, if it needs one; a scan has only those to show."""
         scanning = self._echoes is not None and self._work is None
-        if scanning and self._framed and number % FEW_PICTURES:
+        if scanning and not self._live and number % FEW_PICTURES:
             return None
-        self._framed = False  # a camera that fails is asked again in the next tick
-        image = self._tip.frame().image
-        self._framed = True
-        return image
+        return self._tip.frame().image
 
     def _reading(self, image: Image | None = None) -> Reading:
         return reading_at(self._position, t=self._ticks * _FRAME, image=image)
