@@ -362,7 +362,7 @@ def draw_steps(study: HeadStudy) -> Any:
     """Draw steps with every controller: angles above, currents below."""
     figure, axes = new_figure(2, 3, height=5.6, sharex=True, sharey="row")
     for column, target in enumerate(TARGETS):
-        for name, words in _WORDS.items():
+        for name, words in reversed(_WORDS.items()):  # the default is drawn last, on top
             run = study.runs[f"step {target:g}", name]
             colour = _COLOURS[name]
             axes[0, column].plot(run.t, run.truth.angle[:, 0], color=colour, lw=1.1, label=words)
