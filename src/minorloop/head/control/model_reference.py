@@ -60,7 +60,7 @@ class ModelReference(Loop):
     v = w_r r + w_y y + w_0, u^2 = Gamma^-1[v], with the reference model
     lambda dy_m/dt = r - y_m and, for e = y - y_m and phi = (r, y, S) / S,
 
-    dw/dt = -gamma e phi / (S (1 + |phi|^2)).
+    dw/dt = -gamma e phi / (S (1 + phi . phi)).
 
     S is the stroke. While the current is at a limit, the model follows the target that would
     have given the applied current.
