@@ -29,7 +29,7 @@ def test_a_small_gain_on_every_piece_is_worth_a_pole_and_chance_is_not():
 
 def test_a_large_gain_on_the_fast_part_of_a_record_is_worth_a_pole():
     few = NOISE.copy()
-    few[:10] += np.geomspace(0.5, 2000, 10)
+    few[:10] += np.geomspace(0.5, 2000, 10)  # of 40
     assert better(fit(0, 2, NOISE), fit(0, 1, few))
     assert not better(fit(0, 1, few), fit(0, 2, NOISE))
 
