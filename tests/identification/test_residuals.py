@@ -3,7 +3,8 @@ import pytest
 
 from fault_records import record
 from minorloop.identification import identify
-from minorloop.identification.residuals import amplitudes, find_startup, one_of_each
+from minorloop.identification.residuals import amplitudes, find_startup
+from minorloop.identification.rough_model import one_of_each
 
 
 def test_a_startup_is_short_and_worse_than_the_rest():

@@ -9,6 +9,7 @@ import numpy as np
 
 from minorloop.arrays import BoolArray, FloatArray, IntArray
 from minorloop.identification.offset_steps import MOST_ROWS, find_offset_step
+from minorloop.identification.rough_model import one_of_each
 
 _FEWEST = 30
 """Residuals below which only the worst is reported."""
@@ -334,17 +335,6 @@ def amplitudes(u: FloatArray) -> FloatArray:
     ends = np.concatenate([[0], turns, [u.size - 1]])
     sizes = np.abs(np.diff(u[ends]))
     return np.asarray(sizes[np.clip(np.searchsorted(ends, np.arange(u.size)) - 1, 0, None)])
-
-
-def one_of_each(size: int, most: int) -> IntArray:
-    """Return one random row of each of so many blocks, in order; all rows if there are no more.
-
-    Every n-th row would meet a periodic record always at the same place.
-    """
-    if size <= most:
-        return np.arange(size)
-    edges = np.arange(most + 1) * size // most
-    return np.asarray(np.random.default_rng(0).integers(edges[:-1], edges[1:]))
 
 
 def _by(feature: FloatArray, error: FloatArray) -> tuple[tuple[float, float, float], ...]:
