@@ -215,6 +215,13 @@ def test_what_is_no_record_or_too_large_is_refused(long):
             reduce(Record(log.t, u, y))
 
 
+def test_times_that_stand_still_are_refused(long):
+    log, _ = long
+    still = Record(0 * log.t, log.u, log.y, "voltage [V]", "distance [mm]")
+    with pytest.raises(RecordError, match="the times stand still at 0; give those of the samples"):
+        reduce(still, conversion=LASER)
+
+
 def test_a_log_without_holds_is_refused():
     t = np.arange(3000.0)
     with pytest.raises(RecordError, match=r"holds found in 3000 samples of input, with"):

@@ -245,6 +245,10 @@ def reduce(
             f"the log has {counted(len(record.inputs), 'input')} and "
             f"{counted(len(record.outputs), 'output')}; give one of each"
         )
+    if len(record) > 1 and not (np.diff(record.t) > 0).any():
+        raise RecordError(
+            f"the times stand still at {record.t[0]:g}; give those of the samples, or none"
+        )
     if as_finite("shortest", shortest) < 0:
         raise ParameterError(f"shortest is {shortest}; give a duration >= 0")
     if tolerance is not None and not as_finite("tolerance", tolerance) > 0:
@@ -333,7 +337,8 @@ def _points(
     tolerance: float | None,
     values: FloatArray,
 ) -> list[ReducedPoint]:
-    interval = float(np.median(np.diff(log.t))) if len(log) > 1 else 1.0
+    steps = np.diff(log.t)
+    interval = float(np.median(steps[steps > 0]))
     change = SPAN_SHARE * _span(log, holds)
     noise = max(float(np.median([hold.sd for hold in holds])), 1e-9 * float(np.ptp(log.u)))
     points: list[ReducedPoint] = []
