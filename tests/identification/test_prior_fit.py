@@ -122,15 +122,24 @@ def test_many_samples_are_summed_and_agree_with_few():
     assert many.posterior is not None
 
 
-def test_auto_takes_the_prior_for_few_samples_only():
+def test_auto_takes_the_prior_unless_a_smoothness_is_given():
     rng = np.random.default_rng(0)
     model = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
     u = rng.uniform(0, 1, 400)
     y = model.simulate(u) + rng.normal(0, 0.05, u.size)
-    assert identify(u, y, levels=5).posterior is None
-    assert identify(u[:30], y[:30], levels=5).posterior is not None
-    assert identify(u[:30], y[:30], levels=5, smoothness=0.0).posterior is None
-    assert identify(u[:30], y[:30], levels=5, prior="none").posterior is None
+    for some in (slice(None), slice(30)):
+        assert identify(u[some], y[some], levels=5).posterior is not None
+        assert identify(u[some], y[some], levels=5, smoothness=0.0).posterior is None
+        assert identify(u[some], y[some], levels=5, prior="none").posterior is None
+
+
+@pytest.mark.parametrize("samples", [60, 400])
+def test_samples_without_noise_that_determine_the_plane_are_fitted_without_the_prior(samples):
+    model = Preisach(np.linspace(0, 1, 6), np.tril(np.random.default_rng(1).uniform(size=(5, 5))))
+    u = np.random.default_rng(0).uniform(0, 1, samples)
+    found = identify(u, model.simulate(u), levels=model.levels)
+    assert found.posterior is None
+    np.testing.assert_allclose(found.model.weights, model.weights, atol=1e-10)
 
 
 def test_data_that_determine_the_plane_are_reproduced():

@@ -77,6 +77,7 @@ def fit_prior(
     coarse: tuple[PlaneSpec, FloatArray] | None = None,
     within: float = 0.0,
     centre: FloatArray | None = None,
+    kept: BoolArray | None = None,
 ) -> PriorFit:
     """Fit the unknowns with the prior.
 
@@ -100,7 +101,13 @@ def fit_prior(
         Mean square of the outputs about the condensed ones, in squared units.
     centre : (n,) array, optional
         Mean of the prior; zero if not given.
+    kept : (M,) array of bool, optional
+        Measurements that are fitted, and that the hyperparameters are learnt from; all if not
+        given.
     """
+    if dense is not None and kept is not None:
+        y, dense = y[kept], (dense[0][kept], dense[1][kept])
+        coarse = None if coarse is None else (coarse[0], coarse[1][kept])
     if dense is not None:
         return fit_few(
             matrix.spec,
@@ -113,7 +120,7 @@ def fit_prior(
             centre=centre,
         )
     with one_thread(matrix.spec.unknowns):
-        return _fit_many(matrix, y, signed, noise, guess, within, centre)
+        return _fit_many(matrix, y, signed, noise, guess, within, centre, kept)
 
 
 def is_few(spec: PlaneSpec, samples: int) -> bool:
@@ -176,13 +183,17 @@ def _fit_many(
     guess: Hyperparameters | None,
     within: float,
     centre: FloatArray | None,
+    kept: BoolArray | None,
 ) -> PriorFit:
-    spec, (scaled, unit, shift) = matrix.spec, scale_outputs(matrix.spec, y)
+    spec, used = matrix.spec, slice(None) if kept is None else kept
+    _, unit, shift = scale_outputs(spec, y[used])
+    scaled = (y - shift) / unit
     known, within = _scaled_noise(noise, unit), within / unit**2
     mean = _scaled_centre(spec, centre, unit, shift)
     if centre is not None:
         scaled = scaled - matrix.forward(mean)
     weight = np.ones(y.size) if matrix.counts is None else matrix.counts
+    weight = weight if kept is None else weight * kept
     small = matrix.at_most(MOST_SEARCH_BANDS)
     learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
     h = on_finer_plane(learnt, small.spec, spec)
@@ -203,54 +214,13 @@ def _fit_many(
         h = _with_best_nugget(h, lambda h: system_at(h).likelihood)
         h, determined = with_variance_of_residuals(h)
     leave_one_out = None
-    if weight.sum() <= MOST_SCREENED + 0.5:
+    if kept is None and weight.sum() <= MOST_SCREENED + 0.5:
         leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
     posterior = system.posterior(unit, round(weight.sum()), determined)
     posterior = replace(posterior, centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
     return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
-
-
-def fit_given(
-    posterior: Posterior,
-    matrix: DesignMatrix,
-    y: FloatArray,
-    dense: tuple[FloatArray, FloatArray] | None,
-    kept: BoolArray,
-    *,
-    signed: bool,
-) -> FloatArray:
-    """Fit the unknowns to some of the samples, with the hyperparameters of a posterior.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Its hyperparameters are used.
-    matrix : DesignMatrix
-        Regressors of M samples.
-    y : (M,) array
-        Outputs.
-    dense : tuple, optional
-        What `regressors` gives; None for many samples.
-    kept : (M,) array of bool
-        The samples to be fitted.
-    signed : bool
-        Let weights and slope be negative.
-    """
-    spec, unit = matrix.spec, posterior.unit
-    weight = kept.astype(np.float64) if matrix.counts is None else kept * matrix.counts
-    shift = float(weight @ y / weight.sum()) if spec.offset else 0.0
-    mean = _scaled_centre(spec, posterior.centre, unit, shift)
-    scaled, h = (y - shift) / unit - matrix.forward(mean), posterior.hyperparameters
-    with one_thread(spec.unknowns):
-        if dense is None:
-            system = systems(matrix, scaled, weight, signed, mean)(h)
-        else:
-            found = Evidence.of_few(spec, scaled[kept], (dense[0][kept], dense[1][kept]))
-            system = dense_system(PlanePrior(spec), found, h, signed, mean)
-        x, _ = system.bounded()
-    return _unscaled(spec, x + mean, unit, shift)
 
 
 def posterior_after(
