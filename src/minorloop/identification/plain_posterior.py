@@ -21,6 +21,7 @@ from minorloop.identification.prior import PlanePrior
 from minorloop.identification.prior_fit import (
     on_finer_plane,
     scale_outputs,
+    with_open_cells,
     with_residual_variance,
 )
 from minorloop.identification.prior_system import dense_system
@@ -60,10 +61,12 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
             left = max(left, max(count - determined, 1.0) * variance)
         h = with_residual_variance(h, left, count - determined, None)
         system = dense_system(plane, evidence, h, signed=True)
-        found = system.posterior(unit, round(count), determined)
         other = _on_coarser_plane(matrix.spec, medium.spec, x)
         if medium.spec.offset:
             other[medium.spec.cells] -= middle
+        switched = medium.column_squares(weight)[1][: medium.spec.cells]
+        wide = with_open_cells(system, medium.spec, other / unit, switched)
+        found = wide.posterior(unit, round(count), determined)
         return replace(found, dense=np.column_stack([found.dense, other - unit * system.mean]))
 
 

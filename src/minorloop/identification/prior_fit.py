@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from minorloop.identification.prior_system import (
 from minorloop.operators.memory import Start
 from minorloop.threads import one_thread
 
+System = TypeVar("System", bound=PriorSystem)
+
 MOST_CORRELATED = 100
 """Samples up to which the discrepancy is correlated. Along the branches of a longer record, a
 correlated discrepancy would explain what the weights can."""
@@ -47,6 +49,9 @@ MANY = 10**9
 """Number of samples that stands for hyperparameters that are given, not learnt."""
 _LEAST_NOISE = 1e-6
 _REFINEMENTS = 2
+_SQUARES, _REACHED = 8, 0.1
+"""Squares across the plane over which densities are averaged, so that single rough cells do not
+count; and share of a square that the record must have switched."""
 _LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 6, 0.5
 """Least nugget, most steps of the search for it, and tolerance of its logarithm."""
 
@@ -161,6 +166,8 @@ def fit_few(
             h,
             lambda x: float(np.mean((scaled - dense[0] @ x) ** 2)),
         )
+        switched = np.ptp(dense[0], axis=0)[: spec.cells] > 0
+        system = with_open_cells(system, spec, x + mean, switched)
         posterior = system.posterior(unit, y.size, determined)
     posterior = replace(posterior, centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
@@ -217,6 +224,8 @@ def _fit_many(
     if kept is None and weight.sum() <= MOST_SCREENED + 0.5:
         leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
+    switched = matrix.column_squares(weight)[1][: spec.cells]
+    system = with_open_cells(system, spec, x + mean, switched)
     posterior = system.posterior(unit, round(weight.sum()), determined)
     posterior = replace(posterior, centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
@@ -266,6 +275,37 @@ def _solve(
         system = system_at(h)
         x, kkt = system.bounded(x)
     return h, x, kkt, system, likelihood
+
+
+def with_open_cells(system: System, spec: PlaneSpec, x: FloatArray, switched: BoolArray) -> System:
+    """System for the bands, whose prior knows little of cells that never switched.
+
+    The hyperparameters are learnt where the record reaches, often near the diagonal. Beyond, any
+    weight up to the greatest density that the record shows is as likely, whatever their decay.
+
+    Parameters
+    ----------
+    system : PriorSystem
+        System of the fit.
+    spec : PlaneSpec
+        The unknowns (n,): K packed weights, offset, slope.
+    x : (n,) array
+        Fitted unknowns, with an output range of 1.
+    switched : (K,) array of bool
+        Cells that switch between measured samples.
+    """
+    i, j = np.tril_indices(spec.bands)
+    seen = switched & (i != j)  # the diagonal has reversible weights too
+    if switched.all() or not seen.any():
+        return system
+    plane = PlanePrior(spec)
+    square = np.minimum((_SQUARES * plane.middle).astype(int), _SQUARES - 1)
+    place = _SQUARES * square[i] + square[j]
+    weight = np.bincount(place[seen], np.abs(x[: spec.cells][seen]), _SQUARES**2)
+    area = np.bincount(place[seen], plane.area[seen], _SQUARES**2)
+    reached = area > _REACHED / _SQUARES**2
+    densest = float(np.max(weight[reached] / area[reached], initial=0.0))
+    return system.widened(np.where(switched, 0.0, densest * plane.area))
 
 
 def _leave_one_out(
