@@ -115,8 +115,9 @@ def test_what_is_left_out_chooses_no_smoothness_and_no_hyperparameters(options, 
 
 
 def test_a_sample_that_was_left_out_as_an_outlier_is_not_scored():
-    u, y = specimens()
-    y[123] += 8 * np.ptp(y)
-    found = identify(u, y, levels=5, curves=LABELS, prior="gaussian")
-    assert found.suspects == (123,)
-    assert np.flatnonzero(np.isnan(found.left_out)).tolist() == [123]
+    some = np.arange(LABELS.size) % 40 < 8
+    u, y = (part[some] for part in specimens())
+    y[23] += 8 * np.ptp(y)
+    found = identify(u, y, levels=8, curves=LABELS[some], prior="gaussian")
+    assert found.suspects == (23,)
+    assert np.flatnonzero(np.isnan(found.left_out)).tolist() == [23]

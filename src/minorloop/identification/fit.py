@@ -177,7 +177,7 @@ def identify(
         spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
     apart = group if group is not None or not chosen.fold.size else chosen.fold
-    options = FitOptions(smoothness, prior, sensor, mean)
+    options = FitOptions(smoothness, prior, sensor, mean, grouped=group is not None)
     found = fit_plane(spec, record, delay, options, apart)
     if automatic and prior == "auto":
         if found.posterior is not None:

@@ -210,12 +210,16 @@ class Regression:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How unknowns are fitted; the options of `identify` of these names."""
+    """How unknowns are fitted; the options of `identify` of these names.
+
+    ``grouped``: errors on left-out groups show how wide bands must be.
+    """
 
     smoothness: Smoothness = "auto"
     prior: Regularisation = "auto"
     noise: float | None = None
     mean: Mean = "zero"
+    grouped: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,8 +248,7 @@ class FittedPlane:
         """
         matrix, y, kept = self.regression.matrix, self.regression.y, ~left
         if self.learnt is not None:
-            noise = self.options.noise
-            return _with_prior(self.regression, signed, noise, self.learnt, kept=kept).x
+            return _with_prior(self.regression, signed, self.options, self.learnt, kept=kept).x
         problem = Problem(matrix, y, signed)
         # Not from the fit to all rows: cells that the others leave open would keep what it knows.
         chosen = self.options.smoothness == "auto"
@@ -315,14 +318,13 @@ def _fit_with_prior(
     regression: Regression, record: FitRecord, lag: int, options: FitOptions
 ) -> FittedPlane:
     """Fit, and leave outliers out."""
-    noise = options.noise
-    found, ridge = _with_prior(regression, record.signed, noise), None
+    found, ridge = _with_prior(regression, record.signed, options), None
     if options.mean == "ridge":
-        found, ridge = _with_ridge(found, regression, record, noise)
+        found, ridge = _with_ridge(found, regression, record, options)
     suspects = tuple[int, ...]()
     if are_few(regression.matrix.spec, regression.rows.size):  # one of many has little weight
         suspects, record, regression, found = _without_outliers(
-            record, regression, found, lag, noise
+            record, regression, found, lag, options
         )
     return FittedPlane(
         found.x,
@@ -339,7 +341,7 @@ def _fit_with_prior(
 
 
 def _without_outliers(
-    record: FitRecord, regression: Regression, found: PriorFit, lag: int, noise: float | None
+    record: FitRecord, regression: Regression, found: PriorFit, lag: int, options: FitOptions
 ) -> tuple[tuple[int, ...], FitRecord, Regression, PriorFit]:
     """Leave out one outlier after the other, but none if two of them are next to each other.
 
@@ -355,7 +357,7 @@ def _without_outliers(
         sample = int(regression.rows[worst])
         others = record.without(sample)
         reduced = others.regression(spec, lag)
-        without = _with_prior(reduced, others.signed, noise, found.learnt, centre)
+        without = _with_prior(reduced, others.signed, options, found.learnt, centre)
         if not _is_outlier(without, regression, worst):
             break
         if any(_on_one_branch(spec, inputs, sample, other) for other in suspects):
@@ -374,7 +376,7 @@ def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool
 
 
 def _with_ridge(
-    plain: PriorFit, regression: Regression, record: FitRecord, noise: float | None
+    plain: PriorFit, regression: Regression, record: FitRecord, options: FitOptions
 ) -> tuple[PriorFit, Ridge | None]:
     """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
 
@@ -387,7 +389,7 @@ def _with_ridge(
     penalty = PARAMETERS * np.log(regression.rows.size) / 2
     for kind in KINDS:
         fitted = fit_ridge(regression.matrix, regression.y, (kind,))
-        found = _with_prior(regression, record.signed, noise, plain.learnt, fitted.x)
+        found = _with_prior(regression, record.signed, options, plain.learnt, fitted.x)
         if found.likelihood - penalty > least:
             best, chosen, least = found, fitted.ridge, found.likelihood - penalty
     return best, chosen
@@ -396,7 +398,7 @@ def _with_ridge(
 def _with_prior(
     regression: Regression,
     signed: bool,
-    noise: float | None,
+    options: FitOptions,
     guess: Hyperparameters | None = None,
     centre: FloatArray | None = None,
     kept: BoolArray | None = None,
@@ -406,12 +408,13 @@ def _with_prior(
         regression.y,
         regression.dense,
         signed=signed,
-        noise=noise,
+        noise=options.noise,
         guess=guess,
         coarse=regression.coarse,
         within=regression.within,
         centre=centre,
         kept=kept,
+        independent=options.grouped or kept is not None,  # a part is fitted for its mean
     )
 
 

@@ -19,6 +19,7 @@ from minorloop.identification.likelihood import MOST_SEARCH_BANDS, Evidence, sea
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.prior import PlanePrior
 from minorloop.identification.prior_fit import (
+    correlation_time,
     on_finer_plane,
     scale_outputs,
     with_open_cells,
@@ -48,8 +49,11 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
     matrix, weight = regression.matrix, regression.weight
     scaled, unit, middle = scale_outputs(matrix.spec, regression.y)
     small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(_MOST_BANDS)
+    # Neighbours whose errors are alike count as one sample.
+    weight = weight / max(correlation_time(matrix, regression.y, x), 1.0)
     within, count = regression.within / unit**2, float(weight.sum())
-    left = regression.squared_error(x) / unit**2 + within * count
+    off = (matrix.forward(x) - regression.y) / unit
+    left = float(weight @ off**2) + within * count
     with one_thread():
         learnt = search(Evidence.of_many(small, scaled, weight, within), None)
         evidence, plane = Evidence.of_many(medium, scaled, weight), PlanePrior(medium.spec)

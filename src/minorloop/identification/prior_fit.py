@@ -48,6 +48,9 @@ MOST_SCREENED = 400
 MANY = 10**9
 """Number of samples that stands for hyperparameters that are given, not learnt."""
 _LEAST_NOISE = 1e-6
+_ALIKE, _MOST_ALIKE = 1.5, 10
+"""Correlation time from which errors are not independent, and its largest lag as a share of the
+samples: one in so many."""
 _REFINEMENTS = 2
 _SQUARES, _REACHED = 8, 0.1
 """Squares across the plane over which densities are averaged, so that single rough cells do not
@@ -83,6 +86,7 @@ def fit_prior(
     within: float = 0.0,
     centre: FloatArray | None = None,
     kept: BoolArray | None = None,
+    independent: bool = False,
 ) -> PriorFit:
     """Fit the unknowns with the prior.
 
@@ -109,6 +113,14 @@ def fit_prior(
     kept : (M,) array of bool, optional
         Measurements that are fitted, and that the hyperparameters are learnt from; all if not
         given.
+    independent : bool
+        Take the errors of neighbouring samples for independent.
+
+    Notes
+    -----
+    Where neighbouring errors of many samples are alike, the bands are those of a fit to fewer
+    independent samples. The unknowns are not: most such errors of real records are hysteresis that
+    the model lacks, and more of the prior would only add to them.
     """
     if dense is not None and kept is not None:
         y, dense = y[kept], (dense[0][kept], dense[1][kept])
@@ -124,8 +136,22 @@ def fit_prior(
             coarse=coarse,
             centre=centre,
         )
+    weight = np.ones(y.size) if matrix.counts is None else matrix.counts
+    weight = weight if kept is None else weight * kept
     with one_thread(matrix.spec.unknowns):
-        return _fit_many(matrix, y, signed, noise, guess, within, centre, kept)
+        found = _fit_many(matrix, y, weight, signed, noise, guess, within, centre)
+        together = 1.0 if independent else correlation_time(matrix, y, found.x)
+        if together < _ALIKE:
+            return found
+        weight = weight / together
+        other = _fit_many(matrix, y, weight, signed, noise, found.learnt, within, centre)
+    posterior = replace(
+        other.posterior,
+        determined=found.posterior.determined,
+        samples=found.posterior.samples,
+        apart=found.x - other.x,
+    )
+    return replace(found, posterior=posterior)
 
 
 def is_few(spec: PlaneSpec, samples: int) -> bool:
@@ -182,25 +208,48 @@ def on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hy
     return replace(h, nugget=h.nugget * fine.cells / coarse.cells)
 
 
+def correlation_time(matrix: DesignMatrix, y: FloatArray, x: FloatArray) -> float:
+    """Number of neighbouring samples whose errors count as one; 1 for independent errors.
+
+    It is the sum of products of the autocorrelations of residual and output, up to the first that
+    is noise: correlated errors matter where the regressors are alike too. Long records are
+    condensed, so that their neighbours are not known; their errors count as independent.
+
+    References
+    ----------
+    Priestley, Spectral Analysis and Time Series, 1981, section 5.3: the variance of a mean.
+    """
+    if matrix.counts is not None:
+        return 1.0
+    fitted = matrix.forward(x)
+    left, fitted = y - fitted, fitted - fitted.mean()
+    squares = float(left @ left) * float(fitted @ fitted)
+    total, least = 1.0, 2 / np.sqrt(left.size)
+    for lag in range(1, left.size // _MOST_ALIKE if squares else 1):
+        found = float(left[lag:] @ left[:-lag]) / float(left @ left)
+        if found < least:
+            break
+        total += 2 * found * max(float(fitted[lag:] @ fitted[:-lag]) / float(fitted @ fitted), 0.0)
+    return total
+
+
 def _fit_many(
     matrix: DesignMatrix,
     y: FloatArray,
+    weight: FloatArray,
     signed: bool,
     noise: float | None,
     guess: Hyperparameters | None,
     within: float,
     centre: FloatArray | None,
-    kept: BoolArray | None,
 ) -> PriorFit:
-    spec, used = matrix.spec, slice(None) if kept is None else kept
-    _, unit, shift = scale_outputs(spec, y[used])
+    spec = matrix.spec
+    _, unit, shift = scale_outputs(spec, y[weight > 0])
     scaled = (y - shift) / unit
     known, within = _scaled_noise(noise, unit), within / unit**2
     mean = _scaled_centre(spec, centre, unit, shift)
     if centre is not None:
         scaled = scaled - matrix.forward(mean)
-    weight = np.ones(y.size) if matrix.counts is None else matrix.counts
-    weight = weight if kept is None else weight * kept
     small = matrix.at_most(MOST_SEARCH_BANDS)
     learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
     h = on_finer_plane(learnt, small.spec, spec)
@@ -221,7 +270,7 @@ def _fit_many(
         h = _with_best_nugget(h, lambda h: system_at(h).likelihood)
         h, determined = with_variance_of_residuals(h)
     leave_one_out = None
-    if kept is None and weight.sum() <= MOST_SCREENED + 0.5:
+    if y.size <= MOST_SCREENED and (weight > 0).all():
         leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
     switched = matrix.column_squares(weight)[1][: spec.cells]

@@ -134,9 +134,10 @@ class Identification(Fit, NotebookView):
             wanted = np.zeros(inputs.size, dtype=np.bool_)
             wanted[places[samples]] = True
             known = self.uncertainty.deviation(inputs, curves.start, wanted)
-        if self.scatter is not None:
-            known = self.scatter.deviation(inputs[places[samples]], known, probability)
-        return np.hypot(known, self._beyond(inputs)[places[samples]])
+        if self.scatter is None:
+            return np.hypot(known, self._beyond(inputs)[places[samples]])
+        # A left-out group may reach beyond the others, so that its errors count this.
+        return self.scatter.deviation(inputs[places[samples]], known, probability)
 
     def _beyond(self, u: FloatArray) -> FloatArray:
         """Standard deviation from relays beyond the levels, of which nothing is known.
