@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from minorloop.identification import identify
-from minorloop.identification.leave_out import GroupScatter
+from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
+from minorloop.identification.leave_out import GroupScatter, left_out
 from minorloop.lab.columns import read_columns
 from plane_records import a_plane
 
@@ -121,3 +122,15 @@ def test_a_sample_that_was_left_out_as_an_outlier_is_not_scored():
     found = identify(u, y, levels=8, curves=LABELS[some], prior="gaussian")
     assert found.suspects == (23,)
     assert np.flatnonzero(np.isnan(found.left_out)).tolist() == [23]
+
+
+def test_samples_of_no_fold_are_in_all_fits():
+    u, y = specimens()
+    plain = identify(u, y, levels=5, prior="none")
+    options = FitOptions(prior="none")
+    record = FitRecord(u, y, plain.fitted, plain.curves, False)
+    found = fit_plane(plain.matrix.spec, record, 0, options)
+    said = []
+    predicted = left_out(record, found, 0, np.where(LABELS < 5, -1, LABELS % 2), said.append)
+    assert said == ["leaving out groups, fit 1 of 2", "leaving out groups, fit 2 of 2"]
+    np.testing.assert_array_equal(np.isnan(predicted), LABELS < 5)

@@ -122,15 +122,25 @@ def test_many_samples_are_summed_and_agree_with_few():
     assert many.posterior is not None
 
 
-def test_auto_takes_the_prior_unless_a_smoothness_is_given():
+def test_auto_takes_the_prior_for_few_samples_only():
     rng = np.random.default_rng(0)
     model = Preisach(np.linspace(0, 1, 6), np.tril(np.ones((5, 5))))
     u = rng.uniform(0, 1, 400)
     y = model.simulate(u) + rng.normal(0, 0.05, u.size)
-    for some in (slice(None), slice(30)):
-        assert identify(u[some], y[some], levels=5).posterior is not None
-        assert identify(u[some], y[some], levels=5, smoothness=0.0).posterior is None
-        assert identify(u[some], y[some], levels=5, prior="none").posterior is None
+    assert identify(u, y, levels=5).posterior is None
+    assert identify(u[:30], y[:30], levels=5).posterior is not None
+    assert identify(u[:30], y[:30], levels=5, smoothness=0.0).posterior is None
+    assert identify(u[:30], y[:30], levels=5, prior="none").posterior is None
+
+
+def test_auto_takes_the_prior_for_many_samples_that_leave_much_of_the_plane_open():
+    u = np.linspace(1, 0.5, 400) * np.cos(np.linspace(0, 20, 400))
+    y = Preisach(np.linspace(-1, 1, 11), np.tril(np.ones((10, 10)))).simulate(u)
+    y += 0.05 * np.random.default_rng(0).normal(size=u.size)
+    found = identify(u, y, levels=10)
+    assert found.samples > 3 * found.unknowns
+    assert found.excited_fraction < 0.9
+    assert found.posterior is not None
 
 
 @pytest.mark.parametrize("samples", [60, 400])

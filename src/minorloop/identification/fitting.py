@@ -35,8 +35,9 @@ Smoothness: TypeAlias = float | Literal["auto"]
 LONGEST_LAG = 20
 """Samples up to which ``lag="auto"`` searches."""
 _LAG_BANDS = 15
-_SAMPLES_EACH = 3
-"""Samples for each unknown above which the data need no prior."""
+_SAMPLES_EACH, _EXCITED = 3, 0.9
+"""Samples for each unknown, and share of excited cells, above which the data need no prior: it is
+then hardly better than smoothing, and up to five times as slow."""
 _NOISELESS = 1e-4
 """Error of a fit of many samples with the prior, in ranges, up to which a plane may reproduce them
 to rounding; the prior keeps the fit away from them by about its least discrepancy."""
@@ -274,7 +275,7 @@ def _fit_once(
     regression = record.regression(spec, lag, labels)
     if options.prior == "gaussian":
         return _fit_with_prior(regression, record, lag, options)
-    if options.prior == "none" or options.smoothness != "auto":
+    if options.prior == "none" or options.smoothness != "auto" or not needs_prior(regression):
         return _smooth(regression, record, options)
     if not is_quick(regression.matrix):
         smooth = options if spec.bands <= MOST_DENSE else replace(options, smoothness=0.0)
@@ -287,6 +288,13 @@ def _fit_once(
         return found
     plain = _smooth(regression, record, replace(options, smoothness=0.0))
     return plain if reproduces(regression.matrix, plain.x, regression.y) else found
+
+
+def needs_prior(regression: Regression) -> bool:
+    """Whether the samples are few for the unknowns, or leave much of the plane open."""
+    matrix = regression.matrix
+    excited = np.count_nonzero(matrix.excited) / matrix.spec.cells
+    return bool(excited < _EXCITED) or are_few(matrix.spec, matrix.measurements)
 
 
 def are_few(spec: PlaneSpec, samples: int) -> bool:

@@ -135,11 +135,14 @@ def left_out(
     fold: IntArray,
     say: Callable[[str], None] = lambda stage: None,
 ) -> FloatArray:
-    """(T,) outputs of the samples of each fold, predicted by a fit to the others."""
+    """(T,) outputs of the samples of each fold, predicted by a fit to the others.
+
+    Samples of fold -1 are in all fits, and not predicted.
+    """
     regression = found.regression
     part = fold[regression.rows]
     predicted = np.full(record.u.size, np.nan)
-    names = np.unique(part)
+    names = np.unique(part[part >= 0])
     for count, k in enumerate(names, 1):
         say(f"leaving out groups, fit {count} of {names.size}")
         x = found.without(part == k, record.signed)
