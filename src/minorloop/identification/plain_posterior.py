@@ -22,7 +22,6 @@ from minorloop.identification.prior_fit import (
     correlation_time,
     on_finer_plane,
     scale_outputs,
-    with_open_cells,
     with_residual_variance,
 )
 from minorloop.identification.prior_system import dense_system
@@ -50,7 +49,7 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
     scaled, unit, middle = scale_outputs(matrix.spec, regression.y)
     small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(_MOST_BANDS)
     # Neighbours whose errors are alike count as one sample.
-    weight = weight / max(correlation_time(matrix, regression.y, x), 1.0)
+    weight = weight / correlation_time(matrix, regression.y, x)
     within, count = regression.within / unit**2, float(weight.sum())
     off = (matrix.forward(x) - regression.y) / unit
     left = float(weight @ off**2) + within * count
@@ -68,9 +67,7 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
         other = _on_coarser_plane(matrix.spec, medium.spec, x)
         if medium.spec.offset:
             other[medium.spec.cells] -= middle
-        switched = medium.column_squares(weight)[1][: medium.spec.cells]
-        wide = with_open_cells(system, medium.spec, other / unit, switched)
-        found = wide.posterior(unit, round(count), determined)
+        found = system.posterior(unit, round(count), determined)
         return replace(found, dense=np.column_stack([found.dense, other - unit * system.mean]))
 
 

@@ -48,9 +48,9 @@ MOST_SCREENED = 400
 MANY = 10**9
 """Number of samples that stands for hyperparameters that are given, not learnt."""
 _LEAST_NOISE = 1e-6
-_ALIKE, _MOST_ALIKE = 1.5, 10
-"""Correlation time from which errors are not independent, and its largest lag as a share of the
-samples: one in so many."""
+_ALIKE, _MOST_ALIKE, _SURE = 1.5, 10, 3.0
+"""Correlation time from which errors are not independent, its largest lag as a share of the
+samples, one in so many, and standard deviations of an autocorrelation that is no noise."""
 _REFINEMENTS = 2
 _SQUARES, _REACHED = 8, 0.1
 """Squares across the plane over which densities are averaged, so that single rough cells do not
@@ -138,10 +138,11 @@ def fit_prior(
         )
     weight = np.ones(y.size) if matrix.counts is None else matrix.counts
     weight = weight if kept is None else weight * kept
-    with one_thread(matrix.spec.unknowns):
+    # Dense matrices are small here, but for planes of more than 64 levels with many reversals.
+    with one_thread():
         found = _fit_many(matrix, y, weight, signed, noise, guess, within, centre)
         together = 1.0 if independent else correlation_time(matrix, y, found.x)
-        if together < _ALIKE:
+        if together == 1.0:
             return found
         weight = weight / together
         other = _fit_many(matrix, y, weight, signed, noise, found.learnt, within, centre)
@@ -224,13 +225,13 @@ def correlation_time(matrix: DesignMatrix, y: FloatArray, x: FloatArray) -> floa
     fitted = matrix.forward(x)
     left, fitted = y - fitted, fitted - fitted.mean()
     squares = float(left @ left) * float(fitted @ fitted)
-    total, least = 1.0, 2 / np.sqrt(left.size)
+    total, least = 1.0, _SURE / np.sqrt(left.size)
     for lag in range(1, left.size // _MOST_ALIKE if squares else 1):
         found = float(left[lag:] @ left[:-lag]) / float(left @ left)
         if found < least:
             break
         total += 2 * found * max(float(fitted[lag:] @ fitted[:-lag]) / float(fitted @ fitted), 0.0)
-    return total
+    return total if total >= _ALIKE else 1.0
 
 
 def _fit_many(
