@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from minorloop.errors import MinorloopError, SignalError
-from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
+from minorloop.head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
 from minorloop.head.console.finder import Finder
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan_echoes import ScanEchoes
@@ -71,10 +71,15 @@ class Perception:
         Their calibration.
     later : Later
         Runs longer computations.
+    live : bool
+        Whether the camera is a device. Its frames are taken during a scan too, so that one that
+        stops is noticed; a simulated one cannot stop, and draws only what is shown.
     """
 
-    def __init__(self, tip: Tip, view: HeadCalibration, later: Later = at_once) -> None:
-        self._tip, self.view, self._later = tip, view, later
+    def __init__(
+        self, tip: Tip, view: HeadCalibration, later: Later = at_once, *, live: bool = False
+    ) -> None:
+        self._tip, self.view, self._later, self._live = tip, view, later, live
         self._finder = Finder(view)
         self._centring = Centring(calibration=view)
         self._metering = Metering(calibration=view, seconds=math.inf)
@@ -106,7 +111,7 @@ class Perception:
         }
 
     def tick(self, request: CameraRequest) -> CameraReport:
-        """Carry out the commands, process a frame and report; ``image`` is the one to show."""
+        """Carry out the commands, process a frame and report; ``image`` is shown, if any."""
         self._position = request.position
         self._tip.move_to(request.stance)
         for name, numbers in request.commands:
@@ -116,14 +121,15 @@ class Perception:
         idle = self._work is None and self._echoes is None
         if idle and self._finder.at_rest_somewhere_new(request.position):
             self._find()
-        lit, free, fresh = self._all_lights, self._work is None, True
-        reading = self._reading(self._tip.frame().image)
-        if lit:
-            self.image = reading.image
-            fresh = self._picked is None
-            if not fresh:  # the track starts at this frame, so it is not followed in it
-                self._try(self._begin_track, [reading])
-        target = self._follow(reading, lit and fresh and free)
+        image = self._frame(request.number)
+        reading, seen = self._reading(image), image is not None and self._all_lights
+        usable = seen and self._work is None
+        if seen or image is None:
+            self.image = image
+        if seen and self._picked is not None:
+            self._try(self._begin_track, [reading])
+            usable = False  # the track starts at this frame, so it is not followed in it
+        target = self._follow(reading, usable)
         if self._work is not None:
             self._continue(self._work, reading)
         else:
@@ -138,6 +144,13 @@ class Perception:
             spots=self._finder.shown(request.position),
             events=events,
         )
+
+    def _frame(self, number: int) -> Image | None:
+        """Return the frame of a tick, if it needs one; a scan has only those to show."""
+        scanning = self._echoes is not None and self._work is None
+        if scanning and not self._live and number % FEW_PICTURES:
+            return None
+        return self._tip.frame().image
 
     def _reading(self, image: Image | None = None) -> Reading:
         return reading_at(self._position, t=self._ticks * _FRAME, image=image)
