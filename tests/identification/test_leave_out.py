@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from minorloop.identification import identify
-from minorloop.identification.leave_out import GroupScatter
+from minorloop.identification.fitting import FitOptions, FitRecord, fit_plane
+from minorloop.identification.leave_out import GroupScatter, left_out
 from minorloop.lab.columns import read_columns
 from plane_records import a_plane
 
@@ -97,3 +98,39 @@ def test_a_left_out_group_is_predicted_by_a_fit_that_has_not_seen_it():
         others = identify(u, np.where(labels == k, np.nan, y), **plain)
         expected = others.model.simulate(u)[labels == k]
         np.testing.assert_allclose(found.left_out[labels == k], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("options", "close"), [({"prior": "none"}, 1e-9), ({}, 1e-3)])
+def test_what_is_left_out_chooses_no_smoothness_and_no_hyperparameters(options, close):
+    rng, labels = np.random.default_rng(1001), np.repeat(np.arange(5), 40)
+    u = np.linspace(1.0, 0.2, 5)[labels] * np.cos(2 * np.pi * np.arange(200) / 40)
+    y = a_plane().simulate(u)
+    y += 0.01 * np.ptp(y) * rng.normal(size=200)
+    levels = np.linspace(-1, 1, 11)
+    found = identify(u, y, groups=labels, levels=levels, **options)
+    for k in range(5):
+        out = labels == k
+        others = identify(u, np.where(out, np.nan, y), levels=levels, **options)
+        expected = others.model.simulate(u)[out]
+        assert np.abs(found.left_out[out] - expected).max() <= close * np.ptp(y)
+
+
+def test_a_sample_that_was_left_out_as_an_outlier_is_not_scored():
+    some = np.arange(LABELS.size) % 40 < 8
+    u, y = (part[some] for part in specimens())
+    y[23] += 8 * np.ptp(y)
+    found = identify(u, y, levels=8, curves=LABELS[some], prior="gaussian")
+    assert found.suspects == (23,)
+    assert np.flatnonzero(np.isnan(found.left_out)).tolist() == [23]
+
+
+def test_samples_of_no_fold_are_in_all_fits():
+    u, y = specimens()
+    plain = identify(u, y, levels=5, prior="none")
+    options = FitOptions(prior="none")
+    record = FitRecord(u, y, plain.fitted, plain.curves, False)
+    found = fit_plane(plain.matrix.spec, record, 0, options)
+    said = []
+    predicted = left_out(record, found, 0, np.where(LABELS < 5, -1, LABELS % 2), said.append)
+    assert said == ["leaving out groups, fit 1 of 2", "leaving out groups, fit 2 of 2"]
+    np.testing.assert_array_equal(np.isnan(predicted), LABELS < 5)

@@ -21,7 +21,7 @@ def test_bands_of_many_random_samples_cover_held_out_ones(smoothness):
     u = rng.uniform(*model.levels[[0, -1]], 900)
     y = model.simulate(u)
     y += 0.01 * np.ptp(y) * rng.normal(size=u.size)
-    found = identify(u, y, levels=model.levels, holdout=1 / 3, smoothness=smoothness)
+    found = identify(u, y, levels=model.levels, holdout=1 / 3, prior="none", smoothness=smoothness)
     assert found.posterior is None
     assert 0.85 <= covered(found) <= 0.95
 
@@ -61,3 +61,19 @@ def test_few_samples_that_are_reproduced_have_bands_of_their_noise():
 def test_three_samples_that_determine_nothing_have_wide_bands():
     found = identify([0.0, 1.0, 0.5], [0.0, 1.0, 0.7], prior="none")
     assert found.predict([0.0, 1.0], bands=0.9).sd[1] > 1e-3
+
+
+@pytest.mark.parametrize("prior", ["gaussian", "none"])
+def test_bands_hold_where_neighbouring_errors_are_alike(prior):
+    shares = []
+    for seed in range(1000, 1004):
+        rng = np.random.default_rng(seed)
+        ends = rng.uniform(-1.2, 1.2, 80)
+        u = np.interp(np.arange(1500) / 20, np.arange(ends.size), ends)
+        model, noise = a_plane(20), rng.normal(size=u.size)
+        for k in range(1, u.size):
+            noise[k] = 0.9 * noise[k - 1] + np.sqrt(1 - 0.9**2) * noise[k]
+        y = model.simulate(u)
+        y += 0.01 * np.ptp(y) * noise
+        shares.append(covered(identify(u, y, levels=20, holdout=1 / 3, prior=prior)))
+    assert 0.85 <= np.mean(shares) <= 0.95

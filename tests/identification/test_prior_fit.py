@@ -133,6 +133,25 @@ def test_auto_takes_the_prior_for_few_samples_only():
     assert identify(u[:30], y[:30], levels=5, prior="none").posterior is None
 
 
+def test_auto_takes_the_prior_for_many_samples_that_leave_much_of_the_plane_open():
+    u = np.linspace(1, 0.5, 400) * np.cos(np.linspace(0, 20, 400))
+    y = Preisach(np.linspace(-1, 1, 11), np.tril(np.ones((10, 10)))).simulate(u)
+    y += 0.05 * np.random.default_rng(0).normal(size=u.size)
+    found = identify(u, y, levels=10)
+    assert found.samples > 3 * found.unknowns
+    assert found.excited_fraction < 0.9
+    assert found.posterior is not None
+
+
+@pytest.mark.parametrize("samples", [60, 400])
+def test_samples_without_noise_that_determine_the_plane_are_fitted_without_the_prior(samples):
+    model = Preisach(np.linspace(0, 1, 6), np.tril(np.random.default_rng(1).uniform(size=(5, 5))))
+    u = np.random.default_rng(0).uniform(0, 1, samples)
+    found = identify(u, model.simulate(u), levels=model.levels)
+    assert found.posterior is None
+    np.testing.assert_allclose(found.model.weights, model.weights, atol=1e-10)
+
+
 def test_data_that_determine_the_plane_are_reproduced():
     rng = np.random.default_rng(1)
     levels = np.linspace(0, 1, 11)

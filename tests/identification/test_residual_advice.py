@@ -4,6 +4,8 @@ import pytest
 from fault_records import record, sine
 from minorloop.identification import identify
 from minorloop.lab.columns import read_columns
+from minorloop.operators.densities import GaussianDensity
+from minorloop.operators.preisach import Preisach
 from plane_records import LEVELS, a_record
 
 
@@ -100,3 +102,16 @@ def test_the_startup_of_the_piezo_stage_is_named(shared_data):
     assert found.residual.startup.share > 0.8
     assert "start-up" in found.advice[0]
     assert found.residual.step is None
+
+
+@pytest.mark.parametrize("start", [None, "positive", "demagnetised"])
+def test_curves_that_begin_with_another_memory_are_named(start):
+    magnet = Preisach.from_density(np.linspace(-1, 1, 31), GaussianDensity(0.3, 0.3, 0.3))
+    turn = np.cos(np.linspace(0, 2 * np.pi, 60))
+    loops = [size * np.append(np.linspace(0, 1, 10), turn) for size in (0.3, 0.5, 0.7, 1.0)]
+    y = np.concatenate([magnet.simulate(loop, "demagnetised") for loop in loops])
+    y += 1e-3 * np.ptp(y) * np.random.default_rng(1000).normal(size=y.size)
+    labels = np.repeat(np.arange(len(loops)), loops[0].size)
+    found = identify(np.concatenate(loops), y, curves=labels, levels=15, start_of_curve=start)
+    said = any('start_of_curve="demagnetised"' in text for text in found.advice)
+    assert said == (start != "demagnetised")

@@ -87,7 +87,8 @@ _Smoothness = Annotated[str, typer.Option(help="Strength of smoothing, 0 for non
 _Prior = Annotated[
     str | None,
     typer.Option(
-        help="gaussian (a prior on the plane), none, or auto (where samples are few).",
+        help="gaussian (a prior on the plane), none, or auto (where samples are few or leave much "
+        "of the plane open).",
         show_default="auto",
     ),
 ]

@@ -94,3 +94,16 @@ def look_ahead(levels, spread, past, candidates, rows):
         copy_extrema(past, past.size, stack)
         depth = push(stack, past.size, min(max(candidates[m], low), high))
         switched_on(levels, spread, stack, depth, rows[m])
+
+
+@njit(cache=True, nogil=True)
+def overshoot(u, low, high, out):
+    """Overshoot (T,) beyond either end of the levels, fading on the way to the other end."""
+    below = above = 0.0
+    for t in range(u.size):
+        if u[t] <= low:
+            below, above = max(below, low - u[t]), 0.0
+        elif u[t] >= high:
+            below, above = 0.0, max(above, u[t] - high)
+        inside = min(max(u[t], low), high)
+        out[t] = (below * (high - inside) + above * (inside - low)) / (high - low)

@@ -18,7 +18,7 @@ from minorloop.identification import fitting
 from minorloop.identification.baseline import nrmse, percent
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
-from minorloop.identification.fitting import FitRecord, FittedPlane, coarser_spec, needs_prior
+from minorloop.identification.fitting import FitRecord, FittedPlane, are_few, coarser_spec
 from minorloop.identification.least_squares import Problem
 from minorloop.identification.leave_out import left_out
 from minorloop.identification.residuals import find_startup
@@ -186,10 +186,12 @@ def choose_prior(
 ) -> tuple[FittedPlane, tuple[Choice, ...]]:
     """Compare a fit with the prior with a smooth one, and return the better one.
 
-    Few samples are not compared, and neither are planes too fine for smoothing.
+    Only samples that are few for the unknowns are compared, but neither less than a hundred, nor
+    planes too fine for smoothing. With more samples the prior is hardly ever worse.
     """
-    spec = fit.regression.matrix.spec
-    if fit.posterior is None or fit.regression.y.size < _FEWEST or spec.bands > MOST_DENSE:
+    regression, spec = fit.regression, fit.regression.matrix.spec
+    few = are_few(spec, regression.matrix.measurements) and regression.y.size >= _FEWEST
+    if fit.posterior is None or not few or spec.bands > MOST_DENSE:
         return fit, ()
     smooth = fitting.fit_smooth(spec, record, lag, "auto", fold)
     errors = {
@@ -230,7 +232,7 @@ def _choose_levels(
 ) -> tuple[PlaneSpec, list[Choice]]:
     """Compare more levels, but only if the given ones are better than a coarse plane."""
     coarse = _coarse(spec, record)
-    if needs_prior(finer, record.rows(lag).size) or coarse.bands == spec.bands:
+    if are_few(finer, record.rows(lag).size) or coarse.bands == spec.bands:
         return spec, []
     specs, errors = {}, {}
     for one in (coarse, spec, finer):
@@ -272,21 +274,20 @@ def error(
     strengths: Sequence[float] = _STRENGTHS,
     parts: int = PARTS,
 ) -> float:
-    """Least error on left-out parts of several strengths of smoothing, over the range."""
+    """Error on left-out parts over the range; the strength is chosen within the others."""
     regression = record.regression(spec, lag, fold)
     part = fold[regression.rows]
     counts = regression.matrix.counts
     weight = np.ones(part.size) if counts is None else counts
     problem = Problem(regression.matrix, regression.y, record.signed)
-    squares, scored = np.zeros(len(strengths)), 0.0
+    square, scored = 0.0, 0.0
     x = None
     for k in np.unique(part)[:parts]:
         left = part == k
-        scored += float(weight[left].sum())
         # Without smoothing, cells without samples would keep the weights of the previous part.
-        guess = x if strengths[0] else None
-        for place, x in enumerate(problem.fit_part(~left, strengths, guess)):
-            off = (regression.matrix.forward(x) - regression.y)[left]
-            squares[place] += float(weight[left] @ off**2)
-    mean = squares.min() / scored + regression.within
+        x = problem.fit_part(~left, strengths, guess=x if len(strengths) == 1 else None)
+        off = (regression.matrix.forward(x) - regression.y)[left]
+        square += float(weight[left] @ off**2)
+        scored += float(weight[left].sum())
+    mean = square / scored + regression.within
     return float(np.sqrt(mean)) / (float(np.ptp(regression.y)) or 1.0)

@@ -15,6 +15,7 @@ processes using pseudo-inputs, NIPS 18, 2006: the variance added.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -128,6 +129,12 @@ class FieldPrior:
         rows = np.append(self._value[self._link], block[0])
         self.places: IntArray = np.vstack([cells + rows, np.append(node, cells + block[1])])
         self._field: _Field | None = None
+
+    def widened(self, least: FloatArray) -> FieldPrior:
+        """Return the prior with these least (K,) standard deviations of irreversible weights."""
+        wide = copy(self)
+        wide.plane = PlanePrior(self.plane.spec, least)
+        return wide
 
     def precision(self, h: Hyperparameters, variance: float) -> FieldPrecision:
         """Precision for these hyperparameters, times the variance of a measured output."""

@@ -17,6 +17,7 @@ from minorloop.identification.choosing import LEVELS, Chosen, choose, choose_pri
 from minorloop.identification.curves import StartOfCurve, as_curves, as_groups, check_group_sizes
 from minorloop.identification.design_matrix import MOST_DENSE, PlaneSpec
 from minorloop.identification.fitting import (
+    FitOptions,
     FitRecord,
     Mean,
     Regularisation,
@@ -79,7 +80,7 @@ def identify(
     slope : bool or "auto"
         Whether to fit a memoryless linear part. Options that are ``"auto"`` are compared by the
         error on left-out groups, or on contiguous parts of a record without groups; so is the
-        prior. The results are in ``choices``.
+        prior, for fewer than three samples per unknown. The results are in ``choices``.
     signed : bool
         Whether weights and slope may be negative, for example for butterfly loops.
     smoothness : float or "auto"
@@ -88,10 +89,10 @@ def identify(
         of contiguous segments held out of the fitted samples.
     prior : {"auto", "gaussian", "none"}
         Whether to fit with the prior of `minorloop.identification.prior`. ``"auto"`` uses it for
-        fewer than three samples per unknown, except where a smoothness is given, where the output
-        jumps, where the samples determine a plane that reproduces them to rounding, for more than
-        300 bands, or where the input reverses so often that a plane of more than 64 levels would
-        need large dense matrices.
+        fewer than three samples per unknown, and where more than a tenth of the cells is not
+        excited; except where a smoothness is given, where the output jumps, where the samples
+        determine a plane that reproduces them to rounding, for more than 300 bands, or where the
+        input reverses so often that a plane of more than 64 levels would need large dense matrices.
     noise : float or (T,) array_like, optional
         Standard deviation of the measured outputs, in their unit, where it is known. One number is
         used by the prior only. Of an array, one for each output, NaN where it is not known and
@@ -177,7 +178,8 @@ def identify(
         spec, prior = replace(spec, levels=with_jumps(spec.levels, jumps)), "none"
     say(f"fitting {counted(spec.cells, 'cell')} to {counted(int(fitted.sum()), 'sample')}")
     apart = group if group is not None or not chosen.fold.size else chosen.fold
-    found = fit_plane(spec, record, delay, smoothness, prior, sensor, apart, mean)
+    options = FitOptions(smoothness, prior, sensor, mean, grouped=group is not None)
+    found = fit_plane(spec, record, delay, options, apart)
     if automatic and prior == "auto":
         if found.posterior is not None:
             say("comparing the prior with smoothing")

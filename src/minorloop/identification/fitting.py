@@ -14,7 +14,7 @@ from minorloop.identification.active_set import ACCEPTABLE
 from minorloop.identification.condensing import LONG, Condensed, condense
 from minorloop.identification.curves import Curves
 from minorloop.identification.design_matrix import MOST_DENSE, DesignMatrix, PlaneSpec
-from minorloop.identification.least_squares import FittedUnknowns, Problem, reproduces
+from minorloop.identification.least_squares import CANDIDATES, Problem, reproduces
 from minorloop.identification.likelihood import regressors
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.prior import Hyperparameters
@@ -35,8 +35,12 @@ Smoothness: TypeAlias = float | Literal["auto"]
 LONGEST_LAG = 20
 """Samples up to which ``lag="auto"`` searches."""
 _LAG_BANDS = 15
-_SAMPLES_EACH = 3
-"""Samples for each unknown above which the data need no prior."""
+_SAMPLES_EACH, _EXCITED = 3, 0.9
+"""Samples for each unknown, and share of excited cells, above which the data need no prior: it is
+then hardly better than smoothing, and up to five times as slow."""
+_NOISELESS = 1e-4
+"""Error of a fit of many samples with the prior, in ranges, up to which a plane may reproduce them
+to rounding; the prior keeps the fit away from them by about its least discrepancy."""
 _OUTLIER = 6.0
 """Standard deviations from which a sample is left out."""
 _SUSPICIOUS, _LEAST_SUSPICIOUS = 0.6, 2.2
@@ -205,65 +209,95 @@ class Regression:
         return coarse_rows(self.matrix, self.inputs, self.measured, self.matrix.start)
 
 
+@dataclass(frozen=True)
+class FitOptions:
+    """How unknowns are fitted; the options of `identify` of these names.
+
+    ``grouped``: errors on left-out groups show how wide bands must be.
+    """
+
+    smoothness: Smoothness = "auto"
+    prior: Regularisation = "auto"
+    noise: float | None = None
+    mean: Mean = "zero"
+    grouped: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class FittedPlane:
-    """Unknowns, the samples that they were fitted to, and the outliers."""
+    """Unknowns, the samples that they were fitted to and how, and the outliers.
+
+    ``learnt`` are the hyperparameters on the coarse plane; None without the prior.
+    """
 
     x: FloatArray
     kkt: float
     regression: Regression
     fitted: BoolArray
+    options: FitOptions
     smoothness: float = 0.0
     posterior: Posterior | None = None
     suspects: tuple[int, ...] = ()
     converged: bool = True
     ridge: Ridge | None = None
+    learnt: Hyperparameters | None = None
+
+    def without(self, left: BoolArray, signed: bool) -> FloatArray:
+        """Unknowns fitted in the same way to samples other than ``left`` (M,).
+
+        Smoothness or hyperparameters are chosen anew, so that they do not know what is left out.
+        """
+        matrix, y, kept = self.regression.matrix, self.regression.y, ~left
+        if self.learnt is not None:
+            return _with_prior(self.regression, signed, self.options, self.learnt, kept=kept).x
+        problem = Problem(matrix, y, signed)
+        # Not from the fit to all rows: cells that the others leave open would keep what it knows.
+        chosen = self.options.smoothness == "auto"
+        return problem.fit_part(kept, CANDIDATES if chosen else (self.smoothness,))
 
 
 def fit_plane(
     spec: PlaneSpec,
     record: FitRecord,
     lag: int,
-    smoothness: Smoothness,
-    prior: Regularisation,
-    noise: float | None,
+    options: FitOptions,
     labels: IntArray | None = None,
-    mean: Mean = "zero",
 ) -> FittedPlane:
     """Fit with the prior or with smoothness, again where a model error adds to the noise."""
-    found = _fit_once(spec, record, lag, smoothness, prior, noise, labels, mean)
+    found = _fit_once(spec, record, lag, options, labels)
     better = record.with_model_error(found)
-    if better is record:
-        return found
-    return _fit_once(spec, better, lag, smoothness, prior, noise, labels, mean)
+    return found if better is record else _fit_once(spec, better, lag, options, labels)
 
 
 def _fit_once(
-    spec: PlaneSpec,
-    record: FitRecord,
-    lag: int,
-    smoothness: Smoothness,
-    prior: Regularisation,
-    noise: float | None,
-    labels: IntArray | None,
-    mean: Mean,
+    spec: PlaneSpec, record: FitRecord, lag: int, options: FitOptions, labels: IntArray | None
 ) -> FittedPlane:
     regression = record.regression(spec, lag, labels)
-    if prior == "gaussian":
-        return _fit_with_prior(regression, record, lag, noise, mean)
-    samples = regression.matrix.measurements
-    if prior == "none" or smoothness != "auto" or not needs_prior(spec, samples):
-        return _smooth(regression, record, smoothness)
+    if options.prior == "gaussian":
+        return _fit_with_prior(regression, record, lag, options)
+    if options.prior == "none" or options.smoothness != "auto" or not needs_prior(regression):
+        return _smooth(regression, record, options)
     if not is_quick(regression.matrix):
-        return _smooth(regression, record, smoothness if spec.bands <= MOST_DENSE else 0.0)
-    if samples >= spec.unknowns:
-        found = _smooth(regression, record, 0.0)
-        if reproduces(regression.matrix, found.x, regression.y):
-            return found
-    return _fit_with_prior(regression, record, lag, noise, mean)
+        smooth = options if spec.bands <= MOST_DENSE else replace(options, smoothness=0.0)
+        return _smooth(regression, record, smooth)
+    found = _fit_with_prior(regression, record, lag, options)
+    samples = regression.matrix.measurements
+    off = np.sqrt(regression.squared_error(found.x) / samples)
+    close = off <= _NOISELESS * np.ptp(regression.y) or are_few(spec, samples)
+    if samples < spec.unknowns or not close:
+        return found
+    plain = _smooth(regression, record, replace(options, smoothness=0.0))
+    return plain if reproduces(regression.matrix, plain.x, regression.y) else found
 
 
-def needs_prior(spec: PlaneSpec, samples: int) -> bool:
+def needs_prior(regression: Regression) -> bool:
+    """Whether the samples are few for the unknowns, or leave much of the plane open."""
+    matrix = regression.matrix
+    excited = np.count_nonzero(matrix.excited) / matrix.spec.cells
+    return bool(excited < _EXCITED) or are_few(matrix.spec, matrix.measurements)
+
+
+def are_few(spec: PlaneSpec, samples: int) -> bool:
     """Whether the samples are few for the unknowns."""
     return samples < _SAMPLES_EACH * spec.unknowns
 
@@ -276,38 +310,46 @@ def fit_smooth(
     labels: IntArray | None = None,
 ) -> FittedPlane:
     """Fit with smoothness."""
-    return _smooth(record.regression(spec, lag, labels), record, smoothness)
+    options = FitOptions(smoothness, "none")
+    return _smooth(record.regression(spec, lag, labels), record, options)
 
 
-def _smooth(regression: Regression, record: FitRecord, smoothness: Smoothness) -> FittedPlane:
-    fit: FittedUnknowns = Problem(regression.matrix, regression.y, record.signed).fit(smoothness)
+def _smooth(regression: Regression, record: FitRecord, options: FitOptions) -> FittedPlane:
+    problem = Problem(regression.matrix, regression.y, record.signed)
+    fit = problem.fit(options.smoothness)
     return FittedPlane(
-        fit.x, fit.kkt, regression, record.fitted, fit.smoothness, converged=fit.converged
+        fit.x, fit.kkt, regression, record.fitted, options, fit.smoothness, converged=fit.converged
     )
 
 
 def _fit_with_prior(
-    regression: Regression, record: FitRecord, lag: int, noise: float | None, mean: Mean
+    regression: Regression, record: FitRecord, lag: int, options: FitOptions
 ) -> FittedPlane:
     """Fit, and leave outliers out."""
-    found, ridge = _with_prior(regression, record, noise), None
-    if mean == "ridge":
-        found, ridge = _with_ridge(found, regression, record, noise)
-    suspects, record, regression, found = _without_outliers(record, regression, found, lag, noise)
+    found, ridge = _with_prior(regression, record.signed, options), None
+    if options.mean == "ridge":
+        found, ridge = _with_ridge(found, regression, record, options)
+    suspects = tuple[int, ...]()
+    if are_few(regression.matrix.spec, regression.rows.size):  # one of many has little weight
+        suspects, record, regression, found = _without_outliers(
+            record, regression, found, lag, options
+        )
     return FittedPlane(
         found.x,
         found.kkt,
         regression,
         record.fitted,
+        options,
         posterior=found.posterior,
         suspects=suspects,
         converged=found.kkt <= ACCEPTABLE,
         ridge=ridge,
+        learnt=found.learnt,
     )
 
 
 def _without_outliers(
-    record: FitRecord, regression: Regression, found: PriorFit, lag: int, noise: float | None
+    record: FitRecord, regression: Regression, found: PriorFit, lag: int, options: FitOptions
 ) -> tuple[tuple[int, ...], FitRecord, Regression, PriorFit]:
     """Leave out one outlier after the other, but none if two of them are next to each other.
 
@@ -323,7 +365,7 @@ def _without_outliers(
         sample = int(regression.rows[worst])
         others = record.without(sample)
         reduced = others.regression(spec, lag)
-        without = _with_prior(reduced, others, noise, found.learnt, centre)
+        without = _with_prior(reduced, others.signed, options, found.learnt, centre)
         if not _is_outlier(without, regression, worst):
             break
         if any(_on_one_branch(spec, inputs, sample, other) for other in suspects):
@@ -342,7 +384,7 @@ def _on_one_branch(spec: PlaneSpec, u: FloatArray, one: int, other: int) -> bool
 
 
 def _with_ridge(
-    plain: PriorFit, regression: Regression, record: FitRecord, noise: float | None
+    plain: PriorFit, regression: Regression, record: FitRecord, options: FitOptions
 ) -> tuple[PriorFit, Ridge | None]:
     """Compare ridges as the mean of the prior, and none; the best fit and its ridge.
 
@@ -355,7 +397,7 @@ def _with_ridge(
     penalty = PARAMETERS * np.log(regression.rows.size) / 2
     for kind in KINDS:
         fitted = fit_ridge(regression.matrix, regression.y, (kind,))
-        found = _with_prior(regression, record, noise, plain.learnt, fitted.x)
+        found = _with_prior(regression, record.signed, options, plain.learnt, fitted.x)
         if found.likelihood - penalty > least:
             best, chosen, least = found, fitted.ridge, found.likelihood - penalty
     return best, chosen
@@ -363,21 +405,24 @@ def _with_ridge(
 
 def _with_prior(
     regression: Regression,
-    record: FitRecord,
-    noise: float | None,
+    signed: bool,
+    options: FitOptions,
     guess: Hyperparameters | None = None,
     centre: FloatArray | None = None,
+    kept: BoolArray | None = None,
 ) -> PriorFit:
     return fit_prior(
         regression.matrix,
         regression.y,
         regression.dense,
-        signed=record.signed,
-        noise=noise,
+        signed=signed,
+        noise=options.noise,
         guess=guess,
         coarse=regression.coarse,
         within=regression.within,
         centre=centre,
+        kept=kept,
+        independent=options.grouped or kept is not None,  # a part is fitted for its mean
     )
 
 

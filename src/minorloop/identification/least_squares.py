@@ -11,7 +11,7 @@ levels: levels that are dense where relays switch make the plane smooth in these
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -95,13 +95,32 @@ class Problem:
         return _System(self, np.ones(self.y.size)).solve(_as_strength(smoothness))
 
     def fit_part(
-        self, kept: BoolArray, strengths: Sequence[float], guess: FloatArray | None = None
-    ) -> Iterator[FloatArray]:
-        """Fit some of the samples with one smoothness after the other; gives the unknowns."""
+        self,
+        kept: BoolArray,
+        strengths: Sequence[float],
+        guess: FloatArray | None = None,
+    ) -> FloatArray:
+        """Fit some of the samples, with a smoothness that is chosen among them alone.
+
+        Parameters
+        ----------
+        kept : (M,) array of bool
+            Samples to be fitted.
+        strengths : sequence of float
+            Strengths to choose from, weakest first, by prediction of held-out segments.
+        guess : (n,) array, optional
+            Start of a fit with a single strength.
+
+        Returns
+        -------
+        (n,) array
+            The unknowns.
+        """
         part = _System(self, kept.astype(np.float64))
-        for strength in strengths:
-            guess = part.solve(strength, guess).x
-            yield guess
+        if len(strengths) == 1:
+            return part.solve(strengths[0], guess).x
+        best, guess = self._best_strength(part, strengths)
+        return part.solve(best, guess if best else None).x
 
     def coarser(self) -> Problem:
         """Problem of the same samples with every other threshold."""
@@ -116,27 +135,45 @@ class Problem:
         levels, so that large problems take it from a coarser one.
         """
         whole = _System(self, np.ones(self.y.size))
-        if self.matrix.spec.cells > (_LARGE if self.y.size <= _MANY else _LARGE_OF_MANY):
-            return whole.solve(self.coarser().fit("auto").smoothness)
-        plain = whole.solve(0.0)
-        held = held_out_segments(self.y.size)
-        weight = np.ones(self.y.size) if self.matrix.counts is None else self.matrix.counts
-        if reproduces(self.matrix, plain.x, self.y) or not held.any():
+        plain = None if self._is_large else whole.solve(0.0)
+        if plain is not None and reproduces(self.matrix, plain.x, self.y):
             return plain
-        part = _System(self, np.where(held, 0.0, 1.0), whole)
+        best, guess = self._best_strength(whole, CANDIDATES)
+        return plain if plain is not None and not best else whole.solve(best, guess)
+
+    @property
+    def _is_large(self) -> bool:
+        most = _LARGE if self.y.size <= _MANY else _LARGE_OF_MANY
+        return self.matrix.spec.cells > most
+
+    def _best_strength(
+        self, whole: _System, strengths: Sequence[float]
+    ) -> tuple[float, FloatArray | None]:
+        """Strength that predicts held-out segments of the samples of a system best, and a guess."""
+        if self._is_large:
+            coarse = self.coarser()
+            return coarse._best_strength(_System(coarse, whole.share), strengths)[0], None
+        used = np.flatnonzero(whole.weight > 0)
+        held = used[held_out_segments(used.size)]
+        if not held.size:
+            return 0.0, None
+        share = whole.share.copy()
+        share[held] = 0.0
+        part = _System(self, share, whole)
         # The first guess is none: cells that the others leave open would keep what it knows.
         guess: FloatArray | None = None
         best, least, since = 0.0, np.inf, 0
-        for strength in CANDIDATES:
+        for strength in strengths:
             guess = part.solve(strength, guess).x
-            error = float((self.matrix.forward(guess) - self.y)[held] ** 2 @ weight[held])
+            off = (self.matrix.forward(guess) - self.y)[held]
+            error = float(off**2 @ whole.weight[held])
             if error < least:
                 best, least, since = strength, error, 0
             else:
                 since += 1
             if since == _PATIENCE:
                 break
-        return whole.solve(best, guess) if best else plain
+        return best, guess
 
 
 def reproduces(matrix: DesignMatrix, x: FloatArray, y: FloatArray) -> bool:
@@ -156,7 +193,8 @@ class _System:
 
     def __init__(self, problem: Problem, weight: FloatArray, whole: _System | None = None) -> None:
         counts = problem.matrix.counts
-        self.problem, self.weight = problem, weight if counts is None else weight * counts
+        self.problem, self.share = problem, weight
+        self.weight = weight if counts is None else weight * counts
         weight, spec = self.weight, problem.matrix.spec
         used = problem.y[weight > 0]
         self.shift = float(used.mean()) if spec.offset else 0.0

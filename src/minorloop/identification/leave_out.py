@@ -1,24 +1,22 @@
 """Validation on left-out groups, and the scatter of groups about their predictions.
 
-Each group of rows is predicted by a fit of the same structure, with the same smoothness or prior,
-to the other groups. The errors contain what the residuals of one fit do not: differences between
-curves, days or specimens.
+Each group of rows is predicted by a fit of the same structure to the other groups, from which
+smoothness or hyperparameters are chosen too. The errors contain what the residuals of one fit do
+not: differences between curves, days or specimens.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from minorloop.arrays import BoolArray, FloatArray, IntArray
+from minorloop.arrays import FloatArray, IntArray
 from minorloop.errors import ParameterError
 from minorloop.identification.baseline import nrmse
 from minorloop.identification.fitting import FitRecord, FittedPlane, Regression
-from minorloop.identification.least_squares import Problem
 from minorloop.identification.posterior import Posterior
-from minorloop.identification.prior_fit import fit_given
 
 FOLDS = 10
 """Fits without a part of the groups, at most."""
@@ -113,7 +111,7 @@ def validate(
     ParameterError
         If all fitted rows are of one group.
     """
-    rows = record.rows(lag)
+    rows = replace(record, fitted=found.fitted).rows(lag)
     names = np.unique(groups[rows])
     if names.size < 2:
         raise ParameterError(
@@ -137,29 +135,20 @@ def left_out(
     fold: IntArray,
     say: Callable[[str], None] = lambda stage: None,
 ) -> FloatArray:
-    """(T,) outputs of the samples of each fold, predicted by a fit to the others."""
+    """(T,) outputs of the samples of each fold, predicted by a fit to the others.
+
+    Samples of fold -1 are in all fits, and not predicted.
+    """
     regression = found.regression
     part = fold[regression.rows]
     predicted = np.full(record.u.size, np.nan)
-    names = np.unique(part)
+    names = np.unique(part[part >= 0])
     for count, k in enumerate(names, 1):
         say(f"leaving out groups, fit {count} of {names.size}")
-        x = _without(found, record.signed, part == k)
+        x = found.without(part == k, record.signed)
         model = regression.matrix.spec.model(x)
         predicted[fold == k] = record.curves.simulate(model, record.u, lag)[fold == k]
     return predicted
-
-
-def _without(found: FittedPlane, signed: bool, left: BoolArray) -> FloatArray:
-    """Unknowns fitted without some rows, with the same smoothness or prior."""
-    regression = found.regression
-    if found.posterior is None:
-        problem = Problem(regression.matrix, regression.y, signed)
-        # Not from the fit to all rows: cells that the others leave open would keep what it knows.
-        return next(problem.fit_part(~left, [found.smoothness]))
-    return fit_given(
-        found.posterior, regression.matrix, regression.y, regression.dense, ~left, signed=signed
-    )
 
 
 def _scatter(

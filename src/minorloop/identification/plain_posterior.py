@@ -19,6 +19,7 @@ from minorloop.identification.likelihood import MOST_SEARCH_BANDS, Evidence, sea
 from minorloop.identification.posterior import Posterior
 from minorloop.identification.prior import PlanePrior
 from minorloop.identification.prior_fit import (
+    correlation_time,
     on_finer_plane,
     scale_outputs,
     with_residual_variance,
@@ -47,8 +48,11 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
     matrix, weight = regression.matrix, regression.weight
     scaled, unit, middle = scale_outputs(matrix.spec, regression.y)
     small, medium = matrix.at_most(MOST_SEARCH_BANDS), matrix.at_most(_MOST_BANDS)
+    # Neighbours whose errors are alike count as one sample.
+    weight = weight / correlation_time(matrix, regression.y, x)
     within, count = regression.within / unit**2, float(weight.sum())
-    left = regression.squared_error(x) / unit**2 + within * count
+    off = (matrix.forward(x) - regression.y) / unit
+    left = float(weight @ off**2) + within * count
     with one_thread():
         learnt = search(Evidence.of_many(small, scaled, weight, within), None)
         evidence, plane = Evidence.of_many(medium, scaled, weight), PlanePrior(medium.spec)
@@ -60,10 +64,10 @@ def plain_posterior(regression: Regression, x: FloatArray, determined: float) ->
             left = max(left, max(count - determined, 1.0) * variance)
         h = with_residual_variance(h, left, count - determined, None)
         system = dense_system(plane, evidence, h, signed=True)
-        found = system.posterior(unit, round(count), determined)
         other = _on_coarser_plane(matrix.spec, medium.spec, x)
         if medium.spec.offset:
             other[medium.spec.cells] -= middle
+        found = system.posterior(unit, round(count), determined)
         return replace(found, dense=np.column_stack([found.dense, other - unit * system.mean]))
 
 

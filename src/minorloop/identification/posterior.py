@@ -38,6 +38,9 @@ class Posterior(ABC):
         Trace of the hat matrix without sign constraints: number of unknowns that they determined.
     centre : (n,) array, optional
         Mean of the prior; zero if None.
+    apart : (n,) array, optional
+        Estimate less the one that the covariance is of; the square of its output is added to
+        variances. None if they are the same.
     """
 
     spec: PlaneSpec
@@ -46,6 +49,7 @@ class Posterior(ABC):
     samples: int
     determined: float
     centre: FloatArray | None = field(default=None, kw_only=True)
+    apart: FloatArray | None = field(default=None, kw_only=True)
 
     @property
     @abstractmethod
@@ -63,12 +67,16 @@ class Posterior(ABC):
 
         It includes the uncertainty of the weights and the model discrepancy, but no sensor noise.
         """
-        every = np.ones(u.size, dtype=np.bool_)
-        return self._whole(self.variances(u, every if measured is None else measured, start))
+        wanted = np.ones(u.size, dtype=np.bool_) if measured is None else measured
+        known = self.variances(u, wanted, start)
+        if self.apart is not None:
+            known += DesignMatrix(self.spec, u, wanted, start).forward(self.apart) ** 2
+        return self._whole(known)
 
     def row_deviation(self, rows: FloatArray) -> FloatArray:
         """Standard deviation of the true outputs for regressors (T, n)."""
-        return self._whole(np.einsum("tk,tk->t", *[rows @ self.factor] * 2))
+        known = np.einsum("tk,tk->t", *[rows @ self.factor] * 2)
+        return self._whole(known if self.apart is None else known + (rows @ self.apart) ** 2)
 
     def _whole(self, variances: FloatArray) -> FloatArray:
         total = variances + (self.hyperparameters.discrepancy * self.unit) ** 2

@@ -67,10 +67,12 @@ class PlanePrior:
     ----------
     spec : PlaneSpec
         The unknowns, (n,): K packed weights, offset, slope.
+    least : (K,) array, optional
+        Least standard deviations of the irreversible weights, in ranges of the output.
     """
 
-    def __init__(self, spec: PlaneSpec) -> None:
-        self.spec = spec
+    def __init__(self, spec: PlaneSpec, least: FloatArray | None = None) -> None:
+        self.spec, self.least = spec, least
         self.grid = (spec.levels - spec.levels[0]) / (spec.levels[-1] - spec.levels[0])
         middle, width = (self.grid[1:] + self.grid[:-1]) / 2, np.diff(self.grid)
         i, j = np.tril_indices(spec.bands)
@@ -79,14 +81,17 @@ class PlanePrior:
         # The centre of a triangle is a third of its width from the diagonal.
         self.across = np.where(i == j, width[i] / 3, middle[i] - middle[j])
         self.middle, self._width = middle, width
-        self._area = cell_areas(self.grid)[i, j]
+        self.area = cell_areas(self.grid)[i, j]
         self._unit = 2.0 / swing(spec.relay)
         self._none = np.zeros(spec.bands)
         self._correlations: dict[tuple[float, float], FloatArray] = {}
 
     def deviations(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray]:
         """(K,) standard deviations of the irreversible weights, and (L,) of the reversible ones."""
-        return self._unit * self._bulk(h), self._unit * h.reversible * self._width
+        bulk = self._unit * self._bulk(h)
+        if self.least is not None:
+            bulk = np.maximum(bulk, self.least)
+        return bulk, self._unit * h.reversible * self._width
 
     @property
     def level_deviations(self) -> FloatArray:
@@ -134,7 +139,7 @@ class PlanePrior:
         along, across = _kernels.matern_slopes(
             self.along, self.across, h.along, h.across, correlation, weighted
         )
-        decay = np.exp(-self.across / h.decay) * self._area
+        decay = np.exp(-self.across / h.decay) * self.area
         distance = self.across / h.decay
         by_decay = 2 * float(each @ (distance - distance @ decay / decay.sum()))
         weighted = reversible[:, None] * weight[np.ix_(self.diagonal, self.diagonal)] * reversible
@@ -161,7 +166,7 @@ class PlanePrior:
 
     def _bulk(self, h: Hyperparameters) -> FloatArray:
         """(K,) standard deviations of the irreversible weights of bipolar relays."""
-        decay = np.exp(-self.across / h.decay) * self._area
+        decay = np.exp(-self.across / h.decay) * self.area
         return np.asarray(h.bulk * decay / decay.sum())
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from minorloop.identification.prior_system import (
 from minorloop.operators.memory import Start
 from minorloop.threads import one_thread
 
+System = TypeVar("System", bound=PriorSystem)
+
 MOST_CORRELATED = 100
 """Samples up to which the discrepancy is correlated. Along the branches of a longer record, a
 correlated discrepancy would explain what the weights can."""
@@ -46,7 +48,13 @@ MOST_SCREENED = 400
 MANY = 10**9
 """Number of samples that stands for hyperparameters that are given, not learnt."""
 _LEAST_NOISE = 1e-6
+_ALIKE, _MOST_ALIKE, _SURE = 1.5, 10, 3.0
+"""Correlation time from which errors are not independent, its largest lag as a share of the
+samples, one in so many, and standard deviations of an autocorrelation that is no noise."""
 _REFINEMENTS = 2
+_SQUARES, _REACHED = 8, 0.1
+"""Squares across the plane over which densities are averaged, so that single rough cells do not
+count; and share of a square that the record must have switched."""
 _LEAST_NUGGET, _NUGGET_STEPS, _NUGGET_TOLERANCE = 1e-3, 6, 0.5
 """Least nugget, most steps of the search for it, and tolerance of its logarithm."""
 
@@ -77,6 +85,8 @@ def fit_prior(
     coarse: tuple[PlaneSpec, FloatArray] | None = None,
     within: float = 0.0,
     centre: FloatArray | None = None,
+    kept: BoolArray | None = None,
+    independent: bool = False,
 ) -> PriorFit:
     """Fit the unknowns with the prior.
 
@@ -100,7 +110,21 @@ def fit_prior(
         Mean square of the outputs about the condensed ones, in squared units.
     centre : (n,) array, optional
         Mean of the prior; zero if not given.
+    kept : (M,) array of bool, optional
+        Measurements that are fitted, and that the hyperparameters are learnt from; all if not
+        given.
+    independent : bool
+        Take the errors of neighbouring samples for independent.
+
+    Notes
+    -----
+    Where neighbouring errors of many samples are alike, the bands are those of a fit to fewer
+    independent samples. The unknowns are not: most such errors of real records are hysteresis that
+    the model lacks, and more of the prior would only add to them.
     """
+    if dense is not None and kept is not None:
+        y, dense = y[kept], (dense[0][kept], dense[1][kept])
+        coarse = None if coarse is None else (coarse[0], coarse[1][kept])
     if dense is not None:
         return fit_few(
             matrix.spec,
@@ -112,8 +136,23 @@ def fit_prior(
             coarse=coarse,
             centre=centre,
         )
-    with one_thread(matrix.spec.unknowns):
-        return _fit_many(matrix, y, signed, noise, guess, within, centre)
+    weight = np.ones(y.size) if matrix.counts is None else matrix.counts
+    weight = weight if kept is None else weight * kept
+    # Dense matrices are small here, but for planes of more than 64 levels with many reversals.
+    with one_thread():
+        found = _fit_many(matrix, y, weight, signed, noise, guess, within, centre)
+        together = 1.0 if independent else correlation_time(matrix, y, found.x)
+        if together == 1.0:
+            return found
+        weight = weight / together
+        other = _fit_many(matrix, y, weight, signed, noise, found.learnt, within, centre)
+    posterior = replace(
+        other.posterior,
+        determined=found.posterior.determined,
+        samples=found.posterior.samples,
+        apart=found.x - other.x,
+    )
+    return replace(found, posterior=posterior)
 
 
 def is_few(spec: PlaneSpec, samples: int) -> bool:
@@ -154,6 +193,8 @@ def fit_few(
             h,
             lambda x: float(np.mean((scaled - dense[0] @ x) ** 2)),
         )
+        switched = np.ptp(dense[0], axis=0)[: spec.cells] > 0
+        system = with_open_cells(system, spec, x + mean, switched)
         posterior = system.posterior(unit, y.size, determined)
     posterior = replace(posterior, centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
@@ -168,21 +209,48 @@ def on_finer_plane(h: Hyperparameters, coarse: PlaneSpec, fine: PlaneSpec) -> Hy
     return replace(h, nugget=h.nugget * fine.cells / coarse.cells)
 
 
+def correlation_time(matrix: DesignMatrix, y: FloatArray, x: FloatArray) -> float:
+    """Number of neighbouring samples whose errors count as one; 1 for independent errors.
+
+    It is the sum of products of the autocorrelations of residual and output, up to the first that
+    is noise: correlated errors matter where the regressors are alike too. Long records are
+    condensed, so that their neighbours are not known; their errors count as independent.
+
+    References
+    ----------
+    Priestley, Spectral Analysis and Time Series, 1981, section 5.3: the variance of a mean.
+    """
+    if matrix.counts is not None:
+        return 1.0
+    fitted = matrix.forward(x)
+    left, fitted = y - fitted, fitted - fitted.mean()
+    squares = float(left @ left) * float(fitted @ fitted)
+    total, least = 1.0, _SURE / np.sqrt(left.size)
+    for lag in range(1, left.size // _MOST_ALIKE if squares else 1):
+        found = float(left[lag:] @ left[:-lag]) / float(left @ left)
+        if found < least:
+            break
+        total += 2 * found * max(float(fitted[lag:] @ fitted[:-lag]) / float(fitted @ fitted), 0.0)
+    return total if total >= _ALIKE else 1.0
+
+
 def _fit_many(
     matrix: DesignMatrix,
     y: FloatArray,
+    weight: FloatArray,
     signed: bool,
     noise: float | None,
     guess: Hyperparameters | None,
     within: float,
     centre: FloatArray | None,
 ) -> PriorFit:
-    spec, (scaled, unit, shift) = matrix.spec, scale_outputs(matrix.spec, y)
+    spec = matrix.spec
+    _, unit, shift = scale_outputs(spec, y[weight > 0])
+    scaled = (y - shift) / unit
     known, within = _scaled_noise(noise, unit), within / unit**2
     mean = _scaled_centre(spec, centre, unit, shift)
     if centre is not None:
         scaled = scaled - matrix.forward(mean)
-    weight = np.ones(y.size) if matrix.counts is None else matrix.counts
     small = matrix.at_most(MOST_SEARCH_BANDS)
     learnt = search(Evidence.of_many(small, scaled, weight, within), known, guess)
     h = on_finer_plane(learnt, small.spec, spec)
@@ -203,54 +271,15 @@ def _fit_many(
         h = _with_best_nugget(h, lambda h: system_at(h).likelihood)
         h, determined = with_variance_of_residuals(h)
     leave_one_out = None
-    if weight.sum() <= MOST_SCREENED + 0.5:
+    if y.size <= MOST_SCREENED and (weight > 0).all():
         leave_one_out = _leave_one_out_of_many(system_at(h), h, matrix, scaled)
     h, x, kkt, system, likelihood = _solve(system_at, h, mean_square)
+    switched = matrix.column_squares(weight)[1][: spec.cells]
+    system = with_open_cells(system, spec, x + mean, switched)
     posterior = system.posterior(unit, round(weight.sum()), determined)
     posterior = replace(posterior, centre=centre)
     x = _unscaled(spec, x + mean, unit, shift)
     return PriorFit(x, kkt, posterior, leave_one_out, learnt, likelihood)
-
-
-def fit_given(
-    posterior: Posterior,
-    matrix: DesignMatrix,
-    y: FloatArray,
-    dense: tuple[FloatArray, FloatArray] | None,
-    kept: BoolArray,
-    *,
-    signed: bool,
-) -> FloatArray:
-    """Fit the unknowns to some of the samples, with the hyperparameters of a posterior.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Its hyperparameters are used.
-    matrix : DesignMatrix
-        Regressors of M samples.
-    y : (M,) array
-        Outputs.
-    dense : tuple, optional
-        What `regressors` gives; None for many samples.
-    kept : (M,) array of bool
-        The samples to be fitted.
-    signed : bool
-        Let weights and slope be negative.
-    """
-    spec, unit = matrix.spec, posterior.unit
-    weight = kept.astype(np.float64) if matrix.counts is None else kept * matrix.counts
-    shift = float(weight @ y / weight.sum()) if spec.offset else 0.0
-    mean = _scaled_centre(spec, posterior.centre, unit, shift)
-    scaled, h = (y - shift) / unit - matrix.forward(mean), posterior.hyperparameters
-    with one_thread(spec.unknowns):
-        if dense is None:
-            system = systems(matrix, scaled, weight, signed, mean)(h)
-        else:
-            found = Evidence.of_few(spec, scaled[kept], (dense[0][kept], dense[1][kept]))
-            system = dense_system(PlanePrior(spec), found, h, signed, mean)
-        x, _ = system.bounded()
-    return _unscaled(spec, x + mean, unit, shift)
 
 
 def posterior_after(
@@ -296,6 +325,37 @@ def _solve(
         system = system_at(h)
         x, kkt = system.bounded(x)
     return h, x, kkt, system, likelihood
+
+
+def with_open_cells(system: System, spec: PlaneSpec, x: FloatArray, switched: BoolArray) -> System:
+    """System for the bands, whose prior knows little of cells that never switched.
+
+    The hyperparameters are learnt where the record reaches, often near the diagonal. Beyond, any
+    weight up to the greatest density that the record shows is as likely, whatever their decay.
+
+    Parameters
+    ----------
+    system : PriorSystem
+        System of the fit.
+    spec : PlaneSpec
+        The unknowns (n,): K packed weights, offset, slope.
+    x : (n,) array
+        Fitted unknowns, with an output range of 1.
+    switched : (K,) array of bool
+        Cells that switch between measured samples.
+    """
+    i, j = np.tril_indices(spec.bands)
+    seen = switched & (i != j)  # the diagonal has reversible weights too
+    if switched.all() or not seen.any():
+        return system
+    plane = PlanePrior(spec)
+    square = np.minimum((_SQUARES * plane.middle).astype(int), _SQUARES - 1)
+    place = _SQUARES * square[i] + square[j]
+    weight = np.bincount(place[seen], np.abs(x[: spec.cells][seen]), _SQUARES**2)
+    area = np.bincount(place[seen], plane.area[seen], _SQUARES**2)
+    reached = area > _REACHED / _SQUARES**2
+    densest = float(np.max(weight[reached] / area[reached], initial=0.0))
+    return system.widened(np.where(switched, 0.0, densest * plane.area))
 
 
 def _leave_one_out(

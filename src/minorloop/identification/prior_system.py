@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -69,6 +70,10 @@ class PriorSystem(ABC):
         """(M,) variances of outputs, from the uncertainty of the unknowns alone."""
 
     @abstractmethod
+    def widened(self, least: FloatArray) -> Self:
+        """System with least (K,) prior standard deviations of the irreversible weights."""
+
+    @abstractmethod
     def posterior(self, unit: float, samples: int, determined: float) -> Posterior:
         """Posterior of outputs of range ``unit``."""
 
@@ -86,6 +91,7 @@ class _DenseSystem(PriorSystem):
     ) -> None:
         self._gram, self._slope, self._square, self._logarithm = evidence.information(h)
         self._plane, self._h, self._centre = plane, h, centre
+        self._evidence, self._signed = evidence, signed
         scale, root = plane.scale(h), cholesky(plane.covariance(h))
         quadratic = scale[:, None] * self._gram * scale
         quadratic += cholesky_inverse(root)
@@ -134,6 +140,10 @@ class _DenseSystem(PriorSystem):
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         half = matrix.dense() @ self.factor
         return np.asarray(np.einsum("mn,mn->m", half, half))
+
+    def widened(self, least: FloatArray) -> Self:
+        plane = PlanePrior(self._plane.spec, least)
+        return type(self)(plane, self._evidence, self._h, self._signed, self._centre)
 
     def posterior(self, unit: float, samples: int, determined: float) -> DensePosterior:
         factor = self.factor * unit
@@ -210,6 +220,10 @@ class _SparseSystem(PriorSystem):
 
     def variances(self, matrix: DesignMatrix) -> FloatArray:
         return self._variance * self._factorise(self._variance).variances(matrix)
+
+    def widened(self, least: FloatArray) -> Self:
+        field = self._field.widened(least)
+        return type(self)(self._system, field, self._y, self._h, self._signed, self._centre)
 
     def posterior(self, unit: float, samples: int, determined: float) -> SparsePosterior:
         system, h = self._factorise(self._variance), self._h

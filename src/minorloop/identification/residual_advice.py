@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from minorloop.errors import are, counted
 from minorloop.identification.residuals import (
     PARTS,
@@ -24,6 +26,9 @@ _ALIKE, _LEAST_ERROR = 0.8, 0.005
 """Autocorrelation of a residual that is no noise; and its least size in ranges."""
 _UNEVEN = 2.5
 """Ratio of the errors of parts that is reported."""
+_BEGIN, _TOGETHER = 10, 0.6
+"""The first rows of a curve are one in so many; and their mean error, over that of all rows, from
+which they are off together: without noise or misfit in common it is far below."""
 _CONSTANT = 1.5
 """Ratio of amplitudes or rates below which they are all alike."""
 
@@ -44,6 +49,7 @@ def residual_advice(result: Fit) -> Iterator[str]:
         )
     if result.nrmse < _LEAST_ERROR:
         return
+    yield from _starts(result)
     if found.groups is not None:
         yield _groups_text(found.groups)
     yield from _uneven(found, result)
@@ -79,6 +85,27 @@ def _startup_text(startup: Startup) -> str:
         f"being fitted, skip={startup.rows} (--skip {startup.rows}), or give the start state that "
         "the record has"
     )
+
+
+def _starts(result: Fit) -> Iterator[str]:
+    """Say that the first rows of curves are off together, as where another memory came before."""
+    curves, start = result.curves, result.start
+    if curves.begins.size == 1 or not isinstance(start, str):
+        return
+    rows = np.flatnonzero(result.fitted)
+    position = curves.positions(result.u.size)
+    length = np.diff(np.append(curves.begins, result.u.size))
+    first = rows[position[rows] * _BEGIN < np.repeat(length, length)[rows]]
+    if not first.size:
+        return
+    off = float((result.prediction - result.y)[first].mean()) / result.span(result.fitted)
+    if abs(off) >= max(_TOGETHER * result.nrmse, _LEAST_ERROR):
+        others = [name for name in ("negative", "positive", "demagnetised") if name != start]
+        yield (
+            f"the first rows of the curves are off together, by {-off:+.2%} of range in the mean: "
+            f"the memory before them may not be {start!r}; try "
+            f'start_of_curve="{others[1]}" or "{others[0]}" (--start-of-curve)'
+        )
 
 
 def _outliers_text(samples: tuple[int, ...], result: Fit) -> str:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from minorloop.arrays import FloatArray, IntArray, Samples
 from minorloop.figures import NotebookView, figure_of
+from minorloop.identification import _prior_kernels as _kernels
 from minorloop.identification import advising
 from minorloop.identification.bands import BAND, Prediction, as_probability
 from minorloop.identification.baseline import delayed
@@ -20,6 +21,9 @@ from minorloop.identification.rough_model import few
 from minorloop.identification.scores import score_rows
 from minorloop.operators.inversion import Inversion, Unreachable, as_signal
 from minorloop.operators.memory import Start
+
+_PIECES = 8
+"""Pieces of a branch of the major loop of which the steepest counts: a jump is not a slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +135,25 @@ class Identification(Fit, NotebookView):
             wanted[places[samples]] = True
             known = self.uncertainty.deviation(inputs, curves.start, wanted)
         if self.scatter is None:
-            return known
+            return np.hypot(known, self._beyond(inputs)[places[samples]])
+        # A left-out group may reach beyond the others, so that its errors count this.
         return self.scatter.deviation(inputs[places[samples]], known, probability)
+
+    def _beyond(self, u: FloatArray) -> FloatArray:
+        """Standard deviation from relays beyond the levels, of which nothing is known.
+
+        The output may go on as steeply as the major loop is where it is steepest. What an input
+        beyond one end switched is switched back on the way to the other end.
+        """
+        low, high = float(self.model.levels[0]), float(self.model.levels[-1])
+        overshoot = np.zeros(u.size)
+        if u.size and (u.min() < low or u.max() > high):
+            _kernels.overshoot(u, low, high, overshoot)
+            loop = np.linspace(low, high, _PIECES + 1)
+            branches = self.model.simulate(np.concatenate([loop, loop[::-1]]))
+            steepest = float(np.abs(np.diff(branches)).max()) * _PIECES / (high - low)
+            overshoot *= steepest
+        return overshoot
 
     @cached_property
     def band_sd(self) -> float:
