@@ -132,7 +132,7 @@ def _serve(
 def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> str:
     """Answer the newest request of the loop; return why there is no answer, empty if there is one.
 
-    Without a picture there is none, and the loop holds.
+    Without a picture there is none, and the loop holds. A picture under other lights is not shown.
     """
     request = newest(loop)
     if perception is None:
@@ -142,9 +142,9 @@ def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> s
     except InstrumentError as error:
         return str(error)
     loop.send_bytes(msgspec.msgpack.encode(report))
-    if perception.image is not None:
+    if perception.shown and perception.image is not None:
         where, coded = to_shown(request.position), jpeg(perception.image)
-        picture = messages.picture(messages.IMAGE, request.number, request.t, where, coded)
+        picture = messages.picture(messages.IMAGE, request.number, perception.taken, where, coded)
         outbox.newest(picture)
         if request.keep and request.number % _RECORD_EVERY == 0:
             loop.send_bytes(PICTURED + picture)

@@ -36,6 +36,7 @@ from minorloop.head.procedures.values import (
 from minorloop.head.vision.calibrated_camera import Image
 from minorloop.head.vision.defects import Findings
 from minorloop.head.vision.tracking import TRACKED, TrackState
+from minorloop.lab.actuator import Frame
 
 _FRAME = 0.04
 """Seconds from one frame of the camera to the next."""
@@ -75,6 +76,7 @@ class Perception:
 
     def __init__(self, tip: Tip, view: HeadCalibration, later: Later = at_once) -> None:
         self._tip, self.view, self._later = tip, view, later
+        self._newest: Callable[[], Frame | None] | None = getattr(tip, "newest", None)
         self._finder = Finder(view)
         self._centring = Centring(calibration=view)
         self._metering = Metering(calibration=view, seconds=math.inf)
@@ -91,6 +93,7 @@ class Perception:
         self._position: Position = (0.0, 0.0, 0.0, 0.0)
         self._events: list[dict[str, Any]] = []
         self.image: Image | None = None
+        self.shown, self.taken = False, 0.0
         self.jobs: list[dict[str, Any]] = []
         self.commands: dict[str, Callable[..., None]] = {
             "pick": self._pick,
@@ -106,7 +109,12 @@ class Perception:
         }
 
     def tick(self, request: CameraRequest) -> CameraReport:
-        """Carry out the commands, process a frame and report; ``image`` is the one to show."""
+        """Carry out the commands, process a frame and report.
+
+        ``image`` is the one to show, ``taken`` its time, and ``shown`` says whether it is of this
+        tick. While a camera has only pictures of the lights before, the report has what the angles
+        give.
+        """
         self._position = request.position
         self._tip.move_to(request.stance)
         for name, numbers in request.commands:
@@ -116,19 +124,11 @@ class Perception:
         idle = self._work is None and self._echoes is None
         if idle and self._finder.at_rest_somewhere_new(request.position):
             self._find()
-        lit, free, fresh = self._all_lights, self._work is None, True
-        reading = self._reading(self._tip.frame().image)
-        if lit:
-            self.image = reading.image
-            fresh = self._picked is None
-            if not fresh:  # the track starts at this frame, so it is not followed in it
-                self._try(self._begin_track, [reading])
-        target = self._follow(reading, lit and fresh and free)
-        if self._work is not None:
-            self._continue(self._work, reading)
-        else:
-            self._meter, wanted = self._metering.step(self._meter, reading)
-            apply_to_tip(self._tip, wanted)
+        self.shown = False
+        frame = self._tip.frame() if self._newest is None else self._newest()
+        # A simulated camera draws its picture now.
+        self.taken = request.t if self._newest is None or frame is None else frame.t
+        target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
         self._take_results()
         events, self._events = self._events, []
         self._ticks += 1
@@ -138,6 +138,23 @@ class Perception:
             spots=self._finder.shown(request.position),
             events=events,
         )
+
+    def _seen(self, image: Image) -> tuple[float, float, float, bool] | None:
+        """Process an image; return the tracked point in it."""
+        lit, free, fresh = self._all_lights, self._work is None, True
+        reading = self._reading(image)
+        if lit:
+            self.image, self.shown = image, True
+            fresh = self._picked is None
+            if not fresh:  # the track starts at this frame, so it is not followed in it
+                self._try(self._begin_track, [reading])
+        target = self._follow(reading, lit and fresh and free)
+        if self._work is not None:
+            self._continue(self._work, reading)
+        else:
+            self._meter, wanted = self._metering.step(self._meter, reading)
+            apply_to_tip(self._tip, wanted)
+        return target
 
     def _reading(self, image: Image | None = None) -> Reading:
         return reading_at(self._position, t=self._ticks * _FRAME, image=image)
