@@ -87,4 +87,6 @@ def test_a_camera_that_waits_for_its_lights_answers_every_request_of_the_loop():
     assert [each.number for each in found] == list(range(30))
     assert sum(event["what"] == "found" for each in found for event in each.events) == 1
     # A picture that shows other lights, or those before, is not shown; others are.
-    assert shown[0] and not any(shown[2:12]) and all(shown[20:])
+    assert shown[0]
+    assert not any(shown[2:12])
+    assert all(shown[20:])

@@ -6,6 +6,8 @@ import pytest
 
 from console_rig import AHEAD, PIT, DirectCamera, Pilot, position, right, view
 from minorloop.head.console import messages
+from minorloop.head.console.settings import LoopSettings
+from minorloop.head.procedures.actuator_plant import NO_PROBE
 from minorloop.head.procedures.scan import RasterScan
 from minorloop.head.twins.sensor import Fault
 
@@ -230,6 +232,19 @@ def scanning(stick=(0.0, 0.0)):
     pilot.drive(2)
     assert pilot.session.state.mode == "SCAN"
     return pilot
+
+
+def test_a_head_without_a_probe_says_so_and_does_not_scan():
+    pilot = Pilot().following((319.5, 239.5))
+    pilot.camera.events = [EXTRACTED]
+    pilot.drive(2)
+    pilot.session.no_probe = LoopSettings(address="bench:head.toml").no_probe
+    pilot.order(messages.Scan)
+    pilot.drive(2)
+    assert pilot.session.state.mode == "TRACK"
+    assert sent(pilot.session, "notice")[-1]["text"] == NO_PROBE
+    assert msgspec.json.decode(pilot.session.introduction())["no_probe"] == NO_PROBE
+    assert LoopSettings().no_probe == ""
 
 
 def test_a_scan_returns_home_and_its_depth_is_added_to_the_finding():

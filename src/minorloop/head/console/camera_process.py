@@ -104,9 +104,7 @@ def _tip(
     return tip, calibration or own
 
 
-def _introduced(
-    introduction: dict[str, Any], loop: NewestPipe, stop: Event
-) -> Connection | None:
+def _introduced(introduction: dict[str, Any], loop: NewestPipe, stop: Event) -> Connection | None:
     """Send the introduction to a control loop; return its pipe, None if there was no loop."""
     pipe = None
     while pipe is None and not stop.is_set():

@@ -98,9 +98,13 @@ def in_si(row: ReportedFinding) -> tables.Finding:
 
 
 def introduction(
-    interval: float, view: HeadCalibration, config: TeleopConfig, wires: Iterable[Any]
+    interval: float,
+    view: HeadCalibration,
+    config: TeleopConfig,
+    wires: Iterable[Any],
+    no_probe: str = "",
 ) -> bytes:
-    """Return the message with camera, cone and planes of the wires."""
+    """Return the message with camera, cone, planes of the wires, and why there is no probe."""
     lens = view.lens
     return messages.encode(
         messages.Hello(
@@ -121,6 +125,7 @@ def introduction(
                 messages.PlaneWeights(levels=wire.levels.tolist(), weights=_rows(wire.weights))
                 for wire in wires
             ],
+            no_probe=no_probe,
         )
     )
 

@@ -62,6 +62,8 @@ class Session:
     config : TeleopConfig
     tracker : HeadTracker, optional
         Gives the pose of the operator's head instead of the page.
+    no_probe : str
+        Why no depth can be measured; empty with a probe.
     """
 
     plant: Plant
@@ -70,6 +72,7 @@ class Session:
     camera: CameraLink
     config: TeleopConfig = field(default_factory=TeleopConfig)
     tracker: HeadTracker | None = None
+    no_probe: str = ""
 
     def __post_init__(self) -> None:
         self.state = TeleopState()
@@ -212,7 +215,7 @@ class Session:
     def introduction(self) -> bytes:
         """Return the `Hello` of this loop."""
         wires = [axis.estimate.wire.tracker.model for axis in self._control.axes]
-        return introduction(self.interval, self.view, self.config, wires)
+        return introduction(self.interval, self.view, self.config, wires, self.no_probe)
 
     def position(self) -> Position:
         """Return the last known position of the head, in rad and m."""
@@ -356,6 +359,9 @@ class Session:
         self.send_findings()
 
     def _begin_scan(self, number: int | None) -> None:
+        if self.no_probe:
+            self.notice(self.no_probe)
+            return
         wanted = [f for f in self.findings if number is None or f.number == number]
         if not wanted:
             sentence = "there is nothing to scan; measure a finding first"
