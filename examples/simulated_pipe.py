@@ -32,7 +32,7 @@ HOLES = ((0.35, 20.0e-3, 1.0e-3), (2.6, 21.0e-3, 0.95e-3), (-1.4, 19.5e-3, 1.1e-
 """Angle about the pipe in radians, place along it and diameter in m."""
 TEXEL = 0.05e-3
 LENGTH = 80e-3
-BRIGHTNESS = 420.0
+BRIGHTNESS = 320.0
 """Grey levels of a white wall 10 mm before an LED; little of a picture is overexposed."""
 NOISE = 1.5
 """Standard deviation of the noise, in grey levels."""

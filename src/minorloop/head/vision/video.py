@@ -213,6 +213,7 @@ class LiveCamera:
     def _give(self, image: Image) -> None:
         with self._changed:
             self._newest = Frame(time.monotonic(), image)
+            self._problem = f"{self.address} gives no new picture"
             self._changed.notify_all()
 
 
