@@ -146,7 +146,6 @@ export interface Hello {
   view: CameraView;
   known: Record<string, unknown>;
   cone: number;
-  middle: number;
   stick: [number, number];
   planes: PlaneWeights[];
   no_probe: string;

@@ -108,7 +108,7 @@ const connection = new Connection(
           hello = message;
           charts ??= [new AngleChart(byId("chart-pan"), hello.cone), new AngleChart(byId("chart-tilt"), hello.cone)];
           byId<HTMLButtonElement>("take").disabled = replay !== null;
-          if (hello.no_probe) byId("depth").title = hello.no_probe;
+          if ((guide.noProbe = hello.no_probe)) byId("depth").title = hello.no_probe;
           break;
         case "state":
           state = message;

@@ -223,7 +223,6 @@ class Hello(_ToPage, frozen=True, kw_only=True):
     view: CameraView
     known: dict[str, Any]
     cone: float
-    middle: float
     stick: Pair
     planes: list[PlaneWeights]
     no_probe: str = ""

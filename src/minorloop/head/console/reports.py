@@ -13,7 +13,7 @@ from minorloop.head.console import messages
 from minorloop.head.console.messages import DepthPatch, Pair, ReportedFinding
 from minorloop.head.console.modes import TeleopConfig
 from minorloop.head.console.units import degrees, mm
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.reconstruction import findings as tables
 from minorloop.head.reconstruction.findings import UNDECIDED, kind_of
 
@@ -119,7 +119,6 @@ def introduction(
             ),
             known=view.to_dict(),
             cone=degrees(config.gaze.cone),
-            middle=degrees(STRAIGHT),
             stick=(mm(config.stick.advance), degrees(config.stick.roll)),
             planes=[
                 messages.PlaneWeights(levels=wire.levels.tolist(), weights=_rows(wire.weights))

@@ -28,7 +28,7 @@ from minorloop.head.console.reports import camera_finding, in_si, introduction, 
 from minorloop.head.console.scan import ConsoleScan, begin_scan, scanned
 from minorloop.head.console.units import Position, to_shown
 from minorloop.head.control.head import HeadControl
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.centre import Centring
 from minorloop.head.procedures.values import Plant, Reading, passed
 
@@ -175,7 +175,7 @@ class Session:
             self._control = self.control.begin(read, np.zeros(2))
             return np.zeros(2)
         currents, self._control = self.control.step(
-            self._control, joint_degrees(self.state.command), read, t=self._t
+            self._control, self.view.joints(self.state.command), read, t=self._t
         )
         return currents
 
@@ -183,7 +183,7 @@ class Session:
         """Return the `LoopState` of this tick; ``safe_at`` is when the plant was last made safe."""
         drive, axes = self._drive, self._control.axes
         command = to_shown((*self.state.command, *self.state.rates))
-        read = to_shown((*(self.reading[:2] - STRAIGHT), *self._known[2:]))
+        read = to_shown((*self.view.line_of_sight(self.reading[:2]), *self._known[2:]))
         pan, tilt = (_memory(axis.estimate.wire.tracker) for axis in axes)
         return messages.encode(
             messages.LoopState(
@@ -219,8 +219,8 @@ class Session:
 
     def position(self) -> Position:
         """Return the last known position of the head, in rad and m."""
-        pan, tilt, advanced, roll = self._known.tolist()
-        return pan - STRAIGHT, tilt - STRAIGHT, advanced, roll
+        pan, tilt = self.view.line_of_sight(self._known[:2]).tolist()
+        return pan, tilt, float(self._known[2]), float(self._known[3])
 
     def _tick_input(self, now: float) -> TickInput:
         servo, scan, tracked = self._servo(), self._scan_tick(), self._tracked(now)

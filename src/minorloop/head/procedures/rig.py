@@ -19,7 +19,7 @@ import numpy as np
 
 from minorloop.arrays import FloatArray
 from minorloop.head.control.head import HeadControl
-from minorloop.head.procedures.calibration import STRAIGHT, HeadCalibration, joint_degrees
+from minorloop.head.procedures.calibration import HeadCalibration
 from minorloop.head.procedures.values import (
     NOTHING,
     Plant,
@@ -75,7 +75,7 @@ class InspectionRig:
         self._gyroscope, self._sensors = gyroscope, sensors
         self._ticks = 0
         self._state = control.begin()
-        self._commanded = np.full(2, -STRAIGHT)
+        self._commanded = -np.asarray(calibration.straight)
         self._read = self._known = np.zeros(4)
         tip.move_to(plant.stance())
 
@@ -93,9 +93,9 @@ class InspectionRig:
     def angles(self) -> FloatArray:
         """(2,) pan and tilt in radians by the joints, or by the model of the wires."""
         if self._sensors:
-            return np.asarray(self._known[:2] - STRAIGHT)
+            return self.calibration.line_of_sight(self._known[:2])
         own = np.array([axis.estimate.wire.angle for axis in self._state.axes])
-        return np.asarray(np.radians(np.asarray(self.control.coupling) @ own) - STRAIGHT)
+        return self.calibration.line_of_sight(np.radians(np.asarray(self.control.coupling) @ own))
 
     def reading(self, request: Request = NOTHING) -> Reading:
         """Carry out a request on the tip and return the reading, with its frame and its burst."""
@@ -144,8 +144,8 @@ class InspectionRig:
         read = np.degrees(self._read[:2])
         if not self._sensors:
             sighted = request.sighted
-            read = np.full(2, np.nan) if sighted is None else joint_degrees(sighted)
-        wanted = joint_degrees(self._commanded)
+            read = np.full(2, np.nan) if sighted is None else self.calibration.joints(sighted)
+        wanted = self.calibration.joints(self._commanded)
         currents, self._state = self.control.step(self._state, wanted, read)
         self._read = self.plant.exchange(np.concatenate([currents, request.rates]))
         self._known = np.where(np.isnan(self._read), self._known, self._read)
