@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import time
 from contextlib import suppress
@@ -308,12 +309,25 @@ class VisaLink:
         """Return what one read of the library gives; raise an error if it is empty."""
         from pyvisa.constants import StatusCode
 
+        self._wait()
         status = StatusCode.success_max_count_read, StatusCode.success_device_not_present
         with self._resource.ignore_warning(*status):
             found, _ = self._resource.visalib.read(self._resource.session, most)
         if not found:
             raise InstrumentError("nothing was received")
         return bytes(found)
+
+    def _wait(self) -> None:
+        """Wait for bytes on a socket of PyVISA-py, which spins where the other end has closed it."""
+        wire = self._wire(self._resource)
+        received: bytes = getattr(self._session(self._resource), "_pending_buffer", b"")
+        if wire is None or received:
+            return
+        ready, _, _ = select.select([wire], [], [], self._resource.timeout / 1e3)
+        if not ready:
+            raise InstrumentError("nothing was received")
+        if not wire.recv(1, socket.MSG_PEEK):
+            raise InstrumentError("the other end closed the connection")
 
     def _drain(self, quiet: int) -> None:
         """Read a stream until nothing arrives for a number of milliseconds."""
