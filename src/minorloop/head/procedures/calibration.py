@@ -102,7 +102,7 @@ class HeadCalibration:
         return msgspec.convert(values, cls, dec_hook=lambda kind, value: np.array(value, float))
 
     def joints(self, angles: npt.ArrayLike) -> FloatArray:
-        """Return pan and tilt of the joints in degrees, as control has them, for (2,) in radians."""
+        """Return pan and tilt (2,) of the joints in degrees, for a line of sight in radians."""
         return np.asarray(np.degrees(np.asarray(angles) + self.straight))
 
     def line_of_sight(self, joints: npt.ArrayLike) -> FloatArray:

@@ -318,7 +318,7 @@ class VisaLink:
         return bytes(found)
 
     def _wait(self) -> None:
-        """Wait for bytes on a socket of PyVISA-py, which spins where the other end has closed it."""
+        """Wait for bytes on a socket: PyVISA-py spins where the other end has closed it."""
         wire = self._wire(self._resource)
         received: bytes = getattr(self._session(self._resource), "_pending_buffer", b"")
         if wire is None or received:
