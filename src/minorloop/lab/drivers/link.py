@@ -16,6 +16,7 @@ __all__ = ["Link", "VisaLink"]
 
 LONGEST = 4096
 """Most characters of an answer."""
+_ADVICE = "; connect it, or correct its address (minorloop devices lists what is there)"
 _LONGEST_MESSAGE = 400
 """Most characters of an error message of a library."""
 _QUIET, _AT_ONCE = 20, 1
@@ -166,7 +167,8 @@ class VisaLink:
             line = self._line()
         except Exception as error:
             raise InstrumentError(
-                f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}"
+                f"{self.name} gave no answer within {self._timeout:g} s: {_short(error)}; check "
+                "its power and cable, and the timeout"
             ) from None
         self._doubtful = False
         self.owed -= 1
@@ -190,7 +192,9 @@ class VisaLink:
             self._send_at_once(resource)
             self._keep_others_out(resource)
         except Exception as error:
-            raise InstrumentError(f"{self.name} cannot be opened: {_short(error)}") from None
+            advice = "" if isinstance(error, InstrumentError) else _ADVICE
+            said = f"{self.name} cannot be opened: {_short(error)}{advice}"
+            raise InstrumentError(said) from None
         self._resource = resource
         self._socket = resource.resource_class == "SOCKET"
         self._streams = self._socket or self.name.upper().startswith("ASRL")
