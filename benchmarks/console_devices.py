@@ -90,6 +90,7 @@ async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
             await asyncio.sleep(_EVERY)
     late = float(np.mean(np.array(page.late) > 10.0))
     age, answer = np.percentile(page.ages, 95), np.percentile(page.answers, 99)
+    rate = f"{len(page.ages) / seconds:.1f} a second"
     return [
         Row(
             f"ticks over 10 ms late, {seconds:.0f} s",
@@ -99,7 +100,7 @@ async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
             accuracy=f"{late:.2%} of {len(page.late)}; {_load()}; held: "
             f"{', '.join(f'{count} times {why}' for why, count in lost.items()) or 'never'}",
         ),
-        within("picture age, p95", float(age), 0.12, f"{len(page.ages) / seconds:.1f} a second"),
+        within("picture age since its arrival, p95", float(age), 0.12, rate),
         within("input to command, p99", float(answer), 0.05),
         _flat(memory),
     ]
