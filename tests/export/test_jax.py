@@ -2,6 +2,7 @@
 
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -10,16 +11,21 @@ from minorloop import PrandtlIshlinskii, Preisach
 from minorloop.errors import MissingExtraError, ParameterError
 from minorloop.identification.design_matrix import DesignMatrix, PlaneSpec, pack
 
-jax = pytest.importorskip("jax", reason="jax is not installed; pip install 'minorloop[jax]'")
-jnp = jax.numpy
-
-from minorloop.export.jax import as_function, as_model  # noqa: E402
+if find_spec("jax") is None:
+    pytest.skip("jax is not installed; pip install 'minorloop[jax]'", allow_module_level=True)
 
 STARTS = ("negative", "positive", "demagnetised")
 
 
 @pytest.fixture(autouse=True)
 def _wide():
+    """Import jax here: that takes a second, and all workers import this file."""
+    global jax, jnp, as_function, as_model
+    import jax
+    from jax import numpy as jnp
+
+    from minorloop.export.jax import as_function, as_model
+
     with jax.enable_x64(True):
         yield
 

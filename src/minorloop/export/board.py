@@ -33,6 +33,7 @@ __all__ = ["HEAD_LINES", "BoardAxis", "BoardSource", "board_source"]
 MOST_AXES = 4
 """Axes whose numbers fit into a line of the protocol."""
 _MOST_LINES = 8
+"""Digital lines: a port of eight pins. The protocol names them by one digit, which allows ten."""
 _FILES = (
     *("control.c", "control.h", "protocol.c", "protocol.h", "numbers.c", "numbers.h", "hal.h"),
     *("main.c", "mps2.c", "startup.c", "link.ld", "Makefile", "README.md", "bench.toml"),

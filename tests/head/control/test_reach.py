@@ -6,17 +6,20 @@ import pytest
 from minorloop.errors import ParameterError
 from minorloop.head.control.observer import PowerObserver
 from minorloop.head.control.reach import ReachState, ReachWatch
+from minorloop.head.studies.head_static import identify_head
 from minorloop.head.twins.surroundings import Surroundings
 from minorloop.head.twins.wire import Wire
 from wires import TICK, angle, identified, made_up
 
 
-def watched(reference, *, ambient=20.0, cooling=1.0, seconds=15.0, stuck=False):
+def watched(
+    reference, *, ambient=20.0, cooling=1.0, seconds=15.0, stuck=False, specimen=None, wire=None
+):
     """Verdict on a cold twin that is heated fully, and the time of the first one."""
-    wire = identified().model
+    wire = wire or identified().model
     watch, observer = ReachWatch(wire=wire), PowerObserver(wire=wire)
     around = Surroundings(ambient=ambient, convection=75.0 * cooling)
-    plant = Wire(noise=0.05, seed=1, surroundings=around)
+    plant = Wire(specimen, noise=0.05, seed=1, surroundings=around)
     state, estimate, rng = ReachState(), observer.found(), np.random.default_rng(0)
     seen = angle(plant)
     for k in range(round(seconds / TICK)):
@@ -51,6 +54,13 @@ def test_an_ambient_that_is_too_cold_is_diagnosed_within_ten_seconds():
 )
 def test_a_slow_wire_is_never_given_up(reference, surroundings):
     assert watched(reference, seconds=40.0, **surroundings)[0] is None
+
+
+def test_a_wire_whose_resistance_changes_much_is_not_given_up():
+    # Its cold resistance is 0.66 of the hot one, where 0.8 is usual; at -10 degrees it moves late
+    # and slowly, and reaches 65.5 degrees in the end.
+    wire = identify_head(7003)[0][0]
+    assert watched(62.8, ambient=-10.0, seconds=30.0, specimen=7003, wire=wire)[0] is None
 
 
 def test_a_target_beyond_the_stroke_is_reported_at_once():

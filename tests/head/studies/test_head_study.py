@@ -38,12 +38,12 @@ def test_no_limit_was_exceeded_and_no_alarm_was_false(figures):
     assert figures["limits"]["violations"] == 0
     assert figures["limits"]["hottest_C"] <= 150.0
     assert figures["unreachable"]["false_alarms"] == 0
-    assert figures["unreachable"]["cases"] == 8
+    assert figures["unreachable"]["cases"] == 12
     assert figures["unreachable"]["detected"] is True
 
 
 def test_the_inverse_operator_makes_control_better(figures):
-    assert figures["steps"]["settle_s"] < 0.6 * figures["pi"]["settle_s"]
+    assert figures["steps"]["settle_s"] < 0.6 * figures["rivals"]["pi"]["settle_s"]
     assert figures["open_loop_plus_10K"]["rms_deg"] > 3 * figures["open_loop"]["rms_deg"]
 
 

@@ -3,9 +3,10 @@ import pytest
 
 from minorloop.errors import LimitError, ParameterError
 from minorloop.head.geometry import Mount, Probe, wall_point
+from minorloop.head.twins import _echo_kernels as kernels
 from minorloop.head.twins.pipe import Bore, Crack, Dent, Pipe
 from minorloop.head.twins.sensor import Fault
-from minorloop.head.twins.ultrasound import Ultrasound
+from minorloop.head.twins.ultrasound import Ultrasound, compile_echoes
 from minorloop.lab.actuator import EchoSource
 
 FULL = -9.99e-3
@@ -35,6 +36,15 @@ def test_it_implements_the_protocol_of_an_echo_source():
     first, second = sonar.shot(), sonar.shot()
     assert first.trace.shape == (2048,)
     assert second.t - first.t == pytest.approx(1e-3)
+
+
+def test_a_shot_at_a_pit_compiles_nothing_that_was_not_compiled_before():
+    compile_echoes()
+    loops = kernels.echo_of_wall, kernels.pressure_at
+    compiled = [list(loop.signatures) for loop in loops]
+    assert all(compiled)
+    probe_at(Pipe(water=FULL, bores=(PIT,))).shot()
+    assert [loop.signatures for loop in loops] == compiled
 
 
 @pytest.mark.parametrize("temperature", [10.0, 20.0, 30.0])

@@ -19,6 +19,7 @@ from minorloop.errors import InstrumentError, MinorloopError, ParameterError
 from minorloop.head.console import messages
 from minorloop.head.console.bench_lines import RemoteWires
 from minorloop.head.console.camera_protocol import (
+    FEW_PICTURES,
     PICTURED,
     CameraCommand,
     CameraRequest,
@@ -43,8 +44,6 @@ from minorloop.lab.actuator import Frame
 
 _QUALITY = 78
 """Of a JPEG, 1 to 100."""
-_RECORD_EVERY = 5
-"""Pictures of which one is recorded: five a second."""
 _POLL = 0.1
 _WAVES = 50.0
 """Radians of the texture from one edge of the picture to the other: some eight waves."""
@@ -152,7 +151,7 @@ def answer(perception: Perception | None, loop: Connection, outbox: Outbox) -> s
         where, coded = to_shown(request.position), jpeg(perception.image)
         picture = messages.picture(messages.IMAGE, request.number, perception.taken, where, coded)
         outbox.newest(picture)
-        if request.keep and request.number % _RECORD_EVERY == 0:
+        if request.keep and request.number % FEW_PICTURES == 0:
             loop.send_bytes(PICTURED + picture)
     while perception.jobs:
         outbox.event(bytes([messages.JOB]) + pickle.dumps(perception.jobs.pop(0)))

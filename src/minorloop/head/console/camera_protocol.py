@@ -20,6 +20,9 @@ from minorloop.head.console.units import Position
 
 PICTURED = b"p"
 """First byte of a picture that the camera process sends to the loop for a recording."""
+FEW_PICTURES = 5
+"""Ticks for one picture where an operator only looks on, in a recording and during a scan of a
+simulated pipe: five pictures a second."""
 CameraCommand: TypeAlias = tuple[str, list[float]]
 """A name of `Perception.commands` and its arguments."""
 

@@ -20,6 +20,8 @@ from minorloop.lab.actuator import Actuator
 _HOLD = 40.0
 """Seconds of a hold in the identification, in which a wire settles."""
 _BANDS = 12
+"""Bands of the operator. On specimens 1000 to 1003 the rms error of settled angles is 0.5 to 0.7
+degrees with 8, 0.02 to 0.4 with 12, and still 0.02 to 0.3 with 16, which takes a third longer."""
 _HIGHEST = 0.4
 """Largest current of the identification in A; it heats a wire by some 108 K, see `WireLimits`."""
 

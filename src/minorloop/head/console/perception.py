@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from minorloop.errors import MinorloopError, SignalError
-from minorloop.head.console.camera_protocol import CameraReport, CameraRequest
+from minorloop.head.console.camera_protocol import FEW_PICTURES, CameraReport, CameraRequest
 from minorloop.head.console.finder import Finder
 from minorloop.head.console.plant import reading_at
 from minorloop.head.console.scan_echoes import ScanEchoes
@@ -125,7 +125,7 @@ class Perception:
         if idle and self._finder.at_rest_somewhere_new(request.position):
             self._find()
         self.shown = False
-        frame = self._tip.frame() if self._newest is None else self._newest()
+        frame = self._frame(request.number)
         # A simulated camera draws its picture now.
         self.taken = request.t if self._newest is None or frame is None else frame.t
         target = self._follow(self._reading(), False) if frame is None else self._seen(frame.image)
@@ -155,6 +155,17 @@ class Perception:
             self._meter, wanted = self._metering.step(self._meter, reading)
             apply_to_tip(self._tip, wanted)
         return target
+
+    def _frame(self, number: int) -> Frame | None:
+        """Return the frame of a tick; None while it may show the lights before.
+
+        A scan needs none, so that a simulated camera draws only some to show; a device that stops
+        is noticed in each tick.
+        """
+        if self._newest is not None:
+            return self._newest()
+        scanning = self._echoes is not None and self._work is None
+        return None if scanning and number % FEW_PICTURES else self._tip.frame()
 
     def _reading(self, image: Image | None = None) -> Reading:
         return reading_at(self._position, t=self._ticks * _FRAME, image=image)

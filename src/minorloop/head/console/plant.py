@@ -134,7 +134,9 @@ def open_tip(
     from minorloop.head.procedures.calibration import ROOM_TEMPERATURE, HeadCalibration
     from minorloop.head.twins.camera import LENS
     from minorloop.head.twins.rig import SimulatedTip
+    from minorloop.head.twins.ultrasound import compile_echoes
 
+    compile_echoes()
     rng = np.random.default_rng([seed, 41])
     offset = (0.0, 0.0) if specimen is None else tuple(rng.uniform(-0.2e-3, 0.2e-3, 2).tolist())
     known = np.array(offset) + rng.normal(0.0, _MOUNT, 2)

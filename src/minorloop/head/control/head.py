@@ -14,14 +14,24 @@ from minorloop.dynamics.heated_wire import HeatedWire
 from minorloop.errors import ParameterError
 from minorloop.head.control.controller import Controller
 from minorloop.head.control.feedforward import Feedforward
+from minorloop.head.control.feedforward_pi import FeedforwardPI
 from minorloop.head.control.guard import Event, Guard, GuardState
 from minorloop.head.control.internal_model import InternalModel
 from minorloop.head.control.limits import WireLimits
+from minorloop.head.control.model_reference import ModelReference
 from minorloop.head.control.observer import ObserverControl, PowerObserver
 from minorloop.head.control.pi import ProportionalIntegral
 from minorloop.head.control.sensing import SensorWatch, as_number
 
-CONTROLLERS = ("observer", "feedforward", "pi", "internal_model", "adaptive")
+CONTROLLERS = (
+    "observer",
+    "feedforward",
+    "pi",
+    "internal_model",
+    "adaptive",
+    "feedforward_pi",
+    "model_reference",
+)
 """Names for `head_control`."""
 
 _LARGEST = 1e6
@@ -186,8 +196,8 @@ def head_control(
 
     Parameters
     ----------
-    name : {"observer", "feedforward", "pi", "internal_model", "adaptive"}
-        Which controller.
+    name : str
+        Which controller, one of `CONTROLLERS`.
     wires : tuple of HeatedWire
         Model of each axis.
     coupling : (axes, axes) array_like, optional
@@ -236,6 +246,8 @@ def controller(name: str, wire: HeatedWire, **options: Any) -> Controller:
             "observer": ObserverControl,
             "feedforward": Feedforward,
             "internal_model": InternalModel,
+            "feedforward_pi": FeedforwardPI,
+            "model_reference": ModelReference,
         }
         law: Controller = kinds[name](wire=wire, **options)
     except TypeError as error:

@@ -1,8 +1,9 @@
 """Hypotheses about the surroundings of a wire that is being heated.
 
-A hypothesis is a change of the ambient and of the convection since identification. The wire is
-simulated under all hypotheses at once, on the rising branch of its operator. The weight of a
-hypothesis follows from its errors; each predicts the angle that full current would reach.
+A hypothesis is a change of the ambient or of the convection since identification, and a resistance
+of the cold wire, which nothing before has determined. The wire is simulated under all hypotheses at
+once, on the rising branch of its operator. The weight of a hypothesis follows from its errors; each
+predicts the angle that full current would reach.
 """
 
 from __future__ import annotations
@@ -12,23 +13,31 @@ from functools import cached_property
 
 import numpy as np
 
-from minorloop.arrays import FloatArray, IntArray
+from minorloop.arrays import FloatArray
 from minorloop.dynamics.heated_wire import HeatedWire
+from minorloop.head.control import _hypotheses_kernels as _kernels
 from minorloop.head.control.observer import Estimate
 
-_AMBIENTS = np.arange(-65.0, 30.1, 2.5)
-_COOLINGS = np.exp(np.concatenate([np.linspace(-0.3, 0.6, 13), np.linspace(0.75, 3.5, 9)]))
-"""Ambients in K and convections as ratios, both relative to identification: from a cold room to a
-flooded pipe."""
+_EACH = 3000
+"""Hypotheses of a change of the ambient, and as many of a change of the convection: so many that
+about ten of them lie within the model's error of the truth."""
+_AMBIENTS, _COOLINGS = (-65.0, 30.0), (-0.3, 3.5)
+"""Changes of the ambient in K and of the logarithm of the convection: from a cold room to a flooded
+pipe."""
+_RESISTANCE_SPREAD = 0.08
+"""Standard deviation of the cold over the hot resistance among wires; data sheets of
+nickel-titanium give 0.7 to 0.9."""
+_STEPS = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)
+"""Steps of an even sequence in the unit cube: powers of the root of x**4 = x + 1."""
 _TABLE = 257
 """Points of the table of the rising branch."""
 _MODEL_ERROR, _MOST_MISS = 1.0, 5.0
 """Standard deviation of the model's error in degrees; errors beyond 5 of them count as 5."""
 _DECORRELATION, _MEMORY = 0.5, 6.0
 """Seconds between independent errors, and after which errors are forgotten."""
-_LIKELY, _SELDOM_BOTH = (15.0, 0.7), (5.0, 0.07)
-"""Scales of the prior weights in K and as logarithm of the convection: of each alone, and of both
-together."""
+_LIKELY, _BESIDE = (15.0, 0.7), (5.0, 0.07)
+"""Scales of the changes in K and as logarithm of the convection: of one that is looked for, and of
+the other beside it."""
 _ITERATIONS = 4
 """Of the fixed point for the final angle; the resistance varies little with the angle."""
 
@@ -92,23 +101,28 @@ class Hypotheses:
             branch = self.wire.operator.simulate(rising, state.tracker.memory)
         else:
             left = max(state.power - estimate.ambient, 0.0)
-            power = self.ambient / self.cold_resistance + left
+            power = self.ambient / self.resistance + left
             branch = self.wire.operator.simulate(grid)
         return Bank(power, np.zeros(power.size), np.maximum.accumulate(branch))
 
     def step(self, bank: Bank, current: float, measurement: float, interval: float) -> Bank:
         """Return the bank after an interval with a current; the measurement may be NaN."""
-        place, share = self._place(bank.power)
-        angle = _between(bank.branch, place, share)
-        slope = (bank.branch[place + 1] - bank.branch[place]) * self._per_unit
-        gap = current**2 - self.cooling * (bank.power - self._equivalent(angle))
-        stiff = self.wire.lag + self.cooling * interval + self.wire.latent * slope
-        cost = bank.cost
-        if np.isfinite(measurement):
-            miss = np.minimum(np.abs(measurement - angle) / _MODEL_ERROR, _MOST_MISS)
-            news = miss**2 * (interval / _DECORRELATION)
-            cost = cost * np.exp(-interval / _MEMORY) + news
-        return Bank(bank.power + interval * gap / stiff, cost, bank.branch)
+        wire, decay = self.wire, float(np.exp(-interval / _MEMORY))
+        power, cost = _kernels.advance(
+            bank.power,
+            bank.cost,
+            bank.branch,
+            self._low,
+            self._per_unit,
+            self._around,
+            wire.operator.range,
+            (wire.lag, wire.latent),
+            current**2,
+            interval,
+            measurement,
+            (_MODEL_ERROR, _MOST_MISS, interval / _DECORRELATION, decay),
+        )
+        return Bank(power, cost, bank.branch)
 
     def weights(self, bank: Bank) -> FloatArray:
         """Return the weight (M,) of each hypothesis; they sum to 1."""
@@ -120,12 +134,18 @@ class Hypotheses:
 
         Its error at the present angle is assumed to remain.
         """
-        at = _between(bank.branch, *self._place(bank.power))
-        error = angle - at
-        for _ in range(_ITERATIONS):
-            power = self._equivalent(at) + current**2 / self.cooling
-            at = _between(bank.branch, *self._place(power))
-        return np.asarray(np.minimum(at + error, self.wire.operator.range[1]))
+        final: FloatArray = _kernels.settled(
+            bank.power,
+            bank.branch,
+            self._low,
+            self._per_unit,
+            self._around,
+            self.wire.operator.range,
+            current**2,
+            angle,
+            _ITERATIONS,
+        )
+        return final
 
     @staticmethod
     def independent(seconds: float) -> float:
@@ -135,19 +155,40 @@ class Hypotheses:
     @cached_property
     def ambient(self) -> FloatArray:
         """Power (M,) in A^2 to which the ambient of each hypothesis is equivalent, hot wire."""
-        return np.repeat(_AMBIENTS, _COOLINGS.size) / self.rise
+        return np.asarray(self._drawn[0] / self.rise)
 
     @cached_property
     def cooling(self) -> FloatArray:
         """Convection (M,) of each hypothesis over that at identification."""
-        return np.tile(_COOLINGS, _AMBIENTS.size)
+        return np.asarray(np.exp(self._drawn[1]))
+
+    @cached_property
+    def resistance(self) -> FloatArray:
+        """Resistance (M,) of each hypothesis, cold over hot."""
+        return np.asarray(self.cold_resistance + _RESISTANCE_SPREAD * self._drawn[2])
 
     @cached_property
     def _prior(self) -> FloatArray:
-        """Prior weights: ambient or convection may differ much, seldom both."""
-        cold, windy = np.abs(self.ambient) * self.rise, np.abs(np.log(self.cooling))
-        both = np.minimum(cold / _SELDOM_BOTH[0], windy / _SELDOM_BOTH[1])
-        return np.asarray(np.exp(-cold / _LIKELY[0] - windy / _LIKELY[1] - both))
+        """Prior weights (M,) of each hypothesis."""
+        changes = np.abs(self._drawn[:2])
+        unlikely = changes[0, :_EACH] / _LIKELY[0], changes[1, _EACH:] / _LIKELY[1]
+        return np.asarray(np.exp(-np.concatenate(unlikely)))
+
+    @cached_property
+    def _drawn(self) -> FloatArray:
+        """Changes of the ambient in K and of the logarithm of the convection, and resistances.
+
+        Either the ambient is spread evenly over its range or the convection; the other one follows
+        its prior, and so does the resistance in standard deviations: (3, M).
+        """
+        from scipy.special import ndtri
+
+        even = (0.5 + np.outer(_STEPS, np.arange(1.0, _EACH + 1.0))) % 1.0
+        beside = -np.sign(even[1] - 0.5) * np.log1p(-2 * np.abs(even[1] - 0.5))
+        scales = ndtri(even[2])
+        first = [np.interp(even[0], (0, 1), _AMBIENTS), _BESIDE[1] * beside, scales]
+        second = [_BESIDE[0] * beside, np.interp(even[0], (0, 1), _COOLINGS), scales]
+        return np.concatenate([first, second], axis=1)
 
     @cached_property
     def _low(self) -> float:
@@ -161,18 +202,6 @@ class Hypotheses:
     def _per_unit(self) -> float:
         return (_TABLE - 1) / (self._high - self._low)
 
-    def _place(self, power: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the position of powers in the table: index to the left, and share of the step."""
-        place = np.clip((power - self._low) * self._per_unit, 0.0, _TABLE - 1.000001)
-        left = place.astype(np.int64)
-        return left, place - left
-
-    def _equivalent(self, angle: FloatArray) -> FloatArray:
-        """Return the power to which each ambient is equivalent for a wire at an angle, in A^2."""
-        low, high = self.wire.operator.range
-        hot = np.clip((angle - low) / (high - low), 0.0, 1.0)
-        return self.ambient / (self.cold_resistance + (1.0 - self.cold_resistance) * hot)
-
-
-def _between(table: FloatArray, left: IntArray, share: FloatArray) -> FloatArray:
-    return np.asarray(table[left] + share * (table[left + 1] - table[left]))
+    @cached_property
+    def _around(self) -> FloatArray:
+        return np.array([self.ambient, self.cooling, self.resistance])

@@ -110,18 +110,21 @@ class SensorWatch:
     def _usable(self, state: Sensed, value: float) -> Sensed:
         same = value == state.last
         repeats = state.repeats + 1 if same else 0
-        ended = 0 if same or self._repeated(state, state.repeats) else state.repeats
-        known = replace(
-            state,
+        before = self._repeated(state.changes, state.equals, state.repeats)
+        ended = 0 if same or before else state.repeats
+        changes, equals = state.changes + (not same), state.equals + ended
+        stuck = self._repeated(changes, equals, repeats)
+        return Sensed(
             value=value,
+            fault=state.fault,
             last=value,
             repeats=repeats,
             missing=max(state.missing - 1, 0),
             odd=max(state.odd - 1, 0),
-            changes=state.changes + (not same),
-            equals=state.equals + ended,
+            good=0 if stuck else state.good + 1,
+            changes=changes,
+            equals=equals,
         )
-        return replace(known, good=0 if self._repeated(known, repeats) else state.good + 1)
 
     def _plausible(self, state: Sensed, value: float) -> bool:
         """Whether a reading is in range, and near the last one unless that is old."""
@@ -130,8 +133,8 @@ class SensorWatch:
         stale = state.missing + state.odd >= self.patience or math.isnan(state.last)
         return stale or abs(value - state.last) <= self.jump
 
-    def _repeated(self, known: Sensed, repeats: int) -> bool:
-        noisy = known.changes >= _SEEN and known.equals <= _SELDOM * known.changes
+    def _repeated(self, changes: int, equals: int, repeats: int) -> bool:
+        noisy = changes >= _SEEN and equals <= _SELDOM * changes
         return self.noise > 0 and noisy and repeats + 1 >= self.repeats
 
     def _fault(self, known: Sensed) -> Fault:
@@ -139,7 +142,7 @@ class SensorWatch:
             return "lost"
         if known.odd >= self.patience:
             return "implausible"
-        if self._repeated(known, known.repeats):
+        if self._repeated(known.changes, known.equals, known.repeats):
             return "stuck"
         return known.fault if known.fault and known.good < self.recovery else ""
 

@@ -4,7 +4,7 @@ Boudjabi, Ferreira and Krupa (Modeling and vision-based control of a micro cathe
 teleoperated in-pipe inspection, 2003) identify a Preisach model of a shape-memory wire from
 reversal curves, invert it by stepping, and control the head by an internal model around that
 inverse. They find that it drifts in open loop, and leave changing surroundings open. Here the
-head is identified, driven in open and closed loop by five controllers, disturbed, and given
+head is identified, driven in open and closed loop by seven controllers, disturbed, and given
 targets that it cannot reach.
 """
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,8 @@ PERIODS = (60.0, 30.0)
 """Periods in seconds of the circles whose error is limited."""
 FASTER = (20.0, 15.0, 10.0)
 """Shorter periods in seconds, down to where the wires cool too slowly to follow."""
+RIVALS_CIRCLE = f"circle {PERIODS[1]:g} s"
+"""The circle of all controllers, the faster one whose error is limited."""
 CIRCLE_WAIT = 20.0
 """Wait at the first point of a circle in seconds: longer than a step may take to settle."""
 OPEN_HOLD, OPEN_TARGETS, OPEN_RANGE = 25.0, 14, (5.0, 50.0)
@@ -118,8 +121,10 @@ CLAIMS = (
     Claim("ambient +10 K in 10 s: worst [deg]", "ambient_ramp.max_deg", "left open", most=1.2),
     Claim("circle in 60 s: rms [deg]", "circle_60s.rms_deg", "plotted (Fig 11)", most=0.7),
     Claim("circle in 30 s: rms [deg]", "circle_30s.rms_deg", "plotted (Fig 11)", most=1.8),
-    Claim("internal model: settling [s]", "imc.settle_s", "plotted (Fig 10)"),
-    Claim("PI: settling [s]", "pi.settle_s", "not studied"),
+    Claim("internal model: settling [s]", "rivals.internal_model.settle_s", "plotted (Fig 10)"),
+    Claim("PI: settling [s]", "rivals.pi.settle_s", "not studied"),
+    Claim("inverse and PI: settling [s]", "rivals.feedforward_pi.settle_s", "named (ref. 11)"),
+    Claim("model reference: settling [s]", "rivals.model_reference.settle_s", "named (ref. 12)"),
     Claim("aged wires: rms [deg]", "aged.observer_rms_deg", "left open"),
     Claim("the same, adaptive: rms [deg]", "aged.adaptive_rms_deg", "left open"),
     Claim("out of reach: always found", "unreachable.detected", "left open", least=1),
@@ -155,19 +160,13 @@ class HeadStudy:
     def figures(self) -> dict[str, Any]:
         """Return every number by the name under which it is printed."""
         found: dict[str, Any] = {"twin": self.facts, **self.static.figures()}
-        for key, controller in (("steps", DEFAULT), ("imc", "internal_model"), ("pi", "pi")):
-            found[key] = _worst([self.runs[f"step {x:g}", controller] for x in TARGETS])
-        for controller in ("feedforward", "adaptive"):
-            found[controller] = _worst([self.runs[f"step {x:g}", controller] for x in TARGETS])
+        found["steps"] = _worst([self.runs[f"step {x:g}", DEFAULT] for x in TARGETS])
+        found["rivals"] = {name: self._rival(name) for name in CONTROLLERS}
         disturbed = [f"{where}, step {x:g}" for where in DISTURBED for x in TARGETS]
         found["steps_disturbed"] = _worst([self.runs[each, DEFAULT] for each in disturbed])
         for key, what in (("open_loop", "stairs"), ("open_loop_plus_10K", "stairs, warmer")):
             found[key] = {"rms_deg": _settled_rms(self.runs[what, "feedforward"])}
-        found["ambient_ramp"] = {
-            "max_deg": _ramp_worst(self.runs["ambient ramp", DEFAULT]),
-            "pi_max_deg": _ramp_worst(self.runs["ambient ramp", "pi"]),
-            "imc_max_deg": _ramp_worst(self.runs["ambient ramp", "internal_model"]),
-        }
+        found["ambient_ramp"] = {"max_deg": _ramp_worst(self.runs["ambient ramp", DEFAULT])}
         for period in (*PERIODS, *FASTER):
             found[f"circle_{period:g}s"] = _round(self.runs[f"circle {period:g} s", DEFAULT])
         found["aged"] = {f"{name}_rms_deg": _late_rms(self.runs["aged", name]) for name in OLD}
@@ -187,6 +186,19 @@ class HeadStudy:
 
     def _of(self, controller: str) -> Iterator[HeadRun]:
         return (run for (_, name), run in self.runs.items() if name == controller)
+
+    def _rival(self, name: str) -> dict[str, float]:
+        """Return the figures of one controller; each ran the same steps and disturbances."""
+        steps = [self.runs[f"step {x:g}", name] for x in TARGETS]
+        disturbed = [self.runs[f"{where}, step {TARGETS[-1]:g}", name] for where in DISTURBED]
+        return {
+            **_worst(steps),
+            "disturbed_settle_s": max(run.settle for run in disturbed),
+            "disturbed_rms_deg": max(run.steady for run in disturbed),
+            "ambient_ramp_max_deg": _ramp_worst(self.runs["ambient ramp", name]),
+            "circle_rms_deg": _round(self.runs[RIVALS_CIRCLE, name])["rms_deg"],
+            "energy_A2s": float(sum(np.sum(run.current[:, 0] ** 2) * TICK for run in steps)),
+        }
 
     def _unreachable(self) -> dict[str, Any]:
         found, causes, false = [], [], 0
@@ -273,17 +285,18 @@ def head_facts() -> dict[str, float]:
 
 
 def _steps(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, str], HeadRun]:
-    """Run Fig 10 with every controller, and with the default one in other surroundings."""
+    """Run Fig 10 with every controller, and the highest step in other surroundings."""
     runs = {}
     for target in TARGETS:
         for name, control in controls.items():
             runs[f"step {target:g}", name] = run_loop(
                 name, control, constant(target), STEP_SECONDS, specimen=seed, seed=seed
             )
-        for where, surroundings in DISTURBED.items():
-            runs[f"{where}, step {target:g}", DEFAULT] = run_loop(
-                DEFAULT,
-                controls[DEFAULT],
+        others = controls if target == TARGETS[-1] else (DEFAULT,)
+        for (where, surroundings), name in product(DISTURBED.items(), others):
+            runs[f"{where}, step {target:g}", name] = run_loop(
+                name,
+                controls[name],
                 constant(target),
                 STEP_SECONDS,
                 specimen=seed,
@@ -305,13 +318,12 @@ def _others(seed: int, controls: Mapping[str, HeadControl]) -> dict[tuple[str, s
         ("ramps", "feedforward", ramps(5.0, 45.0, 60.0), RAMPS_SECONDS, WARMING),
         ("ramps", DEFAULT, ramps(5.0, 45.0, 60.0), RAMPS_SECONDS, WARMING),
     ]
-    tried += [
-        ("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP)
-        for name in (DEFAULT, "internal_model", "pi")
-    ]
-    for period in (*PERIODS, *FASTER):
-        way = circle(period, before=CIRCLE_WAIT)
-        tried.append((f"circle {period:g} s", DEFAULT, way, CIRCLE_WAIT + 2 * period, None))
+    for name in controls:
+        tried.append(("ambient ramp", name, constant(RAMP_TARGET), RAMP_SECONDS, RAMP))
+        for period in (*PERIODS, *FASTER):
+            if name == DEFAULT or f"circle {period:g} s" == RIVALS_CIRCLE:
+                way, span = circle(period, before=CIRCLE_WAIT), CIRCLE_WAIT + 2 * period
+                tried.append((f"circle {period:g} s", name, way, span, None))
     old = stairs(rng.uniform(*OLD_RANGE, OLD_TARGETS).tolist(), OLD_HOLD)
     for name in OLD:
         span, control = OLD_HOLD * OLD_TARGETS, controls[name]

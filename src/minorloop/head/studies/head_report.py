@@ -16,6 +16,7 @@ from minorloop.head.studies.head import (
     OLD,
     PERIODS,
     RAMP_AT,
+    RIVALS_CIRCLE,
     TARGETS,
     TITLE,
 )
@@ -34,6 +35,8 @@ _WORDS = {
     "pi": "PI, no operator",
     "internal_model": "internal model",
     "adaptive": "adaptive",
+    "feedforward_pi": "inverse and PI",
+    "model_reference": "model reference",
 }
 _COLOURS = {
     "observer": "C0",
@@ -41,6 +44,8 @@ _COLOURS = {
     "pi": "C3",
     "internal_model": "C1",
     "adaptive": "C2",
+    "feedforward_pi": "C4",
+    "model_reference": "C5",
 }
 
 
@@ -58,7 +63,7 @@ def study_report(
     runs : sequence of mapping
         The figures of each specimen.
     """
-    steps, pi = figures["steps"], figures["pi"]
+    steps, pi = figures["steps"], figures["rivals"]["pi"]
     report = Report(
         TITLE,
         f"The experiments of Boudjabi, Ferreira and Krupa on {specimens(runs)}; figures are drawn "
@@ -70,7 +75,7 @@ def study_report(
     _add_static(report, study)
     _add_inverse(report, study)
     _add_open_loop(report, study)
-    _add_steps(report, study)
+    _add_steps(report, study, figures)
     _add_disturbed(report, study)
     _add_circles(report, study)
     _add_limits(report, study)
@@ -161,19 +166,31 @@ def _add_open_loop(report: Report, study: HeadStudy) -> None:
     )
 
 
-def _add_steps(report: Report, study: HeadStudy) -> None:
-    figures = study.figures()
-    columns = ("controller", "settling, s", "overshoot, %", "steady rms, deg")
-    keys = ("steps", "imc", "pi", "feedforward", "adaptive")
-    names = (DEFAULT, "internal_model", "pi", "feedforward", "adaptive")
+def _add_steps(report: Report, study: HeadStudy, figures: Mapping[str, Any]) -> None:
+    columns = (
+        "controller",
+        "settling, s",
+        "overshoot, %",
+        "steady rms, deg",
+        "disturbed: settling, s",
+        "disturbed: steady rms, deg",
+        "ambient +10 K: worst, deg",
+        f"{RIVALS_CIRCLE}: rms, deg",
+        "energy, A²s",
+    )
     rows = [
         (
             _WORDS[name],
-            f"{figures[key]['settle_s']:.1f}",
-            f"{figures[key]['overshoot_pct']:.1f}",
-            f"{figures[key]['steady_rms_deg']:.2f}",
+            f"{own['settle_s']:.1f}",
+            f"{own['overshoot_pct']:.1f}",
+            f"{own['steady_rms_deg']:.2f}",
+            f"{own['disturbed_settle_s']:.1f}",
+            f"{own['disturbed_rms_deg']:.2f}",
+            f"{own['ambient_ramp_max_deg']:.2f}",
+            f"{own['circle_rms_deg']:.2f}",
+            f"{own['energy_A2s']:.1f}",
         )
-        for name, key in zip(names, keys, strict=True)
+        for name, own in figures["rivals"].items()
     ]
     report.add(
         "Fig 10: steps, with the inverse operator and without",
@@ -182,7 +199,11 @@ def _add_steps(report: Report, study: HeadStudy) -> None:
         "heat in fact precedes it, and what a step needs depends on where in the loop it begins. "
         "The observer follows the heating power itself and asks the inverse operator how much is "
         "missing: this is the use of the operator. PI without it must wait for its "
-        "integral to cross the width of the loop.",
+        "integral to cross the width of the loop. Two laws that the paper names beside its own "
+        "run too: the inverse as feedforward with PI feedback (Ge and Jouaneh, 1997), and a "
+        "reference model whose gains adapt around the inverse (Song and Li, 1999). The energy is "
+        "the integral of the squared current over the three steps. Disturbed is the step of "
+        f"{TARGETS[-1]:g} degrees, the worst of four surroundings. Medians over all specimens.",
         table=Table(columns, rows),
         pictures=[Picture(draw_steps(study), "Fig 10: angle and current of three steps.")],
     )
@@ -341,7 +362,7 @@ def draw_steps(study: HeadStudy) -> Any:
     """Draw steps with every controller: angles above, currents below."""
     figure, axes = new_figure(2, 3, height=5.6, sharex=True, sharey="row")
     for column, target in enumerate(TARGETS):
-        for name, words in _WORDS.items():
+        for name, words in reversed(_WORDS.items()):  # the default is drawn last, on top
             run = study.runs[f"step {target:g}", name]
             colour = _COLOURS[name]
             axes[0, column].plot(run.t, run.truth.angle[:, 0], color=colour, lw=1.1, label=words)
@@ -352,7 +373,7 @@ def draw_steps(study: HeadStudy) -> Any:
     axes[0, 0].set_ylabel("angle [deg]")
     axes[1, 0].set_ylabel("current [A]")
     figure.legend(
-        *axes[0, 0].get_legend_handles_labels(), ncols=5, loc="outside upper center", frameon=False
+        *axes[0, 0].get_legend_handles_labels(), ncols=4, loc="outside upper center", frameon=False
     )
     return figure
 

@@ -340,6 +340,22 @@ class Ultrasound(Mounted):
         return float(np.abs(self._to_time(spectrum, 2 * self._stand_off / self._speed)).max())
 
 
+def compile_echoes() -> None:
+    """Compile the loops of an echo.
+
+    This takes seconds on a new machine, more than a camera in the same process may be late.
+    """
+    table, out = np.zeros((2, 2, 1), dtype=np.complex64), np.zeros(1, dtype=np.complex128)
+    origin, axis = np.zeros(3), np.array([1.0, 0.0, 0.0])
+    beam = table, np.ones(3), 1.0, 1.0, origin, axis
+    bores, dents = _features(Pipe())
+    surface = np.zeros((1, 1)), np.zeros((1, 1, 2)), 1.0, 0.0
+    kernels.echo_of_wall(
+        *beam, 1.0, 0.0, 1.0, -np.inf, bores, dents, *surface, 0.0, out, np.zeros_like(out)
+    )
+    kernels.pressure_at(*beam, 0.0, origin[None], out[None])
+
+
 def _speed_of_sound(temperature: float) -> float:
     """Return that of pure water, in m/s (Bilaniuk and Wong, J. Acoust. Soc. Am. 93, 1609, 1993)."""
     if not 0 <= as_finite("temperature of the water", temperature) <= 95:

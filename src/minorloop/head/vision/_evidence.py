@@ -12,6 +12,7 @@ where each half of the seeds is one set of scenes.
 from __future__ import annotations
 
 THRESHOLDS = {"switched": -1.22, "single": -0.86, "dither": -1.31}
+"""Evidence above which a candidate counts as a hole, by the same fit: see above for the rates."""
 
 WEIGHTS: dict[str, dict[str, tuple[float, dict[str, float]]]] = {
     "switched": {

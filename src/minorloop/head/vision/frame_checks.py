@@ -38,7 +38,11 @@ _EVEN, _ROUGH = 0.5, 1.5
 # Relative difference of the grey of a block in two frames, in 80 views of the twin: at most 0.028
 # under the same light, at least 0.064 under different lights.
 _CELL, _BLOCK, _LEAST_GREY, _ALIKE, _DIM = 16, 4, 10.0, 0.035, 0.25
-_MOST, _EQUAL_ROWS, _ROW_GREY = 0.9, 2, 4
+_MOST = 0.9
+"""Percentile of a row: neither a dark part of it nor glints in a tenth of it matter."""
+_EQUAL_ROWS, _ROW_GREY = 2, 4
+"""Equal rows, and their least grey level, by which two frames share rows: noise of a grey level
+never repeats 160 pixels of a row, but near black it is cut off at 0. A strip has several rows."""
 
 
 def check_frame(

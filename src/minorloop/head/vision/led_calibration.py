@@ -16,7 +16,12 @@ from minorloop.head.vision.imaging import opencv
 from minorloop.head.vision.lens_calibration import TargetPose
 
 LEAST_REFLECTIONS = 4
+"""Fewest reflections: two determine the place of an LED, and more are needed to see that they are
+those of one. In 20 sets of each count (seeds 1000 to 1019) the rms error is 0.24 mm with 2, 0.18
+with 3, 0.10 with 4 and 0.08 with 8."""
 _SATURATED, _LEAST_PIXELS = 250, 4
+"""Grey level of a saturated pixel, which coding as JPEG may lower from 255; and pixels of a spot,
+as a single one may be hot."""
 _SECOND = 0.3
 """Largest share that the second largest saturated spot may have of the largest."""
 _FARTHEST = 0.05

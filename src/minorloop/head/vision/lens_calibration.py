@@ -16,6 +16,9 @@ from minorloop.head.vision.measured import Measured
 from minorloop.head.vision.targets import SeenTarget
 
 LEAST_PICTURES = 8
+"""Fewest pictures. In 20 sets of each count (seeds 1000 to 1019), none of 4 determines a lens, 17
+of those with 6 do and all of those with 8, with an rms error of the focal length of 0.05 %; that
+of 16 is 0.03 %."""
 _LEAST_CORNERS = 8
 """Fewest corners in each ninth of the image."""
 _TILTED, _LEAST_TILTED = 12.0, 3

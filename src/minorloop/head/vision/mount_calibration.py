@@ -22,6 +22,8 @@ from minorloop.head.vision.lens_calibration import TargetPose
 from minorloop.head.vision.measured import Measured
 
 LEAST_POSES = 6
+"""Fewest poses: each has six numbers, so that three determine the 13 unknowns, and as many again
+show whether they agree."""
 _LEAST_RANGE = 10.0
 """Least range of each joint, in degrees."""
 _LARGEST_MISFIT = 2.0
@@ -31,6 +33,7 @@ _LARGEST_SD = {"deg": 1.0, "mm": 1.0}
 _MOST_STEPS = 50
 """Steps of the fit; it needs some ten."""
 _LEVER = slice(9, 12)
+"""Where the vector from the pivot to the lens is among the unknowns of the fit."""
 
 
 @dataclass(frozen=True, eq=False)

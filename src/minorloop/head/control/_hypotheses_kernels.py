@@ -1,0 +1,67 @@
+"""Compiled loops over the hypotheses about the surroundings: arrays in, arrays out.
+
+``branch`` is the table of the rising branch, ``low`` its first power in A^2 and ``scale`` its
+points per A^2. ``around`` (3, M) has of each hypothesis the power to which its ambient is
+equivalent for a hot wire, its convection, and its cold resistance over the hot one.
+"""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def place(power, low, scale, points):
+    """Return where a power lies in the table: index to the left, and share of the step."""
+    at = min(max((power - low) * scale, 0.0), points - 1.000001)
+    left = int(at)
+    return left, at - left
+
+
+@njit(cache=True, nogil=True)
+def equivalent(ambient, resistance, angle, ends):
+    """Return the power to which an ambient is equivalent for a wire at an angle, in A^2."""
+    hot = min(max((angle - ends[0]) / (ends[1] - ends[0]), 0.0), 1.0)
+    return ambient / (resistance + (1.0 - resistance) * hot)
+
+
+@njit(cache=True, nogil=True)
+def advance(power, cost, branch, low, scale, around, ends, wire, heat, interval, reading, misses):
+    """Return powers and costs (M,) after an interval with a heating power and a reading, or NaN.
+
+    ``ends`` are the least and the greatest angle, ``wire`` lag and latent heat; ``misses`` are the
+    error that counts as one, the largest, the weight of a reading, and what a cost keeps.
+    """
+    unit, most, news, keep = misses
+    after, costs = np.empty_like(power), np.empty_like(cost)
+    for k in range(power.size):
+        left, share = place(power[k], low, scale, branch.size)
+        rise = branch[left + 1] - branch[left]
+        angle = branch[left] + share * rise
+        ambient = equivalent(around[0, k], around[2, k], angle, ends)
+        gap = heat - around[1, k] * (power[k] - ambient)
+        stiff = wire[0] + around[1, k] * interval + wire[1] * rise * scale
+        after[k] = power[k] + interval * gap / stiff
+        costs[k] = cost[k]
+        if not np.isnan(reading):
+            miss = min(abs(reading - angle) / unit, most)
+            costs[k] = cost[k] * keep + miss * miss * news
+    return after, costs
+
+
+@njit(cache=True, nogil=True)
+def settled(power, branch, low, scale, around, ends, heat, angle, iterations):
+    """Return the final angles (M,) under a heating power for a wire that is at an angle now.
+
+    The error of each hypothesis at the present angle is assumed to remain.
+    """
+    out = np.empty_like(power)
+    for k in range(power.size):
+        left, share = place(power[k], low, scale, branch.size)
+        at = branch[left] + share * (branch[left + 1] - branch[left])
+        error = angle - at
+        for _ in range(iterations):
+            reached = equivalent(around[0, k], around[2, k], at, ends) + heat / around[1, k]
+            left, share = place(reached, low, scale, branch.size)
+            at = branch[left] + share * (branch[left + 1] - branch[left])
+        out[k] = min(at + error, ends[1])
+    return out
