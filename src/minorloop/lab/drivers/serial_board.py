@@ -8,7 +8,7 @@ The lines are those of `minorloop.lab.drivers.serial_line`; the questions are
 ``OUTPUT k``   ``unit``                 unit of output k
 ``SET u ...``  ``u ...``                apply all inputs; ERR if one is beyond its limits
 ``GET``        ``y ...``                read all outputs
-``FOLLOW y .`` ``y ...``                targets of all outputs, for firmware with an inverse
+``FOLLOW y``   ``y ...``                targets of all outputs, for firmware with an inverse
 ``LINE k s``   ``s``                    switch digital line k on, 1, or off, 0
 ``SAFE``       ``u ...``                go to the safe inputs; the answer has those that are on
 =============  =======================  ====================================================
