@@ -85,7 +85,7 @@ async def _steered(server: Server, settled: float, seconds: float) -> list[Row]:
         while (passed := time.monotonic() - began) < seconds:
             memory.append((passed, *_by_process(server)))
             if page.state["mode"] != "HEAD":
-                lost[re.split("[;,]", page.state["reason"])[0]] += 1
+                lost[re.split("[;,:]", page.state["reason"])[0]] += 1
                 await _press(page)
             await asyncio.sleep(_EVERY)
     late = float(np.mean(np.array(page.late) > 10.0))
