@@ -134,6 +134,15 @@ def test_a_camera_that_is_gone_holds_in_time_and_no_mode_is_entered_until_it_is_
     assert math.dist(pilot.session.state.command, command) < 0.07
 
 
+def test_the_first_pictures_of_a_camera_do_not_come_again():
+    pilot = Pilot()
+    reports, pilot.camera.reports = pilot.camera.reports, list
+    pilot.drive(10)
+    pilot.camera.reports = reports
+    pilot.drive(3)
+    assert sent(pilot.session, "notice") == []
+
+
 def test_a_camera_that_is_gone_breaks_a_scan_off_and_forgets_the_target():
     pilot = scanning()
     pilot.camera.reports = list

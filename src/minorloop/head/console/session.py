@@ -81,7 +81,7 @@ class Session:
         self.reading = np.zeros(4)
         self._known = np.zeros(4)  # the reading, and the last one of a sensor that is lost
         self.ticks = self._lost_ticks = 0
-        self._resting = self._no_pictures = False
+        self._resting = self._no_pictures = self._pictured = False
         self._control = self.control.begin()
         self._drive: messages.Drive | None = None
         self._drive_at = -math.inf
@@ -269,9 +269,10 @@ class Session:
         missing = (self.ticks - self.seen.number) * self.interval >= self.config.pictures
         if missing:
             self.seen = CameraReport(number=self.seen.number)
-        elif self._no_pictures:
+        elif self._no_pictures and self._pictured:
             self.notice("pictures come again; press a mode to continue")
         self._no_pictures = missing
+        self._pictured = self._pictured or self.seen.number > 0
 
     def _take(self, report: CameraReport) -> None:
         self.seen = report
